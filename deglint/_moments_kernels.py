@@ -1,0 +1,153 @@
+"""The compiled inner loops of `deglint.moments`; numpy twins stand in the tests."""
+
+import numpy as np
+from numba import njit
+
+# The order of additions may change (so that they run in vector registers), nothing else: NaN and infinity keep
+# their meaning, and the same machine code gives the same bits for the same cell.
+_FAST = {"reassoc", "contract", "nsz"}
+
+
+RUN = 512  # pixels reduced at a time: all variables of a run stay in the first-level cache
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _products(x, i, m, out):  # type: ignore[no-untyped-def]
+    """Row i of the lower triangle of x x^T over the first m pixels, four columns at a time."""
+    a = x[i]
+    j = 0
+    while j + 4 <= i + 1:
+        s0 = s1 = s2 = s3 = 0.0
+        b0, b1, b2, b3 = x[j], x[j + 1], x[j + 2], x[j + 3]
+        for p in range(m):
+            s0 += a[p] * b0[p]
+            s1 += a[p] * b1[p]
+            s2 += a[p] * b2[p]
+            s3 += a[p] * b3[p]
+        out[i, j], out[i, j + 1], out[i, j + 2], out[i, j + 3] = s0, s1, s2, s3
+        j += 4
+    while j < i + 1:
+        s = 0.0
+        b = x[j]
+        for p in range(m):
+            s += a[p] * b[p]
+        out[i, j] = s
+        j += 1
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _sum(a, m):  # type: ignore[no-untyped-def]
+    s = 0.0
+    for p in range(m):
+        s += a[p]
+    return s
+
+
+@njit(nogil=True, cache=True)
+def _gather(block, mask, r, c0, c1, buffer, start, good):  # type: ignore[no-untyped-def]
+    """Append the valid pixels of columns c0..c1 of row r to `buffer` from `start`; return the new length."""
+    variables = block.shape[0]
+    width = c1 - c0
+    for p in range(width):
+        good[p] = mask[r, c0 + p]
+    for v in range(variables):
+        row = block[v, r, c0:c1]
+        for p in range(width):
+            # x - x is 0 for every finite x, and NaN for NaN and for infinity
+            good[p] &= (row[p] - row[p]) == 0
+    count = 0
+    for p in range(width):
+        count += good[p]
+    if count == width:
+        for v in range(variables):
+            row = block[v, r, c0:c1]
+            target = buffer[v, start : start + width]
+            for p in range(width):
+                target[p] = row[p]
+    elif count > 0:
+        for v in range(variables):
+            m = start
+            for p in range(width):
+                if good[p]:
+                    buffer[v, m] = block[v, r, c0 + p]
+                    m += 1
+    return start + count
+
+
+@njit(nogil=True, cache=True)
+def _merge(n, mean, comoment, nb, mean_b, comoment_b):  # type: ignore[no-untyped-def]
+    """Chan, Golub and LeVeque's update of (n, mean, comoment) in place; returns the new n."""
+    total = n + nb
+    weight = n * nb / total
+    variables = mean.shape[0]
+    for i in range(variables):
+        di = mean_b[i] - mean[i]
+        for j in range(i + 1):
+            value = comoment[i, j] + comoment_b[i, j] + di * (mean_b[j] - mean[j]) * weight
+            comoment[i, j] = value
+            comoment[j, i] = value
+    for i in range(variables):
+        mean[i] += (mean_b[i] - mean[i]) * (nb / total)
+    return total
+
+
+@njit(nogil=True, cache=True)
+def _reduce_run(buffer, m, mean, comoment, low, high):  # type: ignore[no-untyped-def]
+    """Two-pass moments of the first m entries of `buffer`, which is centred in place."""
+    variables = mean.shape[0]
+    for v in range(variables):
+        row = buffer[v, :m]
+        smallest = largest = shift = row[0]
+        for p in range(m):
+            smallest = min(smallest, row[p])
+            largest = max(largest, row[p])
+        low[v] = min(low[v], smallest)
+        high[v] = max(high[v], largest)
+        for p in range(m):
+            row[p] -= shift
+        centre = _sum(row, m) / m
+        for p in range(m):
+            row[p] -= centre
+        rest = _sum(row, m) / m
+        mean[v] = shift + (centre + rest)
+        for p in range(m):
+            row[p] -= rest
+    for i in range(variables):
+        _products(buffer, i, m, comoment)
+
+
+@njit(nogil=True, cache=True)
+def reduce_cells(block, mask, row0, col0, cell, across, n, mean, comoment, low, high):  # type: ignore[no-untyped-def]
+    """Fill the per-cell arrays from a block whose first pixel lies at (row0, col0) within the first cell."""
+    variables, rows, columns = block.shape
+    buffer = np.empty((variables, RUN + cell))
+    good = np.empty(cell, np.bool_)
+    run_mean = np.empty(variables)
+    run_comoment = np.empty((variables, variables))
+    for i in range(n.shape[0]):
+        top, left = (i // across) * cell - row0, (i % across) * cell - col0
+        r1, c0, c1 = min(top + cell, rows), max(left, 0), min(left + cell, columns)
+        m = 0
+        for r in range(max(top, 0), r1):
+            m = _gather(block, mask, r, c0, c1, buffer, m, good)
+            if m > 0 and (m >= RUN or r == r1 - 1):
+                _reduce_run(buffer, m, run_mean, run_comoment, low[i], high[i])
+                n[i] = _merge(n[i], mean[i], comoment[i], float(m), run_mean, run_comoment)
+                m = 0
+
+
+@njit(nogil=True, cache=True)
+def merge_cells(n, mean, comoment, low, high):  # type: ignore[no-untyped-def]
+    """Merge cells in the order given."""
+    variables = mean.shape[1]
+    total = 0.0
+    all_mean = np.zeros(variables)
+    all_comoment = np.zeros((variables, variables))
+    all_low = np.full(variables, np.inf)
+    all_high = np.full(variables, -np.inf)
+    for i in range(n.shape[0]):
+        if n[i] > 0:
+            total = _merge(total, all_mean, all_comoment, n[i], mean[i], comoment[i])
+            all_low = np.minimum(all_low, low[i])
+            all_high = np.maximum(all_high, high[i])
+    return total, all_mean, all_comoment, all_low, all_high

@@ -1,0 +1,150 @@
+"""What a scene is: its bands, its size and place, and a way to read windows of it.
+
+A `Scene` is frozen and reads no pixels until `Scene.read` is called. Arrays are (band, row, column),
+floating point, in physical units (scale and offset applied), with NaN where a pixel is not valid.
+This room knows no file formats: `deglint.readers` makes scenes, `deglint.raster` serves their pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import BandError
+
+FloatArray = npt.NDArray[np.floating[Any]]
+Window = tuple[tuple[int, int], tuple[int, int]]
+"""((first row, one past the last row), (first column, one past the last column))"""
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """One band of a scene.
+
+    Attributes
+    ----------
+    name : str
+        Name as the file or sensor gives it ("B08", "NIR1"), or "band N".
+    wavelength : float, optional
+        Centre wavelength [nm].
+    width : float, optional
+        Full width at half maximum [nm].
+    time_offset : float, optional
+        When the band sees the ground, after the first band [s].
+    group : str, optional
+        Bands with the same group are taken (nearly) at the same instant.
+    saturation : float, optional
+        Physical value at and above which the detector was full.
+    """
+
+    name: str
+    wavelength: float | None = None
+    width: float | None = None
+    time_offset: float | None = None
+    group: str | None = None
+    saturation: float | None = None
+
+
+class Source(Protocol):
+    """What serves the pixels of a scene (made by `deglint.raster`; thread-safe)."""
+
+    def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
+        """Physical values, shape (len(bands), rows, columns), NaN where not valid."""
+        ...
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A multispectral raster, opened lazily.
+
+    Attributes
+    ----------
+    bands : tuple of Band
+        In file order.
+    height, width : int
+        Rows and columns [pixel].
+    source : Source
+        Serves the pixels.
+    path : str
+        GDAL name(s) of what was opened, for messages and the sidecar.
+    crs, transform
+        Coordinate reference system and affine transform, as rasterio gives them; crs may be None.
+    sensor : str, optional
+        Name of the sensor preset that was used.
+    notes : tuple of str
+        What was deduced on opening, one line each, for the log.
+    """
+
+    bands: tuple[Band, ...]
+    height: int
+    width: int
+    source: Source = field(repr=False)
+    path: str = ""
+    crs: Any = None
+    transform: Any = None
+    sensor: str | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(bands, rows, columns)."""
+        return len(self.bands), self.height, self.width
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Band names in file order."""
+        return tuple(b.name for b in self.bands)
+
+    def read(self, window: Window | None = None, bands: Sequence[int | str] | None = None) -> FloatArray:
+        """Read a window as physical values.
+
+        Parameters
+        ----------
+        window : ((row0, row1), (col0, col1)), optional
+            Half-open ranges inside the scene; the whole scene by default.
+        bands : sequence of int or str, optional
+            0-based indexes or names; all bands by default.
+
+        Returns
+        -------
+        (band, row, column) ndarray
+            float32, or float64 where the file's own type needs it; NaN where a pixel is not valid.
+
+        Raises
+        ------
+        BandError
+            A band is not in the scene.
+        ReadError
+            The file cannot be read.
+        """
+        window = window or ((0, self.height), (0, self.width))
+        indexes = range(len(self.bands)) if bands is None else [self.index(b) for b in bands]
+        return self.source.read(window, list(indexes))
+
+    def index(self, band: int | str) -> int:
+        """0-based index of a band given by 0-based index or by name (case does not matter).
+
+        Raises
+        ------
+        BandError
+            No such band; the message lists the bands.
+        """
+        if isinstance(band, str):
+            wanted = band.strip().casefold()
+            for i, b in enumerate(self.bands):
+                if b.name.casefold() == wanted:
+                    return i
+        elif 0 <= band < len(self.bands):
+            return int(band)
+        raise BandError(f"no band {band!r} in {self.path or 'the scene'}; it has {self.describe_bands()}")
+
+    def describe_bands(self) -> str:
+        """One line that numbers (from 1) and names the bands, with wavelengths where known."""
+        return ", ".join(
+            f"{i} {b.name}" + (f" ({b.wavelength:g} nm)" if b.wavelength else "")
+            for i, b in enumerate(self.bands, start=1)
+        )
