@@ -75,24 +75,43 @@ def _gather(block, mask, r, c0, c1, buffer, start, good):  # type: ignore[no-unt
 
 
 @njit(nogil=True, cache=True)
-def _merge(n, mean, comoment, nb, mean_b, comoment_b):  # type: ignore[no-untyped-def]
-    """Chan, Golub and LeVeque's update of (n, mean, comoment) in place; returns the new n."""
+def _two_sum(a, b):  # type: ignore[no-untyped-def]
+    """a + b, rounded, and what rounding dropped (Knuth)."""
+    s = a + b
+    t = s - a
+    return s, (a - (s - t)) + (b - t)
+
+
+@njit(nogil=True, cache=True)
+def _merge(n, mean, rest, comoment, nb, mean_b, rest_b, comoment_b):  # type: ignore[no-untyped-def]
+    """Chan, Golub and LeVeque's update of (n, mean + rest, comoment) in place; returns the new n.
+
+    A mean is carried in two doubles, so that the difference of two means keeps its digits under a large offset.
+    """
+    if n == 0:
+        mean[:], rest[:], comoment[:] = mean_b, rest_b, comoment_b
+        for i in range(mean.shape[0]):
+            for j in range(i):
+                comoment[j, i] = comoment[i, j]
+        return nb
     total = n + nb
     weight = n * nb / total
     variables = mean.shape[0]
     for i in range(variables):
-        di = mean_b[i] - mean[i]
+        di = (mean_b[i] - mean[i]) + (rest_b[i] - rest[i])
         for j in range(i + 1):
-            value = comoment[i, j] + comoment_b[i, j] + di * (mean_b[j] - mean[j]) * weight
+            dj = (mean_b[j] - mean[j]) + (rest_b[j] - rest[j])
+            value = comoment[i, j] + comoment_b[i, j] + di * dj * weight
             comoment[i, j] = value
             comoment[j, i] = value
     for i in range(variables):
-        mean[i] += (mean_b[i] - mean[i]) * (nb / total)
+        step = ((mean_b[i] - mean[i]) + (rest_b[i] - rest[i])) * (nb / total) + rest[i]
+        mean[i], rest[i] = _two_sum(mean[i], step)
     return total
 
 
 @njit(nogil=True, cache=True)
-def _reduce_run(buffer, m, mean, comoment, low, high):  # type: ignore[no-untyped-def]
+def _reduce_run(buffer, m, mean, rest, comoment, low, high):  # type: ignore[no-untyped-def]
     """Two-pass moments of the first m entries of `buffer`, which is centred in place."""
     variables = mean.shape[0]
     for v in range(variables):
@@ -108,21 +127,22 @@ def _reduce_run(buffer, m, mean, comoment, low, high):  # type: ignore[no-untype
         centre = _sum(row, m) / m
         for p in range(m):
             row[p] -= centre
-        rest = _sum(row, m) / m
-        mean[v] = shift + (centre + rest)
+        correction = _sum(row, m) / m
         for p in range(m):
-            row[p] -= rest
+            row[p] -= correction
+        mean[v], rest[v] = _two_sum(shift, centre + correction)
     for i in range(variables):
         _products(buffer, i, m, comoment)
 
 
 @njit(nogil=True, cache=True)
-def reduce_cells(block, mask, row0, col0, cell, across, n, mean, comoment, low, high):  # type: ignore[no-untyped-def]
+def reduce_cells(block, mask, row0, col0, cell, across, n, mean, rest, comoment, low, high):  # type: ignore[no-untyped-def]
     """Fill the per-cell arrays from a block whose first pixel lies at (row0, col0) within the first cell."""
     variables, rows, columns = block.shape
     buffer = np.empty((variables, RUN + cell))
     good = np.empty(cell, np.bool_)
     run_mean = np.empty(variables)
+    run_rest = np.empty(variables)
     run_comoment = np.empty((variables, variables))
     for i in range(n.shape[0]):
         top, left = (i // across) * cell - row0, (i % across) * cell - col0
@@ -131,23 +151,24 @@ def reduce_cells(block, mask, row0, col0, cell, across, n, mean, comoment, low, 
         for r in range(max(top, 0), r1):
             m = _gather(block, mask, r, c0, c1, buffer, m, good)
             if m > 0 and (m >= RUN or r == r1 - 1):
-                _reduce_run(buffer, m, run_mean, run_comoment, low[i], high[i])
-                n[i] = _merge(n[i], mean[i], comoment[i], float(m), run_mean, run_comoment)
+                _reduce_run(buffer, m, run_mean, run_rest, run_comoment, low[i], high[i])
+                n[i] = _merge(n[i], mean[i], rest[i], comoment[i], float(m), run_mean, run_rest, run_comoment)
                 m = 0
 
 
 @njit(nogil=True, cache=True)
-def merge_cells(n, mean, comoment, low, high):  # type: ignore[no-untyped-def]
+def merge_cells(n, mean, rest, comoment, low, high):  # type: ignore[no-untyped-def]
     """Merge cells in the order given."""
     variables = mean.shape[1]
     total = 0.0
     all_mean = np.zeros(variables)
+    all_rest = np.zeros(variables)
     all_comoment = np.zeros((variables, variables))
     all_low = np.full(variables, np.inf)
     all_high = np.full(variables, -np.inf)
     for i in range(n.shape[0]):
         if n[i] > 0:
-            total = _merge(total, all_mean, all_comoment, n[i], mean[i], comoment[i])
+            total = _merge(total, all_mean, all_rest, all_comoment, n[i], mean[i], rest[i], comoment[i])
             all_low = np.minimum(all_low, low[i])
             all_high = np.maximum(all_high, high[i])
-    return total, all_mean, all_comoment, all_low, all_high
+    return total, all_mean, all_rest, all_comoment, all_low, all_high

@@ -5,8 +5,8 @@ reduced by itself and the cells are merged in row-major order, so the result is 
 the scene was read in (as long as tile edges fall on cell edges) and however many threads worked on it.
 
 Inside a cell every row is reduced in two passes while it is in cache - first its mean, then the moments about that
-mean - and merged into the cell with the update of Chan, Golub and LeVeque (1983). No large sums of squares are ever
-formed, so an offset of 1e8 or one extreme pixel costs no digits.
+mean - and merged into the cell with the update of Chan, Golub and LeVeque (1983), means held in two doubles. No large
+sums of squares are ever formed, so an offset of 1e8 or one extreme pixel costs no digits.
 
 References
 ----------
@@ -44,6 +44,8 @@ class Moments:
         Sum over pixels of (x - mean)(x - mean)^T.
     minimum, maximum : (variables,) ndarray
         +inf and -inf where n is 0.
+    rest : (variables,) ndarray
+        What rounding took from the mean, so that parts merge without loss.
     """
 
     n: int
@@ -51,6 +53,7 @@ class Moments:
     comoment: Float64
     minimum: Float64
     maximum: Float64
+    rest: Float64
 
     def covariance(self, ddof: int = 1) -> Float64:
         """Covariance matrix; NaN where n <= ddof."""
@@ -67,7 +70,7 @@ class Moments:
         InputError
             There are no parts, or they differ in their variables.
         """
-        return CellMoments.concatenate([CellMoments.from_moments(p) for p in parts]).total(ordered=True)
+        return CellMoments.concatenate([CellMoments.from_moments(p) for p in parts]).total()
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +85,8 @@ class CellMoments:
     mean : (cells, variables) ndarray
     comoment : (cells, variables, variables) ndarray
     minimum, maximum : (cells, variables) ndarray
+    rest : (cells, variables) ndarray
+        The mean of a cell is mean + rest, held in two doubles.
     """
 
     keys: npt.NDArray[np.int64]
@@ -90,6 +95,7 @@ class CellMoments:
     comoment: Float64
     minimum: Float64
     maximum: Float64
+    rest: Float64
 
     @classmethod
     def from_moments(cls, m: Moments) -> CellMoments:
@@ -101,6 +107,7 @@ class CellMoments:
             m.comoment[None],
             m.minimum[None],
             m.maximum[None],
+            m.rest[None],
         )
 
     @classmethod
@@ -111,16 +118,22 @@ class CellMoments:
             raise InputError("no moments to merge: give at least one part.")
         if len({p.mean.shape[1] for p in parts}) > 1:
             raise InputError("moments of different numbers of variables cannot be merged.")
-        names = ("keys", "n", "mean", "comoment", "minimum", "maximum")
-        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in _FIELDS))
 
-    def total(self, *, ordered: bool = False) -> Moments:
-        """Merge all cells, by place (row-major), or in their present order where `ordered`."""
-        order = np.arange(len(self.n)) if ordered else np.lexsort((self.keys[:, 1], self.keys[:, 0]))
-        n, mean, comoment, low, high = _kernels()[1](
-            self.n[order], self.mean[order], self.comoment[order], self.minimum[order], self.maximum[order]
+    def by_place(self) -> CellMoments:
+        """The same cells in row-major order."""
+        order = np.lexsort((self.keys[:, 1], self.keys[:, 0]))
+        return CellMoments(*(getattr(self, name)[order] for name in _FIELDS))
+
+    def total(self) -> Moments:
+        """Merge all cells in their present order."""
+        n, mean, rest, comoment, low, high = _kernels()[1](
+            self.n, self.mean, self.rest, self.comoment, self.minimum, self.maximum
         )
-        return Moments(int(n), mean, comoment, low, high)
+        return Moments(int(n), mean, comoment, low, high, rest)
+
+
+_FIELDS = ("keys", "n", "mean", "comoment", "minimum", "maximum", "rest")
 
 
 def cell_moments(
@@ -164,17 +177,18 @@ def cell_moments(
     count = shape[0] * shape[1]
     n = np.zeros(count)
     mean = np.zeros((count, variables))
+    rest = np.zeros((count, variables))
     comoment = np.zeros((count, variables, variables))
     low = np.full((count, variables), np.inf)
     high = np.full((count, variables), -np.inf)
     if block.size:
         _kernels()[0](
             block, np.ascontiguousarray(mask), origin[0] - first[0] * cell, origin[1] - first[1] * cell,
-            cell, shape[1], n, mean, comoment, low, high,
+            cell, shape[1], n, mean, rest, comoment, low, high,
         )  # fmt: skip
     keys = np.stack(np.divmod(np.arange(count, dtype=np.int64), max(shape[1], 1)), axis=1) + np.array(first)
     used = n > 0
-    return CellMoments(keys[used], n[used], mean[used], comoment[used], low[used], high[used])
+    return CellMoments(*(x[used] for x in (keys, n, mean, comoment, low, high, rest)))
 
 
 def moments(block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None = None) -> Moments:
@@ -199,7 +213,7 @@ def moments(block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None = None) 
     cells = cell_moments(block, mask)
     if not len(cells.n):
         v = block.shape[0]
-        return Moments(0, np.zeros(v), np.zeros((v, v)), np.full(v, np.inf), np.full(v, -np.inf))
+        return Moments(0, np.zeros(v), np.zeros((v, v)), np.full(v, np.inf), np.full(v, -np.inf), np.zeros(v))
     return cells.total()
 
 

@@ -1,0 +1,5 @@
+"""`python -m deglint` is the command `deglint`."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,67 @@
+"""`deglint info`: what a raster is, and what it needs."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+from .options import common
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("inputs", nargs=-1, required=True, metavar="IN [IN ...]")
+@click.option(
+    "--sample",
+    default="auto",
+    show_default=True,
+    metavar="auto|all|FILE.geojson|WINDOW",
+    help="Deep, glinted water to judge by.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout, and nothing else.")
+@common
+def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> None:
+    """Say what IN is: bands, wavelengths, NIR, water, glint, and which method suits it."""  # fmt: skip
+    from ..pipeline import Recipe, examine
+    from ..raster.environment import environment
+    from ..raster.output import plain
+    from ..readers import open_scene
+
+    with environment():
+        scene = open_scene(list(inputs), sensor=given["sensor"], nodata=given["nodata"])
+        found = plain(examine(scene, Recipe(nir=given["nir"], sample=sample), threads=given["threads"]))
+    if as_json:
+        click.echo(json.dumps(found, indent=2))
+        return
+    for line in lines(found):
+        click.echo(line)
+
+
+def lines(found: dict[str, Any]) -> list[str]:
+    """What was found, for people."""
+    size = f"{found['width']} x {found['height']} pixels, {len(found['bands'])} bands, {found['dtype']}"
+    pixel = "" if found["pixel_size"] is None else f", {found['pixel_size'][0]:g} x {found['pixel_size'][1]:g}"
+    out = [
+        f"{found['path']}  ({found['driver']})",
+        f"{size}, nodata {found['nodata']}",
+        f"{found['crs'] or 'no CRS'}{pixel}" + (f", sensor {found['sensor']}" if found["sensor"] else ""),
+        "",
+        f"{'band':<6}{'name':<14}{'wavelength':>12}{'time':>10}{'R2 with NIR':>14}{'slope':>10}",
+    ]
+    for i, band in enumerate(found["bands"], start=1):
+        wave = "?" if band["wavelength"] is None else f"{band['wavelength']:g} nm"
+        offset = "?" if band["time_offset"] is None else f"{band['time_offset']:.3f} s"
+        r2, slope = ((found[k] or {}).get(band["name"]) for k in ("r2", "slopes"))
+        role = "NIR" if found["nir"] and band["name"] in found["nir"] else ""
+        said = role if r2 is None else f"{r2:.3f}"
+        fitted = "" if slope is None else f"{slope:.4f}"
+        out.append(f"{i:<6}{band['name']:<14}{wave:>12}{offset:>10}{said:>14}{fitted:>10}")
+    out.append("")
+    for key, text in (("valid_fraction", "valid"), ("water_fraction", "water"), ("glint_cover", "glint cover")):
+        if found[key] is not None:
+            out.append(f"{text:<18}{found[key]:.1%}")
+    if found["glint_level"] is not None:
+        out.append(f"{'glint level':<18}{found['glint_level']:.4g} (mean NIR of the sample above its 5th percentile)")
+    out.append(f"{'suggested method':<18}{found['suggested_method'] or 'none'}: {found['reason']}")
+    return out

@@ -1,0 +1,89 @@
+"""Options that several commands share, and how values are read from the command line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+# The keys of deglint.remove.METHODS and REGRESSIONS, which --help must not wait for; a test holds them equal.
+METHOD_NAMES = ("hedley", "lyzenga", "joyce", "hochberg", "goodman", "kutser", "nir-subtraction")
+REGRESSION_NAMES = ("ols", "detrended", "huber", "theil-sen")
+
+
+def creation_options(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    """Turn NAME=VALUE into a dict; the value's case is kept."""
+    out = {}
+    for text in values:
+        name, sign, value = text.partition("=")
+        if not sign or not name:
+            raise click.BadParameter(f"{text!r} is not NAME=VALUE, such as COMPRESS=ZSTD.")
+        out[name] = value
+    return out
+
+
+def names(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
+    """Split "NIR1,NIR2" at its commas; the option may also be given several times."""
+    return tuple(part.strip() for text in values for part in text.split(",") if part.strip())
+
+
+def nodata(_ctx: click.Context, _param: click.Parameter, value: str | None) -> float | None:
+    """Read a number or "nan"."""
+    if value is None:
+        return None
+    try:
+        return float(value)
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is not a number or nan.") from None
+
+
+def common(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Options that say how to read the input and how much to tell."""
+    for option in reversed(
+        [
+            click.option("--sensor", metavar="NAME", help="Preset that fills in what the file does not say of its "
+                         "bands (worldview3, sentinel2, planetscope, micasense, landsat8, ...)."),
+            click.option("--nir", multiple=True, callback=names, metavar="BAND[,BAND]",
+                         help="NIR band by name or number (from 1). Deduced from wavelengths by default."),
+            click.option("--nodata", callback=nodata, metavar="NUMBER|nan", help="Value that means: not valid."),
+            click.option("--threads", type=click.IntRange(1, 1024), metavar="N",
+                         help="Threads; all processors by default. The result does not depend on it."),
+            click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails."),
+            click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
+        ]
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+class Talk:
+    """Log and progress on stderr; progress only where stderr is a terminal."""
+
+    def __init__(self, *, quiet: bool) -> None:
+        self.quiet = quiet
+        self._drawn = False
+        self._bar = not quiet and sys.stderr.isatty()
+
+    def say(self, text: str) -> None:
+        """Write a line to the log."""
+        if not self.quiet:
+            self.clear()
+            click.echo(text, err=True)
+
+    def progress(self, stage: str, done: int, total: int) -> None:
+        """Redraw the progress line."""
+        if self._bar:
+            filled = 30 * done // total
+            sys.stderr.write(f"\r{stage:<8} [{'#' * filled}{'.' * (30 - filled)}] {100 * done // total:3d} %")
+            sys.stderr.flush()
+            self._drawn = True
+            if done == total:
+                self.clear()
+
+    def clear(self) -> None:
+        """Take the progress line away."""
+        if self._drawn:
+            sys.stderr.write("\r" + " " * 50 + "\r")
+            self._drawn = False

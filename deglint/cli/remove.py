@@ -1,0 +1,140 @@
+"""`deglint remove`: from a raster to a deglinted raster."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+from .options import METHOD_NAMES, REGRESSION_NAMES, Talk, common, creation_options, names
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("inputs", nargs=-1, required=True, metavar="IN [IN ...]")
+@click.argument("output", metavar="OUT")
+@click.option(
+    "--method",
+    type=click.Choice(["auto", *METHOD_NAMES]),
+    default="auto",
+    show_default=True,
+    help="How to remove glint; auto chooses between joyce and hedley by how much glint there is.",
+)
+@click.option(
+    "--sample",
+    default="auto",
+    show_default=True,
+    metavar="auto|all|FILE.geojson|WINDOW",
+    help="Deep, glinted water to fit to. WINDOW is column,row,width,height in pixels.",
+)
+@click.option(
+    "--mask",
+    default="auto",
+    show_default=True,
+    metavar="auto|none|FILE|WINDOW",
+    help="What to correct: water found in the scene, everything, or a raster (not 0) or GeoJSON.",
+)
+@click.option(
+    "-b",
+    "--band",
+    "bands",
+    multiple=True,
+    callback=names,
+    metavar="BAND[,BAND]",
+    help="Bands to correct, by name or number (from 1); by default all shorter than the NIR. Others pass unchanged.",
+)
+@click.option(
+    "--regression",
+    type=click.Choice(["auto", *REGRESSION_NAMES]),
+    default="auto",
+    show_default=True,
+    help="How slopes are fitted; auto: detrended for an automatic sample, else ols.",
+)
+@click.option(
+    "--floor-percentile",
+    type=click.FloatRange(0, 100),
+    default=0.0,
+    show_default=True,
+    metavar="PERCENT",
+    help="Level of the NIR for hedley: this percentile of the sample; 0 is its minimum, as published.",
+)
+@click.option(
+    "--nir-use",
+    type=click.Choice(["auto", "mean", "best", "set"]),
+    default="auto",
+    show_default=True,
+    help="Of several NIR bands take the mean, the best for each band, or the one taken at the same time.",
+)
+@click.option(
+    "--rrs-factor",
+    type=float,
+    default=3.141592653589793,
+    metavar="FACTOR",
+    help="For goodman: values are this many times remote-sensing reflectance. [default: pi, for reflectance]",
+)
+@click.option("--model", "model_in", metavar="FILE", help="Apply this saved model instead of fitting one.")
+@click.option("--save-model", metavar="FILE", help="Write the fitted model, to apply to another scene.")
+@click.option("--save-sample", metavar="FILE.geojson", help="Write the outline of the sample.")
+@click.option(
+    "--flags",
+    metavar="FILE",
+    help="Write a raster of flags: 1 nodata, 2 not water, 4 corrected, 8 negative "
+    "after, 16 saturated before, 32 clipped.",
+)
+@click.option("--amount", metavar="FILE", help="Write the removed glint itself (float32, physical units).")
+@click.option("--picture", metavar="FILE.png", help="Write a before/after picture.")
+@click.option(
+    "--dtype",
+    type=click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"]),
+    help="Type of the output; the input's by default. Integers are rounded, and saturate.",
+)
+@click.option(
+    "--co",
+    "options",
+    multiple=True,
+    callback=creation_options,
+    metavar="NAME=VALUE",
+    help="GDAL creation option, such as COMPRESS=ZSTD.",
+)
+@click.option("--grid", metavar="FILE|N", help="Of several files, the one whose grid to use; the finest by default.")
+@click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
+@common
+def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
+    """Remove sun glint from IN and write OUT, a GeoTIFF with the input's type, tags and place.
+
+    IN is any raster that GDAL reads; several files are stacked. OUT.json beside OUT says what was done.
+
+    \b
+    deglint remove scene.tif clean.tif
+    deglint remove scene.tif clean.tif --method hedley --sample deep.geojson
+    deglint remove B02.tif B03.tif B04.tif B08.tif clean.tif --picture look.png
+    """  # fmt: skip
+    from ..pipeline import Recipe, load_model, remove_glint
+
+    talk = Talk(quiet=given["quiet"])
+    recipe = Recipe(
+        method=given["method"], nir=given["nir"], nir_use=given["nir_use"], bands=given["bands"],
+        sample=given["sample"], mask=given["mask"], regression=given["regression"],
+        floor_percentile=given["floor_percentile"], rrs_factor=given["rrs_factor"],
+    )  # fmt: skip
+    try:
+        result = remove_glint(
+            list(inputs), output, recipe, model=load_model(given["model_in"]) if given["model_in"] else None,
+            sensor=given["sensor"] or None, nodata=given["nodata"],
+            grid=given["grid"], threads=given["threads"], progress=talk.progress, flags=given["flags"],
+            amount=given["amount"], sample=given["save_sample"], model_file=given["save_model"],
+            picture=given["picture"], overwrite=given["overwrite"], dtype=given["dtype"], options=given["options"],
+        )  # fmt: skip
+    finally:
+        talk.clear()
+    for note in result.sidecar["notes"]:
+        talk.say(note)
+    for fit in str(result.fitted.model).splitlines()[0 : 1 + len(result.fitted.model.fits)]:
+        talk.say(fit)
+    for warning in result.warnings:
+        talk.say(f"warning: {warning}")
+    talk.say(f"{output}: {result.tally.corrected} of {result.tally.total} pixels corrected "
+             f"in {result.sidecar['seconds']:.2f} s")  # fmt: skip
+    if given["as_json"]:
+        click.echo(json.dumps(result.sidecar, indent=2))

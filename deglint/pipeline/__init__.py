@@ -1,0 +1,15 @@
+"""From a file to a deglinted file: look, fit over the sample, apply over the tiles, say what was done.
+
+The only room that puts readers, masks, methods and writers together. A `Recipe` says what to do, `fit_scene` fits it
+to a scene, `remove_glint` does the whole job.
+"""
+
+from .apply import FLAGS, Outputs, Result, remove_glint
+from .examine import examine
+from .fit import Fitted, default_threads, fit_scene, load_model
+from .recipe import Recipe
+
+__all__ = [
+    "FLAGS", "Fitted", "Outputs", "Recipe", "Result", "default_threads", "examine", "fit_scene", "load_model",
+    "remove_glint",
+]  # fmt: skip

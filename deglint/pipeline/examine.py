@@ -1,0 +1,107 @@
+"""What a scene is, and what it needs: the numbers behind `deglint info`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from .. import tiles as tiling
+from ..errors import DeglintError
+from ..raster.environment import enter_thread, environment
+from ..scene import Scene
+from ..tiles import Tile
+from .fit import default_threads, fit_scene
+from .look import look_at, raster_of
+from .recipe import Recipe, make_request
+
+USEFUL_R2 = 0.3
+"""Below this R2 in every visible band a removal that follows the NIR does nothing useful."""
+
+
+def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None = None) -> dict[str, Any]:
+    """Look at a scene and say what is known of it; reads part of a large one.
+
+    Parameters
+    ----------
+    scene : Scene
+    recipe : Recipe, optional
+        Its NIR and sample are used.
+    threads : int, optional
+
+    Returns
+    -------
+    dict
+        Plain numbers and words: size, place, bands, NIR, valid and water fraction of what was looked at, glint level
+        and cover, R2 of each band with the NIR, suggested method with the reason, and notes. What cannot be told is
+        None, with the reason among the notes.
+    """
+    recipe = recipe or Recipe()
+    threads = threads or default_threads()
+    out: dict[str, Any] = _header(scene)
+    notes: list[str] = list(scene.notes)
+    out |= {"nir": None, "valid_fraction": None, "water_fraction": None, "looked_at_pixels": None,
+            "glint_cover": None, "glint_level": None, "r2": None, "slopes": None,
+            "suggested_method": None, "reason": None, "notes": notes}  # fmt: skip
+    try:
+        with environment():
+            request, said = make_request(scene, recipe)
+            notes += [n for n in said if n not in notes]
+            out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
+            look = look_at(scene, request.indexes[0].bands[0], threads, wanted=True)
+            out |= _validity(scene, look.tiles, request.indexes[0].bands[0], threads)
+            if look.water is not None:
+                out["water_fraction"] = look.water.water_fraction
+                notes.append(look.water.reason)
+            fitted = fit_scene(scene, recipe, threads=threads)
+    except DeglintError as error:
+        out["reason"] = str(error)
+        return out
+    model = fitted.model
+    sample = fitted.numbers["sample"]
+    out["r2"] = {f.name: f.r2 for f in model.fits}
+    out["slopes"] = {f.name: f.slope for f in model.fits}
+    if sample:
+        out["glint_cover"] = sample["glint_cover"]
+        out["glint_level"] = sample["glint_level"]
+    best = max((f.r2 for f in model.fits if f.r2 is not None), default=None)
+    out["suggested_method"], out["reason"] = _suggestion(best, out["glint_cover"], model.method)
+    notes += [n for n in fitted.notes if n not in notes]
+    return out
+
+
+def _suggestion(best: float | None, cover: float | None, method: str) -> tuple[str | None, str]:
+    if best is not None and best < USEFUL_R2:
+        return None, (
+            f"the NIR explains at most {best:.0%} of any band: there is little glint, or the bands are not taken at "
+            "the same time; following the NIR will remove next to nothing"
+        )
+    covered = "" if cover is None else f"; glint covers {cover:.0%} of the sample"
+    explained = "" if best is None else f"the NIR explains up to {best:.0%} of a band"
+    return method, explained + covered
+
+
+def _header(scene: Scene) -> dict[str, Any]:
+    info = raster_of(scene).info
+    return {
+        "path": scene.path,
+        "driver": info.driver,
+        "height": scene.height,
+        "width": scene.width,
+        "dtype": info.dtype.name,
+        "nodata": info.nodata,
+        "crs": scene.crs.to_string() if scene.crs else None,
+        "pixel_size": [abs(scene.transform.a), abs(scene.transform.e)] if scene.transform else None,
+        "sensor": scene.sensor,
+        "bands": [asdict(b) for b in scene.bands],
+    }
+
+
+def _validity(scene: Scene, looked: tuple[Tile, ...], nir: int, threads: int) -> dict[str, Any]:
+    total = valid = 0
+    reads = tiling.run(looked, lambda t: scene.source.read(t.window, [nir]), threads=threads, start=enter_thread)
+    for _tile, block in reads:
+        total += block.size
+        valid += int(np.count_nonzero(np.isfinite(block)))
+    return {"valid_fraction": valid / total, "looked_at_pixels": total}

@@ -1,0 +1,240 @@
+"""Fit a recipe to a scene: one pass over the sample."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import tiles as tiling
+from ..errors import NoWaterError
+from ..masks import WaterRule
+from ..raster.environment import enter_thread, environment
+from ..readers.areas import collection, to_geojson
+from ..readers.text import read_text
+from ..remove import METHODS, FitRequest, GlintModel, gather, merge
+from ..scene import Scene, Window
+from ..tiles import Tile
+from .look import Look, core_of, look_at, role_bands
+from .recipe import Recipe, make_request
+from .sample import sampler_of
+
+Progress = Callable[[str, int, int], None]
+KEPT_PIXELS = 1 << 20
+"""Most single pixels that are kept for a percentile or a mode."""
+MAX_COVER = 0.6
+"""Share of glinted pixels above which the mode of the NIR is no longer that of water."""
+AUTO_FLOOR = 5.0
+"""Percentile of the NIR that `auto` takes as the level under heavier glint [%]."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fitted scene.
+
+    Attributes
+    ----------
+    model : GlintModel
+    recipe : Recipe
+        With every "auto" resolved.
+    notes : tuple of str
+        What was decided, one line each, for the log.
+    numbers : dict
+        The same as numbers, for the sidecar.
+    sample : dict or None
+        The sample as GeoJSON, where it was asked for.
+    water : WaterRule or None
+        How water is told, where it has to be; `water_bands` are the 0-based scene bands that it looks at.
+    """
+
+    model: GlintModel
+    recipe: Recipe
+    notes: tuple[str, ...] = ()
+    numbers: dict[str, Any] = field(default_factory=dict)
+    sample: dict[str, Any] | None = None
+    water: WaterRule | None = None
+    water_bands: tuple[int, ...] = ()
+
+
+def default_threads() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def fit_scene(
+    scene: Scene,
+    recipe: Recipe | None = None,
+    *,
+    threads: int | None = None,
+    want_sample: bool = False,
+    progress: Progress | None = None,
+) -> Fitted:
+    """Fit a recipe to a scene without correcting it.
+
+    Parameters
+    ----------
+    scene : Scene
+    recipe : Recipe, optional
+    threads : int, optional
+        All processors by default; the result does not depend on it.
+    want_sample : bool
+        Return the sample's outline as GeoJSON.
+    progress : callable, optional
+        Called as progress(stage, done, total).
+
+    Returns
+    -------
+    Fitted
+
+    Raises
+    ------
+    BandError
+        No NIR band, or a band that is not there.
+    NoWaterError
+        Nothing in the scene is water.
+    FitError
+        The sample cannot carry a fit.
+
+    Examples
+    --------
+    >>> fitted = fit_scene(open_scene("scene.tif"), Recipe(method="hedley"))  # doctest: +SKIP
+    >>> print(fitted.model)  # doctest: +SKIP
+    """
+    recipe = recipe or Recipe()
+    threads = threads or default_threads()
+    with environment():
+        request, notes = make_request(scene, recipe)
+        method = "joyce" if recipe.method == "auto" else recipe.method
+        look = look_at(
+            scene,
+            request.indexes[0].bands[0],
+            threads,
+            wanted=_wants_water(recipe, sampled=METHODS[method].plan is not None),
+        )
+        if look.water is not None:
+            if not look.water.has_water:
+                raise NoWaterError(look.water.reason)
+            notes.append(look.water.reason)
+        regression = recipe.regression
+        if regression == "auto":
+            regression = "detrended" if recipe.sample == "auto" else "ols"
+        request = replace(request, regression=regression)
+        numbers: dict[str, Any] = {"water": look.water.numbers() if look.water else None}
+        if METHODS[method].plan is None:
+            model = METHODS[method].fit(request, None)
+            recipe = replace(recipe, method=method, regression="none")
+            return Fitted(
+                model, recipe, tuple(notes), numbers | {"sample": None}, None, look.water, role_bands(look.roles)
+            )
+        model, said, outline = _fit_sampled(scene, recipe, request, look, threads, want_sample, progress)
+        notes += said.pop("notes")
+        chosen = replace(recipe, method=model.method, regression=model.regression or "none",
+                         floor_percentile=said.pop("floor_percentile"))  # fmt: skip
+        bands = role_bands(look.roles)
+        return Fitted(model, chosen, tuple(notes), numbers | {"sample": said}, outline, look.water, bands)
+
+
+def _fit_sampled(
+    scene: Scene, recipe: Recipe, request: FitRequest, look: Look, threads: int, want_sample: bool,
+    progress: Progress | None,
+) -> tuple[GlintModel, dict[str, Any], dict[str, Any] | None]:  # fmt: skip
+    method = "joyce" if recipe.method == "auto" else recipe.method
+    sampler = sampler_of(scene, recipe, look, threads)
+    plan = METHODS[method].plan(request)  # type: ignore[misc]
+    plan = replace(plan, share=max(1, -(-sampler.pixels // KEPT_PIXELS)))
+    halo = max(plan.halo, 0)
+    columns = sorted(set(plan.read_bands) | set(sampler.bands))
+    rows = [columns.index(b) for b in plan.read_bands]
+
+    def work(tile: Tile) -> Any:
+        outer = tile.grown(halo + sampler.halo, scene.height, scene.width)
+        middle = tile.grown(halo, scene.height, scene.width)
+        block = scene.source.read(outer.window, columns)
+        mask = sampler.mask(block, columns, outer)
+        top, bottom, left, right = middle.crop_of(outer)
+        inner = (slice(top, mask.shape[0] - bottom), slice(left, mask.shape[1] - right))
+        mask, block = mask[inner], block[(slice(None), *inner)][rows]
+        part = gather(block, mask, plan, origin=(tile.row0, tile.col0), crop=tile.crop_of(middle))
+        return part, mask[core_of(tile.crop_of(middle), mask.shape)]
+
+    parts, features, boxes = [], [], []
+    note = (lambda done, total: progress("fit", done, total)) if progress else None
+    for tile, (part, mask) in tiling.run(sampler.tiles, work, threads=threads, progress=note, start=enter_thread):
+        parts.append(part)
+        boxes.append(_box(mask, tile))
+        if want_sample:
+            features += to_geojson(mask, (tile.row0, tile.col0), scene)
+    stats = merge(parts, plan)
+    floor, notes = request.floor_percentile, []
+    model = METHODS[method].fit(request, stats)
+    cover, level = None, None
+    if recipe.method == "auto":
+        cover = glint_cover(stats.index_values(0), model.indexes[0].level)
+        level = float(stats.moments.mean[len(plan.bands)] - np.percentile(stats.index_values(0), AUTO_FLOOR))
+        notes.append(f"glint stands above the commonest NIR in {cover:.0%} of the sample")
+        if cover > MAX_COVER:
+            floor = AUTO_FLOOR
+            model = METHODS["hedley"].fit(replace(request, floor_percentile=floor), stats)
+        notes.append(f"method {model.method}" + (f", level at the {floor:g}th percentile" if floor else ""))
+    said = {
+        "kind": recipe.sample,
+        "pixels": stats.moments.n,
+        "rows_columns": _union(boxes),
+        "share_of_scene": stats.moments.n / (scene.height * scene.width),
+        **sampler.numbers,
+        "glint_cover": cover,
+        "glint_level": level,
+        "floor_percentile": floor,
+        "notes": [*notes, f"sample ({recipe.sample}): {stats.moments.n} pixels, {_place(_union(boxes))}"],
+    }
+    return model, said, collection(features, scene) if want_sample else None
+
+
+def glint_cover(values: npt.NDArray[np.floating[Any]], level: float) -> float:
+    """Share of values that stand above a level by more than 3 standard deviations of what lies below it."""
+    below = level - values[values <= level]
+    sigma = 1.4826 * float(np.median(below)) if below.size else 0.0
+    return float(np.mean(values > level + 3 * sigma))
+
+
+def _wants_water(recipe: Recipe, *, sampled: bool) -> bool:
+    return recipe.mask == "auto" or (sampled and recipe.sample == "auto")
+
+
+def load_model(path: str) -> GlintModel:
+    """Read a model that `--save-model` wrote.
+
+    Raises
+    ------
+    ReadError, InputError
+        No such file, or not a saved model.
+    """
+    return GlintModel.from_json(read_text(path, "--model"))
+
+
+def _box(mask: npt.NDArray[np.bool_], tile: Tile) -> Window | None:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not rows.size:
+        return None
+    return (
+        (tile.row0 + int(rows[0]), tile.row0 + int(rows[-1]) + 1),
+        (tile.col0 + int(columns[0]), tile.col0 + int(columns[-1]) + 1),
+    )
+
+
+def _union(boxes: Sequence[Window | None]) -> Window | None:
+    real = [b for b in boxes if b is not None]
+    if not real:
+        return None
+    return (
+        (min(b[0][0] for b in real), max(b[0][1] for b in real)),
+        (min(b[1][0] for b in real), max(b[1][1] for b in real)),
+    )
+
+
+def _place(box: Window | None) -> str:
+    return "nowhere" if box is None else f"rows {box[0][0]}-{box[0][1]}, columns {box[1][0]}-{box[1][1]}"

@@ -1,0 +1,95 @@
+"""A first, cheap look at a scene: which tiles to look at, and what is water there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+from .. import tiles as tiling
+from ..masks import Roles, WaterRule, fit_water
+from ..raster import RasterSource
+from ..raster.environment import enter_thread
+from ..readers.roles import band_roles
+from ..scene import Scene
+from ..tiles import Tile
+
+LOOK_PIXELS = 1 << 19
+"""Pixels of a first look at a scene; all of it where it is not larger."""
+LOOK_SIDE = 256
+"""Side of the tiles of a look [pixel], where the file's blocks are not larger."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a first look at a scene found.
+
+    Attributes
+    ----------
+    tiles : tuple of Tile
+        Where it looked.
+    roles : Roles
+        Of the scene's bands.
+    water : WaterRule or None
+        None where the scene has no visible band to tell water by, or was told what is water.
+    """
+
+    tiles: tuple[Tile, ...]
+    roles: Roles
+    water: WaterRule | None
+
+
+def look_at(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Look:
+    """Look at part of the scene (all of a small one) and decide what is water there, where that is `wanted`."""
+    found = band_roles(scene)
+    roles = Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir})
+    side = max([LOOK_SIDE, *(b for b in block_of(scene) if b <= 512)])
+    everything = tiling.tiles(scene.height, scene.width, (side, side))
+    for pixels in (LOOK_PIXELS, 16 * LOOK_PIXELS, scene.height * scene.width):
+        chosen = tiling.spread(everything, pixels)
+        rule = None
+        if wanted and roles.visible:
+            rule = fit_water(read_looks(scene, chosen, roles, threads), _compact(roles))
+            if not rule.has_water and len(chosen) < len(everything):
+                continue  # the look may have missed the water: look further
+        return Look(tuple(chosen), roles, rule)
+    raise AssertionError("unreachable: the last look is at everything")
+
+
+def raster_of(scene: Scene) -> RasterSource:
+    """What serves the scene's pixels, with all that is known of its file."""
+    return cast(RasterSource, scene.source)
+
+
+def role_bands(roles: Roles) -> tuple[int, ...]:
+    """0-based scene bands that the masks look at, in ascending order."""
+    return tuple(sorted({roles.nir, *roles.visible}))
+
+
+def _compact(roles: Roles) -> Roles:
+    """The same roles for a block of only the bands that the masks look at."""
+    place = {b: i for i, b in enumerate(role_bands(roles))}
+    index = {k: place[b] for k in ("blue", "green", "red") if (b := getattr(roles, k)) is not None}
+    return Roles(nir=place[roles.nir], **index)
+
+
+def read_looks(scene: Scene, chosen: Sequence[Tile], roles: Roles, threads: int) -> list[Any]:
+    """The bands that the masks look at, of some tiles."""
+    bands = list(role_bands(roles))
+    found = tiling.run(chosen, lambda t: scene.source.read(t.window, bands), threads=threads, start=enter_thread)
+    return [block for _tile, block in found]
+
+
+def core_of(crop: tuple[int, int, int, int], shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """The part of an array that is not halo, whose widths `crop` gives."""
+    return slice(crop[0], shape[0] - crop[1]), slice(crop[2], shape[1] - crop[3])
+
+
+def block_of(scene: Scene) -> tuple[int, int]:
+    """Rows and columns of the blocks that the scene is stored in."""
+    return raster_of(scene).info.block_shapes[0]
+
+
+def tile_shape_of(scene: Scene) -> tuple[int, int]:
+    """Rows and columns of the tiles that the scene is worked on in."""
+    return tiling.tile_shape(scene.height, scene.width, len(scene.bands), block_of(scene))

@@ -1,0 +1,96 @@
+"""What to do with a scene: the options of `deglint remove`, as one frozen value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..readers.roles import explain_nir, find_band, find_nir
+from ..remove import METHODS, FitRequest, nir_request
+from ..scene import Scene
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What to do with a scene; every field has a default that suits most.
+
+    Attributes
+    ----------
+    method : str
+        "auto" or a key of `deglint.remove.METHODS`.
+    nir : tuple of str
+        NIR bands by name or 1-based number; deduced where empty.
+    nir_use : {"auto", "mean", "best", "set"}
+        How to use several NIR bands; auto: by set where the bands of a sensor are taken in sets, else their mean.
+    bands : tuple of str
+        Bands to correct, by name or 1-based number; all shorter than the NIR where empty.
+    sample : str
+        "auto", "all", a window "column,row,width,height" or a GeoJSON file.
+    mask : str
+        "auto" (water found in the scene), "none", or a raster, GeoJSON file or window of what to correct.
+    regression : str
+        "auto" (detrended for an automatic sample, else ols) or a key of `deglint.remove.REGRESSIONS`.
+    floor_percentile : float
+        Percentile of the NIR that Hedley takes as its level [%]; 0: the minimum, as published.
+    rrs_factor : float
+        Physical values are this many times remote-sensing reflectance (Goodman).
+    """
+
+    method: str = "auto"
+    nir: tuple[str, ...] = ()
+    nir_use: str = "auto"
+    bands: tuple[str, ...] = ()
+    sample: str = "auto"
+    mask: str = "auto"
+    regression: str = "auto"
+    floor_percentile: float = 0.0
+    rrs_factor: float = float(np.pi)
+
+    def __post_init__(self) -> None:
+        if self.method != "auto" and self.method not in METHODS:
+            raise InputError(f"method {self.method!r} is not one of auto, {', '.join(METHODS)}.")
+        if self.nir_use not in ("auto", "mean", "best", "set"):
+            raise InputError(f"nir_use {self.nir_use!r} is not one of auto, mean, best, set.")
+
+
+def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, list[str]]:
+    """Turn the recipe's choice of bands into a request; also returns what to say about it."""
+    wanted = list(recipe.nir) or None
+    nir = find_nir(scene, wanted)
+    notes = [explain_nir(scene, wanted)]
+    use = recipe.nir_use
+    if use == "auto" and not recipe.nir:
+        sets = _nir_of_every_set(scene)
+        nir, use = (sets, "set") if sets else (nir, "mean")
+        if sets:
+            names = " and ".join(scene.bands[b].name for b in nir)
+            notes = [f"NIR is {names}, each for the bands taken at the same time (--nir-use mean to average)"]
+    elif use == "auto":
+        use = "mean"
+    correct = [find_band(scene, b) for b in recipe.bands] or None
+    if correct and set(correct) <= set(nir):
+        raise InputError("every band asked for is a NIR reference; name bands to correct with -b.")
+    request = nir_request(
+        scene.bands, nir, use=use, correct=correct,
+        floor_percentile=recipe.floor_percentile, rrs_factor=recipe.rrs_factor,
+    )  # fmt: skip
+    if recipe.regression != "auto":
+        request = replace(request, regression=recipe.regression)
+    return request, notes
+
+
+def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:
+    """One NIR band for each set of bands that is taken at the same time; empty where there are not several sets."""
+    groups = list(dict.fromkeys(b.group for b in scene.bands))
+    if None in groups or len(groups) < 2:
+        return ()
+    found = []
+    for group in groups:
+        inside = [(abs(b.wavelength - 842.0), i) for i, b in enumerate(scene.bands)
+                  if b.group == group and b.wavelength and 750 <= b.wavelength <= 1050]  # fmt: skip
+        if not inside:
+            return ()
+        found.append(min(inside)[1])
+    return tuple(found)

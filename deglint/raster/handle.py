@@ -1,0 +1,137 @@
+"""Open files as one reader holds them: one rasterio dataset a file, put on the scene's grid where needed.
+
+A `Handle` belongs to one thread at a time; `deglint.raster.source` sees to that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..scene import Window
+from .convert import Raw, Valid, is_valid
+from .info import RasterInfo, open_dataset
+
+
+@dataclass(frozen=True)
+class FileBands:
+    """The bands that one file gives to a scene.
+
+    Attributes
+    ----------
+    path : str
+        GDAL name.
+    indexes : tuple of int
+        1-based bands of the file, in scene order.
+    nodatas : tuple of float or None
+        Value that says "not valid", one a band.
+    dataset_mask, band_masks : bool
+        The file has one mask for all bands, or one a band.
+    alpha : int, optional
+        1-based alpha band; a pixel where it is 0 is not valid.
+    warp : mapping, optional
+        Arguments of rasterio's WarpedVRT that put the file on the scene's grid.
+    """
+
+    path: str
+    indexes: tuple[int, ...]
+    nodatas: tuple[float | None, ...]
+    dataset_mask: bool = False
+    band_masks: bool = False
+    alpha: int | None = None
+    warp: Mapping[str, Any] | None = field(default=None, repr=False)
+
+    @classmethod
+    def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> FileBands:
+        """Every band of one described file; `nodatas` stand in for those of `info`."""
+        flags = {flag for flags in info.mask_flags for flag in flags}
+        return cls(
+            path=info.paths[0],
+            indexes=tuple([i for i in range(1, info.count + 2) if i != info.alpha][: info.count]),
+            nodatas=tuple(info.nodatas if nodatas is None else nodatas),
+            dataset_mask="per_dataset" in flags and "alpha" not in flags,
+            band_masks=any(not f for f in info.mask_flags),
+            alpha=info.alpha,
+        )
+
+
+class Handle:
+    """The datasets of a scene, open."""
+
+    def __init__(self, files: Sequence[FileBands]) -> None:
+        self.files = files
+        with ExitStack() as stack:
+            self.datasets = [_open(file, stack) for file in files]
+            self._stack = stack.pop_all()
+
+    def close(self) -> None:
+        """Close the datasets."""
+        self._stack.close()
+
+    def read(
+        self, window: Window, bands: Sequence[int], info: RasterInfo, *, nodata: bool
+    ) -> tuple[Raw, Valid | None]:
+        """Numbers as they stand, (band, row, column), and where they are valid (None: everywhere).
+
+        `nodata` says whether nodata numbers count, or only masks and alpha.
+        """
+        shape = (len(bands), window[0][1] - window[0][0], window[1][1] - window[1][0])
+        if 0 in shape:
+            return np.empty(shape, info.dtype), None
+        if len(self.files) == 1 and len(set(info.dtypes)) == 1:
+            file, dataset = self.files[0], self.datasets[0]
+            raw = dataset.read([file.indexes[b] for b in bands], window=window)
+            return raw, _validity(file, dataset, raw, list(bands), window, nodata)
+        return self._stack_up(np.empty(shape, info.dtype), bands, window, nodata)
+
+    def _stack_up(
+        self, raw: Raw, bands: Sequence[int], window: Window, nodata: bool
+    ) -> tuple[Raw, Valid | None]:
+        valid: Valid | None = None
+        start = 0
+        for file, dataset in zip(self.files, self.datasets, strict=True):
+            places = [(k, b - start) for k, b in enumerate(bands) if 0 <= b - start < len(file.indexes)]
+            start += len(file.indexes)
+            if not places:
+                continue
+            for k, own in places:
+                dataset.read(file.indexes[own], window=window, out=raw[k])
+            at = [k for k, _ in places]
+            part = _validity(file, dataset, raw[at], [own for _, own in places], window, nodata)
+            if part is not None:
+                valid = np.ones(raw.shape, np.bool_) if valid is None else valid
+                valid[at] = part
+        return raw, valid
+
+
+def _open(file: FileBands, stack: ExitStack) -> Any:
+    dataset = open_dataset(file.path)
+    stack.callback(dataset.close)  # "with dataset" would tie it to the Env of this thread
+    if file.warp is None:
+        return dataset
+    from rasterio.vrt import WarpedVRT
+
+    warped = WarpedVRT(dataset, **file.warp)
+    stack.callback(warped.close)
+    return warped
+
+
+def _validity(
+    file: FileBands, dataset: Any, raw: Raw, bands: list[int], window: Window, nodata: bool
+) -> Valid | None:
+    valid = is_valid(raw, [file.nodatas[b] for b in bands]) if nodata else None
+    masks = []
+    if file.dataset_mask:
+        masks.append(dataset.read_masks(1, window=window)[np.newaxis] != 0)
+    elif file.band_masks:
+        masks.append(dataset.read_masks([file.indexes[b] for b in bands], window=window) != 0)
+    if file.alpha is not None:
+        masks.append(dataset.read(file.alpha, window=window)[np.newaxis] != 0)
+    for mask in masks:
+        if not mask.all():
+            valid = np.broadcast_to(mask, raw.shape) if valid is None else valid & mask
+    return valid

@@ -1,0 +1,235 @@
+"""What a raster file is like, gathered once so that an output can keep all of it.
+
+Opening and describing a file reads its header and tags, never a pixel. Every refusal is one line that
+tells a file that is not there from one that GDAL cannot read.
+"""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, ReadError
+from .convert import physical_dtype
+
+Tags = Mapping[str, Mapping[str, str]]
+"""Tags by namespace; the default namespace is ""."""
+
+_DERIVED_NAMESPACES = frozenset({"IMAGE_STRUCTURE", "DERIVED_SUBDATASETS", "SUBDATASETS", "COLOR_PROFILE"})
+_opening = threading.Lock()  # warnings.catch_warnings is not safe for threads
+
+
+@dataclass(frozen=True)
+class RasterInfo:
+    """What is known of a raster without reading pixels; tuples have one entry a scene band.
+
+    Attributes
+    ----------
+    paths : tuple of str
+        GDAL name(s) of what was opened.
+    driver : str
+        GDAL's short name of the format ("GTiff").
+    height, width : int
+        Rows and columns [pixel].
+    dtypes, nodatas, scales, offsets : tuple
+        As the bands declare them, or nodata as the caller overrode it (None where there is none).
+    descriptions, units : tuple
+        Name and unit of each band, or None.
+    colorinterp : tuple of str
+        GDAL's colour interpretation in lower case ("gray", "undefined").
+    tags, band_tags
+        Tags by namespace ("" is the default one), of the dataset and of each band. Statistics
+        (STATISTICS_*) are there as the file has them: they do not hold for changed pixels.
+    mask_flags : tuple of tuple of str
+        "all_valid", "per_dataset", "alpha", "nodata"; none of them: a mask of the band's own.
+    alpha : int, optional
+        1-based number of the alpha band in the file; it is no scene band.
+    block_shapes : tuple of (rows, columns)
+    tiled : bool
+    compression, predictor, interleave, photometric : str, optional
+        As GDAL spells them ("deflate", "2", "pixel", "rgb").
+    crs, transform : optional
+        As rasterio gives them; transform is None where the file has none.
+    gcps, gcps_crs, rpcs : optional
+        Ground control points, their crs, and rational polynomial coefficients.
+    """
+
+    paths: tuple[str, ...]
+    driver: str
+    height: int
+    width: int
+    dtypes: tuple[str, ...]
+    nodatas: tuple[float | None, ...]
+    scales: tuple[float, ...]
+    offsets: tuple[float, ...]
+    descriptions: tuple[str | None, ...]
+    units: tuple[str | None, ...]
+    colorinterp: tuple[str, ...]
+    tags: Tags = field(repr=False)
+    band_tags: tuple[Tags, ...] = field(repr=False)
+    mask_flags: tuple[tuple[str, ...], ...]
+    block_shapes: tuple[tuple[int, int], ...]
+    tiled: bool = False
+    alpha: int | None = None
+    compression: str | None = None
+    predictor: str | None = None
+    interleave: str | None = None
+    photometric: str | None = None
+    crs: Any = None
+    transform: Any = None
+    gcps: tuple[Any, ...] = ()
+    gcps_crs: Any = None
+    rpcs: Any = None
+
+    @property
+    def count(self) -> int:
+        """Number of scene bands."""
+        return len(self.dtypes)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type that holds every band: the bands' own where they agree."""
+        return np.result_type(*(np.dtype(d) for d in self.dtypes))
+
+    @property
+    def nodata(self) -> float | None:
+        """The value that says "not valid", where all bands agree on one."""
+        first = self.nodatas[0]
+        return first if all(same_nodata(first, n) for n in self.nodatas) else None
+
+    @property
+    def physical_dtype(self) -> np.dtype[Any]:
+        """float32 where it holds the file's type exactly, else float64."""
+        return physical_dtype(self.dtype)
+
+
+def same_nodata(a: float | None, b: float | None) -> bool:
+    """Whether two nodata values are the same (NaN is NaN)."""
+    return a == b or (a is not None and b is not None and a != a and b != b)
+
+
+def open_dataset(path: str) -> Any:
+    """Open a raster for reading, as rasterio does, with one clear line where that fails.
+
+    Raises
+    ------
+    ReadError
+        No such file, or not a raster that GDAL can read.
+    """
+    import rasterio
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
+    try:
+        with _opening, warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            return rasterio.open(path, sharing=False)
+    except (RasterioError, OSError, ValueError) as error:
+        raise ReadError(_why_not_opened(path, error)) from error
+
+
+def _why_not_opened(path: str, error: Exception) -> str:
+    said = one_line(error)
+    if "No such file" in said or "does not exist" in said:
+        return f"no such file: {path}. Check the name (GDAL names such as /vsizip/ and zip:// will do)."
+    if "not recognized as being in a supported file format" in said:
+        return f"{path} is not a raster GDAL can read. Convert it to GeoTIFF, or name the raster itself."
+    return f"cannot open {path}: {said}. The file is truncated or damaged, or cannot be reached."
+
+
+def one_line(error: BaseException) -> str:
+    """What an error, or what caused it, says: its first line."""
+    text = str(error.__cause__ or error).strip() or type(error).__name__
+    return text.splitlines()[0].rstrip(".")
+
+
+def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterInfo:
+    """Gather what is known of an open dataset; no pixel is read.
+
+    GDAL calls the last of 2 or 4 bytes "alpha" unless it was told otherwise. A band so called is a scene
+    band where it has a name, or where `alpha_is_band`.
+
+    Raises
+    ------
+    InputError
+        No band to work on, or complex numbers.
+    """
+    interp = _colorinterp(dataset)
+    alpha = next((i for i, name in enumerate(interp, start=1) if name == "alpha"), None)
+    if alpha and (alpha_is_band or _is_named(dataset.descriptions[alpha - 1])):
+        interp[alpha - 1], alpha = "undefined", None
+    bands = [i for i in dataset.indexes if i != alpha]
+    _check_bands(dataset, path, bands)
+    structure = dataset.tags(ns="IMAGE_STRUCTURE")
+    gcps, gcps_crs = dataset.gcps
+    flags = dataset.mask_flag_enums
+
+    def pick(values: Sequence[Any]) -> tuple[Any, ...]:
+        return tuple(values[i - 1] for i in bands)
+
+    return RasterInfo(
+        paths=(path,),
+        driver=dataset.driver,
+        height=dataset.height,
+        width=dataset.width,
+        dtypes=pick(dataset.dtypes),
+        nodatas=pick(dataset.nodatavals),
+        scales=pick(dataset.scales),
+        offsets=pick(dataset.offsets),
+        descriptions=pick(dataset.descriptions),
+        units=pick(dataset.units),
+        colorinterp=pick(interp),
+        tags=_tags(dataset),
+        band_tags=tuple(_tags(dataset, i) for i in bands),
+        mask_flags=tuple(tuple(f.name for f in flags[i - 1]) for i in bands),
+        block_shapes=pick(dataset.block_shapes),
+        tiled=bool(dataset.profile.get("tiled", False)),
+        alpha=alpha,
+        compression=_spelled(structure.get("COMPRESSION")),
+        predictor=structure.get("PREDICTOR"),
+        interleave=_spelled(structure.get("INTERLEAVE")),
+        photometric=_spelled(getattr(dataset.photometric, "value", None)),
+        crs=dataset.crs,
+        transform=None if dataset.transform.is_identity else dataset.transform,
+        gcps=tuple(gcps),
+        gcps_crs=gcps_crs,
+        rpcs=dataset.rpcs,
+    )
+
+
+def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
+    if not bands:
+        inside = ", ".join(dataset.subdatasets[:3])
+        remedy = f"It holds other rasters; name one of them: {inside}" if inside else "Name another file."
+        raise InputError(f"{path} holds no band of its own. {remedy}")
+    for i in bands:
+        if "complex" in dataset.dtypes[i - 1]:
+            raise InputError(
+                f"{path}: band {i} is {dataset.dtypes[i - 1]}; allowed are integers and real numbers. "
+                "Take the magnitude first."
+            )
+
+
+def _is_named(description: str | None) -> bool:
+    return bool(description) and "alpha" not in str(description).lower()
+
+
+def _colorinterp(dataset: Any) -> list[str]:
+    try:
+        return [c.name.lower() for c in dataset.colorinterp]
+    except ValueError:  # a colour that this rasterio does not know yet
+        return ["undefined"] * dataset.count
+
+
+def _tags(dataset: Any, band: int = 0) -> dict[str, dict[str, str]]:
+    namespaces = [n for n in dataset.tag_namespaces(band) if n and n not in _DERIVED_NAMESPACES]
+    found = {"": dataset.tags(band)} | {n: dataset.tags(band, ns=n) for n in namespaces}
+    return {n: tags for n, tags in found.items() if tags or not n}
+
+
+def _spelled(value: Any) -> str | None:
+    return None if value is None else str(value).lower()

@@ -1,0 +1,377 @@
+"""Write a raster so that it is either all there or not there at all.
+
+An output is written to a scratch file in the same directory and moved into place at the end, so an error, a full disk
+or Ctrl-C leaves the old file as it was and no scratch behind. What is written is a tiled GeoTIFF whose header lies
+before its data: a valid cloud-optimised GeoTIFF as it stands (overviews on request).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import secrets
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError, WriteError
+from ..scene import Window
+from .info import RasterInfo, one_line
+
+BLOCK = 512
+"""Side of the output's blocks [pixel] where the input's do not serve."""
+_OWN_TAGS = frozenset({"AREA_OR_POINT", "TIFFTAG_SOFTWARE"})
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What an output is like.
+
+    Attributes
+    ----------
+    info : RasterInfo
+        The input's properties, of which everything that holds for the output is kept.
+    bands : tuple of int
+        0-based bands of `info` that the output has.
+    dtype : str
+    nodata : float or None
+    options : mapping
+        GDAL creation options, which win over the defaults.
+    scaled : bool
+        The values are the file's own: keep scale, offset, unit, colour and mask.
+    names : tuple of str, optional
+        Band descriptions in place of the input's.
+    """
+
+    info: RasterInfo
+    bands: tuple[int, ...]
+    dtype: str
+    nodata: float | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
+    scaled: bool = True
+    names: tuple[str, ...] | None = None
+
+    @property
+    def masked(self) -> bool:
+        """Whether the output has a mask: the input has one, and it holds for all bands."""
+        flags = set().union(*self.info.mask_flags)
+        return (
+            self.scaled and self.nodata is None and ("per_dataset" in flags or any(not f for f in self.info.mask_flags))
+        )
+
+    @property
+    def block(self) -> tuple[int, int]:
+        """Rows and columns of the output's blocks: the input's where it is tiled."""
+        rows, columns = self.info.block_shapes[0]
+        fits = self.info.tiled and not (rows % 16 or columns % 16) and 64 <= rows <= 1024 and 64 <= columns <= 1024
+        return (rows, columns) if fits else (BLOCK, BLOCK)
+
+
+def check_target(path: Path, *, overwrite: bool = False) -> None:
+    """Refuse an output that cannot, or should not, be written; nothing is touched.
+
+    Raises
+    ------
+    WriteError
+        It exists, or its directory is missing or not writable.
+    """
+    if str(path).startswith("/vsi") or "://" in str(path):
+        raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
+    if path.is_dir():
+        raise WriteError(f"{path} is a directory; name a file in it, such as {path / 'out.tif'}.")
+    if not path.parent.is_dir():
+        raise WriteError(f"the directory {path.parent} does not exist. Make it first: mkdir -p {path.parent}")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise WriteError(f"no permission to write in {path.parent}. Choose another place for {path.name}.")
+    if path.exists() and not overwrite:
+        raise WriteError(f"{path} exists already. Give --overwrite to replace it, or another name.")
+
+
+class Scratch:
+    """Files that come into being together, or not at all.
+
+    Use as a context manager: leaving the block normally moves every file into place, leaving it by an error removes
+    them all. The first file added is moved last: where it stands, the others do too.
+    """
+
+    def __init__(self) -> None:
+        self._files: list[tuple[Path, Path]] = []
+
+    def __enter__(self) -> Scratch:
+        return self
+
+    def add(self, target: Path) -> Path:
+        """Name of a scratch file beside `target`."""
+        scratch = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part{target.suffix}")
+        self._files.append((scratch, target))
+        return scratch
+
+    def file(self, target: Path) -> Path:
+        """Where a file that was added is written for now."""
+        return next(scratch for scratch, known in self._files if known == target)
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                self._commit()
+        finally:
+            for scratch, _target in self._files:
+                for leftover in (scratch, Path(f"{scratch}.aux.xml"), Path(f"{scratch}.msk"), Path(f"{scratch}.ovr")):
+                    with contextlib.suppress(OSError):
+                        leftover.unlink(missing_ok=True)
+
+    def _commit(self) -> None:
+        umask = os.umask(0)
+        os.umask(umask)
+        try:
+            for scratch, target in reversed(self._files):
+                if scratch.exists():
+                    scratch.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
+                    scratch.replace(target)
+        except OSError as error:
+            raise WriteError(f"cannot move the result into place: {error}") from error
+
+
+class RasterWriter:
+    """A GeoTIFF being written, window by window, by one thread.
+
+    Parameters
+    ----------
+    path : Path
+        Scratch file to write.
+    target : Path
+        What it will be called, for messages.
+    layout : Layout
+    """
+
+    def __init__(self, path: Path, target: Path, layout: Layout) -> None:
+        import rasterio
+
+        self.path, self.target, self.layout = path, target, layout
+        profile = _profile(layout)
+        _check_space(path.parent, target, layout, profile)
+        with _write_errors(target):
+            self._dataset = rasterio.open(path, "w", **profile)
+            _describe(self._dataset, layout)
+            if layout.masked:
+                # the mask's header goes before the data, too
+                self._dataset.write_mask(np.full((1, 1), 255, np.uint8), window=((0, 1), (0, 1)))
+
+    def write(self, block: npt.NDArray[Any], window: Window) -> None:
+        """Write all bands of a window; a single band may be (row, column)."""
+        block = block[None] if block.ndim == 2 else block
+        with _write_errors(self.target):
+            self._dataset.write(block, window=window)
+
+    def write_mask(self, valid: npt.NDArray[np.bool_], window: Window) -> None:
+        """Write the mask of a window, where the input has one."""
+        with _write_errors(self.target):
+            self._dataset.write_mask(valid.astype(np.uint8) * 255, window=window)
+
+    def close(self) -> None:
+        """Finish the file and make sure that all of it is on disk.
+
+        Raises
+        ------
+        WriteError
+            The disk is full, or refuses.
+        """
+        with _write_errors(self.target):
+            self._dataset.close()
+        _check_whole(self.path, self.target)
+
+    def abort(self) -> None:
+        """Let go of the file, whatever state it is in."""
+        with contextlib.suppress(Exception), _quiet_stderr():
+            self._dataset.close()
+
+
+@contextlib.contextmanager
+def writing(scratch: Scratch, target: Path, layout: Layout) -> Iterator[RasterWriter]:
+    """A `RasterWriter` that is closed and checked at the end, and let go of where an error leaves the block."""
+    writer = RasterWriter(scratch.add(target), target, layout)
+    try:
+        yield writer
+        writer.close()
+    except BaseException:
+        writer.abort()
+        raise
+
+
+def write_text(scratch: Scratch, target: Path, text: str) -> None:
+    """Write a small text file."""
+    write_bytes(scratch, target, text.encode())
+
+
+def write_bytes(scratch: Scratch, target: Path, data: bytes) -> None:
+    """Write a small file."""
+    path = scratch.add(target)
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise WriteError(f"cannot write {target}: {error.strerror or error}.") from error
+
+
+def write_json(scratch: Scratch, target: Path, data: Any) -> None:
+    """Write numbers and words as JSON; NaN and infinity become null, which JSON knows."""
+    write_text(scratch, target, json.dumps(plain(data), indent=2, allow_nan=False) + "\n")
+
+
+def plain(value: Any) -> Any:
+    """The same as plain numbers, words, lists and dicts, as JSON knows them; NaN and infinity become None."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, np.integer):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value if isinstance(value, (int, str, type(None))) else str(value)
+
+
+def _profile(layout: Layout) -> dict[str, Any]:
+    info = layout.info
+    rows, columns = layout.block
+    profile: dict[str, Any] = {
+        "driver": "GTiff",
+        "height": info.height,
+        "width": info.width,
+        "count": len(layout.bands),
+        "dtype": layout.dtype,
+        "nodata": layout.nodata,
+        "crs": info.crs,
+        "tiled": True,
+        "blockxsize": columns,
+        "blockysize": rows,
+        "BIGTIFF": "IF_SAFER",
+        "interleave": info.interleave if info.interleave in ("pixel", "band") else "band",
+    }
+    if info.transform is not None:
+        profile["transform"] = info.transform
+    if info.compression in ("deflate", "lzw", "zstd", "lzma", "packbits", "lerc"):
+        profile |= {"compress": info.compression, "num_threads": "ALL_CPUS"}
+        if info.predictor in ("2", "3") and np.dtype(layout.dtype).kind == np.dtype(info.dtype).kind:
+            profile["predictor"] = info.predictor
+    given = {str(k).lower(): v for k, v in layout.options.items()}
+    return {k: v for k, v in profile.items() if k.lower() not in given and v is not None} | given
+
+
+def _describe(dataset: Any, layout: Layout) -> None:
+    """Everything about the file that is not pixels; before the first pixel, so that the header stays in front."""
+    from rasterio.enums import ColorInterp
+
+    info, bands = layout.info, layout.bands
+    names: Sequence[str | None] = layout.names or [info.descriptions[b] for b in bands]
+    for i, (band, name) in enumerate(zip(bands, names, strict=True), start=1):
+        if name:
+            dataset.set_band_description(i, name)
+        if layout.scaled and info.units[band]:
+            dataset.set_band_unit(i, info.units[band])
+        for namespace, tags in info.band_tags[band].items():
+            _tag(dataset, tags, namespace, i)
+    if layout.scaled:
+        scales, offsets = [info.scales[b] for b in bands], [info.offsets[b] for b in bands]
+        if any(s != 1 for s in scales) or any(o != 0 for o in offsets):
+            dataset.scales, dataset.offsets = scales, offsets
+        known = {c.name for c in ColorInterp}
+        colours = [info.colorinterp[b] if info.colorinterp[b] in known else "undefined" for b in bands]
+        if len(bands) == info.count and "palette" not in colours:
+            dataset.colorinterp = [ColorInterp[c] for c in colours]
+    for namespace, tags in info.tags.items():
+        _tag(dataset, tags, namespace)
+    if info.gcps and info.transform is None:
+        dataset.gcps = (list(info.gcps), info.gcps_crs)
+    if info.rpcs is not None:
+        dataset.rpcs = info.rpcs
+
+
+def _tag(dataset: Any, tags: Mapping[str, str], namespace: str, band: int = 0) -> None:
+    kept = {k: v for k, v in tags.items() if not k.startswith("STATISTICS_")}
+    if kept and not namespace.startswith("xml:") and namespace not in ("RPC", "TIFF"):
+        dataset.update_tags(band, **({"ns": namespace} if namespace else {}), **kept)
+
+
+def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping[str, Any]) -> None:
+    """Say at once that a disk is too full for an uncompressed output, not after an hour."""
+    if "compress" in profile or "COMPRESS" in profile:
+        return
+    rows, columns = layout.info.height, layout.info.width
+    need = rows * columns * len(layout.bands) * np.dtype(layout.dtype).itemsize
+    with contextlib.suppress(OSError):
+        stat = os.statvfs(directory)
+        free = stat.f_bavail * stat.f_frsize
+        if need > free:
+            raise WriteError(
+                f"{target} needs {need / 1e6:.0f} MB and the disk has {free / 1e6:.0f} MB left. "
+                "Free some space, or compress the output: --co COMPRESS=ZSTD"
+            )
+
+
+@contextlib.contextmanager
+def _write_errors(target: Path) -> Iterator[None]:
+    from rasterio._err import CPLE_BaseError
+    from rasterio.errors import RasterioError
+
+    try:
+        yield
+    except (RasterioError, CPLE_BaseError, OSError) as error:
+        if isinstance(error, WriteError):
+            raise
+        raise WriteError(f"cannot write {target}: {_reason(target.parent, error)}") from error
+    except (TypeError, ValueError, KeyError) as error:
+        raise InputError(f"cannot write {target} with these options: {one_line(error)}.") from error
+
+
+def _reason(directory: Path, error: BaseException) -> str:
+    text = " ".join(str(e) for e in _causes(error))
+    with contextlib.suppress(OSError):
+        stat = os.statvfs(directory)
+        if "No space left" in text or stat.f_bavail * stat.f_frsize < 1 << 20:
+            return f"the disk is full ({directory}). Free some space; nothing was changed."
+    return f"{one_line(error)}. Nothing was changed."
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _check_whole(path: Path, target: Path) -> None:
+    """Every block that was to be written is inside the file: GDAL does not report what fails while it closes."""
+    import rasterio
+
+    with _write_errors(target), rasterio.open(path) as dataset:
+        size = path.stat().st_size
+        planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
+        for band in planes:
+            rows, columns = dataset.block_shapes[band - 1]
+            across, down = -(-dataset.width // columns), -(-dataset.height // rows)
+            for x, y in ((0, 0), (across - 1, 0), (across - 1, down - 1), (across // 2, down // 2)):
+                start = dataset.get_tag_item(f"BLOCK_OFFSET_{x}_{y}", "TIFF", bidx=band)
+                length = dataset.get_tag_item(f"BLOCK_SIZE_{x}_{y}", "TIFF", bidx=band)
+                if start is None or int(start) + int(length or 0) > size:
+                    raise WriteError(f"cannot write {target}: {_reason(target.parent, OSError('it came out short'))}")
+
+
+@contextlib.contextmanager
+def _quiet_stderr() -> Iterator[None]:
+    """Keep libtiff from printing while a file that could not be written is let go."""
+    saved = os.dup(2)
+    try:
+        with Path(os.devnull).open("wb") as sink:
+            os.dup2(sink.fileno(), 2)
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)

@@ -1,0 +1,176 @@
+"""Serve the pixels of one raster, or of several put on one grid, to any number of threads.
+
+A `RasterSource` opens its files when they are first read. Each reading thread has a handle to itself for
+as long as it reads; handles wait in a pool for the next reader and are closed by `close`, or at the end
+of a `with` block. GDAL's block cache is left as the caller's `rasterio.Env` sets it: an Env belongs to a
+thread, so a worker thread enters its own. Nothing is written here, and no pixel is kept.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from ..errors import InputError, ReadError
+from ..scene import FloatArray, Window
+from .convert import Raw, Valid, to_physical
+from .handle import FileBands, Handle
+from .info import RasterInfo, one_line
+
+
+class RasterSource:
+    """Pixels of a scene, from one file or several on one grid; a `deglint.scene.Source`.
+
+    It can be pickled: the copy opens the files anew.
+
+    Parameters
+    ----------
+    files : sequence of FileBands
+        In scene order.
+    info : RasterInfo
+        What the scene's bands are like.
+
+    Examples
+    --------
+    >>> with open_scene("scene.tif").source as source:  # doctest: +SKIP
+    ...     raw, valid = source.read_raw(((0, 256), (0, 256)))
+    ...     physical = source.to_physical(raw, valid)
+    """
+
+    def __init__(self, files: Sequence[FileBands], info: RasterInfo) -> None:
+        self.files = tuple(files)
+        self.info = info
+        self._start()
+
+    def _start(self) -> None:
+        self._lock = threading.Lock()
+        self._idle: list[Handle] = []
+        self._closed = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"files": self.files, "info": self.info}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._start()
+
+    def __enter__(self) -> RasterSource:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close every handle; a read after this is refused."""
+        with self._lock:
+            idle, self._idle, self._closed = self._idle, [], True
+        for handle in idle:
+            handle.close()
+
+    def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
+        """Physical values of a window.
+
+        Parameters
+        ----------
+        window : ((row0, row1), (col0, col1))
+            Half-open ranges inside the scene.
+        bands : sequence of int
+            0-based bands of the scene.
+
+        Returns
+        -------
+        (len(bands), rows, columns) ndarray
+            float32, or float64 where the files need it; NaN where not valid or not finite.
+
+        Raises
+        ------
+        InputError
+            The window reaches outside the scene.
+        ReadError
+            The file is truncated or damaged, or this source is closed.
+        """
+        raw, valid = self._read(window, bands, nodata=False)
+        every = [nodata for file in self.files for nodata in file.nodatas]
+        scales, offsets = ([values[b] for b in bands] for values in (self.info.scales, self.info.offsets))
+        nodatas = [every[b] for b in bands]
+        return to_physical(raw, valid, scales, offsets, nodatas=nodatas, in_place=True)
+
+    def read_raw(self, window: Window) -> tuple[Raw, Valid | None]:
+        """All bands of a window as they stand in the file, and which pixels are valid.
+
+        Returns
+        -------
+        raw : (band, row, column) ndarray
+            In the file's own type (the smallest common one where bands differ).
+        valid : (band, row, column) ndarray of bool, or None
+            None where everything is valid as far as nodata, mask and alpha say. NaN and infinity
+            are not looked for here, not even where nodata is NaN: `to_physical` finds them. The
+            array may be a read-only view.
+
+        Raises
+        ------
+        InputError, ReadError
+            As `read`.
+        """
+        return self._read(window, range(self.info.count), nodata=True)
+
+    def to_physical(self, raw: Raw, valid: Valid | None = None) -> FloatArray:
+        """Turn what `read_raw` gave into what `read` gives; `raw` is not modified.
+
+        Returns
+        -------
+        (band, row, column) ndarray
+            Scale and offset applied, NaN where not valid. It is `raw` itself where nothing is to do.
+        """
+        return to_physical(raw, valid, self.info.scales, self.info.offsets)
+
+    def _read(self, window: Window, bands: Sequence[int], *, nodata: bool) -> tuple[Raw, Valid | None]:
+        (top, bottom), (left, right) = window
+        if not (0 <= top <= bottom <= self.info.height and 0 <= left <= right <= self.info.width):
+            raise InputError(
+                f"window: allowed inside rows 0-{self.info.height} and columns 0-{self.info.width}, "
+                f"got rows {top}-{bottom} and columns {left}-{right}"
+            )
+        from rasterio.env import env_ctx_if_needed
+
+        place = f"rows {top}-{bottom}, columns {left}-{right}"
+        with env_ctx_if_needed(), self._handle(place) as handle:
+            return handle.read(window, bands, self.info, nodata=nodata)
+
+    @contextmanager
+    def _handle(self, place: str) -> Iterator[Handle]:
+        """A handle for this thread alone; kept for the next reader unless the reading fails."""
+        with self._lock:
+            if self._closed:
+                raise ReadError(f"{self.info.paths[0]} was closed. Open the scene again.")
+            handle = self._idle.pop() if self._idle else None
+        handle = handle or Handle(self.files)
+        try:
+            yield handle
+        except BaseException as error:
+            handle.close()
+            refusal = self._explain(error, place)
+            if refusal is None:
+                raise
+            raise refusal from error
+        with self._lock:
+            if not self._closed:
+                self._idle.append(handle)
+                return
+        handle.close()
+
+    def _explain(self, error: BaseException, place: str) -> ReadError | None:
+        from rasterio._err import CPLE_BaseError
+        from rasterio.errors import RasterioError
+
+        where = f"{place} of {', '.join(self.info.paths)}"
+        if isinstance(error, MemoryError):
+            return ReadError(f"{where} do not fit into memory. Read smaller windows.")
+        if isinstance(error, (RasterioError, CPLE_BaseError)):
+            return ReadError(
+                f"cannot read {where}: {one_line(error)}. "
+                "The file is truncated or damaged: copy or download it again."
+            )
+        return None

@@ -1,0 +1,243 @@
+"""Where on a scene: polygons from GeoJSON, masks from rasters, windows of pixels.
+
+An `Area` says for any window of the scene which pixels it covers. A polygon covers the pixels whose centres lie in it.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from ..raster import FileBands, RasterSource
+from ..raster.info import describe, open_dataset
+from ..scene import Scene, Window
+from .text import read_json
+
+Mask = npt.NDArray[np.bool_]
+_WGS84 = "OGC:CRS84"
+
+
+class Area(Protocol):
+    """A part of a scene."""
+
+    @property
+    def bounds(self) -> Window:
+        """Smallest window of the scene that holds it; empty ranges where it lies outside."""
+        ...
+
+    def read(self, window: Window) -> Mask:
+        """(row, column) array, True inside."""
+        ...
+
+
+@dataclass(frozen=True)
+class WindowArea:
+    """A rectangle of pixels."""
+
+    bounds: Window
+
+    def read(self, window: Window) -> Mask:
+        """True inside the rectangle."""
+        inside = [
+            (np.arange(start, stop) >= low) & (np.arange(start, stop) < high)
+            for (start, stop), (low, high) in zip(window, self.bounds, strict=True)
+        ]
+        return inside[0][:, None] & inside[1][None, :]
+
+
+@dataclass(frozen=True)
+class PolygonArea:
+    """Polygons in the scene's coordinates."""
+
+    shapes: tuple[Mapping[str, Any], ...]
+    transform: Any
+    bounds: Window
+
+    def read(self, window: Window) -> Mask:
+        """True where a pixel's centre lies in a polygon."""
+        from rasterio.features import geometry_mask
+        from rasterio.transform import Affine
+
+        shape = (window[0][1] - window[0][0], window[1][1] - window[1][0])
+        (top, bottom), (left, right) = self.bounds
+        if 0 in shape or window[0][0] >= bottom or window[0][1] <= top or window[1][0] >= right or window[1][1] <= left:
+            return np.zeros(shape, np.bool_)
+        moved = self.transform @ Affine.translation(window[1][0], window[0][0])
+        return np.asarray(geometry_mask(self.shapes, shape, moved, invert=True))
+
+
+@dataclass(frozen=True)
+class RasterArea:
+    """A one-band mask on the scene's grid: valid and not zero is inside."""
+
+    source: RasterSource
+    bounds: Window
+
+    def read(self, window: Window) -> Mask:
+        """True where the mask is valid and not zero."""
+        values = self.source.read(window, [0])[0]
+        return np.asarray(np.isfinite(values) & (values != 0))
+
+
+def open_area(text: str, scene: Scene, option: str) -> Area:
+    """The area that an option names: a GeoJSON file, a mask raster, or a window of pixels.
+
+    Parameters
+    ----------
+    text : str
+        "column,row,width,height" [pixel] (as gdal_translate's -srcwin), a GeoJSON file's name, or a raster's.
+    scene : Scene
+    option : str
+        The option's name, for messages.
+
+    Raises
+    ------
+    InputError
+        The area lies off the scene, or cannot be put on its grid.
+    ReadError
+        No such file, or neither GeoJSON nor a raster.
+    """
+    numbers = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*", text)
+    if numbers:
+        column, row, width, height = map(int, numbers.groups())
+        return _inside(WindowArea(((row, row + height), (column, column + width))), scene, text, option)
+    if Path(text).suffix.lower() in (".geojson", ".json"):
+        return _inside(polygons(read_json(text, option), scene, text), scene, text, option)
+    return _raster_area(text, scene, option)
+
+
+def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonArea:
+    """Polygons of a GeoJSON document, in the scene's coordinates.
+
+    Coordinates are in the document's `crs` member where it has one, else in longitude and latitude (RFC 7946); over a
+    scene without CRS they are taken as the scene's own.
+    """
+    from rasterio.errors import RasterioError
+    from rasterio.features import bounds as bounds_of
+    from rasterio.transform import Affine
+    from rasterio.warp import transform_geom
+
+    shapes = list(_polygons(document))
+    if not shapes:
+        raise InputError(f"{name} holds no polygon. Draw the area as Polygon or MultiPolygon features.")
+    if scene.crs is not None:
+        try:
+            shapes = [transform_geom(_crs_of(document, name), scene.crs, s) for s in shapes]
+        except (RasterioError, ValueError, KeyError, IndexError, TypeError) as error:
+            raise InputError(f"{name} has coordinates that do not fit its CRS: {error}.") from error
+    transform = scene.transform or Affine.identity()
+    corners = np.array([_corners(bounds_of(s)) for s in shapes]).reshape(-1, 2)
+    if not np.isfinite(corners).all():
+        raise InputError(f"{name} has coordinates that cannot be brought into the scene's CRS.")
+    columns, rows = ~transform * (corners[:, 0], corners[:, 1])
+    window = (
+        (int(np.floor(rows.min())), int(np.ceil(rows.max()))),
+        (int(np.floor(columns.min())), int(np.ceil(columns.max()))),
+    )
+    return PolygonArea(tuple(shapes), transform, window)
+
+
+def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
+    """GeoJSON features of the True parts of a mask whose first pixel lies at `origin` in the scene."""
+    from rasterio.errors import NotGeoreferencedWarning
+    from rasterio.features import shapes
+    from rasterio.transform import Affine
+
+    moved = (scene.transform or Affine.identity()) @ Affine.translation(origin[1], origin[0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        found = list(shapes(mask.astype(np.uint8), mask=mask, transform=moved))
+    return [{"type": "Feature", "properties": {"use": "sample"}, "geometry": shape} for shape, _ in found]
+
+
+def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str, Any]:
+    """A GeoJSON FeatureCollection in the scene's CRS, named as GDAL and QGIS name it."""
+    document: dict[str, Any] = {"type": "FeatureCollection", "features": list(features)}
+    authority = scene.crs.to_authority() if scene.crs is not None else None
+    if authority:
+        document["crs"] = {"type": "name", "properties": {"name": f"urn:ogc:def:crs:{authority[0]}::{authority[1]}"}}
+    return document
+
+
+def _corners(box: Sequence[float]) -> list[tuple[float, float]]:
+    left, bottom, right, top = box
+    return [(left, bottom), (left, top), (right, bottom), (right, top)]
+
+
+def _polygons(node: Any) -> Any:
+    """Every polygon in a document, whatever wraps it."""
+    if not isinstance(node, Mapping):
+        return
+    kind = node.get("type")
+    if kind in ("Polygon", "MultiPolygon"):
+        if node.get("coordinates"):
+            yield {"type": kind, "coordinates": node["coordinates"]}
+    elif kind == "Feature":
+        yield from _polygons(node.get("geometry"))
+    for member in ("features", "geometries"):
+        for child in node.get(member) or ():
+            yield from _polygons(child)
+
+
+def _crs_of(document: Mapping[str, Any], name: str) -> Any:
+    from rasterio.crs import CRS
+    from rasterio.errors import CRSError
+
+    text = _WGS84
+    member = document.get("crs")
+    if isinstance(member, Mapping) and isinstance(member.get("properties"), Mapping):
+        text = str(member["properties"].get("name", _WGS84))
+    try:
+        return CRS.from_user_input("OGC:CRS84" if "CRS84" in text else text)
+    except CRSError as error:
+        raise InputError(f"{name} names a CRS that is not known: {text!r}. Save it in EPSG:4326.") from error
+
+
+def _inside(area: Any, scene: Scene, name: str, option: str) -> Area:
+    """The area with its bounds cut to the scene; an area wholly outside is an error."""
+    limits = (scene.height, scene.width)
+    cut = tuple(
+        (min(max(low, 0), size), min(max(high, 0), size)) for (low, high), size in zip(area.bounds, limits, strict=True)
+    )
+    if any(low >= high for low, high in cut):
+        (top, bottom), (left, right) = area.bounds
+        raise InputError(
+            f"{option} {name} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, "
+            f"the scene has {scene.height} rows and {scene.width} columns. Check the CRS, or draw it anew."
+        )
+    if isinstance(area, WindowArea):
+        return WindowArea((cut[0], cut[1]))
+    return PolygonArea(area.shapes, area.transform, (cut[0], cut[1]))
+
+
+def _raster_area(path: str, scene: Scene, option: str) -> RasterArea:
+    with open_dataset(path) as dataset:
+        info = describe(dataset, path)
+    whole = ((0, scene.height), (0, scene.width))
+    same_size = (info.height, info.width) == (scene.height, scene.width)
+    if same_size and (info.crs is None or scene.crs is None or _same_grid(info, scene)):
+        return RasterArea(RasterSource([FileBands.of(info, info.nodatas)], info), whole)
+    if info.crs is None or scene.crs is None or info.transform is None:
+        raise InputError(
+            f"{option} {path} has {info.height} x {info.width} pixels, the scene {scene.height} x {scene.width}, and "
+            "without a CRS in both it cannot be fitted. Give a mask of the scene's size, or one with a CRS."
+        )
+    warp = {"crs": scene.crs, "transform": scene.transform, "height": scene.height, "width": scene.width,
+            "resampling": 0, "nodata": 0 if info.nodata is None else info.nodata, "add_alpha": False}  # fmt: skip
+    files = replace(FileBands.of(info, info.nodatas), warp=warp)
+    on_grid = replace(info, height=scene.height, width=scene.width, crs=scene.crs, transform=scene.transform)
+    return RasterArea(RasterSource([files], on_grid), whole)
+
+
+def _same_grid(info: Any, scene: Scene) -> bool:
+    if info.transform is None or scene.transform is None:
+        return info.transform is None and scene.transform is None
+    return bool(info.crs == scene.crs and info.transform.almost_equals(scene.transform, 1e-6 * abs(scene.transform.a)))

@@ -1,0 +1,179 @@
+"""Put several files on one grid: which grid, and how each file gets there.
+
+The grid is that of the file with the smallest pixels, or of a file that is named. A file that lies on it
+already is read as it is; any other is warped while it is read, bilinear where its pixels are the larger
+ones and by averaging where they are the smaller ones, in its own type.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..errors import InputError
+from ..raster import FileBands, RasterInfo
+
+_OFF = 0.01  # [pixel] grids that differ by less than this are the same
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a file lies, in the units of the common crs: its corners and how large a pixel is."""
+
+    bounds: tuple[float, float, float, float]
+    pixel_area: float
+
+
+def put_on_grid(
+    infos: Sequence[RasterInfo], grid: str | int | None
+) -> tuple[list[FileBands], RasterInfo, list[str]]:
+    """How every file gets on the common grid.
+
+    Parameters
+    ----------
+    infos : sequence of RasterInfo
+    grid : str or int, optional
+        "finest" (the default), a file by its 1-based number, or by its name or the end of it.
+
+    Returns
+    -------
+    files : list of FileBands
+    reference : RasterInfo
+        The file whose grid it is.
+    notes : list of str
+
+    Raises
+    ------
+    InputError
+        The files do not overlap or cannot be placed, or no such grid.
+    """
+    files = [FileBands.of(info) for info in infos]
+    _check_georeference(infos)
+    places = [_place(info, infos[0]) for info in infos]
+    chosen = _choose(infos, places, grid)
+    reference, home = infos[chosen], places[chosen]
+    notes = []
+    for i, info in enumerate(infos):
+        if _same_grid(info, reference):
+            continue
+        if not _overlap(places[i].bounds, home.bounds):
+            raise InputError(
+                f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place."
+            )
+        finer = places[i].pixel_area < 0.98 * home.pixel_area
+        files[i] = _warped(files[i], info, reference, average=finer)
+        how = "averaged" if finer else "resampled (bilinear)"
+        notes.append(f"{info.paths[0]} is {how} to the grid of {reference.paths[0]}")
+    return files, reference, notes
+
+
+def _choose(infos: Sequence[RasterInfo], places: Sequence[_Place], grid: str | int | None) -> int:
+    if grid is None or grid == "finest":
+        return min(range(len(infos)), key=lambda i: (round(places[i].pixel_area, 9), i))
+    text = str(grid)
+    if text.isdecimal() and 1 <= int(text) <= len(infos):
+        return int(text) - 1
+    fits = [i for i, info in enumerate(infos) if info.paths[0] == text]
+    fits = fits or [i for i, info in enumerate(infos) if info.paths[0].endswith(text)]
+    if len(fits) != 1:
+        raise InputError(
+            f"grid: allowed are 'finest', a file number 1-{len(infos)} or a file name, got {grid!r}; "
+            f"the files are {', '.join(i.paths[0] for i in infos)}"
+        )
+    return fits[0]
+
+
+def _check_georeference(infos: Sequence[RasterInfo]) -> None:
+    sizes = {(i.height, i.width) for i in infos}
+    for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
+        without = [i.paths[0] for i in infos if getattr(i, attribute) is None]
+        if len(sizes) > 1 and 0 < len(without) < len(infos):
+            raise InputError(
+                f"{without[0]} has no {what} and another size than the other files. "
+                "Give it one, or leave it out."
+            )
+
+
+def _transform(info: RasterInfo) -> Any:
+    """The file's own transform; without one every file covers the same unit square."""
+    from affine import Affine
+
+    if info.transform is not None:
+        return info.transform
+    return Affine(1 / info.width, 0.0, 0.0, 0.0, -1 / info.height, 1.0)
+
+
+def _place(info: RasterInfo, first: RasterInfo) -> _Place:
+    transform = _transform(info)
+    xs, ys = zip(*(_at(transform, *corner) for corner in _corners(info)), strict=True)
+    bounds = (min(xs), min(ys), max(xs), max(ys))
+    area = abs(transform.determinant)
+    if info.crs is not None and first.crs is not None and info.crs != first.crs:
+        from rasterio.warp import transform_bounds
+
+        there = transform_bounds(info.crs, first.crs, *bounds)
+        area *= _area(there) / _area(bounds)
+        bounds = there
+    return _Place(bounds, area)
+
+
+def _area(bounds: Sequence[float]) -> float:
+    return abs((bounds[2] - bounds[0]) * (bounds[3] - bounds[1]))
+
+
+def _overlap(a: Sequence[float], b: Sequence[float]) -> bool:
+    sides = [(max(a[i], b[i]), min(a[i + 2], b[i + 2])) for i in (0, 1)]
+    return all(map(math.isfinite, (*a, *b))) and all(low < high for low, high in sides)
+
+
+def _same_grid(info: RasterInfo, reference: RasterInfo) -> bool:
+    if (info.height, info.width) != (reference.height, reference.width):
+        return False
+    if info.crs != reference.crs and None not in (info.crs, reference.crs):
+        return False
+    if info.transform is None or reference.transform is None:
+        return True
+    back = ~reference.transform
+    return all(
+        math.dist(_at(back, *_at(info.transform, *corner)), corner) < _OFF for corner in _corners(info)
+    )
+
+
+def _corners(info: RasterInfo) -> list[tuple[int, int]]:
+    return [(column, row) for column in (0, info.width) for row in (0, info.height)]
+
+
+def _at(transform: Any, x: float, y: float) -> tuple[float, float]:
+    """Affine transform of a point, written out: versions of affine differ in the operator for it."""
+    t = transform
+    return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f
+
+
+def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo, *, average: bool) -> FileBands:
+    from rasterio.crs import CRS
+    from rasterio.enums import Resampling
+
+    anywhere = CRS.from_epsg(3857)  # stands for "the same plane" where files have no crs
+    warp: dict[str, Any] = {
+        "src_crs": info.crs or anywhere,
+        "crs": reference.crs or anywhere,
+        "transform": _transform(reference),
+        "height": reference.height,
+        "width": reference.width,
+        "resampling": Resampling.average if average else Resampling.bilinear,
+        "tolerance": 0.01,
+    }
+    if info.transform is None:
+        warp["src_transform"] = _transform(info)
+    floating = "float" in info.dtypes[0]
+    declared = next((n for n in file.nodatas if n is not None), math.nan if floating else None)
+    if declared is not None:
+        warp |= {"src_nodata": declared, "nodata": declared}
+        nodatas = tuple(declared for _ in file.nodatas)
+        return replace(file, warp=warp, nodatas=nodatas, dataset_mask=False, band_masks=False)
+    if file.alpha is None:
+        file = replace(file, alpha=info.count + 1)
+        warp["add_alpha"] = True
+    return replace(file, warp=warp, dataset_mask=False, band_masks=False)

@@ -1,0 +1,144 @@
+"""What the tags of a file say of its bands: wavelength, width, instant, and where the detector is full.
+
+Tags come in many spellings. A number without a unit is micrometres up to 30 and nanometres above, and
+the note says that this was assumed. Pure text work: no file is opened here.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..raster import RasterInfo
+
+_WAVELENGTH = re.compile(r"(?:cent(?:er|re|ral)_?)?wave_?lengths?(?:_(nm|um))?|wl(?:_(nm|um))?")
+_WIDTH = re.compile(r"(?:fwhm|bandwidth|band_width)(?:_(nm|um))?")
+_UNIT = re.compile(r"wave_?lengths?_units?")
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
+_LARGEST_MICROMETRE = 30.0  # a bare wavelength up to this is micrometres
+_WIDEST_MICROMETRE = 1.0  # a bare width below this is micrometres
+_RANGE = (100.0, 20000.0)  # [nm] what can be a wavelength at all
+_WIDEST_FILLED_TYPE = 16  # [bit] integers up to this width are filled by detectors
+
+
+@dataclass(frozen=True, slots=True)
+class Spectral:
+    """Wavelength and width [nm] of a band, where known; `assumed` says that a unit was assumed."""
+
+    wavelength: float | None = None
+    width: float | None = None
+    assumed: bool = False
+
+
+def spectral_of(info: RasterInfo) -> list[Spectral]:
+    """Wavelength and width of every band, from its own tags or from a list in the dataset's tags."""
+    unit = _first(info.tags, _UNIT, "")
+    wavelengths, widths = _listed(info, _WAVELENGTH), _listed(info, _WIDTH)
+    found = []
+    for i, tags in enumerate(info.band_tags):
+        own_unit = _first(tags, _UNIT, unit)
+        value, stated = _single(tags, _WAVELENGTH) or (wavelengths[i] if wavelengths else (None, ""))
+        wavelength, assumed = (None, False) if value is None else nanometres(value, stated or own_unit)
+        if wavelength is None or not _RANGE[0] <= wavelength <= _RANGE[1]:
+            found.append(Spectral())
+            continue
+        value, stated = _single(tags, _WIDTH) or (widths[i] if widths else (None, ""))
+        found.append(Spectral(wavelength, _width(value, stated or own_unit), assumed))
+    return found
+
+
+def time_offset(tags: Mapping[str, Mapping[str, str]]) -> float | None:
+    """When a band sees the ground, after the first [s]: its tag `time_offset_s`."""
+    text = _first(tags, re.compile("time_offset_s"), "")
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def saturation(info: RasterInfo, band: int) -> float | None:
+    """Physical value at and above which the detector was full.
+
+    The tag FULL_SCALE (of the band or of the dataset, in file numbers) says it. Without one it is the
+    largest number of an integer type of up to 16 bits, unless that is nodata; wider and floating types
+    are not filled by detectors: None.
+    """
+    full = re.compile("full_scale")
+    text = _first(info.band_tags[band], full, _first(info.tags, full, ""))
+    number = _NUMBER.fullmatch(text.strip())
+    stored = float(number[0]) if number else _largest(info.dtypes[band])
+    scale, offset = info.scales[band], info.offsets[band]
+    if stored is None or stored == info.nodatas[band] or scale <= 0:
+        return None
+    return stored * scale + offset
+
+
+def _largest(dtype: str) -> float | None:
+    kind = np.dtype(dtype)
+    fills = kind.kind in "iu" and kind.itemsize * 8 <= _WIDEST_FILLED_TYPE
+    return float(np.iinfo(kind).max) if fills else None
+
+
+def _first(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], default: str) -> str:
+    """The value of the first tag whose name fits, in any namespace."""
+    return next((value for value, _ in _matching(tags, key)), default)
+
+
+def _matching(
+    tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]
+) -> list[tuple[str, re.Match[str]]]:
+    named = [(name, value) for space in tags.values() for name, value in space.items()]
+    fits = [(value, key.fullmatch(re.sub(r"[\s\-]+", "_", name.strip().lower()))) for name, value in named]
+    return [(value, match) for value, match in fits if match]
+
+
+def _single(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> tuple[float, str] | None:
+    """The first tag that fits and holds one number, and the unit that it states, if any."""
+    for value, match in _matching(tags, key):
+        numbers = _NUMBER.findall(value)
+        if len(numbers) == 1:
+            rest = value.replace(numbers[0], "").strip(" {}[]()")
+            return float(numbers[0]), rest or _unit_in_key(match)
+    return None
+
+
+def _listed(info: RasterInfo, key: re.Pattern[str]) -> list[tuple[float, str]]:
+    """The first tag of the dataset that fits and holds one number a band, with the unit it states."""
+    for value, match in _matching(info.tags, key):
+        numbers = _NUMBER.findall(value)
+        if len(numbers) == info.count:
+            return [(float(n), _unit_in_key(match)) for n in numbers]
+    return []
+
+
+def _unit_in_key(match: re.Match[str]) -> str:
+    return next((g for g in match.groups() if g), "")
+
+
+def _width(value: float | None, unit: str) -> float | None:
+    if value is None:
+        return None
+    return nanometres(value, unit or ("um" if value < _WIDEST_MICROMETRE else "nm"))[0]
+
+
+def nanometres(value: float, unit: str = "") -> tuple[float | None, bool]:
+    """A wavelength in [nm], and whether its unit had to be assumed from its size.
+
+    >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers")
+    ((490.0, True), (490, False), (490.0, False))
+    """
+    name = unit.strip().lower()
+    if name in ("nm", "nanometer", "nanometers", "nanometre", "nanometres"):
+        return value, False
+    if name.startswith(("um", "µm", "μm", "micro", "micron")):
+        return round(value * 1000, 6), False
+    if name.startswith("angstrom"):
+        return value / 10, False
+    if name in ("wavenumber", "index", "ghz", "mhz"):
+        return None, False
+    return (round(value * 1000, 6) if value <= _LARGEST_MICROMETRE else value), True

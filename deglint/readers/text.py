@@ -1,0 +1,51 @@
+"""Small text files that a user names: GeoJSON, saved models."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, ReadError
+
+MOST_BYTES = 64 << 20
+"""Largest file that is read [byte]."""
+
+
+def read_text(path: str, option: str) -> str:
+    """Text of a file that an option names.
+
+    Raises
+    ------
+    ReadError
+        There is no such file, or it cannot be read.
+    InputError
+        It is too large, or not text.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+    except FileNotFoundError as error:
+        raise ReadError(f"no such file: {path} ({option}).") from error
+    except OSError as error:
+        raise ReadError(f"cannot read {path} ({option}): {error.strerror}.") from error
+    if len(data) > MOST_BYTES:
+        raise InputError(f"{path} ({option}) is larger than {MOST_BYTES >> 20} MB; give a smaller file.")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} ({option}) is not a text file.") from error
+
+
+def read_json(path: str, option: str) -> Mapping[str, Any]:
+    """The object in a JSON file that an option names; errors as `read_text`."""
+    try:
+        document = json.loads(read_text(path, option))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path} ({option}) is not JSON: {error}.") from error
+    if not isinstance(document, Mapping):
+        raise InputError(f"{path} ({option}) is not GeoJSON: it holds no object.")
+    return document

@@ -1,0 +1,186 @@
+"""Removal of glint: one module a method, arrays only.
+
+`METHODS` is the table that the command line, the documentation, the benchmarks and the tests iterate over. To add a
+method, write a module with `fit(request, stats) -> GlintModel` (and `plan(request)`, where it needs a sample), add a
+line here, and a test against a published or independent value.
+
+Never here: files, tiles, threads, masks, logging.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from ..scene import Band, FloatArray
+from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, nir_subtraction
+from .model import HALO, BandFit, GlintIndex, GlintModel, apply
+from .regression import REGRESSIONS
+from .request import FitRequest
+from .statistics import SamplePlan, SampleStatistics, gather, merge
+
+__all__ = [
+    "HALO", "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
+    "SampleStatistics", "apply", "fit", "gather", "merge", "nir_request",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Method:
+    """A row of the table.
+
+    Attributes
+    ----------
+    summary : str
+        One line for `--help` and the documentation.
+    fit : callable
+        (FitRequest, SampleStatistics or None) -> GlintModel
+    plan : callable or None
+        FitRequest -> SamplePlan; None where the method needs no sample.
+    regresses : bool
+        True where `--regression` chooses how slopes are estimated.
+    """
+
+    summary: str
+    fit: Callable[[FitRequest, Any], GlintModel]
+    plan: Callable[[FitRequest], SamplePlan] | None = None
+    regresses: bool = False
+
+
+METHODS: dict[str, Method] = {
+    "hedley": Method("slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, hedley.plan, True),
+    "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, lyzenga.plan, True),
+    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, joyce.plan, True),
+    "hochberg": Method("brightest less darkest NIR pixel (Hochberg 2003)", hochberg.fit, hochberg.plan),
+    "goodman": Method("reflectance at 750 nm with a floor from 640 nm (Goodman 2008)", goodman.fit),
+    "kutser": Method("depth of the oxygen line at 760 nm (Kutser 2009)", kutser.fit, kutser.plan),
+    "nir-subtraction": Method("subtract the NIR reflectance itself (Dierssen 2003)", nir_subtraction.fit),
+}
+
+
+def fit(
+    method: str,
+    block: FloatArray,
+    *,
+    nir: int | Sequence[int],
+    sample: npt.NDArray[np.bool_] | None = None,
+    bands: Sequence[Band] | None = None,
+    **options: Any,
+) -> GlintModel:
+    """Fit a method to an array in memory.
+
+    Parameters
+    ----------
+    method : str
+        Key of `METHODS`.
+    block : (band, row, column) ndarray
+        Physical values, NaN where not valid.
+    nir : int or sequence of int
+        0-based NIR band; of several, the mean is the reference.
+    sample : (row, column) bool ndarray, optional
+        True over deep, glinted water; every valid pixel by default.
+    bands : sequence of Band, optional
+        Names and wavelengths; "band 1", "band 2", ... by default.
+    **options
+        regression, floor_percentile, rrs_factor, correct: see `FitRequest`.
+
+    Returns
+    -------
+    GlintModel
+
+    Raises
+    ------
+    InputError
+        An unknown method, a band that is not there, an option out of range.
+    FitError
+        The sample cannot carry a fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> nir = np.linspace(1, 2, 400).reshape(20, 20)
+    >>> model = fit("hedley", np.stack([5 + 0.5 * nir, nir]), nir=1)
+    >>> round(model.fits[0].slope, 6), model.indexes[0].level
+    (0.5, 1.0)
+    """
+    block = np.asarray(block)
+    if block.ndim != 3:
+        raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
+    if block.dtype not in (np.float32, np.float64):
+        block = block.astype(np.result_type(block.dtype, np.float32))
+    if method not in METHODS:
+        raise InputError(f"method {method!r} is not one of {', '.join(METHODS)}.")
+    known = tuple(bands) if bands else tuple(Band(f"band {i + 1}") for i in range(len(block)))
+    request = nir_request(known, [nir] if isinstance(nir, int) else list(nir), **options)
+    chosen = METHODS[method]
+    if chosen.plan is None:
+        return chosen.fit(request, None)
+    plan = chosen.plan(request)
+    mask = np.ones(block.shape[1:], np.bool_) if sample is None else np.asarray(sample, np.bool_)
+    if mask.shape != block.shape[1:]:
+        raise InputError(f"sample has shape {mask.shape}, but the block has {block.shape[1:]} pixels.")
+    return chosen.fit(request, merge([gather(block[list(plan.read_bands)], mask, plan)], plan))
+
+
+def nir_request(
+    bands: Sequence[Band],
+    nir: Sequence[int],
+    *,
+    use: str = "mean",
+    correct: Sequence[int] | None = None,
+    **options: Any,
+) -> FitRequest:
+    """Turn a choice of NIR bands into a request.
+
+    Parameters
+    ----------
+    bands : sequence of Band
+    nir : sequence of int
+        0-based NIR bands.
+    use : {"mean", "best", "set"}
+        Of several NIR bands take their mean, for each band the one that explains it best, or for each band the one
+        that is taken at the same time (`Band.group`).
+    correct : sequence of int, optional
+        0-based bands to correct. By default every band of shorter wavelength than the NIR, or every band but the NIR
+        where wavelengths are not known.
+    **options
+        regression, floor_percentile, rrs_factor.
+
+    Raises
+    ------
+    InputError
+        A choice that cannot be met.
+    """
+    if not nir or not all(0 <= b < len(bands) for b in nir):
+        raise InputError(f"NIR band(s) {list(nir)} are not among the {len(bands)} bands (counted from 0).")
+    chosen = _correctable(bands, nir) if correct is None else tuple(b for b in correct if b not in nir)
+    if use == "mean":
+        indexes = [GlintIndex(tuple(nir), (1.0 / len(nir),) * len(nir))]
+        follows: list[int | None] = [0] * len(chosen)
+    elif use in ("best", "set"):
+        indexes = [GlintIndex((b,), (1.0,)) for b in nir]
+        follows = [None if use == "best" else _same_group(bands, nir, b) for b in chosen]
+    else:
+        raise InputError(f"use of several NIR bands {use!r} is not one of mean, best, set.")
+    return FitRequest(tuple(bands), chosen, tuple(indexes), tuple(follows), **options)
+
+
+def _correctable(bands: Sequence[Band], nir: Sequence[int]) -> tuple[int, ...]:
+    limits = [w for b in nir if (w := bands[b].wavelength)]
+    limit = max(limits) if limits else float("inf")
+    return tuple(i for i, b in enumerate(bands) if i not in nir and (b.wavelength or 0) < limit)
+
+
+def _same_group(bands: Sequence[Band], nir: Sequence[int], band: int) -> int:
+    for k, reference in enumerate(nir):
+        if bands[reference].group and bands[reference].group == bands[band].group:
+            return k
+    raise InputError(
+        f"no NIR band is taken at the same time as {bands[band].name}; name a --sensor whose sets are known, "
+        "or choose mean or best."
+    )

@@ -1,0 +1,31 @@
+"""Goodman, Lee and Ustin (2008): subtract the reflectance at 750 nm less a floor that follows 640 nm.
+
+Assumes remote-sensing reflectance (give `rrs_factor` for other units: pi for reflectance), and that what 640 nm exceeds
+750 nm by tells how much light the water itself returns at 750 nm. Works pixel by pixel without a sample, over bright
+bottoms too; needs bands near 640 and 750 nm.
+
+References
+----------
+Goodman, Lee, Ustin (2008), "Influence of atmospheric and sea-surface corrections on retrieval of bottom depth and
+reflectance using a semi-analytical model: a case study in Kaneohe Bay, Hawaii", Applied Optics 47, F1-F11,
+doi:10.1364/AO.47.0000F1.
+"""
+
+from __future__ import annotations
+
+from .model import GlintIndex, GlintModel
+from .request import FitRequest, fixed_fits
+from .statistics import SampleStatistics
+
+A = 0.000019
+"""Offset [sr^-1]."""
+B = 0.1
+"""Share of Rrs(640) - Rrs(750) that water returns at 750 nm."""
+
+
+def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintModel:
+    """R'_i = R_i - R_750 + A + B (R_640 - R_750): an index (1 + B) R_750 - B R_640 above the level A."""
+    red, infrared = request.nearest(640, 30, "goodman"), request.nearest(750, 20, "goodman")
+    index = GlintIndex((red, infrared), (-B, 1 + B), A * request.rrs_factor)
+    fits = fixed_fits(request, [1.0] * len(request.correct))
+    return GlintModel("goodman", (index,), fits, request.names)

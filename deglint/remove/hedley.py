@@ -1,0 +1,35 @@
+"""Hedley, Harborne and Mumby (2005): slope on the NIR, level at its minimum.
+
+Assumes that glint adds to every band in proportion to the NIR, that water is dark in the NIR, and that at least one
+pixel of the sample is free of glint. Fails where bands see the sea at different instants, and where the darkest NIR
+pixel is an outlier (a shadow, a dead detector): then use `floor_percentile`. Costs one pass over the sample.
+
+References
+----------
+Hedley, Harborne, Mumby (2005), "Simple and robust removal of sun glint for mapping shallow-water benthos",
+International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .model import GlintModel
+from .request import FitRequest, regression_model, regression_plan
+from .statistics import SamplePlan, SampleStatistics
+
+
+def plan(request: FitRequest) -> SamplePlan:
+    """What to gather: single NIR values only where a percentile is asked for."""
+    return regression_plan(request, keep_index=request.floor_percentile > 0)
+
+
+def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
+    """L'_i = L_i - b_i (NIR - min NIR), or with a percentile in place of the minimum."""
+
+    def level(stats: SampleStatistics, k: int) -> float:
+        if request.floor_percentile == 0:
+            return stats.darkest[k].value
+        return float(np.percentile(stats.index_values(k), request.floor_percentile))
+
+    return regression_model("hedley", request, stats, level)

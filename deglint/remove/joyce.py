@@ -1,0 +1,28 @@
+"""Joyce (2004): slope on the NIR, level at its mode.
+
+Assumes that most pixels of the sample are free of glint, so that the commonest NIR value is that of water alone; above
+about 60 % glint cover it is not. Safest of the three classic levels at low glint. `deglint.remove.levels.mode` says
+how the mode is defined. Costs one pass over the sample and one sort of its NIR values.
+
+References
+----------
+Joyce (2004), "A method for mapping live coral cover using remote sensing", PhD thesis, The University of Queensland;
+as given by Kay, Hedley, Lavender (2009), Remote Sensing 1, 697-730, doi:10.3390/rs1040697, section 3.2.
+"""
+
+from __future__ import annotations
+
+from .levels import mode
+from .model import GlintModel
+from .request import FitRequest, regression_model, regression_plan
+from .statistics import SamplePlan, SampleStatistics
+
+
+def plan(request: FitRequest) -> SamplePlan:
+    """What to gather: moments, and single NIR values for the mode."""
+    return regression_plan(request, keep_index=True)
+
+
+def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
+    """L'_i = L_i - b_i (NIR - mode NIR)."""
+    return regression_model("joyce", request, stats, lambda s, k: mode(s.index_values(k)))

@@ -1,0 +1,40 @@
+"""Kutser, Vahtmae and Praks (2009): glint by the depth of the oxygen absorption at 760 nm.
+
+Light that the surface mirrors carries the atmosphere's oxygen line; light from shallow bright bottoms hardly does. So
+the depth of the line, not the NIR itself, is the glint index, and the method works where the NIR is not black. Needs
+narrow bands at 739, 760 and 775 nm (imaging spectrometers) and data that are not corrected for the atmosphere.
+
+References
+----------
+Kutser, Vahtmae, Praks (2009), "A sun glint correction method for hyperspectral imagery containing areas with
+non-negligible water leaving NIR signal", Remote Sensing of Environment 113, 2267-2274, doi:10.1016/j.rse.2009.06.016.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from .model import GlintIndex, GlintModel
+from .request import FitRequest, check_sample, fixed_fits, r2_warning, regression_plan, sample_warnings
+from .statistics import SamplePlan, SampleStatistics
+
+
+def plan(request: FitRequest) -> SamplePlan:
+    """What to gather: moments, and the pixels where the oxygen line is deepest and shallowest."""
+    return regression_plan(_with_depth(request), keep_index=False)
+
+
+def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
+    """R'_i = R_i - G_i D / D_max, D = (R_739 + R_775) / 2 - R_760, G = R(at D_max) - R(at D_min)."""
+    request = _with_depth(request)
+    check_sample(request, stats)
+    shallow, deep = stats.darkest[0], stats.brightest[0]
+    fits = fixed_fits(request, (deep.spectrum - shallow.spectrum) / deep.value, stats)
+    warnings = sample_warnings(stats) + [w for fit in fits for w in r2_warning(fit)]
+    return GlintModel("kutser", request.indexes, fits, request.names, None, tuple(warnings))
+
+
+def _with_depth(request: FitRequest) -> FitRequest:
+    bands = [request.nearest(w, 5, "kutser") for w in (739, 760, 775)]
+    depth = GlintIndex((bands[0], bands[1], bands[2]), (0.5, -1.0, 0.5))
+    return replace(request, indexes=(depth,), follows=(0,) * len(request.correct), regression="ols")

@@ -1,0 +1,110 @@
+"""The level a glint index has without glint: minimum, percentile, mean or mode of the sample.
+
+References
+----------
+Parzen (1962), "On estimation of a probability density function and mode", Annals of Mathematical Statistics 33,
+1065-1076, doi:10.1214/aoms/1177704472.
+Silverman (1986), "Density estimation for statistics and data analysis", Chapman and Hall.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import FitError
+from ..moments import Float64
+
+_FINE = 8
+"""Bins in which a bandwidth is resolved."""
+_REACH = 4
+"""Bandwidths after which the kernel is cut off."""
+_MOST_BINS = 1 << 20
+
+
+def mode(sample: npt.NDArray[np.floating]) -> float:
+    """Mode of a sample, for float and integer data alike.
+
+    The peak of a Gaussian kernel density (Parzen 1962). Its bandwidth is the one that suits the slope of a density,
+    h = (4/5)^(1/7) s n^(-1/7) (Silverman 1986, for derivatives): the density's own would find a ragged top. The scale s
+    is 1.4826 times the median distance of the values below the mode from it, found together with the mode by iteration,
+    so that glint, which lies above, does not widen it. The density is computed on a histogram of bins h/8 wide and the
+    peak refined by a parabola. Where values come in whole steps (integers, or integers times a scale), a bin is a whole
+    number of steps and centred on them, so that no comb arises.
+
+    Parameters
+    ----------
+    sample : (pixels,) ndarray
+        Finite.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    FitError
+        There are no values.
+
+    Notes
+    -----
+    Assumes one main peak. Equivariant under shift and scale (to rounding). The error falls with n^(-2/7); a half-sample
+    mode, the usual alternative, is several times noisier at the same n. Costs one sort and a few passes.
+    """
+    if sample.size == 0:
+        raise FitError("the mode of no values was asked for; the sample is empty.")
+    values: Float64 = np.sort(sample.astype(np.float64))
+    quarter = np.quantile(values, [0.25, 0.75])
+    scale = float(quarter[1] - quarter[0]) / 1.349 or float(values[-1] - values[0])
+    if scale == 0:
+        return float(values[0])
+    step = _step(values)
+    peak = _density_peak(values, scale, step)
+    for _ in range(10):
+        below = values[: max(np.searchsorted(values, peak, side="right"), 1)]
+        lower = max(1.4826 * float(np.median(peak - below)), step / 2)
+        if lower <= 0 or abs(lower - scale) < 0.01 * scale:
+            break
+        scale = lower
+        peak = _density_peak(values, scale, step)
+    return peak
+
+
+def _density_peak(values: Float64, scale: float, step: float) -> float:
+    """Place of the highest density of sorted values, smoothed for this scale."""
+    bandwidth = 0.8 ** (1 / 7) * scale * values.size ** (-1 / 7)
+    fine = bandwidth / _FINE
+    if step > 0:
+        fine = max(1.0, round(fine / step)) * step
+    first, last = np.quantile(values, [0.0, 0.99])
+    middle = values[(values >= first) & (values <= max(last, first + 1000 * fine))]
+    if (middle[-1] - middle[0]) / fine > _MOST_BINS:  # a far tail below: keep what surrounds the bulk
+        middle = middle[middle >= np.median(values) - _MOST_BINS * fine / 2]
+        middle = middle[: np.searchsorted(middle, middle[0] + _MOST_BINS * fine)]
+    low = middle[0] - fine / 2
+    counts = np.bincount(((middle - low) / fine).astype(np.int64)).astype(np.float64)
+    reach = max(1, round(_REACH * bandwidth / fine))
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * fine / max(bandwidth, fine / 2)) ** 2)
+    return float(low + fine * (_peak(np.convolve(counts, kernel)) - reach + 0.5))
+
+
+def _step(ordered: Float64) -> float:
+    """Common step of values that come in whole steps; 0 for continuous values."""
+    distinct = ordered[np.concatenate([[True], np.diff(ordered) > 0])]
+    if distinct.size < 2 or distinct.size > ordered.size / 2:
+        return 0.0
+    gaps = np.diff(distinct)
+    step = float(np.quantile(gaps, 0.05))
+    return step if np.all(np.abs(gaps / step - np.round(gaps / step)) < 0.05) and step > 0 else 0.0
+
+
+def _peak(counts: Float64) -> float:
+    """Place of the highest count (middle of a plateau), refined by a parabola."""
+    tops = np.flatnonzero(counts == counts.max())
+    if len(tops) > 1:
+        run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
+        return float(run.mean())
+    at = int(tops[0])
+    left = counts[at - 1] if at > 0 else 0.0
+    right = counts[at + 1] if at + 1 < len(counts) else 0.0
+    return at + 0.5 * (left - right) / (left - 2 * counts[at] + right)

@@ -1,0 +1,27 @@
+"""Lyzenga, Malinas and Tanis (2006): covariance over variance, level at the mean of the NIR.
+
+Assumes that water and glint vary independently over the sample. Keeps the mean of the sample, so the mean glint
+stays in the image: relative differences are right, levels are not. Costs one pass over the sample.
+
+References
+----------
+Lyzenga, Malinas, Tanis (2006), "Multispectral bathymetry using a simple physically based algorithm", IEEE Transactions
+on Geoscience and Remote Sensing 44, 2251-2259, doi:10.1109/TGRS.2006.872909.
+"""
+
+from __future__ import annotations
+
+from .model import GlintModel
+from .request import FitRequest, regression_model, regression_plan
+from .statistics import SamplePlan, SampleStatistics
+
+
+def plan(request: FitRequest) -> SamplePlan:
+    """What to gather: moments alone."""
+    return regression_plan(request, keep_index=False)
+
+
+def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
+    """L'_i = L_i - r_ij (L_j - mean L_j), r_ij = cov(i, j) / var(j)."""
+    first = len(request.correct)
+    return regression_model("lyzenga", request, stats, lambda s, k: float(s.moments.mean[first + k]))

@@ -1,0 +1,259 @@
+"""What every linear deglinter fits, and how it is applied.
+
+All methods here take a *glint index* g of each pixel - the NIR band, or a weighted sum of bands - and subtract
+from every other band a multiple of how far g stands above the level it has without glint:
+
+    L'_i = L_i - b_i (g - g0)
+
+They differ only in the index, in the slopes b_i and in the level g0. So one frozen model, one kernel and one set of
+tests serve all of them. Applying a model is local (halo 0): any tiling gives the same bits.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from ..scene import FloatArray
+
+HALO = 0
+"""Pixels around a tile that applying a model looks at."""
+
+FORMAT = 1
+
+
+@dataclass(frozen=True, slots=True)
+class GlintIndex:
+    """g = sum of weight * band, and the level it has where there is no glint.
+
+    Attributes
+    ----------
+    bands : tuple of int
+        0-based bands that the index is made of.
+    weights : tuple of float
+        One a band.
+    level : float
+        g0, in the unit of the index.
+    """
+
+    bands: tuple[int, ...]
+    weights: tuple[float, ...]
+    level: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class BandFit:
+    """How one band follows the glint index.
+
+    Attributes
+    ----------
+    band : int
+        0-based.
+    name : str
+    index : int
+        Which of the model's indexes it follows.
+    slope : float
+        b_i, in units of the band per unit of the index.
+    stderr : float or None
+        Standard error of the slope; None where the method does not estimate the slope.
+    r2 : float or None
+        Share of the band's variance in the sample that the index explains.
+    n : int
+        Pixels in the fit.
+    """
+
+    band: int
+    name: str
+    index: int
+    slope: float
+    stderr: float | None = None
+    r2: float | None = None
+    n: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class GlintModel:
+    """A fitted deglinter: plain numbers, to print, save, and apply to this scene or another.
+
+    Attributes
+    ----------
+    method : str
+        Key of `deglint.remove.METHODS`.
+    indexes : tuple of GlintIndex
+    fits : tuple of BandFit
+        One for each band that is corrected; other bands pass unchanged.
+    band_names : tuple of str
+        All bands of the scene it was fitted on.
+    regression : str or None
+        How the slopes were estimated.
+    warnings : tuple of str
+        What the user should know about the fit.
+    """
+
+    method: str
+    indexes: tuple[GlintIndex, ...]
+    fits: tuple[BandFit, ...]
+    band_names: tuple[str, ...]
+    regression: str | None = None
+    warnings: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        lines = [f"{self.method}" + (f" ({self.regression} slopes)" if self.regression else "")]
+        for fit in self.fits:
+            index = self.indexes[fit.index]
+            text = f"  {fit.name:<12} slope {fit.slope:.6g}"
+            if fit.stderr is not None:
+                text += f" +- {fit.stderr:.2g}"
+            if fit.r2 is not None:
+                text += f"  R2 {fit.r2:.3f}"
+            lines.append(f"{text}  n {fit.n}  on {self._index_name(index)} above {index.level:.6g}")
+        return "\n".join(lines + [f"  warning: {w}" for w in self.warnings])
+
+    def _index_name(self, index: GlintIndex) -> str:
+        names = [self.band_names[b] for b in index.bands]
+        if len(set(index.weights)) == 1 and abs(sum(index.weights) - 1) < 1e-12:
+            return names[0] if len(names) == 1 else f"mean of {', '.join(names)}"
+        return " ".join(f"{w:+.4g} {n}" for w, n in zip(index.weights, names, strict=True))
+
+    def to_json(self) -> str:
+        """The model as JSON text (what `--save-model` writes)."""
+        return json.dumps({"format": FORMAT, "kind": "deglint model", **asdict(self)}, indent=2)
+
+    @classmethod
+    def from_json(cls, text: str) -> GlintModel:
+        """Read back what `to_json` wrote.
+
+        Raises
+        ------
+        InputError
+            The text is not a saved model, or one of a later format.
+        """
+        try:
+            data = json.loads(text)
+            if data["kind"] != "deglint model" or data["format"] != FORMAT:
+                raise InputError(f"saved model has format {data['format']!r}, this version reads {FORMAT}.")
+            return cls(
+                method=str(data["method"]),
+                indexes=tuple(_index_from(i) for i in data["indexes"]),
+                fits=tuple(BandFit(**f) for f in data["fits"]),
+                band_names=tuple(map(str, data["band_names"])),
+                regression=data["regression"],
+                warnings=tuple(data["warnings"]),
+            )
+        except (KeyError, TypeError, json.JSONDecodeError) as error:
+            raise InputError(f"not a saved deglint model ({error}); make one with --save-model.") from error
+
+    def for_bands(self, names: tuple[str, ...]) -> GlintModel:
+        """The same model for a scene whose bands have these names, in whatever order.
+
+        Raises
+        ------
+        InputError
+            A band that the model needs is missing; the message names it.
+        """
+        if names == self.band_names:
+            return self
+        place = {name.casefold(): i for i, name in enumerate(names)}
+        missing = [self.band_names[b] for b in self.used_bands if self.band_names[b].casefold() not in place]
+        if missing:
+            raise InputError(f"the model needs band(s) {', '.join(missing)}; the scene has {', '.join(names)}.")
+        to = [place.get(name.casefold(), -1) for name in self.band_names]
+        return replace(
+            self,
+            indexes=tuple(replace(i, bands=tuple(to[b] for b in i.bands)) for i in self.indexes),
+            fits=tuple(replace(f, band=to[f.band]) for f in self.fits),
+            band_names=names,
+        )
+
+    @property
+    def used_bands(self) -> tuple[int, ...]:
+        """0-based bands that are read or corrected."""
+        return tuple(sorted({b for i in self.indexes for b in i.bands} | {f.band for f in self.fits}))
+
+    @property
+    def index_bands(self) -> tuple[int, ...]:
+        """0-based bands that the glint indexes are made of."""
+        return tuple(sorted({b for i in self.indexes for b in i.bands}))
+
+
+def _index_from(data: Mapping[str, Any]) -> GlintIndex:
+    return GlintIndex(tuple(data["bands"]), tuple(data["weights"]), float(data["level"]))
+
+
+def apply(
+    block: FloatArray,
+    model: GlintModel,
+    *,
+    where: npt.NDArray[np.bool_] | None = None,
+    out: FloatArray | None = None,
+) -> FloatArray:
+    """Subtract the glint that a model sees in a block.
+
+    Parameters
+    ----------
+    block : (band, row, column) float32 or float64 ndarray
+        NaN where not valid. Not modified.
+    model : GlintModel
+    where : (row, column) bool ndarray, optional
+        True where pixels are corrected; others are copied bit for bit.
+    out : ndarray like block, optional
+        Where to put the result; may be `block` itself.
+
+    Returns
+    -------
+    (band, row, column) ndarray
+        Same dtype as block. A NaN band stays NaN; a NaN index makes the bands that follow it NaN.
+
+    Notes
+    -----
+    Computed in float64 and rounded once. Cost: one read and one write of the block.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> model = GlintModel("hedley", (GlintIndex((1,), (1.0,), 2.0),), (BandFit(0, "B", 0, 0.5),), ("B", "NIR"))
+    >>> apply(np.array([[[10.0]], [[4.0]]]), model)[0, 0, 0]
+    np.float64(9.0)
+    """
+    if block.ndim != 3 or block.shape[0] != len(model.band_names):
+        raise InputError(
+            f"the model is for {len(model.band_names)} bands ({', '.join(model.band_names)}), "
+            f"but the array has shape {block.shape}; expected (band, row, column)."
+        )
+    if block.dtype not in (np.float32, np.float64):
+        raise InputError(f"expected float32 or float64 physical values, got {block.dtype}; convert first.")
+    if where is not None and where.shape != block.shape[1:]:
+        raise InputError(f"where has shape {where.shape}, but the block has {block.shape[1:]} pixels.")
+    if out is None:
+        out = np.empty_like(block)
+    weights, levels, which, slopes = coefficients(model)
+    mask = np.ones((1, 1), np.bool_) if where is None else where
+    _kernel()(block, out, mask, where is None, weights, levels, which, slopes)
+    return out
+
+
+def coefficients(model: GlintModel) -> tuple[npt.NDArray[Any], ...]:
+    """(index, band) weights, index levels, index of each band (-1: not corrected), slope of each band."""
+    bands = len(model.band_names)
+    weights = np.zeros((len(model.indexes), bands))
+    for k, index in enumerate(model.indexes):
+        weights[k, list(index.bands)] = index.weights
+    which = np.full(bands, -1, np.int64)
+    slopes = np.zeros(bands)
+    for fit in model.fits:
+        which[fit.band], slopes[fit.band] = fit.index, fit.slope
+    return weights, np.array([i.level for i in model.indexes]), which, slopes
+
+
+@cache
+def _kernel() -> Any:
+    from ._kernels import subtract
+
+    return subtract

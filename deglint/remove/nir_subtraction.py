@@ -1,0 +1,27 @@
+"""Subtract the NIR itself from every band.
+
+Assumes reflectance (or remote-sensing reflectance): there glint is nearly the same in all bands and water is black in
+the NIR. Wrong for raw numbers or radiance of bands with different gains; over-corrects turbid and shallow water.
+Needs no sample and costs nothing to fit.
+
+References
+----------
+Dierssen, Zimmerman, Leathers, Downes, Davis (2003), "Ocean color remote sensing of seagrass and bathymetry in the
+Bahamas Banks by high-resolution airborne imagery", Limnology and Oceanography 48, 444-455,
+doi:10.4319/lo.2003.48.1_part_2.0444.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from .model import GlintModel
+from .request import FitRequest, fixed_fits
+from .statistics import SampleStatistics
+
+
+def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintModel:
+    """R'_i = R_i - R_NIR."""
+    index = replace(request.indexes[0], level=0.0)
+    fits = fixed_fits(request, [1.0] * len(request.correct))
+    return GlintModel("nir-subtraction", (index,), fits, request.names)

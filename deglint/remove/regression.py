@@ -1,0 +1,117 @@
+"""Slopes of the bands on a glint index, with honest standard errors.
+
+Neighbouring pixels are not independent: a textbook standard error is too small by the square root of how many
+pixels move together. Where the sample spans enough cells, the error is therefore taken between cells (the
+cluster-robust estimate of Liang and Zeger 1986), and only otherwise from independent pixels.
+
+References
+----------
+Liang, Zeger (1986), Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
+Huber (1964), Annals of Mathematical Statistics 35, 73-101, doi:10.1214/aoms/1177703732.
+Sen (1968), Journal of the American Statistical Association 63, 1379-1389, doi:10.1080/01621459.1968.10480934.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..moments import Float64
+from ..scene import FloatArray
+from .statistics import SampleStatistics
+
+CLUSTERS = 10
+"""Fewest cells for a standard error between cells."""
+DETREND_SIZE = 15
+"""Side of the window whose mean `detrended` takes off [pixel]."""
+ROBUST_PIXELS = 50_000
+"""Most pixels that the Huber regression looks at."""
+PAIRED_PIXELS = 2_000
+"""Most pixels whose pairs the Theil-Sen regression looks at (two million pairs)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Slope, its standard error and R2, each (bands, indexes)."""
+
+    slope: Float64
+    stderr: Float64
+    r2: Float64
+
+
+def least_squares(stats: SampleStatistics) -> Slopes:
+    """Ordinary least squares: cov(band, index) / var(index), from the moments alone.
+
+    Serves `ols` and, on moments of detrended values, `detrended`.
+    """
+    bands = len(stats.plan.bands)
+    cross, power = stats.regressed.comoment[:bands, bands:], np.diag(stats.regressed.comoment)[bands:]
+    slope = cross / power
+    return Slopes(slope, standard_error(stats, slope), explained(stats, slope))
+
+
+def huber(stats: SampleStatistics) -> Slopes:
+    """Huber's M-estimate (epsilon 1.35, by scikit-learn) on at most `ROBUST_PIXELS` pixels of the sample."""
+    from sklearn.linear_model import HuberRegressor
+
+    def slope_of(x: Float64, y: Float64) -> float:
+        scale_x, scale_y = np.std(x), np.std(y)
+        if scale_y == 0:
+            return 0.0
+        fit = HuberRegressor(alpha=0.0, max_iter=1000, tol=1e-8)
+        fit.fit(((x - np.mean(x)) / scale_x)[:, None], (y - np.mean(y)) / scale_y)
+        return float(fit.coef_[0] * scale_y / scale_x)
+
+    return _pixelwise(stats, slope_of, ROBUST_PIXELS)
+
+
+def theil_sen(stats: SampleStatistics) -> Slopes:
+    """Median of the slopes between all pairs (by SciPy) of at most `PAIRED_PIXELS` pixels of the sample."""
+    from scipy.stats import theilslopes
+
+    return _pixelwise(stats, lambda x, y: float(theilslopes(y, x).slope), PAIRED_PIXELS)
+
+
+REGRESSIONS: dict[str, Callable[[SampleStatistics], Slopes]] = {
+    "ols": least_squares,
+    "detrended": least_squares,
+    "huber": huber,
+    "theil-sen": theil_sen,
+}
+
+
+def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
+    """Standard errors of slopes (bands, indexes): between cells, or of independent pixels for few cells."""
+    bands = len(stats.plan.bands)
+    power = np.diag(stats.regressed.comoment)[bands:]
+    if len(stats.cells.n) < CLUSTERS:
+        unexplained = (1 - explained(stats, slope)) * np.diag(stats.regressed.comoment)[:bands, None]
+        return np.sqrt(np.maximum(unexplained, 0) / max(stats.regressed.n - 2, 1) / power)
+    cells = stats.cells
+    away = cells.mean - stats.regressed.mean
+    about = cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
+    power_of_cell = np.diagonal(about, axis1=1, axis2=2)[:, None, bands:]
+    score = about[:, :bands, bands:] - slope * power_of_cell
+    count = len(cells.n)
+    return np.sqrt((score**2).sum(axis=0) * count / (count - 1)) / power
+
+
+def explained(stats: SampleStatistics, slope: Float64) -> Float64:
+    """R2 of each band for slopes (bands, indexes); 0 for a band that does not vary."""
+    bands = len(stats.plan.bands)
+    comoment = stats.regressed.comoment
+    total, cross, power = np.diag(comoment)[:bands, None], comoment[:bands, bands:], np.diag(comoment)[bands:]
+    rest = total - 2 * slope * cross + slope**2 * power
+    return np.where(total > 0, 1 - rest / np.where(total > 0, total, 1), 0.0)
+
+
+def _pixelwise(stats: SampleStatistics, slope_of: Callable[[Float64, Float64], float], most: int) -> Slopes:
+    bands, indexes = len(stats.plan.bands), len(stats.plan.indexes)
+    values: FloatArray = stats.values
+    step = -(-values.shape[1] // most)
+    values = values[:, ::step].astype(np.float64)
+    slope = np.array([[slope_of(values[bands + k], values[i]) for k in range(indexes)] for i in range(bands)])
+    slope = slope.reshape(bands, indexes)
+    return Slopes(slope, standard_error(stats, slope), explained(stats, slope))

@@ -1,0 +1,191 @@
+"""What a caller asks of a method, and the steps that the regression methods share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import BandError, FitError, InputError
+from ..scene import Band
+from .model import BandFit, GlintIndex, GlintModel
+from .regression import DETREND_SIZE, REGRESSIONS, explained
+from .statistics import SamplePlan, SampleStatistics
+
+MIN_PIXELS = 64
+"""Fewest pixels that a slope is fitted to."""
+FEW_PIXELS = 1000
+"""Below this many pixels a fit carries a warning."""
+LOW_R2 = 0.3
+"""Below this R2 a band carries a warning: the index does not explain it."""
+
+
+@dataclass(frozen=True, slots=True)
+class FitRequest:
+    """What is to be fitted.
+
+    Attributes
+    ----------
+    bands : tuple of Band
+        All bands of the scene.
+    correct : tuple of int
+        0-based bands to correct.
+    indexes : tuple of GlintIndex
+        The NIR references; their levels are not used.
+    follows : tuple of int or None
+        For each band of `correct` the index it follows; None: the one with the highest R2.
+    regression : str
+        Key of `REGRESSIONS`.
+    floor_percentile : float
+        Percentile of the index that Hedley takes as its level [%]; 0 is the minimum, as published.
+    rrs_factor : float
+        Physical values are this many times remote-sensing reflectance [sr^-1]; pi for reflectance.
+    """
+
+    bands: tuple[Band, ...]
+    correct: tuple[int, ...]
+    indexes: tuple[GlintIndex, ...]
+    follows: tuple[int | None, ...]
+    regression: str = "ols"
+    floor_percentile: float = 0.0
+    rrs_factor: float = math.pi
+
+    def __post_init__(self) -> None:
+        if self.regression not in REGRESSIONS:
+            raise InputError(f"regression {self.regression!r} is not one of {', '.join(REGRESSIONS)}.")
+        if not 0 <= self.floor_percentile <= 100:
+            raise InputError(f"floor percentile must be 0 to 100 %, got {self.floor_percentile}.")
+        if not (math.isfinite(self.rrs_factor) and self.rrs_factor > 0):
+            raise InputError(f"rrs factor must be a positive number, got {self.rrs_factor}.")
+        if not self.correct:
+            raise InputError("no band is left to correct: give -b bands other than the NIR reference.")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all bands of the scene."""
+        return tuple(b.name for b in self.bands)
+
+    def nearest(self, wavelength: float, within: float, method: str) -> int:
+        """0-based band nearest to a wavelength [nm].
+
+        Raises
+        ------
+        BandError
+            No band lies within the tolerance; the message lists the bands.
+        """
+        known = [(abs(b.wavelength - wavelength), i) for i, b in enumerate(self.bands) if b.wavelength]
+        if not known or min(known)[0] > within:
+            listed = ", ".join(f"{b.name} {b.wavelength or '?'} nm" for b in self.bands)
+            raise BandError(
+                f"{method} needs a band within {within:g} nm of {wavelength:g} nm; the scene has {listed}. "
+                "Choose another --method, or name the --sensor if wavelengths are missing."
+            )
+        return min(known)[1]
+
+
+def regression_plan(request: FitRequest, *, keep_index: bool) -> SamplePlan:
+    """What the regression methods gather; `keep_index` where the level needs single values."""
+    robust = request.regression in ("huber", "theil-sen")
+    return SamplePlan(
+        bands=request.correct,
+        indexes=request.indexes,
+        detrend_size=DETREND_SIZE if request.regression == "detrended" else 0,
+        keep="all" if robust else "index" if keep_index else "nothing",
+    )
+
+
+def regression_model(
+    method: str,
+    request: FitRequest,
+    stats: SampleStatistics,
+    level: Callable[[SampleStatistics, int], float],
+) -> GlintModel:
+    """Slopes by the request's regression, levels by `level(stats, k)` for each index k.
+
+    Raises
+    ------
+    FitError
+        The sample is too small, or an index does not vary in it.
+    """
+    check_sample(request, stats)
+    slopes = REGRESSIONS[request.regression](stats)
+    fits, warnings = [], sample_warnings(stats)
+    for i, (band, follows) in enumerate(zip(request.correct, request.follows, strict=True)):
+        k = int(np.argmax(slopes.r2[i])) if follows is None else follows
+        fit = BandFit(
+            band=band,
+            name=request.bands[band].name,
+            index=k,
+            slope=float(slopes.slope[i, k]),
+            stderr=float(slopes.stderr[i, k]),
+            r2=float(slopes.r2[i, k]),
+            n=stats.regressed.n,
+        )
+        fits.append(fit)
+        warnings += r2_warning(fit)
+    indexes = tuple(GlintIndex(x.bands, x.weights, level(stats, k)) for k, x in enumerate(request.indexes))
+    return GlintModel(method, indexes, tuple(fits), request.names, request.regression, tuple(warnings))
+
+
+def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
+    """Refuse a sample that cannot carry a fit."""
+    if stats.regressed.n < MIN_PIXELS:
+        raise FitError(
+            f"sample holds {stats.regressed.n} valid pixels, need at least {MIN_PIXELS} to fit a slope. "
+            "Widen the sample's polygon or window, or pass --sample."
+        )
+    for k in range(len(request.indexes)):
+        name = " and ".join(request.bands[b].name for b in request.indexes[k].bands)
+        v = len(request.correct) + k
+        if stats.moments.minimum[v] == stats.moments.maximum[v]:
+            raise FitError(
+                f"{name} is constant ({stats.moments.minimum[v]:g}) over the {stats.moments.n} pixels of the "
+                "sample, so no slope can be fitted. Choose another --nir, or a --sample where glint varies."
+            )
+        if not stats.regressed.comoment[v, v] > 0:
+            raise FitError(f"{name} does not vary within windows of the sample; use --regression ols.")
+
+
+def sample_warnings(stats: SampleStatistics) -> list[str]:
+    """What is doubtful about a sample."""
+    warnings = []
+    if stats.moments.n < FEW_PIXELS:
+        warnings.append(f"small sample: {stats.moments.n} pixels (fewer than {FEW_PIXELS}).")
+    for k, index in enumerate(stats.plan.indexes):
+        v = len(stats.plan.bands) + k
+        spread = float(np.sqrt(stats.moments.covariance()[v, v]))
+        middle = abs(float(stats.moments.mean[v]))
+        if spread < 0.01 * middle and len(index.bands) > 0:
+            warnings.append(
+                f"uniform sample: the NIR varies by {100 * spread / middle:.2g} % of its mean (less than 1 %)."
+            )
+    return warnings
+
+
+def r2_warning(fit: BandFit) -> list[str]:
+    """A warning where the index does not explain the band."""
+    if fit.r2 is None or fit.r2 >= LOW_R2:
+        return []
+    return [f"NIR explains only {max(fit.r2, 0):.0%} of {fit.name} in the sample (R2 below {LOW_R2:g})."]
+
+
+def fixed_fits(
+    request: FitRequest, slopes: npt.ArrayLike, stats: SampleStatistics | None = None
+) -> tuple[BandFit, ...]:
+    """Fits whose slopes are not estimated by regression; R2 where there is a sample to tell it from."""
+    slopes = np.asarray(slopes, np.float64)
+    r2 = None if stats is None else explained(stats, slopes[:, None])[:, 0]
+    return tuple(
+        BandFit(
+            band=band,
+            name=request.bands[band].name,
+            index=0,
+            slope=float(slopes[i]),
+            r2=None if r2 is None else float(r2[i]),
+            n=0 if stats is None else stats.regressed.n,
+        )
+        for i, band in enumerate(request.correct)
+    )

@@ -1,0 +1,235 @@
+"""What a fit needs to know of the sample, gathered tile by tile and merged without regard to the tiling.
+
+`gather` looks at one tile and returns a part; `merge` puts the parts together. Everything in the result is the same
+to the bit for any tiling on the cells of `deglint.moments` and any number of threads: moments are merged by cell,
+single pixels are chosen by their place in the scene, and ties are broken by place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import FitError
+from ..moments import CellMoments, Float64, Moments, cell_moments
+from ..scene import FloatArray
+from .detrend import detrend
+from .model import GlintIndex
+
+Crop = tuple[int, int, int, int]
+"""Halo around a tile: rows above and below, columns left and right [pixel]."""
+
+
+@dataclass(frozen=True)
+class SamplePlan:
+    """What to gather.
+
+    Attributes
+    ----------
+    bands : tuple of int
+        0-based bands whose slopes are wanted.
+    indexes : tuple of GlintIndex
+        Glint indexes to regress on (their levels are not used).
+    detrend_size : int
+        Side of the window whose mean is taken off before the regression [pixel]; 0 for none.
+    keep : {"nothing", "index", "all"}
+        Which single pixels to keep: none, their indexes (for percentile and mode), or indexes and bands (for the
+        robust regressions).
+    share : int
+        Keep one pixel in so many, chosen by a hash of row and column.
+    """
+
+    bands: tuple[int, ...]
+    indexes: tuple[GlintIndex, ...]
+    detrend_size: int = 0
+    keep: str = "nothing"
+    share: int = 1
+
+    @property
+    def read_bands(self) -> tuple[int, ...]:
+        """0-based bands that `gather` expects in its block, in this order."""
+        return tuple(sorted(set(self.bands) | {b for i in self.indexes for b in i.bands}))
+
+    @property
+    def halo(self) -> int:
+        """Pixels around a tile that `gather` looks at."""
+        return self.detrend_size // 2
+
+
+@dataclass(frozen=True, eq=False)
+class Extreme:
+    """The pixel with the smallest (or largest) index: its value, place and spectrum."""
+
+    value: float
+    place: tuple[int, int]
+    spectrum: Float64
+
+
+@dataclass(frozen=True, eq=False)
+class SamplePart:
+    """What one tile contributes; variables are the plan's bands, then its indexes."""
+
+    cells: CellMoments
+    detrended: CellMoments | None
+    darkest: tuple[Extreme | None, ...]
+    brightest: tuple[Extreme | None, ...]
+    places: npt.NDArray[np.int64]
+    values: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class SampleStatistics:
+    """What a whole sample says; variables are the plan's bands, then its indexes.
+
+    Attributes
+    ----------
+    plan : SamplePlan
+    moments : Moments
+    cells : CellMoments
+        Of the values that the slopes are fitted to (detrended where the plan says so).
+    regressed : Moments
+        Their total.
+    darkest, brightest : tuple of Extreme
+        One an index.
+    values : (variables or indexes, pixels) ndarray
+        The kept pixels, in row-major order.
+    """
+
+    plan: SamplePlan
+    moments: Moments
+    cells: CellMoments
+    regressed: Moments
+    darkest: tuple[Extreme, ...]
+    brightest: tuple[Extreme, ...]
+    values: FloatArray
+
+    def index_values(self, k: int) -> FloatArray:
+        """Kept values of index k, shape (pixels,)."""
+        first = len(self.plan.bands) if self.plan.keep == "all" else 0
+        return self.values[first + k]
+
+
+def gather(
+    block: FloatArray,
+    mask: npt.NDArray[np.bool_],
+    plan: SamplePlan,
+    *,
+    origin: tuple[int, int] = (0, 0),
+    crop: Crop = (0, 0, 0, 0),
+) -> SamplePart:
+    """Look at the sample's pixels in one tile.
+
+    Parameters
+    ----------
+    block : (len(plan.read_bands), rows, columns) ndarray
+        Physical values of the tile and its halo, NaN where not valid.
+    mask : (rows, columns) bool ndarray
+        True where a pixel belongs to the sample (in the halo too).
+    plan : SamplePlan
+    origin : (int, int)
+        Row and column in the scene of the tile's first pixel, not counting the halo.
+    crop : (int, int, int, int)
+        How much of the block is halo.
+
+    Returns
+    -------
+    SamplePart
+    """
+    variables = _variables(block, plan)
+    mask = mask & np.isfinite(variables).all(axis=0)
+    inner = (slice(crop[0], mask.shape[0] - crop[1]), slice(crop[2], mask.shape[1] - crop[3]))
+    detrended = None
+    if plan.detrend_size:
+        local = detrend(variables, mask, plan.detrend_size)[(slice(None), *inner)]
+        detrended = cell_moments(local, mask[inner], origin=origin)
+    variables, mask = variables[(slice(None), *inner)], mask[inner]
+    rows, columns = np.nonzero(mask)
+    pixels = variables[:, rows, columns]
+    places = np.stack([rows + origin[0], columns + origin[1]])
+    first = len(plan.bands)
+    kept = _kept(places, plan.share) if plan.keep != "nothing" else np.zeros(places.shape[1], np.bool_)
+    return SamplePart(
+        cells=cell_moments(variables, mask, origin=origin),
+        detrended=detrended,
+        darkest=tuple(_extreme(pixels, places, first + k, first, False) for k in range(len(plan.indexes))),
+        brightest=tuple(_extreme(pixels, places, first + k, first, True) for k in range(len(plan.indexes))),
+        places=places[:, kept],
+        values=pixels[0 if plan.keep == "all" else first :, kept],
+    )
+
+
+def merge(parts: Iterable[SamplePart], plan: SamplePlan) -> SampleStatistics:
+    """Put the tiles' parts together.
+
+    Raises
+    ------
+    FitError
+        No tile holds a pixel of the sample.
+    """
+    parts = [p for p in parts if len(p.cells.n)]
+    if not parts:
+        raise FitError("the sample holds no valid pixel. Pass --sample with a polygon or window over open water.")
+    cells = CellMoments.concatenate([p.cells for p in parts]).by_place()
+    total = cells.total()
+    regressed_cells, regressed = cells, total
+    if plan.detrend_size:
+        local = [p.detrended for p in parts if p.detrended is not None]
+        regressed_cells = CellMoments.concatenate(local).by_place()
+        regressed = regressed_cells.total()
+    places = np.concatenate([p.places for p in parts], axis=1)
+    order = np.lexsort((places[1], places[0]))
+    number = range(len(plan.indexes))
+    return SampleStatistics(
+        plan=plan,
+        moments=total,
+        cells=regressed_cells,
+        regressed=regressed,
+        darkest=tuple(_most([p.darkest[k] for p in parts], 1.0) for k in number),
+        brightest=tuple(_most([p.brightest[k] for p in parts], -1.0) for k in number),
+        values=np.concatenate([p.values for p in parts], axis=1)[:, order],
+    )
+
+
+def _variables(block: FloatArray, plan: SamplePlan) -> FloatArray:
+    """The plan's bands, then its indexes, as one (variable, row, column) array."""
+    row = {b: i for i, b in enumerate(plan.read_bands)}
+    out = np.empty((len(plan.bands) + len(plan.indexes), *block.shape[1:]), block.dtype)
+    for i, band in enumerate(plan.bands):
+        out[i] = block[row[band]]
+    for k, index in enumerate(plan.indexes, start=len(plan.bands)):
+        out[k] = index_of([block[row[b]] for b in index.bands], index)
+    return out
+
+
+def index_of(bands: Sequence[FloatArray], index: GlintIndex) -> FloatArray:
+    """The glint index from its bands, any shape, computed in float64."""
+    total = np.zeros(bands[0].shape)
+    for weight, band in zip(index.weights, bands, strict=True):
+        total += weight * band.astype(np.float64, copy=False)
+    return total.astype(bands[0].dtype, copy=False)
+
+
+def _kept(places: npt.NDArray[np.int64], share: int) -> npt.NDArray[np.bool_]:
+    """True for one place in `share`, by a hash of the place alone."""
+    if share <= 1:
+        return np.ones(places.shape[1], np.bool_)
+    mixed = (places[0] * 0x9E3779B1 + places[1] * 0x85EBCA77).astype(np.uint64)
+    mixed ^= mixed >> np.uint64(15)
+    mixed *= np.uint64(0x2C1B3C6D)
+    mixed ^= mixed >> np.uint64(12)
+    return np.asarray(mixed % np.uint64(share) == 0)
+
+
+def _extreme(pixels: FloatArray, places: npt.NDArray[np.int64], k: int, bands: int, brightest: bool) -> Extreme | None:
+    if not pixels.shape[1]:
+        return None
+    at = int(np.argmax(pixels[k]) if brightest else np.argmin(pixels[k]))
+    place = (int(places[0, at]), int(places[1, at]))
+    return Extreme(float(pixels[k, at]), place, pixels[:bands, at].astype(np.float64))
+
+
+def _most(candidates: Iterable[Extreme | None], sign: float) -> Extreme:
+    return min((c for c in candidates if c is not None), key=lambda c: (sign * c.value, c.place))

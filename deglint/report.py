@@ -1,0 +1,79 @@
+"""Pictures of what was done: before and after, side by side, in the same stretch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from .raster import RasterSource
+from .raster.info import open_dataset
+from .remove import GlintModel
+from .scene import Scene
+
+MOST_PIXELS = 900
+"""Longest side of each picture [pixel]."""
+GAMMA = 1.8
+
+
+def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
+    """A PNG of the scene before and after correction, with a line that says what was done.
+
+    Both halves have the same stretch: black at the 1st percentile of the corrected bands, white at the 99.5th of them
+    or at the 90th of the raw ones, whichever is higher.
+    """
+    import cv2
+
+    bands = _rgb(scene, model)
+    before, after = (_look(p, scene, bands) for p in (None, result))
+    low = np.nanpercentile(after, 1, axis=(1, 2))
+    high = np.maximum(np.nanpercentile(after, 99.5, axis=(1, 2)), np.nanpercentile(before, 90, axis=(1, 2)))
+    halves = [_stretch(image, low, high) for image in (before, after)]
+    names = ", ".join(scene.bands[b].name for b in bands)
+    titles = [f"before ({names})", f"after {model.method}"]
+    framed = [_titled(half, title, cv2) for half, title in zip(halves, titles, strict=True)]
+    gap = np.full((framed[0].shape[0], 6, 3), 255, np.uint8)
+    _ok, png = cv2.imencode(".png", np.hstack([framed[0], gap, framed[1]])[..., ::-1])
+    return bytes(png)
+
+
+def _rgb(scene: Scene, model: GlintModel) -> list[int]:
+    """Three corrected bands nearest to red, green and blue; fewer bands stand in for all three."""
+    corrected = [f.band for f in model.fits]
+    known = [b for b in corrected if scene.bands[b].wavelength]
+    if len(known) >= 3:
+        return [min(known, key=lambda b: abs((scene.bands[b].wavelength or 0) - w)) for w in (660, 555, 480)]
+    return (corrected[::-1] * 3)[:3]
+
+
+def _look(path: Path | None, scene: Scene, bands: list[int]) -> npt.NDArray[np.float32]:
+    """Three bands of the scene, or of its result, as physical values, thinned to the picture's size."""
+    step = max(1, -(-max(scene.height, scene.width) // MOST_PIXELS))
+    shape = (-(-scene.height // step), -(-scene.width // step))
+    info = cast(RasterSource, scene.source).info
+    if path is None and len(info.paths) > 1:
+        return scene.read(bands=bands)[:, ::step, ::step].astype(np.float32)
+    with open_dataset(str(path or info.paths[0])) as dataset:
+        data = dataset.read([b + 1 for b in bands], out_shape=(3, *shape), masked=True)
+    scales = np.array([info.scales[b] for b in bands])[:, None, None]
+    offsets = np.array([info.offsets[b] for b in bands])[:, None, None]
+    values = np.ma.filled(data.astype(np.float32), np.nan) * scales + offsets
+    values[~np.isfinite(values)] = np.nan
+    return np.asarray(values, np.float32)
+
+
+def _stretch(image: npt.NDArray[Any], low: npt.NDArray[Any], high: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    span = np.where(high > low, high - low, 1)[:, None, None]
+    unit = np.clip(np.nan_to_num((image - low[:, None, None]) / span), 0, 1) ** (1 / GAMMA)
+    return np.ascontiguousarray((unit * 255).astype(np.uint8).transpose(1, 2, 0))
+
+
+def _titled(image: npt.NDArray[np.uint8], title: str, cv2: Any) -> npt.NDArray[np.uint8]:
+    scale = max(1, 384 // max(image.shape[:2]))
+    image = np.repeat(np.repeat(image, scale, axis=0), scale, axis=1)
+    bar = np.full((26, max(image.shape[1], 240), 3), 255, np.uint8)
+    cv2.putText(bar, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
+    padded = np.pad(image, ((0, 0), (0, bar.shape[1] - image.shape[1]), (0, 0)), constant_values=255)
+    return np.vstack([bar, padded])

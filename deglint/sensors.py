@@ -1,0 +1,197 @@
+"""What is known of each sensor: its bands, when each band looks, and its optics.
+
+The facts stand in `sensors.toml` beside this module, each with its sources and with a word on whether it
+was verified. This room reads that table and never guesses: what is not known is None.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from .errors import InputError
+
+VERIFIED, UNVERIFIED = "verified", "unverified"
+
+
+@dataclass(frozen=True, slots=True)
+class SensorBand:
+    """One band of a sensor.
+
+    Attributes
+    ----------
+    name : str
+        Name that the maker gives it.
+    aliases : tuple of str
+        Other names under which files carry it.
+    wavelength, width : float
+        Centre and full width [nm].
+    time_offset : float, optional
+        When the band sees a ground point, after the first band [s].
+    time_status : str, optional
+        "verified", "unverified" or "defined"; None without an offset.
+    group : str, optional
+        Bands with the same group are taken (nearly) at the same instant.
+    """
+
+    name: str
+    wavelength: float
+    width: float
+    aliases: tuple[str, ...] = ()
+    time_offset: float | None = None
+    time_status: str | None = None
+    group: str | None = None
+
+    def answers_to(self, name: str) -> bool:
+        """Whether `name` is this band's name or an alias (case, blanks and punctuation do not matter)."""
+        wanted = normalise(name)
+        return any(wanted == normalise(own) for own in (self.name, *self.aliases))
+
+
+@dataclass(frozen=True, slots=True)
+class Optics:
+    """Optics of a sensor; None where not known.
+
+    Attributes
+    ----------
+    aperture, focal_length : float, optional
+        [m]
+    pixel_pitch : float, optional
+        Of the multispectral detector [um].
+    f_number : float, optional
+        Focal length over aperture.
+    status : str
+        "verified", "unverified" or "defined".
+    """
+
+    aperture: float | None = None
+    focal_length: float | None = None
+    pixel_pitch: float | None = None
+    f_number: float | None = None
+    status: str = UNVERIFIED
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """A sensor preset.
+
+    Attributes
+    ----------
+    name, title : str
+        Short name, and what it stands for.
+    bands : tuple of SensorBand
+        In the order of the maker's product.
+    ordered : bool
+        False where products come in more than one band order: match by name or wavelength only.
+    wavelength_status, width_status, group_status : str
+        "verified", "unverified" or "defined".
+    optics : Optics, optional
+        None where nothing is known.
+    aliases, sources : tuple of str
+        Other names of the preset, and where the facts were read.
+    """
+
+    name: str
+    title: str
+    bands: tuple[SensorBand, ...]
+    ordered: bool = True
+    wavelength_status: str = UNVERIFIED
+    width_status: str = UNVERIFIED
+    group_status: str = UNVERIFIED
+    optics: Optics | None = None
+    aliases: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()
+
+    def describe_bands(self) -> str:
+        """One line that numbers (from 1) and names the bands."""
+        return ", ".join(f"{i} {b.name} ({b.wavelength:g} nm)" for i, b in enumerate(self.bands, start=1))
+
+
+def names() -> tuple[str, ...]:
+    """Names of the sensor presets.
+
+    >>> "worldview3" in names()
+    True
+    """
+    return tuple(_table())
+
+
+def load(name: str) -> Sensor:
+    """The preset of that name or alias (case, blanks and punctuation do not matter).
+
+    Raises
+    ------
+    InputError
+        No such preset; the message lists the choices.
+
+    Examples
+    --------
+    >>> load("WorldView-3").bands[6].wavelength
+    832.5
+    """
+    found = find(name)
+    if found is None:
+        raise InputError(f"no sensor preset {name!r}; choose one of {', '.join(names())}")
+    return found
+
+
+def find(name: str) -> Sensor | None:
+    """As `load`, but None where there is no such preset."""
+    wanted = normalise(name)
+    for sensor in _table().values():
+        if wanted in map(normalise, (sensor.name, *sensor.aliases)):
+            return sensor
+    return None
+
+
+def normalise(name: str) -> str:
+    """Lower case, letters and digits only: "Red Edge" and "REDEDGE" become "rededge"."""
+    return re.sub(r"[\W_]+", "", name.casefold())
+
+
+@cache
+def _table() -> dict[str, Sensor]:
+    import tomllib
+    from importlib.resources import files
+
+    text = files(__package__).joinpath("sensors.toml").read_text(encoding="utf-8")
+    return {name: _sensor(name, entry) for name, entry in tomllib.loads(text).items()}
+
+
+def _sensor(name: str, entry: Mapping[str, Any]) -> Sensor:
+    wavelength_status = entry["wavelength_status"]
+    return Sensor(
+        name=name,
+        title=entry["title"],
+        bands=tuple(_band(b, entry.get("time_status", UNVERIFIED)) for b in entry["bands"]),
+        ordered=entry.get("ordered", True),
+        wavelength_status=wavelength_status,
+        width_status=entry.get("width_status", wavelength_status),
+        group_status=entry.get("group_status", UNVERIFIED),
+        optics=_optics(entry["optics"]) if "optics" in entry else None,
+        aliases=tuple(entry.get("aliases", ())),
+        sources=tuple(entry.get("sources", ())),
+    )
+
+
+def _optics(entry: Mapping[str, Any]) -> Optics:
+    values = dict(entry)
+    if "aperture" in values and "focal_length" in values:
+        values.setdefault("f_number", round(values["focal_length"] / values["aperture"], 2))
+    return Optics(**values)
+
+
+def _band(entry: Mapping[str, Any], time_status: str) -> SensorBand:
+    offset = entry.get("time_offset")
+    return SensorBand(
+        name=entry["name"],
+        wavelength=float(entry["wavelength"]),
+        width=float(entry["width"]),
+        aliases=tuple(entry.get("aliases", ())),
+        time_offset=offset,
+        time_status=None if offset is None else entry.get("time_status", time_status),
+        group=entry.get("group"),
+    )

@@ -1,0 +1,147 @@
+"""Cut a scene into tiles and run work over them on threads: bounded memory, results in order.
+
+Tiles start at multiples of the statistics' cells (`deglint.moments.CELL`), so what is fitted does not depend on their
+size, and at multiples of the file's blocks where that is possible, so every block is read once. Workers read and
+compute while the calling thread takes the results in the order of the tiles and writes them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TypeVar
+
+from .moments import CELL
+from .scene import Window
+
+Result = TypeVar("Result")
+SAMPLES = 4 << 20
+"""Values (pixels times bands) that a tile aims at."""
+MOST_SAMPLES = 32 << 20
+"""Values that a tile may have where the file's blocks ask for it."""
+LARGEST = 1024
+"""Longest side of a tile [pixel], unless the file is in strips."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """A rectangle of a scene: half-open ranges of rows and columns [pixel]."""
+
+    row0: int
+    row1: int
+    col0: int
+    col1: int
+
+    @property
+    def window(self) -> Window:
+        """As `Scene.read` takes it."""
+        return (self.row0, self.row1), (self.col0, self.col1)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        return self.row1 - self.row0, self.col1 - self.col0
+
+    def grown(self, halo: int, height: int, width: int) -> Tile:
+        """The tile with a halo around it, as far as the scene goes."""
+        return Tile(
+            max(self.row0 - halo, 0),
+            min(self.row1 + halo, height),
+            max(self.col0 - halo, 0),
+            min(self.col1 + halo, width),
+        )
+
+    def crop_of(self, outer: Tile) -> tuple[int, int, int, int]:
+        """Rows above and below, columns left and right, by which `outer` exceeds this tile."""
+        return (
+            self.row0 - outer.row0,
+            outer.row1 - self.row1,
+            self.col0 - outer.col0,
+            outer.col1 - self.col1,
+        )
+
+
+def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> tuple[int, int]:
+    """Rows and columns of the tiles for a scene stored in blocks of (rows, columns)."""
+    side = int(math.sqrt(SAMPLES / bands)) // CELL * CELL
+    side = min(max(side, CELL), LARGEST)
+    if block[1] >= width and block[0] < height:  # strips: whole rows, so that none is read twice
+        rows = max(SAMPLES // (width * bands) // CELL * CELL, CELL)
+        if rows * width * bands <= MOST_SAMPLES:
+            return rows, width
+    return _side(side, block[0], bands), _side(side, block[1], bands)
+
+
+def _side(side: int, block: int, bands: int) -> int:
+    """A multiple of the cell and, if it does not grow too large, of the block's side."""
+    step = math.lcm(block, CELL)
+    if step <= side:
+        return side // step * step
+    return step if step <= LARGEST and step * step * bands <= MOST_SAMPLES else side
+
+
+def tiles(height: int, width: int, shape: tuple[int, int]) -> list[Tile]:
+    """All tiles of a scene in row-major order."""
+    return [
+        Tile(r, min(r + shape[0], height), c, min(c + shape[1], width))
+        for r in range(0, height, shape[0])
+        for c in range(0, width, shape[1])
+    ]
+
+
+def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
+    """Some of the tiles, evenly spread over the scene, that hold about `pixels` pixels (all where they fit).
+
+    A regular lattice in row-major order, shifted from row to row, always the same for the same scene.
+    """
+    area = max(t.shape[0] * t.shape[1] for t in everything)
+    wanted = max(pixels // area, 1)
+    if len(everything) <= wanted:
+        return list(everything)
+    rows = sorted({t.row0 for t in everything})
+    columns = sorted({t.col0 for t in everything})
+    aspect = len(rows) / len(columns)
+    down = min(max(round(math.sqrt(wanted * aspect)), 1), len(rows), wanted)
+    across = min(max(wanted // down, 1), len(columns))
+    place = {(t.row0, t.col0): t for t in everything}
+    chosen = []
+    for i in range(down):
+        row = rows[int((i + 0.5) * len(rows) / down)]
+        shift = 0.25 if i % 2 else 0.75
+        chosen += [place[row, columns[int((j + shift) * len(columns) / across)]] for j in range(across)]
+    return sorted(set(chosen), key=lambda t: (t.row0, t.col0))
+
+
+def run(
+    everything: Sequence[Tile],
+    work: Callable[[Tile], Result],
+    *,
+    threads: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+    start: Callable[[], None] | None = None,
+) -> Iterator[tuple[Tile, Result]]:
+    """Do `work` on every tile and yield (tile, result) in order; at most threads + 1 results wait.
+
+    Each thread calls `start` before its first tile.
+    An error, or the consumer's leaving, cancels what has not begun and waits for what has.
+    """
+    total = len(everything)
+    with ThreadPoolExecutor(threads, thread_name_prefix="deglint", initializer=start) as pool:
+        waiting: deque[tuple[Tile, Future[Result]]] = deque()
+        todo = iter(everything)
+        try:
+            for done in range(total):
+                while len(waiting) <= threads and (tile := next(todo, None)) is not None:
+                    waiting.append((tile, pool.submit(work, tile)))
+                tile, future = waiting.popleft()
+                result = future.result()
+                del future
+                yield tile, result
+                del result
+                if progress:
+                    progress(done + 1, total)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)

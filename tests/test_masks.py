@@ -1,0 +1,493 @@
+"""Water and the deep-water sample: made-up seas with known truth, then real and simulated scenes."""
+
+import json
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deglint.errors import BandError, FitError, InputError
+from deglint.masks import Roles, deep_water, describe, fit_sample, fit_water, water
+from deglint.remove.detrend import detrend
+
+ROLES = Roles(blue=0, green=1, red=2, nir=3)
+DATA = Path(__file__).parents[2] / "shared" / "data"
+
+
+def sea(shape=(200, 240), *, glint=0.004, noise=0.0006, seed=1):
+    """Reflectance of open water at coarse pixels: waves of glint in all bands, noise in each."""
+    rng = np.random.default_rng(seed)
+    import cv2
+
+    waves = cv2.GaussianBlur(rng.normal(size=shape), (0, 0), 1.5)
+    waves = np.maximum(glint * (waves / waves.std() + 2), 0)
+    level = np.array([0.05, 0.03, 0.015, 0.005])[:, None, None]
+    slope = np.array([0.95, 0.9, 0.8, 1.0])[:, None, None]
+    return (level + slope * waves + rng.normal(0, noise, (4, *shape))).astype(np.float32)
+
+
+def sparkling_sea(shape=(256, 256), seed=2):
+    """Metre-scale water: half of the pixels have glint, many times the water in some."""
+    rng = np.random.default_rng(seed)
+    glint = 0.05 * rng.lognormal(0, 1.5, shape) * (rng.random(shape) < 0.5)
+    level = np.array([0.05, 0.03, 0.015, 0.005])[:, None, None]
+    return np.clip(level + glint + rng.normal(0, 5e-4, (4, *shape)), 0, 0.8).astype(np.float32)
+
+
+def put(scene, where, spectrum, texture=0.0, seed=3):
+    """Paint a thing over the scene."""
+    rows, columns = np.nonzero(where)
+    factor = np.random.default_rng(seed).lognormal(0, texture, rows.size) if texture else 1.0
+    scene[:, rows, columns] = np.asarray(spectrum)[:, None] * factor
+
+
+LAND = (0.06, 0.08, 0.09, 0.25)
+CLOUD = (0.45, 0.44, 0.43, 0.44)
+FOAM = (0.25, 0.25, 0.24, 0.2)
+REEF = (0.14, 0.13, 0.05, 0.008)
+
+
+@pytest.fixture
+def coast():
+    """Sea with land, a cloud, a line of foam, a submerged reef and three boats; what is what."""
+    scene = sea()
+    rows, columns = np.mgrid[:200, :240]
+    things = {
+        "land": columns < 40 + 5 * np.sin(rows / 9),
+        "cloud": (rows - 40) ** 2 + (columns - 190) ** 2 < 20**2,
+        "foam": (abs(rows - 150 - columns // 8) < 2) & (columns > 60) & (columns < 120),
+        "reef": (rows > 160) & (columns > 150) & (columns < 230),
+        "boats": np.zeros((200, 240), bool),
+    }
+    for r, c in ((20, 90), (70, 140), (110, 200)):
+        things["boats"][r : r + 3, c : c + 2] = True
+    put(scene, things["land"], LAND, 0.25)
+    put(scene, things["reef"], REEF, 0.2)
+    for name, spectrum in (("cloud", CLOUD), ("foam", FOAM), ("boats", (0.2, 0.2, 0.2, 0.2))):
+        put(scene, things[name], spectrum)
+    return scene, things
+
+
+def solid(things):
+    return things["land"] | things["cloud"] | things["foam"] | things["boats"]
+
+
+# ------------------------------------------------------------------------------------------------ truth
+def test_a_coast_is_told_apart_to_the_pixel(coast):
+    scene, things = coast
+    rule = fit_water([scene], ROLES)
+    np.testing.assert_array_equal(water(scene, rule), ~solid(things))
+    assert rule.window == 1
+    assert not rule.all_water
+    assert rule.water_fraction == pytest.approx((~solid(things)).mean())
+
+
+def test_the_sample_is_deep_water_away_from_everything(coast):
+    scene, things = coast
+    import cv2
+
+    rule = fit_sample([scene], fit_water([scene], ROLES))
+    sample = deep_water(scene, rule)
+    near = cv2.dilate((solid(things) | things["reef"]).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    assert rule.pixels == sample.sum() > 2000
+    assert not (sample & near).any()
+    assert rule.r_squared > 0.8
+    assert rule.glint == pytest.approx(0.004, rel=0.3)
+
+
+def test_slopes_over_the_sample_are_those_of_the_glint(coast):
+    scene, _ = coast
+    sample = deep_water(scene, fit_sample([scene], fit_water([scene], ROLES)))
+    np.testing.assert_allclose(slopes(scene, sample, ROLES), [0.95, 0.9, 0.8], rtol=0.04)
+
+
+def test_sparkle_is_water_and_land_beside_it_is_not():
+    scene = sparkling_sea()
+    assert (scene[3] > 0.05).mean() > 0.25
+    assert water(scene, fit_water([scene], ROLES)).mean() > 0.99
+    land = np.zeros(scene.shape[1:], bool)
+    land[60:180, :90] = True
+    put(scene, land, LAND, 0.2)
+    rule = fit_water([scene], ROLES)
+    found = water(scene, rule)
+    assert rule.window > 1
+    assert found[~land].mean() > 0.99
+    assert found[land].mean() < 0.01
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_coast_under_any_waves(seed):
+    scene = sea(seed=seed, glint=0.002 + 0.002 * seed)
+    land = np.indices((200, 240))[1] < 60 + 10 * seed
+    put(scene, land, LAND, 0.25, seed=seed)
+    found = water(scene, fit_water([scene], ROLES))
+    assert not found[land].any()
+    assert found[~land].mean() > 0.9997  # the brightest crests may be lost
+
+
+def test_tiles_of_a_swath_with_more_and_more_glint_are_all_water():
+    """Each tile has its own narrow peak of brightness; none of them is land. Land in one of them is."""
+    looks = []
+    for i, glint in enumerate((0.0, 0.01, 0.025, 0.04)):
+        tile = sea((128, 128), seed=i, glint=0.1 * glint)
+        tile += glint * np.array([0.95, 0.9, 0.8, 1.0], np.float32)[:, None, None]
+        looks.append(tile)
+    land = np.indices((128, 128))[0] > 90
+    put(looks[1], land, LAND, 0.2)
+    rule = fit_water(looks, ROLES)
+    for i, tile in enumerate(looks):
+        expected = ~land if i == 1 else np.ones_like(land)
+        assert (water(tile, rule) == expected).mean() > 0.999
+
+
+def test_a_grey_town_in_radiance_is_not_water():
+    """Its NIR is darker than its green there, but red is not."""
+    town = np.array([0.9, 1.0, 1.02, 0.8])[:, None, None] * np.ones((4, 90, 90))
+    town *= np.random.default_rng(1).lognormal(0, 0.3, (90, 90))
+    assert not fit_water([town], ROLES).has_water
+
+
+def test_all_water_and_no_water():
+    assert fit_water([sea()], ROLES).all_water
+    land = sea()
+    put(land, np.ones(land.shape[1:], bool), LAND, 0.3)
+    rule = fit_water([land], ROLES)
+    assert not rule.has_water
+    assert not water(land, rule).any()
+    assert "--mask" in rule.reason
+    with pytest.raises(FitError, match="no water"):
+        fit_sample([land], rule)
+
+
+@pytest.mark.parametrize("roles", [Roles(nir=3, green=1), Roles(nir=3, blue=0), Roles(nir=3, red=2)])
+def test_one_visible_band_will_do(coast, roles):
+    scene, things = coast
+    rule = fit_water([scene], roles)
+    assert (water(scene, rule) != ~solid(things)).mean() < 0.002
+    assert deep_water(scene, fit_sample([scene], rule)).sum() > 2000
+
+
+# ------------------------------------------------------------------------------------------- invariants
+@pytest.mark.parametrize("factor", [2.0**-20, 2.0**14, 10_000.0])
+def test_the_unit_does_not_matter(coast, factor):
+    scene, _ = coast
+    scaled = scene * np.float32(factor)
+    rules = [fit_water([s], ROLES) for s in (scene, scaled)]
+    np.testing.assert_array_equal(*(water(s, r) for s, r in zip((scene, scaled), rules, strict=True)))
+    a, b = (deep_water(s, fit_sample([s], r)) for s, r in zip((scene, scaled), rules, strict=True))
+    assert (a != b).mean() < (1e-3 if factor == 10_000.0 else 0.0) + 1e-12
+
+
+def tiled(function, scene, rule, size=50):
+    """The mask put together from tiles that carry a halo inside the image only."""
+    rows, columns = scene.shape[1:]
+    out = np.zeros((rows, columns), bool)
+    for r in range(0, rows, size):
+        for c in range(0, columns, size):
+            top, left = max(r - rule.halo, 0), max(c - rule.halo, 0)
+            block = scene[:, top : r + size + rule.halo, left : c + size + rule.halo]
+            out[r : r + size, c : c + size] = function(block, rule)[r - top :, c - left :][:size, :size]
+    return out
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_tiles_are_the_whole(coast, dtype):
+    scene = coast[0].astype(dtype)
+    scene[:, 90:100, 60:130] = np.nan
+    rule = fit_water([scene], ROLES)
+    np.testing.assert_array_equal(tiled(water, scene, rule), water(scene, rule))
+    sample = fit_sample([scene], rule)
+    np.testing.assert_array_equal(tiled(deep_water, scene, sample), deep_water(scene, sample))
+
+
+def test_tiles_are_the_whole_under_sparkle():
+    scene = sparkling_sea()
+    put(scene, np.indices((256, 256)).sum(0) < 150, LAND, 0.2)
+    scene[:, 120:140, 30:200] = np.nan
+    rule = fit_water([scene], ROLES)
+    assert rule.halo > 0
+    np.testing.assert_array_equal(tiled(water, scene, rule), water(scene, rule))
+    sample = fit_sample([scene], rule)
+    np.testing.assert_array_equal(tiled(deep_water, scene, sample), deep_water(scene, sample))
+
+
+def test_nan_is_never_true_and_input_is_left_alone(coast):
+    scene, things = coast
+    scene[3, 100:, :] = np.nan
+    scene[0, :50, 100:] = np.nan
+    before = scene.copy()
+    rule = fit_water([scene], ROLES)
+    sample = fit_sample([scene], rule)
+    invalid = ~np.isfinite(scene[:4]).all(axis=0)
+    for mask in (water(scene, rule), deep_water(scene, sample)):
+        assert mask.dtype == bool
+        assert not mask[invalid].any()
+    np.testing.assert_array_equal(water(scene, rule), ~solid(things) & ~invalid)
+    np.testing.assert_array_equal(scene, before)
+
+
+def test_tiles_of_the_scene_will_do_for_a_look(coast):
+    scene, things = coast
+    looks = [scene[:, r : r + 64, c : c + 64] for r in (0, 100) for c in (0, 90, 170)]
+    np.testing.assert_array_equal(water(scene, fit_water(looks, ROLES)), ~solid(things))
+
+
+def test_rules_are_plain_numbers(coast):
+    rule = fit_water([coast[0]], ROLES)
+    sample = fit_sample([coast[0]], rule)
+    assert json.loads(json.dumps(rule.numbers()))["roles"]["nir"] == 3
+    assert json.loads(json.dumps(sample.numbers()))["pixels"] == sample.pixels
+    assert "pixels are water" in rule.reason
+
+
+def test_describe():
+    mask = np.zeros((10, 20), bool)
+    assert describe(mask) == {"pixels": 0, "share": 0.0, "rows": None, "cols": None}
+    mask[3:5, 7:12] = True
+    assert describe(mask) == {"pixels": 10, "share": 0.05, "rows": (3, 5), "cols": (7, 12)}
+    assert describe(mask, valid=100)["share"] == 0.1
+
+
+# ------------------------------------------------------------------------------------------ hard inputs
+def hard_inputs():
+    quantised = np.round(sea() * 400)
+    clipped = np.maximum(sea() - np.array([0, 0, 0, 0.015], np.float32)[:, None, None], 0)
+    half = sea()
+    half[:, :, 120:] = np.nan
+    dotted = sea()
+    dotted[:, ::7, ::7] = np.nan
+    return {
+        "all NaN": np.full((4, 64, 64), np.nan, np.float32),
+        "zero": np.zeros((4, 64, 64), np.float32),
+        "negative": sea((64, 64)) - 1,
+        "constant": np.full((4, 64, 64), 0.02, np.float32),
+        "constant water": np.ones((4, 64, 64)) * np.array([0.05, 0.03, 0.02, 0.005])[:, None, None],
+        "one pixel": sea((4, 4))[:, :1, :1],
+        "one row": sea((1, 300)),
+        "tiny": sea((9, 9)),
+        "64 x 64": sea((64, 64)),
+        "half nodata": half,
+        "dotted nodata": dotted,
+        "8 bit": quantised,
+        "NIR floor": clipped,
+        "huge offset": sea().astype(np.float64) + 1e8,
+        "empty": np.zeros((4, 0, 10), np.float32),
+        "infinite": np.where(sea() > 0.06, np.inf, sea()),
+        "cloud": np.full((4, 64, 64), 0.6) + np.random.default_rng(1).normal(0, 0.05, (4, 64, 64)),
+    }
+
+
+OUTCOME = {
+    "all NaN": "no valid pixel",
+    "zero": "no valid pixel",
+    "negative": "nowhere above 0",
+    "constant": "NIR/visible 1.00",
+    "constant water": "NIR is 0.005 all over",
+    "one pixel": "NIR is .* all over",
+    "one row": "no 15 x 15 square",
+    "tiny": "no 15 x 15 square",
+    "huge offset": "offset",
+    "empty": "no valid pixel",
+    "cloud": "NIR/visible",
+}
+
+
+@pytest.mark.parametrize("name", hard_inputs())
+def test_hard_inputs_give_a_sample_or_say_why_not(name):
+    scene = hard_inputs()[name]
+    rule = fit_water([scene], ROLES)
+    mask = water(scene, rule)
+    assert mask.shape == scene.shape[1:]
+    if name in OUTCOME:
+        with pytest.raises(FitError, match=OUTCOME[name]) as error:
+            fit_sample([scene], rule)
+        assert "Pass --" in str(error.value) or "--mask" in str(error.value)
+    else:
+        assert rule.water_fraction > 0.99
+        assert deep_water(scene, fit_sample([scene], rule)).sum() >= 500
+
+
+def test_refuses_what_is_no_look():
+    with pytest.raises(BandError, match="Name blue, green or red"):
+        fit_water([sea()], Roles(nir=3))
+    with pytest.raises(BandError, match="nir has band index 4"):
+        fit_water([sea()], Roles(nir=4, green=1))
+    with pytest.raises(InputError, match="at least one"):
+        fit_water([], ROLES)
+    with pytest.raises(InputError, match="must be"):
+        fit_water([np.zeros((5, 5))], ROLES)
+    with pytest.raises(BandError, match=r"indexes 0\.\.2"):
+        water(sea()[:3], fit_water([sea()], ROLES))
+
+
+def test_blocks_without_pixels_or_water_are_passed_over(coast):
+    scene, things = coast
+    looks = [scene, scene[:, :0], scene[:, :30, :20], np.full((4, 20, 20), np.nan)]
+    rule = fit_water(looks, ROLES)
+    np.testing.assert_array_equal(water(scene, rule), ~solid(things))
+    sample = fit_sample(looks, rule)
+    for block in looks[1:]:
+        assert not deep_water(block, sample).any()
+
+
+def test_undeclared_nodata_does_not_pass_for_water():
+    scene = sea()
+    put(scene, np.indices((200, 240))[1] > 150, LAND, 0.2)
+    scene[:, :60] = 0
+    rule = fit_water([scene], ROLES)
+    assert rule.pixels == 140 * 240
+    assert water(scene, rule)[60:, :150].all()
+    assert not water(scene, rule)[60:, 151:].any()
+
+
+def test_import_is_cheap():
+    code = "import sys, deglint.masks; print([m for m in ('cv2', 'scipy', 'numba') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+# --------------------------------------------------------------------------------------- the shared scenes
+REAL = {
+    "casablanca": Roles(blue=0, green=1, red=2, nir=3, swir=4),
+    "honolulu": Roles(blue=0, green=1, red=2, nir=3, swir=4),
+    "palau": Roles(blue=1, green=2, red=3, nir=7, swir=10),
+    "wistari": Roles(blue=1, green=2, red=3, nir=7, swir=11),
+}
+WORLDVIEW = Roles(blue=1, green=2, red=4, nir=6)
+SIMULATED = (
+    "wind02_delay60",
+    "wind05_delay60",
+    "wind09_delay00",
+    "wind09_delay60",
+    "wind09_delay60_f30",
+    "wind12_delay60_sun30",
+)
+
+
+def load(folder, name):
+    path = DATA / folder / f"{name}.tif"
+    if not path.is_file():
+        pytest.skip(f"{folder}/{name}.tif is not there")
+    rasterio = pytest.importorskip("rasterio")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with rasterio.open(path) as source:
+            scale = np.array(source.scales, np.float32)[:, None, None]
+            return source.read().astype(np.float32) * scale
+
+
+def slopes(scene, sample, roles):
+    """Of blue, green and red on the NIR, a 15 x 15 mean taken off."""
+    y = detrend(scene[[roles.blue, roles.green, roles.red, roles.nir]], sample)[:, sample]
+    return (y[:3] @ y[3]) / (y[3] @ y[3])
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", SIMULATED)
+def test_simulated_sparkle_is_water(name):
+    scene = load("simulated", name)
+    assert water(scene, fit_water([scene], WORLDVIEW)).mean() > 0.99
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", SIMULATED)
+def test_land_stays_land_beside_simulated_sparkle(name):
+    scene = load("simulated", name)
+    land = np.zeros(scene.shape[1:], bool)
+    land[:150, :200] = True
+    spectrum = np.array([0.06, 0.07, 0.09, 0.1, 0.1, 0.25, 0.35, 0.35])
+    sun = np.array([1700, 1950, 1830, 1700, 1560, 1350, 1040, 850]) / 1830 * 0.35
+    put(scene, land, spectrum * sun, 0.3)
+    found = water(scene, fit_water([scene], WORLDVIEW))
+    assert found[land].mean() < 0.01
+    assert found[~land].mean() > 0.99
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("name", "share"), [("casablanca", 0.58), ("honolulu", 0.43), ("palau", 0.99), ("wistari", 1.0)]
+)
+def test_share_of_water_in_real_scenes(name, share):
+    """Shares that belong to masks judged by eye: ports, piers, ships and surf out, reef and harbours in."""
+    scene = load("sentinel2", name)
+    rule = fit_water([scene], REAL[name])
+    mask = water(scene, rule)
+    assert mask.mean() == pytest.approx(share, abs=0.01)
+    np.testing.assert_array_equal(tiled(water, scene, rule, 128), mask)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", ["casablanca", "honolulu"])
+def test_ships_are_partly_out(name):
+    scene, ships = load("sentinel2", name), load("sentinel2", f"{name}_ships")[0]
+    out = ~water(scene, fit_water([scene], REAL[name]))
+    shares = [out[ships == i].mean() for i in np.unique(ships) if i]
+    assert min(shares) > 0.1
+    assert np.median(shares) > 0.6
+
+
+@pytest.mark.shared
+def test_palau_marks_surf_and_keeps_reef():
+    scene = load("sentinel2", "palau")
+    mask = water(scene, fit_water([scene], REAL["palau"]))
+    assert not mask[scene[7] > 1000].any()
+    assert mask[240:270, 450:570].mean() > 0.97  # reef flat behind the surf
+    assert mask[:150, :400].all()
+
+
+@pytest.mark.shared
+def test_palau_slopes_agree_with_the_hand_drawn_sample():
+    """The polygon's ordinary slopes and spreads are those of independent software."""
+    scene, roles = load("sentinel2", "palau"), REAL["palau"]
+    rule = fit_sample([scene], fit_water([scene], roles))
+    sample = deep_water(scene, rule)
+    found = slopes(scene, sample, roles)
+    np.testing.assert_allclose(found, [0.856348, 0.869187, 0.806518], rtol=0.07)
+    assert sample.sum() > 10_000
+    assert sample[200:].mean() < 0.001  # no plume, no reef
+    polygon = scene[:, 25:100, 180:340].astype(np.float64)
+    spread = [(polygon[b] - s * polygon[7]).std() for b, s in zip((1, 2, 3), found, strict=True)]
+    np.testing.assert_array_less(spread, 1.02 * np.array([13.45, 12.72, 19.30]))
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("size", [120, 160, 200])
+def test_palau_slopes_hardly_depend_on_the_look(size):
+    scene, roles = load("sentinel2", "palau"), REAL["palau"]
+    looks = [scene[:, r : r + size, c : c + size] for r in (0, 200) for c in (0, 200, 400)]
+    sample = deep_water(scene, fit_sample(looks, fit_water(looks, roles)))
+    np.testing.assert_allclose(slopes(scene, sample, roles), [0.856348, 0.869187, 0.806518], rtol=0.08)
+
+
+@pytest.mark.shared
+def test_simulated_slopes_without_delay():
+    """Deep water is in columns 0-183; ordinary slopes there, over all of it, are 1.873, 1.825, 1.571."""
+    scene = load("simulated", "wind09_delay00")
+    rule = fit_sample([scene], fit_water([scene], WORLDVIEW))
+    found = slopes(scene, deep_water(scene, rule), WORLDVIEW)
+    np.testing.assert_allclose(found, [1.873, 1.825, 1.571], rtol=0.03)
+    assert rule.r_squared > 0.95
+
+
+@pytest.mark.shared
+def test_calm_and_delayed_scenes_are_known_by_r_squared():
+    calm, waves = load("sentinel2", "honolulu"), load("sentinel2", "casablanca")
+    assert fit_sample([calm], fit_water([calm], REAL["honolulu"])).r_squared < 0.15
+    assert fit_sample([waves], fit_water([waves], REAL["casablanca"])).r_squared > 0.7
+    delayed = load("simulated", "wind09_delay60")
+    assert fit_sample([delayed], fit_water([delayed], WORLDVIEW)).r_squared < 0.2
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", REAL)
+def test_sample_of_real_scenes(name):
+    scene = load("sentinel2", name)
+    rule = fit_sample([scene], fit_water([scene], REAL[name]))
+    sample = deep_water(scene, rule)
+    assert rule.pixels == sample.sum() >= 2000
+    assert rule.share == pytest.approx(sample.mean())
+    assert water(scene, rule.water)[sample].all()
+    np.testing.assert_array_equal(tiled(deep_water, scene, rule, 128), sample)

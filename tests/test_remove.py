@@ -1,0 +1,327 @@
+"""Every removal method: exact where theory says so, the same for every tiling, and true to published values."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deglint import remove
+from deglint.errors import BandError, FitError, InputError
+from deglint.remove import METHODS, REGRESSIONS, GlintModel
+from deglint.remove.levels import mode
+from deglint.remove.statistics import gather, merge
+from deglint.scene import Band
+
+SENTINEL2 = Path(__file__).parents[2] / "shared" / "data" / "sentinel2"
+
+# Narrow bands, so that every method of the table finds what it needs; the NIR reference is the last.
+WAVELENGTHS = [480, 560, 640, 739, 760, 775, 750, 840]
+BANDS = tuple(Band(f"L{w}", float(w)) for w in WAVELENGTHS)
+NIR = 7
+CORRECT = (0, 1, 2)
+SLOPES = np.array([1.1, 1.0, 0.9, 0.5, 0.3, 0.5, 0.6, 1.0])
+WATER = np.array([90.0, 70.0, 40.0, 10.0, 10.0, 10.0, 10.0, 8.0])
+
+FITTED = [name for name, method in METHODS.items() if method.plan is not None]
+REGRESSED = [name for name, method in METHODS.items() if method.regresses]
+COMBINATIONS = [
+    (name, regression) for name in METHODS for regression in (REGRESSIONS if METHODS[name].regresses else ["ols"])
+]
+
+
+def scene(shape=(70, 90), noise=0.0, seed=0, dtype=np.float64):
+    """Water of one colour with glint that adds SLOPES times itself to the bands."""
+    rng = np.random.default_rng(seed)
+    glint = np.round(rng.gamma(1.0, 20.0, shape), 3)
+    glint[rng.random(shape) < 0.7] = 0
+    block = WATER[:, None, None] + SLOPES[:, None, None] * glint + noise * rng.normal(size=(8, *shape))
+    return block.astype(dtype), glint
+
+
+def fitted(name, block, regression="ols", **options):
+    return remove.fit(name, block, nir=NIR, bands=BANDS, regression=regression, correct=CORRECT, **options)
+
+
+@pytest.mark.parametrize("regression", REGRESSIONS)
+@pytest.mark.parametrize("name", REGRESSED)
+def test_exact_on_linear_glint(name, regression):
+    block, _ = scene()
+    model = fitted(name, block, regression)
+    assert [f.slope for f in model.fits] == pytest.approx(SLOPES[list(CORRECT)], rel=1e-6)
+    assert [f.r2 for f in model.fits] == pytest.approx([1, 1, 1], abs=1e-9)
+    out = remove.apply(block, model)
+    level = {"lyzenga": block[NIR].mean(), "hedley": WATER[NIR], "joyce": WATER[NIR]}[name]
+    assert model.indexes[0].level == pytest.approx(level, rel=1e-12 if name != "joyce" else 0.05)
+    expected = WATER[:3] + SLOPES[:3] * (model.indexes[0].level - WATER[NIR])
+    np.testing.assert_allclose(out[:3], np.broadcast_to(expected[:, None, None], out[:3].shape), rtol=1e-5)
+    np.testing.assert_array_equal(out[3:], block[3:])
+
+
+def test_hochberg_and_kutser_are_exact_on_linear_glint():
+    block, _ = scene()
+    for name in ("hochberg", "kutser"):
+        out = remove.apply(block, fitted(name, block))
+        np.testing.assert_allclose(out[:3], np.broadcast_to(WATER[:3, None, None], out[:3].shape), rtol=1e-12)
+
+
+def test_goodman_and_nir_subtraction_follow_their_formulas():
+    rng = np.random.default_rng(1)
+    rrs = rng.uniform(0, 0.02, (8, 5, 6))
+    out = remove.apply(rrs, fitted("goodman", rrs, rrs_factor=1.0))
+    r640, r750 = rrs[2], rrs[6]
+    np.testing.assert_allclose(out[:3], rrs[:3] - r750 + 0.000019 + 0.1 * (r640 - r750), rtol=1e-12, atol=1e-17)
+    out = remove.apply(rrs, fitted("nir-subtraction", rrs))
+    np.testing.assert_allclose(out[:3], rrs[:3] - rrs[NIR], rtol=1e-12)
+    # reflectance is pi times Rrs, and so is the result
+    scaled = remove.apply(math.pi * rrs, fitted("goodman", rrs))
+    expected = math.pi * remove.apply(rrs, fitted("goodman", rrs, rrs_factor=1.0))
+    np.testing.assert_allclose(scaled, expected, rtol=1e-10, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", REGRESSED)
+def test_zero_glint_is_identity(name):
+    block, _ = scene(noise=1.0)
+    model = fitted(name, block)
+    clean = block.copy()
+    clean[NIR] = model.indexes[0].level
+    np.testing.assert_array_equal(remove.apply(clean, model), clean)
+
+
+@pytest.mark.parametrize(("name", "regression"), COMBINATIONS)
+def test_band_permutation(name, regression):
+    block, _ = scene(noise=1.0)
+    order = np.random.default_rng(3).permutation(8)
+    model = fitted(name, block, regression)
+    place = {int(b): i for i, b in enumerate(order)}
+    shuffled = remove.fit(
+        name, block[order], nir=place[NIR], bands=[BANDS[b] for b in order], regression=regression,
+        correct=[place[b] for b in CORRECT],
+    )  # fmt: skip
+    np.testing.assert_allclose(remove.apply(block[order], shuffled), remove.apply(block, model)[order], rtol=1e-9)
+    # a saved model finds its bands by name
+    moved = model.for_bands(tuple(BANDS[b].name for b in order))
+    np.testing.assert_allclose(remove.apply(block[order], moved), remove.apply(block, model)[order], rtol=1e-14)
+
+
+@pytest.mark.parametrize(("name", "regression"), COMBINATIONS)
+@settings(max_examples=8, deadline=None)
+@given(scale=st.floats(1e-6, 1e6))
+def test_scaling(name, regression, scale):
+    block, _ = scene(noise=1.0)
+    out = remove.apply(block, fitted(name, block, regression, rrs_factor=1.0))
+    scaled = remove.apply(block * scale, fitted(name, block * scale, regression, rrs_factor=scale))
+    np.testing.assert_allclose(scaled / scale, out, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "regression"), COMBINATIONS)
+def test_nan_stays_nan_and_never_enters_a_statistic(name, regression):
+    block, _ = scene(noise=1.0)
+    holes = np.random.default_rng(5).random(block.shape[1:]) < 0.2
+    dirty = block.copy()
+    dirty[1, holes] = np.nan
+    before = dirty.copy()
+    model = fitted(name, dirty, regression)
+    without = fitted(name, block, regression, sample=~holes)
+    assert [f.slope for f in model.fits] == [f.slope for f in without.fits]
+    assert model.indexes == without.indexes
+    out = remove.apply(dirty, model)
+    np.testing.assert_array_equal(np.isnan(out[1]), holes)
+    assert not np.isnan(out[[0, 2]]).any()
+    np.testing.assert_array_equal(dirty, before)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("name", METHODS)
+def test_apply_against_numpy(name, dtype):
+    block, _ = scene(noise=1.0, dtype=dtype)
+    model = fitted(name, block)
+    index = model.indexes[0]
+    g = sum(w * block[b].astype(float) for w, b in zip(index.weights, index.bands, strict=True)) - index.level
+    expected = block.copy()
+    for fit in model.fits:
+        expected[fit.band] = (block[fit.band].astype(float) - fit.slope * g).astype(dtype)
+    out = remove.apply(block, model)
+    assert out.dtype == dtype
+    np.testing.assert_array_equal(out, expected)
+    where = np.random.default_rng(6).random(block.shape[1:]) < 0.5
+    np.testing.assert_array_equal(remove.apply(block, model, where=where), np.where(where, expected, block))
+    inplace = block.copy()
+    assert remove.apply(inplace, model, out=inplace) is inplace
+    np.testing.assert_array_equal(inplace, expected)
+
+
+@pytest.mark.parametrize(("name", "regression"), [c for c in COMBINATIONS if c[0] in FITTED])
+def test_tiles_are_the_whole_to_the_bit(name, regression):
+    block, _ = scene(shape=(200, 190), noise=1.0, dtype=np.float32)
+    sample = np.random.default_rng(7).random(block.shape[1:]) < 0.6
+    model = fitted(name, block, regression, sample=sample)
+    request = remove.nir_request(BANDS, [NIR], correct=CORRECT, regression=regression)
+    plan = METHODS[name].plan(request)
+    read = block[list(plan.read_bands)]
+    parts = []
+    for r0, r1 in [(128, 200), (0, 64), (64, 128)]:
+        for c0, c1 in [(64, 190), (0, 64)]:
+            top, left = max(r0 - plan.halo, 0), max(c0 - plan.halo, 0)
+            bottom, right = min(r1 + plan.halo, 200), min(c1 + plan.halo, 190)
+            parts.append(
+                gather(
+                    read[:, top:bottom, left:right], sample[top:bottom, left:right], plan,
+                    origin=(r0, c0), crop=(r0 - top, bottom - r1, c0 - left, right - c1),
+                )
+            )  # fmt: skip
+    assert METHODS[name].fit(request, merge(parts, plan)) == model
+    out = remove.apply(block, model)
+    tiled = np.concatenate([remove.apply(block[:, :77], model), remove.apply(block[:, 77:], model)], axis=1)
+    np.testing.assert_array_equal(tiled, out)
+
+
+def test_standard_errors_are_honest():
+    """Slopes of independent draws scatter as their standard errors say, with correlated residuals too."""
+    import cv2
+
+    slopes, claimed = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        smooth = cv2.GaussianBlur(rng.normal(size=(2, 256, 256)).transpose(1, 2, 0), (0, 0), 3).transpose(2, 0, 1)
+        nir = 10 + 40 * smooth[0]
+        model = remove.fit("lyzenga", np.stack([5 + 0.8 * nir + 20 * smooth[1], nir]), nir=1)
+        slopes.append(model.fits[0].slope)
+        claimed.append(model.fits[0].stderr)
+    # the scatter of 60 draws is itself known to 1 / sqrt(2 * 59) = 9 %; three times that, and 4 cells a side
+    assert np.mean(claimed) == pytest.approx(np.std(slopes, ddof=1), rel=0.3)
+    assert np.mean(slopes) == pytest.approx(0.8, abs=4 * np.std(slopes) / np.sqrt(60))
+
+
+@pytest.mark.parametrize("kind", ["float", "integer", "scaled integer"])
+def test_mode_converges_and_is_equivariant(kind):
+    errors = []
+    for n in (300, 3_000, 30_000, 300_000):
+        draws = []
+        for seed in range(5):
+            values = np.random.default_rng(seed).gamma(5.0, 20.0, n)  # mode (5 - 1) * 20 = 80
+            if kind != "float":
+                values = np.round(values)
+            draws.append(mode(values if kind != "scaled integer" else values * 1e-4) * (1e4 if "scaled" in kind else 1))
+        errors.append(np.sqrt(np.mean((np.array(draws) - 80) ** 2)))
+    assert errors[-1] < 1.5  # 1.5 of a standard deviation of 45
+    assert errors[-1] < 0.5 * errors[0]
+    values = np.random.default_rng(1).gamma(5.0, 20.0, 5000)
+    assert mode(3 * values + 7) == pytest.approx(3 * mode(values) + 7, rel=1e-9)
+
+
+def test_mode_of_degenerate_samples():
+    assert mode(np.array([4.0])) == 4
+    assert mode(np.full(100, 7, np.uint16)) == 7
+    assert mode(np.array([1, 2, 2, 2, 9], np.uint8)) == pytest.approx(2, abs=0.5)
+    assert mode(np.array([0.0] * 90 + list(range(1, 11)))) == pytest.approx(0, abs=0.5)
+    with pytest.raises(FitError, match="empty"):
+        mode(np.array([]))
+
+
+def test_several_nir_bands():
+    rng = np.random.default_rng(8)
+    glint = rng.gamma(1.0, 5.0, (2, 60, 60))
+    bands = [Band("BLUE", 480, group="a"), Band("YELLOW", 605, group="b"), Band("N1", 832, group="a"),
+             Band("N2", 950, group="b")]  # fmt: skip
+    block = np.stack([50 + glint[0], 40 + 0.5 * glint[1], 5 + glint[0], 4 + glint[1]])
+    for use in ("set", "best"):
+        request = remove.nir_request(bands, [2, 3], use=use)
+        assert request.correct == (0, 1)
+        plan = METHODS["hedley"].plan(request)
+        every = np.ones((60, 60), bool)
+        model = METHODS["hedley"].fit(request, merge([gather(block[list(plan.read_bands)], every, plan)], plan))
+        assert [f.index for f in model.fits] == [0, 1]
+        assert [f.slope for f in model.fits] == pytest.approx([1, 0.5])
+    mean = remove.fit("hedley", block, nir=[2, 3], bands=bands)
+    assert mean.indexes[0].weights == (0.5, 0.5)
+    with pytest.raises(InputError, match="same time as BLUE"):
+        remove.nir_request([Band("BLUE", 480), bands[2]], [1], use="set")
+
+
+@given(st.sampled_from(sorted(METHODS)))
+@settings(deadline=None)
+def test_models_survive_json(name):
+    block, _ = scene(noise=1.0)
+    model = fitted(name, block)
+    assert GlintModel.from_json(model.to_json()) == model
+    assert json.loads(model.to_json())["kind"] == "deglint model"
+    assert name in str(model)
+
+
+NOT_MODELS = ["", "{}", '{"kind": "other", "format": 1}', '{"kind": "deglint model", "format": 99}']
+
+
+@pytest.mark.parametrize("text", NOT_MODELS)
+def test_what_is_not_a_model_is_refused(text):
+    with pytest.raises(InputError, match="model"):
+        GlintModel.from_json(text)
+
+
+def test_errors_say_what_to_do():
+    block, _ = scene()
+    with pytest.raises(FitError, match="holds 9 valid pixels, need at least 64"):
+        fitted("hedley", block, sample=np.pad(np.ones((3, 3), bool), ((0, 67), (0, 87))))
+    with pytest.raises(FitError, match="no valid pixel"):
+        fitted("joyce", np.full_like(block, np.nan))
+    flat = block.copy()
+    flat[NIR] = 5
+    with pytest.raises(FitError, match="L840 is constant"):
+        fitted("lyzenga", flat)
+    with pytest.raises(InputError, match="not one of hedley"):
+        fitted("headley", block)
+    with pytest.raises(InputError, match="not one of ols"):
+        fitted("hedley", block, "lasso")
+    with pytest.raises(BandError, match="within 5 nm of 739 nm"):
+        remove.fit("kutser", block[:2], nir=1, bands=[Band("A", 500), Band("B", 840)])
+    with pytest.raises(InputError, match="no band is left"):
+        remove.fit("hedley", block[:1], nir=0)
+    with pytest.raises(InputError, match="for 8 bands"):
+        remove.apply(block[:3], fitted("hedley", block))
+    with pytest.raises(InputError, match="needs band"):
+        fitted("hedley", block).for_bands(("A", "B"))
+
+
+def test_warnings_of_doubtful_fits():
+    block, _ = scene(shape=(20, 20))
+    rng = np.random.default_rng(9)
+    block[0] = rng.normal(50, 5, (20, 20))
+    warnings = fitted("hedley", block).warnings
+    assert any("explains only" in w and "L480" in w for w in warnings)
+    assert any("small sample: 400 pixels" in w for w in warnings)
+    calm = 100 + 0.01 * rng.normal(size=block.shape)
+    assert any("uniform sample" in w for w in fitted("hedley", calm).warnings)
+
+
+def test_one_pixel_outliers_move_the_minimum_but_not_a_percentile():
+    block, _ = scene(noise=1.0)
+    block[:, 0, 0] = -500
+    floor = fitted("hedley", block, floor_percentile=5).indexes[0].level
+    assert fitted("hedley", block).indexes[0].level == -500
+    assert floor == pytest.approx(np.percentile(block[NIR], 5))
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not SENTINEL2.exists(), reason="the real scenes are not beside the project")
+def test_palau_agrees_with_independent_software():
+    import rasterio
+    from rasterio.features import geometry_mask
+
+    with rasterio.open(SENTINEL2 / "palau.tif") as dataset:
+        block = dataset.read()
+        bands = [Band(n, float(dataset.tags(i)["wavelength"])) for i, n in enumerate(dataset.descriptions, 1)]
+        polygon = json.loads((SENTINEL2 / "palau_deep_water.geojson").read_text())["features"][0]["geometry"]
+        sample = geometry_mask([polygon], dataset.shape, dataset.transform, invert=True)
+    with rasterio.open(SENTINEL2 / "palau_hedley_reference.tif") as dataset:
+        reference = dataset.read()
+    model = remove.fit("hedley", block, nir=7, sample=sample, bands=bands, correct=(1, 2, 3))
+    assert {f.n for f in model.fits} == {12000}
+    assert model.indexes[0].level == 151
+    assert [round(f.slope, 6) for f in model.fits] == [0.856348, 0.869187, 0.806518]
+    assert [round(f.r2, 3) for f in model.fits] == [0.763, 0.788, 0.581]
+    out = remove.apply(block, model)
+    np.testing.assert_allclose(out[1:4], reference, atol=2e-4, rtol=0)
+    assert out[1:4][:, sample].std(axis=1) == pytest.approx([13.45, 12.72, 19.30], abs=0.005)
