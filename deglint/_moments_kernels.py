@@ -1,4 +1,4 @@
-"""The compiled inner loops of `deglint.moments`; numpy twins stand in the tests."""
+"""The compiled twin of the inner loop of `deglint.moments`, for large samples; the tests run over both."""
 
 import numpy as np
 from numba import njit
@@ -136,7 +136,7 @@ def _reduce_run(buffer, m, mean, rest, comoment, low, high):  # type: ignore[no-
 
 
 @njit(nogil=True, cache=True)
-def reduce_cells(block, mask, row0, col0, cell, across, n, mean, rest, comoment, low, high):  # type: ignore[no-untyped-def]
+def reduce_cells(block, mask, row0, col0, cell, across, n, mean, comoment, low, high, rest):  # type: ignore[no-untyped-def]
     """Fill the per-cell arrays from a block whose first pixel lies at (row0, col0) within the first cell."""
     variables, rows, columns = block.shape
     buffer = np.empty((variables, RUN + cell))
@@ -154,21 +154,3 @@ def reduce_cells(block, mask, row0, col0, cell, across, n, mean, rest, comoment,
                 _reduce_run(buffer, m, run_mean, run_rest, run_comoment, low[i], high[i])
                 n[i] = _merge(n[i], mean[i], rest[i], comoment[i], float(m), run_mean, run_rest, run_comoment)
                 m = 0
-
-
-@njit(nogil=True, cache=True)
-def merge_cells(n, mean, rest, comoment, low, high):  # type: ignore[no-untyped-def]
-    """Merge cells in the order given."""
-    variables = mean.shape[1]
-    total = 0.0
-    all_mean = np.zeros(variables)
-    all_rest = np.zeros(variables)
-    all_comoment = np.zeros((variables, variables))
-    all_low = np.full(variables, np.inf)
-    all_high = np.full(variables, -np.inf)
-    for i in range(n.shape[0]):
-        if n[i] > 0:
-            total = _merge(total, all_mean, all_rest, all_comoment, n[i], mean[i], rest[i], comoment[i])
-            all_low = np.minimum(all_low, low[i])
-            all_high = np.maximum(all_high, high[i])
-    return total, all_mean, all_rest, all_comoment, all_low, all_high

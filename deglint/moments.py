@@ -1,12 +1,12 @@
 """Mean and covariance of pixels in one stable, mergeable pass: the statistics kernel of the project.
 
 A block is cut into square cells that are aligned with the *scene's* origin, not with the tile's. Every cell is
-reduced by itself and the cells are merged in row-major order, so the result is the same to the bit whatever tiles
-the scene was read in (as long as tile edges fall on cell edges) and however many threads worked on it.
+reduced by itself, and the cells are merged pairwise in row-major order, so the result is the same to the bit whatever
+tiles the scene was read in (as long as tile edges fall on cell edges) and however many threads worked on it.
 
-Inside a cell every row is reduced in two passes while it is in cache - first its mean, then the moments about that
-mean - and merged into the cell with the update of Chan, Golub and LeVeque (1983), means held in two doubles. No large
-sums of squares are ever formed, so an offset of 1e8 or one extreme pixel costs no digits.
+A cell is reduced in two passes while it is in cache - first its mean, then the moments about that mean - and merged
+with the update of Chan, Golub and LeVeque (1983), means held in two doubles. No large sums of squares are ever formed,
+so an offset of 1e8 or one extreme pixel costs no digits.
 
 References
 ----------
@@ -126,11 +126,15 @@ class CellMoments:
         return CellMoments(*(getattr(self, name)[order] for name in _FIELDS))
 
     def total(self) -> Moments:
-        """Merge all cells in their present order."""
-        n, mean, rest, comoment, low, high = _kernels()[1](
-            self.n, self.mean, self.rest, self.comoment, self.minimum, self.maximum
-        )
-        return Moments(int(n), mean, comoment, low, high, rest)
+        """Merge all cells, neighbours in their present order first."""
+        n, mean, rest, comoment = self.n, self.mean, self.rest, self.comoment
+        if not len(n):
+            v = mean.shape[1]
+            return Moments(0, np.zeros(v), np.zeros((v, v)), np.full(v, np.inf), np.full(v, -np.inf), np.zeros(v))
+        while len(n) > 1:
+            n, mean, rest, comoment = _merge_neighbours(n, mean, rest, comoment)
+        low, high = self.minimum.min(axis=0), self.maximum.max(axis=0)
+        return Moments(int(n[0]), mean[0], comoment[0], low, high, rest[0])
 
 
 _FIELDS = ("keys", "n", "mean", "comoment", "minimum", "maximum", "rest")
@@ -142,6 +146,7 @@ def cell_moments(
     *,
     origin: tuple[int, int] = (0, 0),
     cell: int = CELL,
+    compiled: bool = False,
 ) -> CellMoments:
     """Moments of a block, cell by cell.
 
@@ -155,6 +160,8 @@ def cell_moments(
         Row and column of the block's first pixel in the scene [pixel].
     cell : int
         Side of a cell [pixel].
+    compiled : bool
+        Use the compiled kernel: twice as fast, but it takes half a second to load. The last bits may differ.
 
     Returns
     -------
@@ -175,23 +182,25 @@ def cell_moments(
     last = (-(-(origin[0] + rows) // cell), -(-(origin[1] + columns) // cell))
     shape = (max(last[0] - first[0], 0), max(last[1] - first[1], 0))
     count = shape[0] * shape[1]
-    n = np.zeros(count)
-    mean = np.zeros((count, variables))
-    rest = np.zeros((count, variables))
-    comoment = np.zeros((count, variables, variables))
-    low = np.full((count, variables), np.inf)
-    high = np.full((count, variables), -np.inf)
-    if block.size:
-        _kernels()[0](
-            block, np.ascontiguousarray(mask), origin[0] - first[0] * cell, origin[1] - first[1] * cell,
-            cell, shape[1], n, mean, rest, comoment, low, high,
-        )  # fmt: skip
     keys = np.stack(np.divmod(np.arange(count, dtype=np.int64), max(shape[1], 1)), axis=1) + np.array(first)
-    used = n > 0
-    return CellMoments(*(x[used] for x in (keys, n, mean, comoment, low, high, rest)))
+    cells = CellMoments(
+        keys,
+        np.zeros(count),
+        np.zeros((count, variables)),
+        np.zeros((count, variables, variables)),
+        np.full((count, variables), np.inf),
+        np.full((count, variables), -np.inf),
+        np.zeros((count, variables)),
+    )
+    if block.size:
+        start = (origin[0] - first[0] * cell, origin[1] - first[1] * cell)
+        reduce = _compiled() if compiled else _reduce_cells
+        reduce(block, np.ascontiguousarray(mask), *start, cell, shape[1], *(getattr(cells, f) for f in _FIELDS[1:]))
+    used = cells.n > 0
+    return cells if used.all() else CellMoments(*(getattr(cells, f)[used] for f in _FIELDS))
 
 
-def moments(block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None = None) -> Moments:
+def moments(block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None = None, *, compiled: bool = False) -> Moments:
     """Moments of all valid pixels of a block.
 
     Parameters
@@ -199,22 +208,65 @@ def moments(block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None = None) 
     block : (variables, rows, columns) or (variables, pixels) ndarray
     mask : (rows, columns) bool ndarray, optional
         True where a pixel counts.
+    compiled : bool
+        As `cell_moments`.
 
     Examples
     --------
     >>> import numpy as np
-    >>> moments(np.array([[1.0, 2.0, 4.0, np.nan]])).mean
-    array([2.33333333])
+    >>> float(moments(np.array([[1.0, 2.0, 6.0, np.nan]])).mean[0])
+    3.0
     """
     block = np.asarray(block)
     if block.ndim == 2:
         block = block[:, None, :]
         mask = None if mask is None else np.asarray(mask).reshape(1, -1)
-    cells = cell_moments(block, mask)
-    if not len(cells.n):
-        v = block.shape[0]
-        return Moments(0, np.zeros(v), np.zeros((v, v)), np.full(v, np.inf), np.full(v, -np.inf), np.zeros(v))
-    return cells.total()
+    return cell_moments(block, mask, compiled=compiled).total()
+
+
+def _reduce_cells(
+    block: npt.NDArray[Any], mask: npt.NDArray[np.bool_], row0: int, col0: int, cell: int, across: int,
+    n: Float64, mean: Float64, comoment: Float64, low: Float64, high: Float64, rest: Float64,
+) -> None:  # fmt: skip
+    """Fill the per-cell arrays from a block whose first pixel lies at (row0, col0) within the first cell."""
+    for i in range(len(n)):
+        top, left = i // across * cell - row0, i % across * cell - col0
+        rows, columns = slice(max(top, 0), top + cell), slice(max(left, 0), left + cell)
+        x = block[:, rows, columns].reshape(len(block), -1).astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            good = mask[rows, columns].ravel() & np.isfinite(x.sum(axis=0))
+        count = int(np.count_nonzero(good))
+        if not count:
+            continue
+        if count < good.size:
+            x = x[:, good]
+        n[i], low[i], high[i] = count, x.min(axis=1), x.max(axis=1)
+        shift = x[:, 0].copy()
+        x -= shift[:, None]
+        centre = x.mean(axis=1)
+        x -= centre[:, None]
+        mean[i], rest[i] = _two_sum(shift, centre)
+        comoment[i] = x @ x.T
+
+
+def _two_sum(a: Float64, b: Float64) -> tuple[Float64, Float64]:
+    """a + b, rounded, and what rounding dropped (Knuth)."""
+    s = a + b
+    t = s - a
+    return s, (a - (s - t)) + (b - t)
+
+
+def _merge_neighbours(n: Float64, mean: Float64, rest: Float64, comoment: Float64) -> tuple[Float64, ...]:
+    """Merge cells 0 and 1, 2 and 3, ... (Chan, Golub and LeVeque); an odd one at the end is left."""
+    even = len(n) // 2 * 2
+    a, b = slice(0, even, 2), slice(1, even, 2)
+    total = n[a] + n[b]
+    away = (mean[b] - mean[a]) + (rest[b] - rest[a])
+    weight = n[a] * n[b] / total
+    merged = comoment[a] + comoment[b] + away[:, :, None] * away[:, None, :] * weight[:, None, None]
+    new_mean, new_rest = _two_sum(mean[a], away * (n[b] / total)[:, None] + rest[a])
+    ends = ((total, n), (new_mean, mean), (new_rest, rest), (merged, comoment))
+    return tuple(np.concatenate([new, old[even:]]) for new, old in ends)
 
 
 def _as_block(block: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -227,8 +279,8 @@ def _as_block(block: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 @cache
-def _kernels() -> tuple[Any, Any]:
-    """Compile (or load from numba's cache) on first use: importing numba takes half a second."""
-    from . import _moments_kernels as kernels
+def _compiled() -> Any:
+    """Load (or compile) the kernel on first use."""
+    from ._moments_kernels import reduce_cells
 
-    return kernels.reduce_cells, kernels.merge_cells
+    return reduce_cells

@@ -52,10 +52,11 @@ def as_block(columns):
     return np.ascontiguousarray(np.asarray(columns, float).T[:, None, :])
 
 
+@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("name", NIST_UNIVARIATE)
-def test_nist_univariate(name):
+def test_nist_univariate(name, compiled):
     data, mean, deviation = NIST_UNIVARIATE[name]
-    m = moments(data[None, :])
+    m = moments(data[None, :], compiled=compiled)
     exact = [Fraction(float(x)) for x in data]
     exact_mean = sum(exact) / len(exact)
     exact_power = sum((x - exact_mean) ** 2 for x in exact)
@@ -68,8 +69,9 @@ def test_nist_univariate(name):
     assert np.sqrt(m.covariance()[0, 0]) == pytest.approx(deviation, abs=2 * stored + 1e-15)
 
 
-def test_nist_norris():
-    m = moments(as_block(NORRIS))
+@pytest.mark.parametrize("compiled", [False, True])
+def test_nist_norris(compiled):
+    m = moments(as_block(NORRIS), compiled=compiled)
     slope = m.comoment[0, 1] / m.comoment[1, 1]
     r2 = m.comoment[0, 1] ** 2 / (m.comoment[0, 0] * m.comoment[1, 1])
     assert slope == pytest.approx(1.00211681802045, rel=1e-14)
@@ -77,8 +79,9 @@ def test_nist_norris():
     assert r2 == pytest.approx(0.999993745883712, rel=1e-14)
 
 
-def test_nist_longley():
-    m = moments(as_block(LONGLEY))
+@pytest.mark.parametrize("compiled", [False, True])
+def test_nist_longley(compiled):
+    m = moments(as_block(LONGLEY), compiled=compiled)
     scale = np.sqrt(np.diag(m.comoment))
     correlation = m.comoment / np.outer(scale, scale)
     slopes = np.linalg.solve(correlation[1:, 1:], correlation[1:, 0]) * scale[0] / scale[1:]
@@ -87,15 +90,16 @@ def test_nist_longley():
     assert m.mean[0] - slopes @ m.mean[1:] == pytest.approx(-3482258.63459582, rel=1e-11)
 
 
+@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("offset", [0.0, 1e4, 1e8])
-def test_against_long_double(offset):
+def test_against_long_double(offset, compiled):
     rng = np.random.default_rng(1)
     block = rng.normal(0, 3, (3, 150, 170)) + offset
     block[1] += 0.7 * (block[0] - offset)
     x = block.reshape(3, -1).astype(np.longdouble)
     centred = x - x.mean(axis=1, keepdims=True)
     expected = (centred @ centred.T).astype(float)
-    m = moments(block)
+    m = moments(block, compiled=compiled)
     np.testing.assert_allclose(m.mean, x.mean(axis=1).astype(float), rtol=4e-16, atol=1e-15)
     # relative to the scale of the deviations, not of the offset
     np.testing.assert_allclose(m.comoment, expected, atol=1e-14 * expected.max(), rtol=0)
@@ -120,15 +124,16 @@ def test_float32_and_integer_input_is_summed_in_double():
         np.testing.assert_array_equal(m.mean, expected.mean)
 
 
+@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_invalid_pixels_are_left_out_of_every_variable(bad):
+def test_invalid_pixels_are_left_out_of_every_variable(bad, compiled):
     rng = np.random.default_rng(4)
     block = rng.normal(size=(3, 70, 70))
     holes = rng.random((70, 70)) < 0.3
     dirty = block.copy()
     dirty[1, holes] = bad
     before = dirty.copy()
-    m, expected = moments(dirty), moments(block, ~holes)
+    m, expected = (moments(*a, compiled=compiled) for a in ((dirty,), (block, ~holes)))
     assert m.n == (~holes).sum()
     np.testing.assert_array_equal(m.comoment, expected.comoment)
     np.testing.assert_array_equal(m.minimum, expected.minimum)
@@ -144,15 +149,16 @@ def split(length, edges):
     rows=st.lists(st.integers(1, 5), max_size=3, unique=True),
     columns=st.lists(st.integers(1, 4), max_size=3, unique=True),
     order=st.randoms(),
+    compiled=st.booleans(),
 )
-def test_any_tiling_on_cells_gives_the_same_bits(rows, columns, order):
+def test_any_tiling_on_cells_gives_the_same_bits(rows, columns, order, compiled):
     height, width = 6 * CELL - 11, 5 * CELL - 7
     rng = np.random.default_rng(5)
     block = rng.normal(1e3, 1, (2, height, width)).astype(np.float32)
     mask = rng.random((height, width)) < 0.8
-    whole = cell_moments(block, mask).total()
+    whole = cell_moments(block, mask, compiled=compiled).total()
     parts = [
-        cell_moments(block[:, r0:r1, c0:c1], mask[r0:r1, c0:c1], origin=(r0, c0))
+        cell_moments(block[:, r0:r1, c0:c1], mask[r0:r1, c0:c1], origin=(r0, c0), compiled=compiled)
         for r0, r1 in split(height, [CELL * r for r in sorted(rows)])
         for c0, c1 in split(width, [CELL * c for c in sorted(columns)])
     ]

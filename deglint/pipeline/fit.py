@@ -26,6 +26,8 @@ from .sample import sampler_of
 Progress = Callable[[str, int, int], None]
 KEPT_PIXELS = 1 << 20
 """Most single pixels that are kept for a percentile or a mode."""
+COMPILED_PIXELS = 10_000_000
+"""Pixels of a sample above which the compiled statistics kernel pays for its loading."""
 MAX_COVER = 0.6
 """Share of glinted pixels above which the mode of the NIR is no longer that of water."""
 AUTO_FLOOR = 5.0
@@ -145,7 +147,8 @@ def _fit_sampled(
     method = "joyce" if recipe.method == "auto" else recipe.method
     sampler = sampler_of(scene, recipe, look, threads)
     plan = METHODS[method].plan(request)  # type: ignore[misc]
-    plan = replace(plan, share=max(1, -(-sampler.pixels // KEPT_PIXELS)))
+    share = max(1, -(-sampler.pixels // KEPT_PIXELS))
+    plan = replace(plan, share=share, compiled=sampler.pixels > COMPILED_PIXELS)
     halo = max(plan.halo, 0)
     columns = sorted(set(plan.read_bands) | set(sampler.bands))
     rows = [columns.index(b) for b in plan.read_bands]

@@ -102,14 +102,12 @@ def skipped(fitted: Fitted) -> dict[str, str]:
 
 def versions() -> dict[str, str]:
     """Versions of what the numbers depend on."""
-    import numba
     import numpy as np
     import rasterio
 
     return {
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "numba": numba.__version__,
         "rasterio": rasterio.__version__,
         "gdal": rasterio.__gdal_version__,
     }

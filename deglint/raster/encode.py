@@ -7,13 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..scene import FloatArray
+
+Mask = npt.NDArray[np.bool_]
+_SLAB = 1 << 15
+"""Pixels worked on at a time, so that they stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,23 +71,52 @@ def encode(
     -----
     Integers are rounded to nearest (ties to even) and saturate at the ends of their type.
     """
-    negative = np.zeros(len(raw), np.int64)
-    clipped = np.zeros(len(raw), np.int64)
-    everywhere = where is None
-    mask = np.ones((1, 1), np.bool_) if where is None else where
-    with_flags = flags is not None
-    marked = np.zeros((1, 1), np.uint8) if flags is None else flags
-    for b in bands:
-        if raw is physical or np.shares_memory(raw, physical):
-            negative[b] = _kernels().look(raw[b], mask, everywhere, marked, with_flags, marks[0])
-            continue
-        given = (physical[b], raw[b], mask, everywhere, float(scales[b]), float(offsets[b]))
-        if raw.dtype.kind in "iu":
-            low, high = _range(raw.dtype)
-            negative[b], clipped[b] = _kernels().put_integers(*given, low, high, marked, with_flags, *marks)
-        else:
-            negative[b] = _kernels().put_floats(*given, marked, with_flags, marks[0])
-    return Counts(negative, clipped)
+    counts = Counts(np.zeros(len(raw), np.int64), np.zeros(len(raw), np.int64))
+    in_place = np.shares_memory(raw, physical)
+    rows = max(1, _SLAB // max(raw.shape[2], 1))
+    for top in range(0, raw.shape[1], rows):
+        part = slice(top, top + rows)
+        asked = None if where is None else where[part]
+        for b in bands:
+            below, outside = _put(physical[b, part], raw[b, part], asked, scales[b], offsets[b], in_place)
+            counts.negative[b] += np.count_nonzero(below)
+            if flags is not None:
+                flags[part][below] |= marks[0]
+            if outside is not None:
+                counts.clipped[b] += np.count_nonzero(outside)
+                if flags is not None:
+                    flags[part][outside] |= marks[1]
+    return counts
+
+
+def _put(
+    values: FloatArray, raw: npt.NDArray[Any], where: Mask | None, scale: float, offset: float, in_place: bool
+) -> tuple[Mask, Mask | None]:
+    """Store some rows of a band; return where they are negative, and where they were clipped."""
+    below = values < 0
+    if where is not None:
+        below &= where
+    if in_place:
+        return below, None
+    put = values.astype(np.float64)
+    if offset != 0:
+        put -= offset
+    if scale != 1:
+        put /= scale
+    good = np.isfinite(put)
+    if where is not None:
+        good &= where
+    if raw.dtype.kind not in "iu":
+        np.copyto(raw, put, where=good, casting="same_kind")
+        return below, None
+    np.rint(put, out=put)
+    low, high = _range(raw.dtype)
+    outside = (put < low) | (put > high)
+    outside &= good
+    put[~good] = 0
+    np.clip(put, low, high, out=put)
+    np.copyto(raw, put, where=good, casting="unsafe")
+    return below, outside
 
 
 def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
@@ -92,10 +124,3 @@ def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
     info = np.iinfo(dtype)
     high = float(info.max)
     return float(info.min), high if int(high) <= info.max else float(np.nextafter(high, 0))
-
-
-@cache
-def _kernels() -> Any:
-    from . import _kernels
-
-    return _kernels

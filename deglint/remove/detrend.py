@@ -49,9 +49,9 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
 
     Notes
     -----
-    Sums are float64, taken afresh for every pixel in a fixed order, not carried along: they do not drift, and
-    a tile gives to the bit what the whole image gives. Rounding is below 1e-14 of the values: 1e-6 at an
-    offset of 1e8. Cost: 15 ns per pixel and band in rows that hold a sample pixel, next to none elsewhere.
+    A sum over 15 pixels is put together from sums over 8, 4, 2 and 1 of them, always the same ones for the same pixel:
+    it does not drift as a running sum does, and a tile gives to the bit what the whole image gives. Rounding is about
+    1e-14 of the values, so an offset of 1e8 costs 1e-6. Cost: some 40 ns per pixel and band.
 
     Examples
     --------
@@ -68,9 +68,39 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
     sample = np.isfinite(block).all(axis=0)
     if mask is not None:
         sample &= mask
-    from ._detrend_kernel import subtract_local_mean
-
-    values = block if block.dtype in (np.float32, np.float64) else np.asarray(block, np.float64)
-    out = np.empty(block.shape, np.float64)
-    subtract_local_mean(values, sample, size // 2, out)
+    out = np.empty(block.shape)
+    padded = np.zeros((block.shape[1] + 2 * (size // 2), block.shape[2] + 2 * (size // 2)))
+    inner = padded[size // 2 : size // 2 + block.shape[1], size // 2 : size // 2 + block.shape[2]]
+    inner[...] = sample
+    count = np.maximum(_box_sum(padded, size), 1.0)
+    outside = ~sample
+    for band, result in zip(block, out, strict=True):
+        np.copyto(inner, band)
+        inner[outside] = 0.0
+        np.divide(_box_sum(padded, size), count, out=result)
+        np.subtract(inner, result, out=result)
+        result[outside] = np.nan
     return out
+
+
+def _box_sum(padded: Float64Array, size: int) -> Float64Array:
+    """Sums over size x size pixels, for each place where the square fits."""
+    down = _run_sum(padded, size)
+    return _run_sum(down.T, size).T
+
+
+def _run_sum(values: Float64Array, size: int) -> Float64Array:
+    """Sums over `size` neighbours along the first axis, from sums over powers of two."""
+    length = len(values) - size + 1
+    total: Float64Array | None = None
+    offset, power, part = 0, 1, values
+    while True:
+        if size & power:
+            piece = part[offset : offset + length]
+            total = piece.copy() if total is None else np.add(total, piece, out=total)
+            offset += power
+        if 2 * power > size:
+            assert total is not None  # size is odd
+            return total
+        part = part[:-power] + part[power:]
+        power *= 2

@@ -14,7 +14,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,8 @@ HALO = 0
 """Pixels around a tile that applying a model looks at."""
 
 FORMAT = 1
+_SLAB = 1 << 15
+"""Pixels corrected at a time, so that what is computed stays in the processor's cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,27 +234,35 @@ def apply(
         raise InputError(f"where has shape {where.shape}, but the block has {block.shape[1:]} pixels.")
     if out is None:
         out = np.empty_like(block)
-    weights, levels, which, slopes = coefficients(model)
-    mask = np.ones((1, 1), np.bool_) if where is None else where
-    _kernel()(block, out, mask, where is None, weights, levels, which, slopes)
+    rows = max(1, _SLAB // max(block.shape[2], 1))
+    for top in range(0, block.shape[1], rows):
+        part = slice(top, top + rows)
+        _subtract(block[:, part], out[:, part], model, None if where is None else where[part])
     return out
 
 
-def coefficients(model: GlintModel) -> tuple[npt.NDArray[Any], ...]:
-    """(index, band) weights, index levels, index of each band (-1: not corrected), slope of each band."""
-    bands = len(model.band_names)
-    weights = np.zeros((len(model.indexes), bands))
-    for k, index in enumerate(model.indexes):
-        weights[k, list(index.bands)] = index.weights
-    which = np.full(bands, -1, np.int64)
-    slopes = np.zeros(bands)
+def _subtract(block: FloatArray, out: FloatArray, model: GlintModel, where: npt.NDArray[np.bool_] | None) -> None:
+    """Correct a few rows, in float64, rounding once."""
+    above = [_above_level(block, index) for index in model.indexes]
+    product = np.empty(block.shape[1:])
+    corrected = {fit.band for fit in model.fits}
     for fit in model.fits:
-        which[fit.band], slopes[fit.band] = fit.index, fit.slope
-    return weights, np.array([i.level for i in model.indexes]), which, slopes
+        np.multiply(above[fit.index], fit.slope, out=product)
+        if where is None:
+            np.subtract(block[fit.band], product, out=out[fit.band], casting="same_kind")
+        else:
+            if out is not block:
+                np.copyto(out[fit.band], block[fit.band])
+            np.subtract(block[fit.band], product, out=out[fit.band], casting="same_kind", where=where)
+    if not np.shares_memory(out, block):
+        for band in set(range(len(block))) - corrected:
+            np.copyto(out[band], block[band])
 
 
-@cache
-def _kernel() -> Any:
-    from ._kernels import subtract
-
-    return subtract
+def _above_level(block: FloatArray, index: GlintIndex) -> FloatArray:
+    """How far an index stands above its level, in float64."""
+    total = index.weights[0] * block[index.bands[0]].astype(np.float64)
+    for band, weight in zip(index.bands[1:], index.weights[1:], strict=True):
+        total += weight * block[band].astype(np.float64)
+    total -= index.level
+    return total

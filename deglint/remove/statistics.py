@@ -40,6 +40,8 @@ class SamplePlan:
         robust regressions).
     share : int
         Keep one pixel in so many, chosen by a hash of row and column.
+    compiled : bool
+        Use the compiled kernel for the moments (worth its loading above some ten million pixels).
     """
 
     bands: tuple[int, ...]
@@ -47,6 +49,7 @@ class SamplePlan:
     detrend_size: int = 0
     keep: str = "nothing"
     share: int = 1
+    compiled: bool = False
 
     @property
     def read_bands(self) -> tuple[int, ...]:
@@ -144,7 +147,7 @@ def gather(
     detrended = None
     if plan.detrend_size:
         local = detrend(variables, mask, plan.detrend_size)[(slice(None), *inner)]
-        detrended = cell_moments(local, mask[inner], origin=origin)
+        detrended = cell_moments(local, mask[inner], origin=origin, compiled=plan.compiled)
     variables, mask = variables[(slice(None), *inner)], mask[inner]
     rows, columns = np.nonzero(mask)
     pixels = variables[:, rows, columns]
@@ -152,7 +155,7 @@ def gather(
     first = len(plan.bands)
     kept = _kept(places, plan.share) if plan.keep != "nothing" else np.zeros(places.shape[1], np.bool_)
     return SamplePart(
-        cells=cell_moments(variables, mask, origin=origin),
+        cells=cell_moments(variables, mask, origin=origin, compiled=plan.compiled),
         detrended=detrended,
         darkest=tuple(_extreme(pixels, places, first + k, first, False) for k in range(len(plan.indexes))),
         brightest=tuple(_extreme(pixels, places, first + k, first, True) for k in range(len(plan.indexes))),
