@@ -41,7 +41,7 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
 
 def _rgb(scene: Scene, model: GlintModel) -> list[int]:
     """Three corrected bands nearest to red, green and blue; fewer bands stand in for all three."""
-    corrected = [f.band for f in model.fits]
+    corrected = [f.band for f in model.fits] or list(range(len(scene.bands)))
     known = [b for b in corrected if scene.bands[b].wavelength]
     if len(known) >= 3:
         return [min(known, key=lambda b: abs((scene.bands[b].wavelength or 0) - w)) for w in (660, 555, 480)]

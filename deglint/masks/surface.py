@@ -265,9 +265,10 @@ def _square(size: int) -> npt.NDArray[np.uint8]:
 
 
 def _opened(nir: FloatArray, valid: BoolArray, threshold: float, window: int) -> BoolArray:
-    """Bright pixels in a square of `window` bright pixels; what is not valid or not there is neutral.
+    """Bright pixels in a square of `window` bright pixels that lies in the image; what is not valid is neutral.
 
-    A threshold and a rank filter commute, so the opening runs on bytes. OpenCV's own border is neutral.
+    A threshold and a rank filter commute, so the opening runs on bytes. Squares that reach over the image's edge do
+    not count: there a few sparkles would fill them.
     """
     bright = nir > threshold
     if window == 1 or not (bright & valid).any():
@@ -275,7 +276,8 @@ def _opened(nir: FloatArray, valid: BoolArray, threshold: float, window: int) ->
     import cv2
 
     square = _square(window)
-    core = cv2.erode((bright | ~valid).view(np.uint8), square) & valid.view(np.uint8)
+    filled = (bright | ~valid).view(np.uint8)
+    core = cv2.erode(filled, square, borderType=cv2.BORDER_CONSTANT, borderValue=0) & valid.view(np.uint8)
     grown: BoolArray = cv2.dilate(core, square).view(np.bool_)
     return grown & valid
 

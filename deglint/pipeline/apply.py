@@ -162,17 +162,17 @@ class _Work:
         known = self._known(physical, valid)
         inside = self._inside(tile, physical)
         where = known if inside is None else inside if known is None else known & inside
-        corrected = tally.total if where is None else int(np.count_nonzero(where))
-        tally.corrected = corrected
+        usable = tally.total if where is None else int(np.count_nonzero(where))
         tally.nodata = 0 if known is None else tally.total - int(np.count_nonzero(known))
-        tally.not_water = tally.total - tally.corrected - tally.nodata
+        tally.not_water = tally.total - usable - tally.nodata
+        tally.corrected = usable if self.model.fits else 0
         flags = self._flags(known, where, tile.shape) if self.outputs.flags else None
         tally.saturated = _saturated(self.scene, physical, flags)
         bands = [f.band for f in self.model.fits]
         before = physical[bands].copy() if self.outputs.amount else None
         if raw.dtype != self.dtype:
             raw = raw.astype(self.dtype)
-        if corrected:
+        if tally.corrected:
             if not physical.flags.writeable:
                 physical = physical.copy()
             apply(physical, self.model, where=where, out=physical)
@@ -288,9 +288,13 @@ def _run(
         fitted = given_model(scene, recipe, model, threads)
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
+    if targets.amount and not fitted.model.fits:
+        raise InputError(
+            "no band is corrected, so there is no amount to write: leave out --amount, or name a --method."
+        )
     with Scratch() as scratch:
         tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress)
-        if tally.corrected == 0:
+        if tally.corrected == 0 and fitted.model.fits:
             why = "every pixel is nodata" if tally.nodata == tally.total else "no pixel is water inside the mask"
             raise NoWaterError(f"nothing to correct in {scene.path}: {why}. Check --nodata and --mask.")
         if targets.sample:

@@ -60,12 +60,9 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         return out
     model = fitted.model
     sample = fitted.numbers["sample"]
-    out["r2"] = {f.name: f.r2 for f in model.fits}
-    out["slopes"] = {f.name: f.slope for f in model.fits}
     if sample:
-        out["glint_cover"] = sample["glint_cover"]
-        out["glint_level"] = sample["glint_level"]
-    best = max((f.r2 for f in model.fits if f.r2 is not None), default=None)
+        out |= {k: sample[k] for k in ("r2", "slopes", "glint_cover", "glint_level")}
+    best = max((r2 for r2 in (out["r2"] or {}).values() if r2 is not None), default=None)
     out["suggested_method"], out["reason"] = _suggestion(best, out["glint_cover"], model.method)
     notes += [n for n in fitted.notes if n not in notes]
     return out

@@ -16,7 +16,7 @@ from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
 from ..readers.text import read_text
-from ..remove import METHODS, FitRequest, GlintModel, gather, merge
+from ..remove import METHODS, FitRequest, GlintModel, SampleStatistics, gather, merge, useless
 from ..scene import Scene, Window
 from ..tiles import Tile
 from .look import Look, core_of, look_at, role_bands
@@ -172,29 +172,60 @@ def _fit_sampled(
         if want_sample:
             features += to_geojson(mask, (tile.row0, tile.col0), scene)
     stats = merge(parts, plan)
-    floor, notes = request.floor_percentile, []
+    notes: list[str] = []
     model = METHODS[method].fit(request, stats)
-    cover, level = None, None
+    numbers: dict[str, Any] = {"glint_cover": None, "glint_level": None, "left_alone": {}}
+    numbers |= {"r2": {f.name: f.r2 for f in model.fits}, "slopes": {f.name: f.slope for f in model.fits}}
+    floor = request.floor_percentile
     if recipe.method == "auto":
-        cover = glint_cover(stats.index_values(0), model.indexes[0].level)
-        level = float(stats.moments.mean[len(plan.bands)] - np.percentile(stats.index_values(0), AUTO_FLOOR))
-        notes.append(f"glint stands above the commonest NIR in {cover:.0%} of the sample")
-        if cover > MAX_COVER:
-            floor = AUTO_FLOOR
-            model = METHODS["hedley"].fit(replace(request, floor_percentile=floor), stats)
-        notes.append(f"method {model.method}" + (f", level at the {floor:g}th percentile" if floor else ""))
+        model, floor, chosen = _choose(request, stats, model, judge=not recipe.bands)
+        notes += chosen.pop("notes")
+        numbers |= chosen
+    box = _union(boxes)
     said = {
         "kind": recipe.sample,
         "pixels": stats.moments.n,
-        "rows_columns": _union(boxes),
+        "rows_columns": box,
         "share_of_scene": stats.moments.n / (scene.height * scene.width),
         **sampler.numbers,
-        "glint_cover": cover,
-        "glint_level": level,
+        **numbers,
         "floor_percentile": floor,
-        "notes": [*notes, f"sample ({recipe.sample}): {stats.moments.n} pixels, {_place(_union(boxes))}"],
+        "notes": [*notes, f"sample ({recipe.sample}): {stats.moments.n} pixels, {_place(box)}"],
     }
     return model, said, collection(features, scene) if want_sample else None
+
+
+def _choose(
+    request: FitRequest, stats: SampleStatistics, joyce: GlintModel, *, judge: bool
+) -> tuple[GlintModel, float, dict[str, Any]]:
+    """The automatic method: the mode as level, or a low percentile under heavy glint; useless bands are left alone."""
+    values = stats.index_values(0)
+    low = float(np.percentile(values, AUTO_FLOOR))
+    cover = glint_cover(values, joyce.indexes[0].level)
+    model, floor = joyce, 0.0
+    if cover > MAX_COVER:
+        floor = AUTO_FLOOR
+        model = METHODS["hedley"].fit(replace(request, floor_percentile=floor), stats)
+    level = f"the {floor:g}th percentile" if floor else "the mode"
+    notes = [
+        f"glint stands above the commonest NIR in {cover:.0%} of the sample",
+        f"method {model.method}, level at {level} of the NIR",
+    ]
+    alone = {f.name: why for f in model.fits if (why := useless(f))} if judge else {}
+    kept = tuple(f for f in model.fits if f.name not in alone)
+    warnings = tuple(w for w in model.warnings if not any(f" {name} " in w or f" {name}," in w for name in alone))
+    if alone:
+        notes.append(f"left as they are: {', '.join(f'{name} ({why})' for name, why in alone.items())}")
+    if not kept:
+        why = "there is little glint, or the bands are not taken at the same time"
+        warnings = (*warnings, f"no band follows the NIR: {why}. Nothing was corrected.")
+    numbers = {
+        "glint_cover": cover,
+        "glint_level": float(stats.moments.mean[len(request.correct)]) - low,
+        "left_alone": alone,
+        "notes": notes,
+    }
+    return replace(model, fits=kept, warnings=warnings), floor, numbers
 
 
 def glint_cover(values: npt.NDArray[np.floating[Any]], level: float) -> float:

@@ -93,9 +93,11 @@ def skipped(fitted: Fitted) -> dict[str, str]:
     elif fitted.water is None:
         out["water mask"] = "no visible band to tell water by: every valid pixel is corrected"
     corrected = {f.band for f in fitted.model.fits}
+    alone = (fitted.numbers.get("sample") or {}).get("left_alone", {})
     for i, name in enumerate(fitted.model.band_names):
         if i not in corrected:
             why = "glint reference" if i in fitted.model.index_bands else "not among the bands to correct"
+            why = alone.get(name, why)
             out[name] = f"{why}: passed unchanged"
     return out
 

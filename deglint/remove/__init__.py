@@ -21,12 +21,12 @@ from ..scene import Band, FloatArray
 from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, nir_subtraction
 from .model import HALO, BandFit, GlintIndex, GlintModel, apply
 from .regression import REGRESSIONS
-from .request import FitRequest
+from .request import FitRequest, useless
 from .statistics import SamplePlan, SampleStatistics, gather, merge
 
 __all__ = [
     "HALO", "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "apply", "fit", "gather", "merge", "nir_request",
+    "SampleStatistics", "apply", "fit", "gather", "merge", "nir_request", "useless",
 ]  # fmt: skip
 
 

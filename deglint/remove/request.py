@@ -21,6 +21,10 @@ FEW_PIXELS = 1000
 """Below this many pixels a fit carries a warning."""
 LOW_R2 = 0.3
 """Below this R2 a band carries a warning: the index does not explain it."""
+USELESS_R2 = 0.05
+"""Below this R2 a correction takes away less than 3 % of a band's standard deviation."""
+SIGNIFICANT = 3.0
+"""Standard errors by which a slope must exceed zero to count as glint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,10 +170,23 @@ def sample_warnings(stats: SampleStatistics) -> list[str]:
 
 
 def r2_warning(fit: BandFit) -> list[str]:
-    """A warning where the index does not explain the band."""
-    if fit.r2 is None or fit.r2 >= LOW_R2:
-        return []
-    return [f"NIR explains only {max(fit.r2, 0):.0%} of {fit.name} in the sample (R2 below {LOW_R2:g})."]
+    """A warning where the index does not explain the band, or the slope is not to be trusted."""
+    warnings = []
+    if fit.r2 is not None and fit.r2 < LOW_R2:
+        warnings.append(f"NIR explains only {max(fit.r2, 0):.0%} of {fit.name} in the sample (R2 below {LOW_R2:g}).")
+    if fit.stderr is not None and fit.slope < SIGNIFICANT * fit.stderr:
+        said = f"{fit.slope:.3g} +- {fit.stderr:.2g}"
+        warnings.append(f"the slope of {fit.name}, {said}, is not {SIGNIFICANT:g} standard errors above zero.")
+    return warnings
+
+
+def useless(fit: BandFit) -> str | None:
+    """Why a correction of this band would do nothing, or harm; None where it does good."""
+    if fit.r2 is not None and fit.r2 < USELESS_R2:
+        return f"the NIR explains {max(fit.r2, 0):.1%} of it (less than {USELESS_R2:.0%})"
+    if fit.stderr is not None and fit.slope < SIGNIFICANT * fit.stderr:
+        return f"its slope {fit.slope:.3g} +- {fit.stderr:.2g} is not {SIGNIFICANT:g} standard errors above zero"
+    return None
 
 
 def fixed_fits(
