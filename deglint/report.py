@@ -8,10 +8,11 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from .raster import RasterSource
-from .raster.info import open_dataset
+from .raster import FileBands, RasterSource
+from .raster.info import describe, open_dataset
 from .remove import GlintModel
 from .scene import Scene
+from .tiles import tile_shape, tiles
 
 MOST_PIXELS = 900
 """Longest side of each picture [pixel]."""
@@ -27,9 +28,12 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
     import cv2
 
     bands = _rgb(scene, model)
-    before, after = (_look(p, scene, bands) for p in (None, result))
-    low = np.nanpercentile(after, 1, axis=(1, 2))
-    high = np.maximum(np.nanpercentile(after, 99.5, axis=(1, 2)), np.nanpercentile(before, 90, axis=(1, 2)))
+    with open_dataset(str(result)) as dataset:
+        info = describe(dataset, str(result), alpha_is_band=True)
+    with RasterSource([FileBands.of(info)], info) as corrected:
+        before, after = (_thinned(source, scene, bands) for source in (cast(RasterSource, scene.source), corrected))
+    low = _level(after, 1)
+    high = np.maximum(_level(after, 99.5), _level(before, 90))
     halves = [_stretch(image, low, high) for image in (before, after)]
     names = ", ".join(scene.bands[b].name for b in bands)
     titles = [f"before ({names})", f"after {model.method}"]
@@ -48,25 +52,28 @@ def _rgb(scene: Scene, model: GlintModel) -> list[int]:
     return (corrected[::-1] * 3)[:3]
 
 
-def _look(path: Path | None, scene: Scene, bands: list[int]) -> npt.NDArray[np.float32]:
-    """Three bands of the scene, or of its result, as physical values, thinned to the picture's size."""
+def _thinned(source: RasterSource, scene: Scene, bands: list[int]) -> npt.NDArray[np.float32]:
+    """Some bands as physical values, every n-th pixel of every n-th row, read by tiles."""
     step = max(1, -(-max(scene.height, scene.width) // MOST_PIXELS))
     shape = (-(-scene.height // step), -(-scene.width // step))
-    info = cast(RasterSource, scene.source).info
-    if path is None and len(info.paths) > 1:
-        return scene.read(bands=bands)[:, ::step, ::step].astype(np.float32)
-    with open_dataset(str(path or info.paths[0])) as dataset:
-        data = dataset.read([b + 1 for b in bands], out_shape=(3, *shape), masked=True)
-    scales = np.array([info.scales[b] for b in bands])[:, None, None]
-    offsets = np.array([info.offsets[b] for b in bands])[:, None, None]
-    values = np.ma.filled(data.astype(np.float32), np.nan) * scales + offsets
-    values[~np.isfinite(values)] = np.nan
-    return np.asarray(values, np.float32)
+    out = np.empty((len(bands), *shape), np.float32)
+    side = tile_shape(scene.height, scene.width, len(bands), source.info.block_shapes[0])
+    for tile in tiles(scene.height, scene.width, side):
+        block = source.read(tile.window, bands)[:, -tile.row0 % step :: step, -tile.col0 % step :: step]
+        top, left = -(-tile.row0 // step), -(-tile.col0 // step)
+        out[:, top : top + block.shape[1], left : left + block.shape[2]] = block
+    return out
+
+
+def _level(image: npt.NDArray[np.float32], percent: float) -> npt.NDArray[np.float64]:
+    """Percentile of the valid pixels of each band; 0 where there is none."""
+    found = [band[np.isfinite(band)] for band in image]
+    return np.array([np.percentile(values, percent) if values.size else 0.0 for values in found])
 
 
 def _stretch(image: npt.NDArray[Any], low: npt.NDArray[Any], high: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
     span = np.where(high > low, high - low, 1)[:, None, None]
-    unit = np.clip(np.nan_to_num((image - low[:, None, None]) / span), 0, 1) ** (1 / GAMMA)
+    unit = np.clip(np.nan_to_num((image - low[:, None, None]) / span, nan=0.0), 0, 1) ** (1 / GAMMA)
     return np.ascontiguousarray((unit * 255).astype(np.uint8).transpose(1, 2, 0))
 
 

@@ -325,3 +325,19 @@ def test_palau_agrees_with_independent_software():
     out = remove.apply(block, model)
     np.testing.assert_allclose(out[1:4], reference, atol=2e-4, rtol=0)
     assert out[1:4][:, sample].std(axis=1) == pytest.approx([13.45, 12.72, 19.30], abs=0.005)
+
+
+def test_methods_without_regression_follow_the_nir_of_their_set():
+    rng = np.random.default_rng(10)
+    glint = rng.gamma(1.0, 5.0, (2, 30, 40))
+    bands = [Band("BLUE", 480, group="a"), Band("YELLOW", 605, group="b"), Band("N1", 832, group="a"),
+             Band("N2", 950, group="b")]  # fmt: skip
+    block = np.stack([50 + glint[0], 40 + glint[1], 0 * glint[0] + glint[0], glint[1]])
+    request = remove.nir_request(bands, [2, 3], use="set")
+    model = METHODS["nir-subtraction"].fit(request, None)
+    np.testing.assert_allclose(remove.apply(block, model)[:2], np.broadcast_to([[[50]], [[40]]], (2, 30, 40)))
+    plan = METHODS["hochberg"].plan(request)
+    stats = merge([gather(block[list(plan.read_bands)], np.ones((30, 40), bool), plan)], plan)
+    out = remove.apply(block, METHODS["hochberg"].fit(request, stats))
+    np.testing.assert_allclose(out[0], 50 + glint[0].min(), rtol=1e-12)
+    np.testing.assert_allclose(out[1], 40 + glint[1].min(), rtol=1e-12)

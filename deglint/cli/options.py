@@ -64,7 +64,7 @@ class Talk:
     def __init__(self, *, quiet: bool) -> None:
         self.quiet = quiet
         self._drawn = False
-        self._bar = not quiet and sys.stderr.isatty()
+        self._bar = not quiet and sys.stderr is not None and sys.stderr.isatty()
 
     def say(self, text: str) -> None:
         """Write a line to the log."""

@@ -112,6 +112,8 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """  # fmt: skip
     from ..pipeline import Recipe, load_model, remove_glint
 
+    if given["model_in"] and any(given[k] != "auto" for k in ("method", "sample", "regression")):
+        raise click.UsageError("--model applies a fit that is there: leave out --method, --sample and --regression.")
     talk = Talk(quiet=given["quiet"])
     recipe = Recipe(
         method=given["method"], nir=given["nir"], nir_use=given["nir_use"], bands=given["bands"],
@@ -121,7 +123,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     try:
         result = remove_glint(
             list(inputs), output, recipe, model=load_model(given["model_in"]) if given["model_in"] else None,
-            sensor=given["sensor"] or None, nodata=given["nodata"],
+            sensor=given["sensor"], nodata=given["nodata"],
             grid=given["grid"], threads=given["threads"], progress=talk.progress, flags=given["flags"],
             amount=given["amount"], sample=given["save_sample"], model_file=given["save_model"],
             picture=given["picture"], overwrite=given["overwrite"], dtype=given["dtype"], options=given["options"],

@@ -10,6 +10,9 @@ room reads no files, keeps no state, and never changes a pixel.
 """
 
 from .sample import SampleRule, deep_water, describe, fit_sample
-from .surface import Roles, WaterRule, fit_water, water
+from .surface import Roles, WaterRule, brightness, fit_water, opened, valid_for, water
 
-__all__ = ["Roles", "SampleRule", "WaterRule", "deep_water", "describe", "fit_sample", "fit_water", "water"]
+__all__ = [
+    "Roles", "SampleRule", "WaterRule", "brightness", "deep_water", "describe", "fit_sample", "fit_water", "opened",
+    "valid_for", "water",
+]  # fmt: skip

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..scene import FloatArray
-from .surface import BoolArray, Roles, WaterRule, _check_looks, _square, _valid, water
+from .surface import BoolArray, Roles, WaterRule, _check_looks, _square, thinned, valid_for, water
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -151,7 +151,7 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     Cybernetics 9, 62-66, doi:10.1109/TSMC.1979.4310076.
     """
     _check_looks(looks, rule.roles)
-    valid = sum(int(_valid(b, rule.roles).sum()) for b in looks)
+    valid = sum(int(valid_for(b, rule.roles).sum()) for b in looks)
     pairs = [(b, m) for b, m in ((b, water(b, rule)) for b in looks) if m.any()]
     if not pairs:
         raise FitError(f"no deep-water sample: {rule.reason}")
@@ -229,7 +229,7 @@ def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> F
 
 def _spread(values: FloatArray) -> tuple[float, float]:
     """Median, and the range from 5th to 95th percentile (the standard deviation where that is 0)."""
-    low, middle, high = (float(p) for p in np.percentile(values, (5, 50, 95)))
+    low, middle, high = (float(p) for p in np.percentile(thinned(values), (5, 50, 95)))
     return middle, (high - low) or float(np.std(values, dtype=np.float64))
 
 
@@ -300,7 +300,7 @@ def _gather(local: Sequence[_Local], masks: Sequence[BoolArray]) -> _Local:
 def _choose_distance(
     looks: Sequence[FloatArray], masks: Sequence[BoolArray], local: Sequence[_Local], sample: SampleRule
 ) -> tuple[SampleRule, _Local]:
-    other = [_valid(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
+    other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
     for distance in DISTANCES:
         kept = [s.enough & _far(o, distance) for s, o in zip(local, other, strict=True)]
         count = sum(int(k.sum()) for k in kept)
@@ -375,7 +375,7 @@ def _select(block: FloatArray, mask: BoolArray, local: _Local, rule: SampleRule)
     """Apply all limits and make the mask compact by an opening; what is not valid or not there is neutral."""
     import cv2
 
-    valid = _valid(block, rule.water.roles)
+    valid = valid_for(block, rule.water.roles)
     chosen = local.enough & (local.variance >= rule.least_variance)
     chosen &= local.level - rule.slope * local.nir <= rule.level
     chosen &= _even(local, rule)

@@ -31,6 +31,8 @@ WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)
 MAX_LOSS, MAX_LOSS_SHARE = 0.003, 0.03
 """An opening is large enough when the next size takes no more than this from the bright pixels (share of all
 pixels; share of the bright ones): sparkle is lost to an opening, land is not."""
+ENOUGH_TO_RANK = 100_000
+"""Values that a percentile is told by; of more, every k-th."""
 BIN = 0.05
 """Bins of the histogram of log NIR; it is smoothed by a Gaussian of two bins."""
 
@@ -185,7 +187,7 @@ def fit_water(looks: Sequence[FloatArray], roles: Roles) -> WaterRule:
     """
     _check_looks(looks, roles)
     visible = roles.visible[0]
-    valid = [_valid(b, roles) & ((b[roles.nir] != 0) | (b[visible] != 0)) for b in looks]
+    valid = [valid_for(b, roles) & ((b[roles.nir] != 0) | (b[visible] != 0)) for b in looks]
     pixels = int(sum(v.sum() for v in valid))
     level = _positive_level(np.concatenate([b[visible][v] for b, v in zip(looks, valid, strict=True)]))
     rule = WaterRule(roles, np.inf, 1, np.nan, level, np.nan, 0.0, pixels)
@@ -198,7 +200,7 @@ def fit_water(looks: Sequence[FloatArray], roles: Roles) -> WaterRule:
     return replace(rule, water_fraction=1.0 - bright) if ground.like_water(ground.nir <= threshold) else rule
 
 
-def water(block: FloatArray, rule: WaterRule) -> BoolArray:
+def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> BoolArray:
     """Mask of water.
 
     Parameters
@@ -225,12 +227,34 @@ def water(block: FloatArray, rule: WaterRule) -> BoolArray:
     40
     """
     rule.roles.check(len(block))
-    valid = _valid(block, rule.roles)
+    valid = valid_for(block, rule.roles)
     if not rule.has_water:
         return np.zeros_like(valid)
     if rule.all_water:
         return valid
-    return valid & ~_opened(block[rule.roles.nir], valid, rule.threshold, rule.window)
+    return valid & ~opened(*brightness(block[rule.roles.nir], rule), rule.window)
+
+
+def brightness(nir: FloatArray, rule: WaterRule) -> tuple[BoolArray, BoolArray]:
+    """Where the NIR is too bright for open water, and where it is missing (two (row, column) masks)."""
+    return np.asarray(nir > rule.threshold), ~np.isfinite(nir)
+
+
+def opened(bright: BoolArray, missing: BoolArray, window: int) -> BoolArray:
+    """Bright pixels in a square of `window` bright pixels that lies in the image: what is not water.
+
+    What is missing is neutral. A threshold and a rank filter commute, so the opening runs on bytes. Squares that reach
+    over the image's edge do not count: there a few sparkles would fill them.
+    """
+    if window == 1 or not bright.any():
+        return bright & ~missing
+    import cv2
+
+    square = _square(window)
+    filled = (bright | missing).view(np.uint8)
+    core = cv2.erode(filled, square, borderType=cv2.BORDER_CONSTANT, borderValue=0).view(np.bool_) & ~missing
+    grown: BoolArray = cv2.dilate(core.view(np.uint8), square).view(np.bool_)
+    return grown & ~missing
 
 
 def _check_looks(looks: Sequence[FloatArray], roles: Roles) -> None:
@@ -246,7 +270,7 @@ def _max_ratio(roles: Roles) -> float:
     return MAX_RATIO_RED if roles.visible == (roles.red,) else MAX_RATIO
 
 
-def _valid(block: FloatArray, roles: Roles) -> BoolArray:
+def valid_for(block: FloatArray | Sequence[FloatArray], roles: Roles) -> BoolArray:
     """Pixels where every band in use is finite."""
     valid = np.isfinite(block[roles.nir])
     for band in roles.visible:
@@ -254,32 +278,19 @@ def _valid(block: FloatArray, roles: Roles) -> BoolArray:
     return valid
 
 
+def thinned(values: FloatArray) -> FloatArray:
+    """Every k-th value, such that enough are left to tell a percentile by."""
+    return values[:: 1 + values.size // ENOUGH_TO_RANK]
+
+
 def _positive_level(values: FloatArray) -> float:
     """Dark but positive level of a band: the 10th percentile, else a higher one, else 0."""
-    levels = np.percentile(values, (10, 50, 90)) if values.size else ()
+    levels = np.percentile(thinned(values), (10, 50, 90)) if values.size else ()
     return float(next((p for p in levels if p > 0), 0.0))
 
 
 def _square(size: int) -> npt.NDArray[np.uint8]:
     return np.ones((size, size), np.uint8)
-
-
-def _opened(nir: FloatArray, valid: BoolArray, threshold: float, window: int) -> BoolArray:
-    """Bright pixels in a square of `window` bright pixels that lies in the image; what is not valid is neutral.
-
-    A threshold and a rank filter commute, so the opening runs on bytes. Squares that reach over the image's edge do
-    not count: there a few sparkles would fill them.
-    """
-    bright = nir > threshold
-    if window == 1 or not (bright & valid).any():
-        return bright & valid
-    import cv2
-
-    square = _square(window)
-    filled = (bright | ~valid).view(np.uint8)
-    core = cv2.erode(filled, square, borderType=cv2.BORDER_CONSTANT, borderValue=0) & valid.view(np.uint8)
-    grown: BoolArray = cv2.dilate(core, square).view(np.bool_)
-    return grown & valid
 
 
 def _choose_window(
@@ -303,8 +314,8 @@ def _bright_share(
     looks: Sequence[FloatArray], valid: Sequence[BoolArray], roles: Roles, threshold: float, window: int
 ) -> float:
     """Share of valid pixels that are not water."""
-    opened = (_opened(b[roles.nir], v, threshold, window) for b, v in zip(looks, valid, strict=True))
-    return sum(int(o.sum()) for o in opened) / sum(int(v.sum()) for v in valid)
+    found = (opened(b[roles.nir] > threshold, ~v, window) for b, v in zip(looks, valid, strict=True))
+    return sum(int(f.sum()) for f in found) / sum(int(v.sum()) for v in valid)
 
 
 class _Ground:
@@ -323,8 +334,8 @@ class _Ground:
         """Median NIR over median visible."""
         if not chosen.any():
             return np.nan
-        visible = float(np.median(self.band(self.roles.visible[0])[chosen]))
-        return float(np.median(self.nir[chosen])) / visible if visible > 0 else np.inf
+        visible = float(np.median(thinned(self.band(self.roles.visible[0])[chosen])))
+        return float(np.median(thinned(self.nir[chosen]))) / visible if visible > 0 else np.inf
 
     def like_water(self, chosen: BoolArray) -> bool:
         """Whether the colour is that of water, with or without glint."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -14,9 +15,11 @@ import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..errors import InputError, NoWaterError
-from ..masks import WaterRule, water
-from ..raster.encode import encode
+from ..masks import WaterRule, opened, valid_for, water
+from ..raster.convert import is_valid
+from ..raster.encode import encode, retype
 from ..raster.environment import enter_thread, environment
+from ..raster.info import same_nodata
 from ..raster.output import (
     Layout,
     RasterWriter,
@@ -37,6 +40,7 @@ from .fit import Fitted, Progress, default_threads, fit_scene
 from .look import core_of, look_at, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .sidecar import Checksum, sidecar
+from .surroundings import Surroundings
 
 FLAGS = {
     1: "nodata: not valid, passed unchanged",
@@ -44,9 +48,11 @@ FLAGS = {
     4: "corrected",
     8: "negative after correction, in some band",
     16: "saturated before correction, in some band",
-    32: "clipped to the output's integer range, in some band",
+    32: "clipped to the output's integer range (less the number for nodata), in some band",
 }
 """Bits of the flag raster."""
+DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
+"""Types that an output may be given."""
 NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED = FLAGS
 
 
@@ -77,6 +83,10 @@ class Outputs:
     overwrite: bool = False
     dtype: str | None = None
     options: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.dtype is not None and self.dtype not in DTYPES:
+            raise InputError(f"dtype {self.dtype!r} is not one of {', '.join(DTYPES)}.")
 
     @property
     def sidecar(self) -> Path:
@@ -135,8 +145,8 @@ class _Done:
     """One corrected tile."""
 
     raw: npt.NDArray[Any]
-    valid: npt.NDArray[np.bool_] | None
     tally: Tally
+    valid: npt.NDArray[np.bool_] | None = None
     flags: npt.NDArray[np.uint8] | None = None
     amount: npt.NDArray[np.float32] | None = None
 
@@ -148,10 +158,11 @@ class _Work:
     scene: Scene
     model: GlintModel
     outputs: Outputs
-    dtype: np.dtype[Any]
+    layout: Layout
     area: Area | None
     water: WaterRule | None
     water_bands: tuple[int, ...]
+    surroundings: Surroundings | None
 
     def __call__(self, tile: Tile) -> _Done:
         source = raster_of(self.scene)
@@ -170,19 +181,48 @@ class _Work:
         tally.saturated = _saturated(self.scene, physical, flags)
         bands = [f.band for f in self.model.fits]
         before = physical[bands].copy() if self.outputs.amount else None
-        if raw.dtype != self.dtype:
-            raw = raw.astype(self.dtype)
+        file_valid = self._file_valid(raw, valid)
+        raw, lost = self._retyped(raw, valid)
         if tally.corrected:
             if not physical.flags.writeable:
                 physical = physical.copy()
             apply(physical, self.model, where=where, out=physical)
             counts = encode(
                 physical, raw, bands=bands, scales=info.scales, offsets=info.offsets,
-                where=where, flags=flags, marks=(NEGATIVE, CLIPPED),
+                where=where, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
             )  # fmt: skip
             tally.negative, tally.clipped = counts.negative, counts.clipped
+            if lost is not None:
+                lost[bands] &= False if where is None else ~where
+        if lost is not None:
+            tally.clipped = tally.clipped + np.count_nonzero(lost, axis=(1, 2))
+            if flags is not None:
+                flags[lost.any(axis=0)] |= CLIPPED
         amount = None if before is None else np.subtract(before, physical[bands], dtype=np.float32)
-        return _Done(raw, valid, tally, flags, amount)
+        return _Done(raw, tally, file_valid, flags, amount)
+
+    def _file_valid(self, raw: Any, valid: Any) -> npt.NDArray[np.bool_] | None:
+        """What the output's mask says of the tile, where it has one: valid in every band."""
+        if not self.layout.masked:
+            return None
+        found = np.ones(raw.shape[1:], np.bool_) if valid is None else np.asarray(valid.all(axis=0))
+        if raw.dtype.kind == "f" and np.dtype(self.layout.dtype).kind != "f":
+            found = found & np.isfinite(raw).all(axis=0)
+        return found
+
+    def _retyped(self, raw: Any, valid: Any) -> tuple[Any, Any]:
+        """The tile in the output's type and with the output's nodata; also where a valid number was clipped."""
+        dtype, nodata = np.dtype(self.layout.dtype), self.layout.nodata
+        lost = None
+        own = [self.layout.info.nodatas[b] for b in range(len(raw))]
+        hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)
+        if raw.dtype != dtype:
+            raw, lost = retype(raw, dtype)
+            if lost is not None and valid is not None:
+                lost &= valid
+        if hidden is not None:
+            np.copyto(raw, dtype.type(nodata), where=~hidden)
+        return raw, lost
 
     def _known(self, physical: Any, valid: Any) -> npt.NDArray[np.bool_] | None:
         """Where every index can be computed; None where it can everywhere."""
@@ -199,11 +239,13 @@ class _Work:
             return self.area.read(tile.window)
         if self.water is None:
             return None
-        if self.water.halo == 0:
-            return water(np.ascontiguousarray(physical[list(self.water_bands)]), self.water)
+        bands = [physical[b] for b in self.water_bands]
+        if self.surroundings is None:
+            return water(bands, self.water)
+        inside = valid_for(bands, self.water.roles)
+        found = opened(*self.surroundings.around(tile, bands[self.water.roles.nir]), self.water.window)
         outer = tile.grown(self.water.halo, self.scene.height, self.scene.width)
-        found = water(self.scene.source.read(outer.window, list(self.water_bands)), self.water)
-        return np.ascontiguousarray(found[core_of(tile.crop_of(outer), found.shape)])
+        return inside & ~found[core_of(tile.crop_of(outer), found.shape)]
 
     def _flags(self, known: Any, where: Any, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
         flags = np.full(shape, NOT_WATER, np.uint8)
@@ -266,7 +308,9 @@ def remove_glint(
         outputs["model"] = outputs.pop("model_file")
     paths: dict[str, Any] = {k: Path(v) if _is_path(k, v) else v for k, v in outputs.items()}
     targets = Outputs(Path(image), **paths)
-    if len(set(targets.every())) < len(targets.every()):
+    if threads is not None and threads < 1:
+        raise InputError(f"threads: want at least 1, got {threads}.")
+    if len(set(map(os.path.realpath, targets.every()))) < len(targets.every()):
         raise InputError("two outputs have the same name; give each its own.")
     for path in targets.every():
         check_target(path, overwrite=targets.overwrite)
@@ -280,6 +324,10 @@ def _run(
     scene: Scene, recipe: Recipe, targets: Outputs, model: GlintModel | None, threads: int, progress: Progress | None
 ) -> Result:
     begun = time.perf_counter()
+    inputs = {os.path.realpath(p) for p in raster_of(scene).info.paths}
+    for path in targets.every()[1:]:  # the image itself may replace its input, once it is whole
+        if os.path.realpath(path) in inputs:
+            raise InputError(f"{path} is the input, and would be lost. Give that output another name.")
     checksum = Checksum(raster_of(scene).info.paths)
     area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "--mask")
     if model is None:
@@ -315,29 +363,32 @@ def _write_tiles(
     info = raster_of(scene).info
     every = tuple(range(len(scene.bands)))
     dtype = np.dtype(targets.dtype) if targets.dtype else info.dtype
-    nodata = _nodata(info.nodatas, dtype)
-    work = _Work(scene, fitted.model, targets, dtype, area, None if area else fitted.water, fitted.water_bands)
-    image = Layout(info, every, dtype.name, nodata, targets.options)
+    nodata, masked = _marking(scene, dtype)
+    shape = tile_shape_of(scene)
+    image = Layout(info, every, dtype.name, nodata, targets.options, masked=masked, tile=shape)
+    everything = tiling.tiles(scene.height, scene.width, shape)
+    rule, bands = None if area else fitted.water, fitted.water_bands
+    beyond = Surroundings(scene, rule, bands[rule.roles.nir], everything) if rule and rule.halo else None
+    work = _Work(scene, fitted.model, targets, image, area, rule, bands, beyond)
     tally = Tally(len(scene.bands))
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     with ExitStack() as stack:
         writers: list[tuple[RasterWriter, str]] = [(stack.enter_context(writing(scratch, targets.image, image)), "raw")]
         if targets.flags:
-            layout = Layout(info, (0,), "uint8", None, targets.options, scaled=False, names=("flags",))
+            layout = Layout(info, (0,), "uint8", None, targets.options, scaled=False, names=("flags",), tile=shape)
             writers.append((stack.enter_context(writing(scratch, targets.flags, layout)), "flags"))
         if targets.amount:
             bands = tuple(f.band for f in fitted.model.fits)
-            layout = Layout(info, bands, "float32", float("nan"), targets.options, scaled=False, names=tuple(
-                f"glint in {scene.bands[b].name}" for b in bands))  # fmt: skip
+            names = tuple(f"glint in {scene.bands[b].name}" for b in bands)
+            layout = Layout(
+                info, bands, "float32", float("nan"), targets.options, scaled=False, names=names, tile=shape
+            )
             writers.append((stack.enter_context(writing(scratch, targets.amount, layout)), "amount"))
-        everything = tiling.tiles(scene.height, scene.width, tile_shape_of(scene))
         for tile, done in tiling.run(everything, work, threads=threads, progress=note, start=enter_thread):
             for writer, what in writers:
                 writer.write(getattr(done, what), tile.window)
-            if image.masked:
-                everything_valid = np.ones((1, *tile.shape), np.bool_)
-                valid = everything_valid if done.valid is None else done.valid
-                writers[0][0].write_mask(np.asarray(valid.all(axis=0)), tile.window)
+            if done.valid is not None:
+                writers[0][0].write_mask(done.valid, tile.window)
             tally.add(done.tally)
     return tally
 
@@ -363,18 +414,24 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int) -
             if not rule.has_water:
                 raise NoWaterError(rule.reason)
             notes.append(rule.reason)
-    resolved = replace(recipe, method=model.method, regression=model.regression or "none", sample="none")
+    resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
     numbers = {"water": rule.numbers() if rule else None, "sample": None}
     return Fitted(model, resolved, tuple(notes), numbers, None, rule, bands)
 
 
-def _nodata(declared: Sequence[float | None], dtype: np.dtype[Any]) -> float | None:
-    """The nodata value of the output: the input's, where the output's type can hold it."""
-    value = next((n for n in declared if n is not None), None)
-    if value is None or dtype.kind == "f":
-        return value
+def _marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
+    """How the output says which pixels are not valid: the input's nodata where the type can hold it, and a mask where
+    the input has one, or where its nodata cannot be said otherwise."""
+    source = raster_of(scene)
+    value = next((n for n in source.info.nodatas if n is not None), None)
+    masked = any(f.dataset_mask or f.band_masks or f.alpha is not None for f in source.files)
+    if dtype.kind == "f":
+        held = value is None or not np.isfinite(value) or abs(value) <= np.finfo(dtype).max
+        return (value if held else float("nan")), masked
     limits = np.iinfo(dtype)
-    return value if np.isfinite(value) and limits.min <= value <= limits.max else None
+    if value is not None and limits.min <= value <= limits.max and float(value).is_integer():
+        return value, masked
+    return None, masked or value is not None or source.info.dtype.kind == "f"
 
 
 def _saturated(scene: Scene, physical: Any, flags: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.int64]:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..errors import NoWaterError
+from ..errors import FitError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
@@ -19,7 +19,7 @@ from ..readers.text import read_text
 from ..remove import METHODS, FitRequest, GlintModel, SampleStatistics, gather, merge, useless
 from ..scene import Scene, Window
 from ..tiles import Tile
-from .look import Look, core_of, look_at, role_bands
+from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
 from .sample import sampler_of
 
@@ -110,41 +110,59 @@ def fit_scene(
     threads = threads or default_threads()
     with environment():
         request, notes = make_request(scene, recipe)
-        method = "joyce" if recipe.method == "auto" else recipe.method
-        look = look_at(
-            scene,
-            request.indexes[0].bands[0],
-            threads,
-            wanted=_wants_water(recipe, sampled=METHODS[method].plan is not None),
-        )
-        if look.water is not None:
-            if not look.water.has_water:
-                raise NoWaterError(look.water.reason)
-            notes.append(look.water.reason)
-        regression = recipe.regression
-        if regression == "auto":
-            regression = "detrended" if recipe.sample == "auto" else "ols"
-        request = replace(request, regression=regression)
-        numbers: dict[str, Any] = {"water": look.water.numbers() if look.water else None}
-        if METHODS[method].plan is None:
-            model = METHODS[method].fit(request, None)
-            recipe = replace(recipe, method=method, regression="none")
-            return Fitted(
-                model, recipe, tuple(notes), numbers | {"sample": None}, None, look.water, role_bands(look.roles)
-            )
+        request = replace(request, regression=_regression(recipe))
+        sampled = METHODS[_method(recipe)].plan is not None
+        wanted = recipe.mask == "auto" or (sampled and recipe.sample == "auto")
+        for look in looks(scene, request.indexes[0].bands[0], threads, wanted=wanted):
+            try:
+                return _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress)
+            except (NoWaterError, FitError):
+                # a look at a part may have missed the water, or the deep of it: look at more
+                if look.whole or (recipe.sample != "auto" and (look.water is None or look.water.has_water)):
+                    raise
+    raise AssertionError("unreachable: the last look is at everything")
+
+
+def _method(recipe: Recipe) -> str:
+    return "joyce" if recipe.method == "auto" else recipe.method
+
+
+def _regression(recipe: Recipe) -> str:
+    if recipe.regression != "auto":
+        return recipe.regression
+    return "detrended" if recipe.sample == "auto" else "ols"
+
+
+def _fit_look(
+    scene: Scene, recipe: Recipe, request: FitRequest, look: Look, notes: Sequence[str], threads: int,
+    want_sample: bool, progress: Progress | None,
+) -> Fitted:  # fmt: skip
+    notes = list(notes)
+    if look.water is not None:
+        if not look.water.has_water:
+            raise NoWaterError(look.water.reason)
+        notes.append(look.water.reason)
+    numbers: dict[str, Any] = {"water": look.water.numbers() if look.water else None, "sample": None}
+    bands = role_bands(look.roles)
+    method = METHODS[_method(recipe)]
+    if method.plan is None:
+        model, outline = method.fit(request, None), None
+        chosen = replace(recipe, method=model.method, regression="auto")
+    else:
         model, said, outline = _fit_sampled(scene, recipe, request, look, threads, want_sample, progress)
         notes += said.pop("notes")
-        chosen = replace(recipe, method=model.method, regression=model.regression or "none",
-                         floor_percentile=said.pop("floor_percentile"))  # fmt: skip
-        bands = role_bands(look.roles)
-        return Fitted(model, chosen, tuple(notes), numbers | {"sample": said}, outline, look.water, bands)
+        floor = said.pop("floor_percentile")
+        chosen = replace(recipe, method=model.method, regression=model.regression or "auto", floor_percentile=floor)
+        numbers["sample"] = said
+    water = look.water if recipe.mask == "auto" else None
+    return Fitted(model, chosen, tuple(notes), numbers, outline, water, bands)
 
 
 def _fit_sampled(
     scene: Scene, recipe: Recipe, request: FitRequest, look: Look, threads: int, want_sample: bool,
     progress: Progress | None,
 ) -> tuple[GlintModel, dict[str, Any], dict[str, Any] | None]:  # fmt: skip
-    method = "joyce" if recipe.method == "auto" else recipe.method
+    method = _method(recipe)
     sampler = sampler_of(scene, recipe, look, threads)
     plan = METHODS[method].plan(request)  # type: ignore[misc]
     share = max(1, -(-sampler.pixels // KEPT_PIXELS))
@@ -233,10 +251,6 @@ def glint_cover(values: npt.NDArray[np.floating[Any]], level: float) -> float:
     below = level - values[values <= level]
     sigma = 1.4826 * float(np.median(below)) if below.size else 0.0
     return float(np.mean(values > level + 3 * sigma))
-
-
-def _wants_water(recipe: Recipe, *, sampled: bool) -> bool:
-    return recipe.mask == "auto" or (sampled and recipe.sample == "auto")
 
 
 def load_model(path: str) -> GlintModel:

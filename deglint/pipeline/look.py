@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -32,15 +32,18 @@ class Look:
         Of the scene's bands.
     water : WaterRule or None
         None where the scene has no visible band to tell water by, or was told what is water.
+    whole : bool
+        It looked at everything.
     """
 
     tiles: tuple[Tile, ...]
     roles: Roles
     water: WaterRule | None
+    whole: bool
 
 
-def look_at(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Look:
-    """Look at part of the scene (all of a small one) and decide what is water there, where that is `wanted`."""
+def looks(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Look]:
+    """Look at more and more of the scene, the last time at all of it, and say what is water, where that is `wanted`."""
     found = band_roles(scene)
     roles = Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir})
     side = max([LOOK_SIDE, *(b for b in block_of(scene) if b <= 512)])
@@ -50,10 +53,18 @@ def look_at(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Look:
         rule = None
         if wanted and roles.visible:
             rule = fit_water(read_looks(scene, chosen, roles, threads), _compact(roles))
-            if not rule.has_water and len(chosen) < len(everything):
-                continue  # the look may have missed the water: look further
-        return Look(tuple(chosen), roles, rule)
-    raise AssertionError("unreachable: the last look is at everything")
+        whole = len(chosen) == len(everything)
+        yield Look(tuple(chosen), roles, rule, whole)
+        if whole:
+            return
+
+
+def look_at(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Look:
+    """The first look that finds water, where that is `wanted`; else the last."""
+    for look in looks(scene, nir, threads, wanted=wanted):
+        if look.water is None or look.water.has_water:
+            break
+    return look
 
 
 def raster_of(scene: Scene) -> RasterSource:

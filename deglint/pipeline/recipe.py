@@ -51,6 +51,14 @@ class Recipe:
     def __post_init__(self) -> None:
         if self.method != "auto" and self.method not in METHODS:
             raise InputError(f"method {self.method!r} is not one of auto, {', '.join(METHODS)}.")
+        if self.floor_percentile and self.method != "hedley":
+            raise InputError(
+                f"a floor percentile is for method hedley, got method {self.method}: name --method hedley."
+            )
+        if self.regression != "auto" and self.method != "auto" and not METHODS[self.method].regresses:
+            raise InputError(f"{self.method} fits no slopes by regression: leave out --regression {self.regression}.")
+        if self.rrs_factor != float(np.pi) and self.method != "goodman":
+            raise InputError(f"the rrs factor is for method goodman, got method {self.method}.")
         if self.nir_use not in ("auto", "mean", "best", "set"):
             raise InputError(f"nir_use {self.nir_use!r} is not one of auto, mean, best, set.")
 

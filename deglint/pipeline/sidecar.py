@@ -64,7 +64,7 @@ def sidecar(
         "output": str(targets.image),
         "sensor": scene.sensor,
         "bands": [asdict(b) for b in scene.bands],
-        "recipe": asdict(fitted.recipe),
+        "recipe": resolved(fitted),
         "model": asdict(fitted.model),
         **fitted.numbers,
         "skipped": skipped(fitted),
@@ -81,6 +81,16 @@ def sidecar(
         "warnings": warnings,
         "seconds": round(seconds, 3),
     }
+
+
+def resolved(fitted: Fitted) -> dict[str, Any]:
+    """The recipe with the bands that were taken where it left them to be found."""
+    recipe, model = asdict(fitted.recipe), fitted.model
+    if recipe["nir_use"] == "auto":
+        recipe["nir_use"] = "set" if len(model.indexes) > 1 else "mean"
+    recipe["nir"] = [model.band_names[b] for b in model.index_bands]
+    recipe["bands"] = [fit.name for fit in model.fits]
+    return recipe
 
 
 def skipped(fitted: Fitted) -> dict[str, str]:

@@ -28,11 +28,37 @@ class Counts:
     negative : (bands,) int64 ndarray
         Corrected, and below zero after.
     clipped : (bands,) int64 ndarray
-        Corrected, and outside what the output's integer type can hold, so set to its end.
+        Corrected, and outside what the output's integer type can hold, so set to its end; or on the number that
+        says "not valid", so set to the one beside it.
     """
 
     negative: npt.NDArray[np.int64]
     clipped: npt.NDArray[np.int64]
+
+
+def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Mask | None]:
+    """Numbers of a file in another type; integers are rounded to nearest, and saturate.
+
+    Parameters
+    ----------
+    raw : (band, row, column) ndarray
+        Not modified.
+    dtype : dtype
+
+    Returns
+    -------
+    out : (band, row, column) ndarray
+        0 where raw is NaN and `dtype` an integer.
+    clipped : (band, row, column) bool ndarray or None
+        Where a number is outside what the type can hold; None where none can be.
+    """
+    with np.errstate(over="ignore"):
+        if dtype.kind not in "iu" or np.can_cast(raw.dtype, dtype):
+            return raw.astype(dtype), None
+    low, high = _range(dtype)
+    numbers = np.rint(raw) if raw.dtype.kind == "f" else raw
+    clipped = ((numbers < low) | (numbers > high)) & np.isfinite(numbers)
+    return np.clip(np.nan_to_num(numbers, nan=0), low, high).astype(dtype), clipped
 
 
 def encode(
@@ -43,6 +69,7 @@ def encode(
     scales: Sequence[float],
     offsets: Sequence[float],
     where: npt.NDArray[np.bool_] | None = None,
+    nodata: float | None = None,
     flags: npt.NDArray[np.uint8] | None = None,
     marks: tuple[int, int] = (0, 0),
 ) -> Counts:
@@ -60,6 +87,8 @@ def encode(
         physical = raw * scale + offset, a band.
     where : (row, column) bool ndarray, optional
         True where pixels were corrected.
+    nodata : float, optional
+        Number that says "not valid" in the file: no corrected value is left on it.
     flags : (row, column) uint8 ndarray, optional
         Gets `marks[0]` where a value is negative and `marks[1]` where one is clipped.
 
@@ -78,7 +107,13 @@ def encode(
         part = slice(top, top + rows)
         asked = None if where is None else where[part]
         for b in bands:
-            below, outside = _put(physical[b, part], raw[b, part], asked, scales[b], offsets[b], in_place)
+            below = physical[b, part] < 0
+            if asked is not None:
+                below &= asked
+            outside = None
+            if not in_place:
+                outside = _put(physical[b, part], raw[b, part], asked, scales[b], offsets[b])
+            outside = _off_nodata(raw[b, part], physical[b, part], asked, nodata, outside)
             counts.negative[b] += np.count_nonzero(below)
             if flags is not None:
                 flags[part][below] |= marks[0]
@@ -89,15 +124,8 @@ def encode(
     return counts
 
 
-def _put(
-    values: FloatArray, raw: npt.NDArray[Any], where: Mask | None, scale: float, offset: float, in_place: bool
-) -> tuple[Mask, Mask | None]:
-    """Store some rows of a band; return where they are negative, and where they were clipped."""
-    below = values < 0
-    if where is not None:
-        below &= where
-    if in_place:
-        return below, None
+def _put(values: FloatArray, raw: npt.NDArray[Any], where: Mask | None, scale: float, offset: float) -> Mask | None:
+    """Store some rows of a band; return where they were clipped."""
     put = values.astype(np.float64)
     if offset != 0:
         put -= offset
@@ -108,7 +136,7 @@ def _put(
         good &= where
     if raw.dtype.kind not in "iu":
         np.copyto(raw, put, where=good, casting="same_kind")
-        return below, None
+        return None
     np.rint(put, out=put)
     low, high = _range(raw.dtype)
     outside = (put < low) | (put > high)
@@ -116,7 +144,26 @@ def _put(
     put[~good] = 0
     np.clip(put, low, high, out=put)
     np.copyto(raw, put, where=good, casting="unsafe")
-    return below, outside
+    return outside
+
+
+def _off_nodata(
+    raw: npt.NDArray[Any], values: FloatArray, where: Mask | None, nodata: float | None, clipped: Mask | None
+) -> Mask | None:
+    """Move corrected numbers off the one that says "not valid", to the next; return what was clipped, and these."""
+    if nodata is None or not np.isfinite(nodata):
+        return clipped
+    hit = raw == raw.dtype.type(nodata)
+    if not hit.any():
+        return clipped
+    hit &= np.isfinite(values)
+    if where is not None:
+        hit &= where
+    if raw.dtype.kind == "f":
+        raw[hit] = np.nextafter(raw.dtype.type(nodata), raw.dtype.type(np.inf))
+        return clipped
+    raw[hit] = int(nodata) + (1 if nodata < np.iinfo(raw.dtype).max else -1)
+    return hit if clipped is None else clipped | hit
 
 
 def _range(dtype: np.dtype[Any]) -> tuple[float, float]:

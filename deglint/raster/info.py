@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import threading
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -113,6 +114,16 @@ def same_nodata(a: float | None, b: float | None) -> bool:
     return a == b or (a is not None and b is not None and a != a and b != b)
 
 
+@contextmanager
+def unplaced() -> Iterator[None]:
+    """Keep rasterio from warning of a raster that has no place on Earth: that is no fault."""
+    from rasterio.errors import NotGeoreferencedWarning
+
+    with _opening, warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        yield
+
+
 def open_dataset(path: str) -> Any:
     """Open a raster for reading, as rasterio does, with one clear line where that fails.
 
@@ -122,11 +133,10 @@ def open_dataset(path: str) -> Any:
         No such file, or not a raster that GDAL can read.
     """
     import rasterio
-    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+    from rasterio.errors import RasterioError
 
     try:
-        with _opening, warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        with unplaced():
             return rasterio.open(path, sharing=False)
     except (RasterioError, OSError, ValueError) as error:
         raise ReadError(_why_not_opened(path, error)) from error

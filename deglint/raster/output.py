@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
+import re
 import secrets
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,13 +22,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import InputError, WriteError
+from ..errors import InputError, ReadError, WriteError
 from ..scene import Window
-from .info import RasterInfo, one_line
+from .info import RasterInfo, one_line, open_dataset, unplaced
 
 BLOCK = 512
 """Side of the output's blocks [pixel] where the input's do not serve."""
-_OWN_TAGS = frozenset({"AREA_OR_POINT", "TIFFTAG_SOFTWARE"})
+_SIDES = (64, 128, 256, BLOCK)
+_COMPANIONS = (".aux.xml", ".msk", ".ovr")
+"""What GDAL may put beside a raster."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,10 @@ class Layout:
         The values are the file's own: keep scale, offset, unit, colour and mask.
     names : tuple of str, optional
         Band descriptions in place of the input's.
+    masked : bool
+        The file gets a mask, 0 where a pixel is not valid.
+    tile : (int, int)
+        Rows and columns that are written at a time; blocks are made to fit, so that each is written once.
     """
 
     info: RasterInfo
@@ -55,21 +64,27 @@ class Layout:
     options: Mapping[str, str] = field(default_factory=dict)
     scaled: bool = True
     names: tuple[str, ...] | None = None
-
-    @property
-    def masked(self) -> bool:
-        """Whether the output has a mask: the input has one, and it holds for all bands."""
-        flags = set().union(*self.info.mask_flags)
-        return (
-            self.scaled and self.nodata is None and ("per_dataset" in flags or any(not f for f in self.info.mask_flags))
-        )
+    masked: bool = False
+    tile: tuple[int, int] = (BLOCK, BLOCK)
 
     @property
     def block(self) -> tuple[int, int]:
-        """Rows and columns of the output's blocks: the input's where it is tiled."""
-        rows, columns = self.info.block_shapes[0]
-        fits = self.info.tiled and not (rows % 16 or columns % 16) and 64 <= rows <= 1024 and 64 <= columns <= 1024
-        return (rows, columns) if fits else (BLOCK, BLOCK)
+        """Rows and columns of the output's blocks: the input's where it is tiled and they fit the tiles."""
+        own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
+        rows, columns = (
+            _block_side(*sides) for sides in zip(self.tile, (self.info.height, self.info.width), own, strict=True)
+        )
+        return rows, columns
+
+
+def _block_side(tile: int, size: int, own: int) -> int:
+    """Side of blocks, of which a tile holds whole ones, for an image's side and the side of the input's own blocks."""
+    whole = tile >= size  # one tile: blocks of any size are written once
+    if own % 16 == 0 and 64 <= own <= 1024 and (whole or tile % own == 0):
+        return own
+    if whole:
+        return next((side for side in _SIDES if side >= size), BLOCK)
+    return next((side for side in _SIDES[::-1] if tile % side == 0), 16)
 
 
 def check_target(path: Path, *, overwrite: bool = False) -> None:
@@ -80,16 +95,24 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
     WriteError
         It exists, or its directory is missing or not writable.
     """
-    if str(path).startswith("/vsi") or "://" in str(path):
+    if re.match(r"/vsi|[A-Za-z][\w+.-]+:/", str(path)):
         raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
     if path.is_dir():
         raise WriteError(f"{path} is a directory; name a file in it, such as {path / 'out.tif'}.")
-    if not path.parent.is_dir():
-        raise WriteError(f"the directory {path.parent} does not exist. Make it first: mkdir -p {path.parent}")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise WriteError(f"no permission to write in {path.parent}. Choose another place for {path.name}.")
+    directory = _real(path).parent
+    if not directory.is_dir():
+        raise WriteError(f"the directory {directory} does not exist. Make it first: mkdir -p {directory}")
+    if not os.access(directory, os.W_OK | os.X_OK):
+        raise WriteError(f"no permission to write in {directory}. Choose another place for {path.name}.")
+    if path.exists() and not path.is_file():
+        raise WriteError(f"{path} is not a regular file, and would be replaced by one. Name another output.")
     if path.exists() and not overwrite:
         raise WriteError(f"{path} exists already. Give --overwrite to replace it, or another name.")
+
+
+def _real(path: Path) -> Path:
+    """The file that a name stands for, symbolic links followed; it need not exist."""
+    return Path(os.path.realpath(path))
 
 
 class Scratch:
@@ -107,7 +130,8 @@ class Scratch:
 
     def add(self, target: Path) -> Path:
         """Name of a scratch file beside `target`."""
-        scratch = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part{target.suffix}")
+        place = _real(target)
+        scratch = place.with_name(f".{place.name[:200]}.{secrets.token_hex(4)}.part{place.suffix[:8]}")
         self._files.append((scratch, target))
         return scratch
 
@@ -121,20 +145,27 @@ class Scratch:
                 self._commit()
         finally:
             for scratch, _target in self._files:
-                for leftover in (scratch, Path(f"{scratch}.aux.xml"), Path(f"{scratch}.msk"), Path(f"{scratch}.ovr")):
-                    with contextlib.suppress(OSError):
-                        leftover.unlink(missing_ok=True)
+                for ending in ("", *_COMPANIONS):
+                    _discard(Path(f"{scratch}{ending}"))
 
     def _commit(self) -> None:
         umask = os.umask(0)
         os.umask(umask)
         try:
             for scratch, target in reversed(self._files):
-                if scratch.exists():
-                    scratch.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
-                    scratch.replace(target)
+                if not scratch.exists():
+                    continue
+                scratch.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
+                for ending in _COMPANIONS:  # of an old file: they do not hold for the new one
+                    _discard(Path(f"{_real(target)}{ending}"))
+                scratch.replace(_real(target))
         except OSError as error:
             raise WriteError(f"cannot move the result into place: {error}") from error
+
+
+def _discard(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink(missing_ok=True)
 
 
 class RasterWriter:
@@ -155,12 +186,18 @@ class RasterWriter:
         self.path, self.target, self.layout = path, target, layout
         profile = _profile(layout)
         _check_space(path.parent, target, layout, profile)
-        with _write_errors(target):
-            self._dataset = rasterio.open(path, "w", **profile)
-            _describe(self._dataset, layout)
-            if layout.masked:
-                # the mask's header goes before the data, too
-                self._dataset.write_mask(np.full((1, 1), 255, np.uint8), window=((0, 1), (0, 1)))
+        self._dataset: Any = None
+        try:
+            with _refusals(target, layout.options), _write_errors(target):
+                with unplaced():
+                    self._dataset = rasterio.open(path, "w", **profile)
+                _describe(self._dataset, layout)
+                if layout.masked:
+                    # the mask's header goes before the data, too
+                    self._dataset.write_mask(np.full((1, 1), 255, np.uint8), window=((0, 1), (0, 1)))
+        except BaseException:
+            self.abort()
+            raise
 
     def write(self, block: npt.NDArray[Any], window: Window) -> None:
         """Write all bands of a window; a single band may be (row, column)."""
@@ -187,8 +224,9 @@ class RasterWriter:
 
     def abort(self) -> None:
         """Let go of the file, whatever state it is in."""
-        with contextlib.suppress(Exception), _quiet_stderr():
-            self._dataset.close()
+        if self._dataset is not None:
+            with contextlib.suppress(Exception):
+                self._dataset.close()
 
 
 @contextlib.contextmanager
@@ -303,7 +341,7 @@ def _tag(dataset: Any, tags: Mapping[str, str], namespace: str, band: int = 0) -
 
 def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping[str, Any]) -> None:
     """Say at once that a disk is too full for an uncompressed output, not after an hour."""
-    if "compress" in profile or "COMPRESS" in profile:
+    if str(profile.get("compress", "none")).lower() != "none":
         return
     rows, columns = layout.info.height, layout.info.width
     need = rows * columns * len(layout.bands) * np.dtype(layout.dtype).itemsize
@@ -317,6 +355,9 @@ def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping
             )
 
 
+_SHORT = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
+
+
 @contextlib.contextmanager
 def _write_errors(target: Path) -> Iterator[None]:
     from rasterio._err import CPLE_BaseError
@@ -327,9 +368,34 @@ def _write_errors(target: Path) -> Iterator[None]:
     except (RasterioError, CPLE_BaseError, OSError) as error:
         if isinstance(error, WriteError):
             raise
+        if isinstance(error, ReadError):  # what was just written cannot be read again
+            error = OSError(_SHORT)
         raise WriteError(f"cannot write {target}: {_reason(target.parent, error)}") from error
     except (TypeError, ValueError, KeyError) as error:
         raise InputError(f"cannot write {target} with these options: {one_line(error)}.") from error
+
+
+@contextlib.contextmanager
+def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
+    """Make an error of what GDAL only warns of: a creation option that it does not know, or cannot follow."""
+    said: list[str] = []
+    mine = threading.get_ident()
+
+    class Listener(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.thread == mine:
+                said.append(record.getMessage())
+
+    listener, log = Listener(logging.WARNING), logging.getLogger("rasterio._env")
+    log.addHandler(listener)
+    try:
+        yield
+    finally:
+        log.removeHandler(listener)
+    for line in said:
+        if any(re.search(rf"\b{re.escape(name)}\b", line, re.IGNORECASE) for name in options):
+            said_of_it = line.rpartition(" in ")[2].rstrip(".")
+            raise InputError(f"cannot write {target} with these options: {said_of_it}. Check --co.")
 
 
 def _reason(directory: Path, error: BaseException) -> str:
@@ -337,7 +403,9 @@ def _reason(directory: Path, error: BaseException) -> str:
     with contextlib.suppress(OSError):
         stat = os.statvfs(directory)
         if "No space left" in text or stat.f_bavail * stat.f_frsize < 1 << 20:
-            return f"the disk is full ({directory}). Free some space; nothing was changed."
+            return f"the disk is full ({directory}). Nothing was changed; free some space."
+    if _SHORT in text or "rite error" in text:
+        return f"{_SHORT}. Nothing was changed."
     return f"{one_line(error)}. Nothing was changed."
 
 
@@ -349,9 +417,7 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 
 def _check_whole(path: Path, target: Path) -> None:
     """Every block that was to be written is inside the file: GDAL does not report what fails while it closes."""
-    import rasterio
-
-    with _write_errors(target), rasterio.open(path) as dataset:
+    with _write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
         for band in planes:
@@ -361,17 +427,4 @@ def _check_whole(path: Path, target: Path) -> None:
                 start = dataset.get_tag_item(f"BLOCK_OFFSET_{x}_{y}", "TIFF", bidx=band)
                 length = dataset.get_tag_item(f"BLOCK_SIZE_{x}_{y}", "TIFF", bidx=band)
                 if start is None or int(start) + int(length or 0) > size:
-                    raise WriteError(f"cannot write {target}: {_reason(target.parent, OSError('it came out short'))}")
-
-
-@contextlib.contextmanager
-def _quiet_stderr() -> Iterator[None]:
-    """Keep libtiff from printing while a file that could not be written is let go."""
-    saved = os.dup(2)
-    try:
-        with Path(os.devnull).open("wb") as sink:
-            os.dup2(sink.fileno(), 2)
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
+                    raise WriteError(f"cannot write {target}: {_reason(target.parent, OSError(_SHORT))}")

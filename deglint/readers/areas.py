@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,12 +17,19 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from ..raster import FileBands, RasterSource
-from ..raster.info import describe, open_dataset
+from ..raster.info import describe, one_line, open_dataset
 from ..scene import Scene, Window
 from .text import read_json
 
 Mask = npt.NDArray[np.bool_]
 _WGS84 = "OGC:CRS84"
+_CRS_NAME = re.compile(
+    r"(?:urn:(?:x-)?ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?([A-Za-z]+)[:/](?:[\w.]*[:/])?(\w+)"
+)
+_CELL = 512
+"""Side of the squares in which polygons are drawn [pixel]."""
+_FAR = 1e9
+"""A corner further from the scene than this is a mistake [pixel]."""
 
 
 class Area(Protocol):
@@ -64,14 +71,30 @@ class PolygonArea:
     def read(self, window: Window) -> Mask:
         """True where a pixel's centre lies in a polygon."""
         from rasterio.features import geometry_mask
-        from rasterio.transform import Affine
 
-        shape = (window[0][1] - window[0][0], window[1][1] - window[1][0])
-        (top, bottom), (left, right) = self.bounds
-        if 0 in shape or window[0][0] >= bottom or window[0][1] <= top or window[1][0] >= right or window[1][1] <= left:
-            return np.zeros(shape, np.bool_)
-        moved = self.transform @ Affine.translation(window[1][0], window[0][0])
-        return np.asarray(geometry_mask(self.shapes, shape, moved, invert=True))
+        (top, bottom), (left, right) = window
+        out = np.zeros((bottom - top, right - left), np.bool_)
+        for row, column in self._cells(window):
+            moved = _moved(self.transform, column, row)
+            cell = geometry_mask(self.shapes, (_CELL, _CELL), moved, invert=True)
+            rows = slice(max(top, row), min(bottom, row + _CELL))
+            columns = slice(max(left, column), min(right, column + _CELL))
+            inside = cell[rows.start - row : rows.stop - row, columns.start - column : columns.stop - column]
+            out[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = inside
+        return out
+
+    def _cells(self, window: Window) -> Iterator[tuple[int, int]]:
+        """Corners of the squares, the same for every window, that a window and the polygons share.
+
+        Drawing always the same squares, a centre that lies on an edge falls to the same side in every window.
+        """
+        (top, bottom), (left, right) = (
+            (max(a, b), min(c, d)) for (a, c), (b, d) in zip(window, self.bounds, strict=True)
+        )
+        for row in range(top // _CELL * _CELL, bottom, _CELL):
+            for column in range(left // _CELL * _CELL, right, _CELL):
+                if top < bottom and left < right:
+                    yield row, column
 
 
 @dataclass(frozen=True)
@@ -120,24 +143,29 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
     Coordinates are in the document's `crs` member where it has one, else in longitude and latitude (RFC 7946); over a
     scene without CRS they are taken as the scene's own.
     """
+    from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
     from rasterio.features import bounds as bounds_of
     from rasterio.transform import Affine
     from rasterio.warp import transform_geom
 
-    shapes = list(_polygons(document))
+    shapes = [_checked(polygon, name) for polygon in _polygons(document)]
     if not shapes:
         raise InputError(f"{name} holds no polygon. Draw the area as Polygon or MultiPolygon features.")
     if scene.crs is not None:
         try:
             shapes = [transform_geom(_crs_of(document, name), scene.crs, s) for s in shapes]
-        except (RasterioError, ValueError, KeyError, IndexError, TypeError) as error:
-            raise InputError(f"{name} has coordinates that do not fit its CRS: {error}.") from error
+        except (RasterioError, CPLE_BaseError, ValueError, IndexError) as error:
+            raise InputError(f"{name} has coordinates that do not fit its CRS: {one_line(error)}.") from error
     transform = scene.transform or Affine.identity()
     corners = np.array([_corners(bounds_of(s)) for s in shapes]).reshape(-1, 2)
-    if not np.isfinite(corners).all():
-        raise InputError(f"{name} has coordinates that cannot be brought into the scene's CRS.")
-    columns, rows = ~transform * (corners[:, 0], corners[:, 1])
+    with np.errstate(all="ignore"):
+        back = ~transform
+        columns = back.a * corners[:, 0] + back.b * corners[:, 1] + back.c
+        rows = back.d * corners[:, 0] + back.e * corners[:, 1] + back.f
+        far = not (np.abs([columns, rows]) < _FAR).all()
+    if far:
+        raise InputError(f"{name} has coordinates that cannot be brought into the scene's CRS. Check its CRS.")
     window = (
         (int(np.floor(rows.min())), int(np.ceil(rows.max()))),
         (int(np.floor(columns.min())), int(np.ceil(columns.max()))),
@@ -151,7 +179,7 @@ def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[s
     from rasterio.features import shapes
     from rasterio.transform import Affine
 
-    moved = (scene.transform or Affine.identity()) @ Affine.translation(origin[1], origin[0])
+    moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         found = list(shapes(mask.astype(np.uint8), mask=mask, transform=moved))
@@ -167,24 +195,50 @@ def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str,
     return document
 
 
+def _moved(transform: Any, column: int, row: int) -> Any:
+    """The transform of a window that starts at a pixel, written out: versions of affine differ in the operator."""
+    from rasterio.transform import Affine
+
+    t = transform
+    return Affine(t.a, t.b, t.a * column + t.b * row + t.c, t.d, t.e, t.d * column + t.e * row + t.f)
+
+
 def _corners(box: Sequence[float]) -> list[tuple[float, float]]:
     left, bottom, right, top = box
     return [(left, bottom), (left, top), (right, bottom), (right, top)]
 
 
-def _polygons(node: Any) -> Any:
-    """Every polygon in a document, whatever wraps it."""
-    if not isinstance(node, Mapping):
-        return
-    kind = node.get("type")
-    if kind in ("Polygon", "MultiPolygon"):
-        if node.get("coordinates"):
-            yield {"type": kind, "coordinates": node["coordinates"]}
-    elif kind == "Feature":
-        yield from _polygons(node.get("geometry"))
-    for member in ("features", "geometries"):
-        for child in node.get(member) or ():
-            yield from _polygons(child)
+def _polygons(document: Any) -> Iterator[Any]:
+    """Coordinates of every polygon in a document, whatever wraps it."""
+    waiting = [document]
+    while waiting:
+        node = waiting.pop()
+        if not isinstance(node, Mapping):
+            continue
+        coordinates = node.get("coordinates") or []
+        if node.get("type") == "Polygon" and coordinates:
+            yield coordinates
+        elif node.get("type") == "MultiPolygon" and isinstance(coordinates, list):
+            yield from coordinates
+        children = [node.get(member) for member in ("geometry", "features", "geometries")]
+        for child in children[::-1]:
+            waiting += child[::-1] if isinstance(child, list) else [child]
+
+
+def _checked(coordinates: Any, name: str) -> dict[str, Any]:
+    """A polygon of closed rings of (x, y), each of at least three different points."""
+    rings = []
+    for ring in coordinates if isinstance(coordinates, list) else [[]]:
+        try:
+            points = [(float(p[0]), float(p[1])) for p in ring]
+        except (TypeError, ValueError, IndexError, KeyError, OverflowError):
+            points = [(np.nan, np.nan)]
+        if not np.isfinite(points).all():
+            raise InputError(f"{name} is not valid GeoJSON: a polygon has a corner that is not two numbers.")
+        if len(set(points)) < 3:
+            raise InputError(f"{name} is not valid GeoJSON: a polygon has fewer than three corners.")
+        rings.append(points if points[0] == points[-1] else [*points, points[0]])
+    return {"type": "Polygon", "coordinates": rings}
 
 
 def _crs_of(document: Mapping[str, Any], name: str) -> Any:
@@ -195,10 +249,14 @@ def _crs_of(document: Mapping[str, Any], name: str) -> Any:
     member = document.get("crs")
     if isinstance(member, Mapping) and isinstance(member.get("properties"), Mapping):
         text = str(member["properties"].get("name", _WGS84))
+    named = _CRS_NAME.fullmatch(text.strip())
     try:
-        return CRS.from_user_input("OGC:CRS84" if "CRS84" in text else text)
-    except CRSError as error:
-        raise InputError(f"{name} names a CRS that is not known: {text!r}. Save it in EPSG:4326.") from error
+        if named:  # nothing else goes to GDAL, which would take it for a file or an address
+            return CRS.from_user_input(f"{named[1]}:{named[2]}")
+        error = None
+    except CRSError as refused:
+        error = refused
+    raise InputError(f"{name} names a CRS that is not known: {text[:80]!r}. Save it in EPSG:4326.") from error
 
 
 def _inside(area: Any, scene: Scene, name: str, option: str) -> Area:
@@ -225,7 +283,7 @@ def _raster_area(path: str, scene: Scene, option: str) -> RasterArea:
     same_size = (info.height, info.width) == (scene.height, scene.width)
     if same_size and (info.crs is None or scene.crs is None or _same_grid(info, scene)):
         return RasterArea(RasterSource([FileBands.of(info, info.nodatas)], info), whole)
-    if info.crs is None or scene.crs is None or info.transform is None:
+    if info.crs is None or scene.crs is None or info.transform is None or scene.transform is None:
         raise InputError(
             f"{option} {path} has {info.height} x {info.width} pixels, the scene {scene.height} x {scene.width}, and "
             "without a CRS in both it cannot be fitted. Give a mask of the scene's size, or one with a CRS."

@@ -27,9 +27,10 @@ def read_text(path: str, option: str) -> str:
         with Path(path).open("rb") as file:
             data = file.read(MOST_BYTES + 1)
     except FileNotFoundError as error:
-        raise ReadError(f"no such file: {path} ({option}).") from error
-    except OSError as error:
-        raise ReadError(f"cannot read {path} ({option}): {error.strerror}.") from error
+        raise ReadError(f"no such file: {path} ({option}). Check the name.") from error
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise ReadError(f"cannot read {path} ({option}): {why}. Name a file that can be read.") from error
     if len(data) > MOST_BYTES:
         raise InputError(f"{path} ({option}) is larger than {MOST_BYTES >> 20} MB; give a smaller file.")
     try:
@@ -45,7 +46,7 @@ def read_json(path: str, option: str) -> Mapping[str, Any]:
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path} ({option}) is not JSON: {error}.") from error
+        raise InputError(f"{path} ({option}) is not JSON: {error}. Save it as GeoJSON again.") from error
     if not isinstance(document, Mapping):
         raise InputError(f"{path} ({option}) is not GeoJSON: it holds no object.")
     return document

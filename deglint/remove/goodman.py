@@ -13,6 +13,10 @@ doi:10.1364/AO.47.0000F1.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from .model import GlintIndex, GlintModel
 from .request import FitRequest, fixed_fits
 from .statistics import SampleStatistics
@@ -27,5 +31,6 @@ def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintMod
     """R'_i = R_i - R_750 + A + B (R_640 - R_750): an index (1 + B) R_750 - B R_640 above the level A."""
     red, infrared = request.nearest(640, 30, "goodman"), request.nearest(750, 20, "goodman")
     index = GlintIndex((red, infrared), (-B, 1 + B), A * request.rrs_factor)
-    fits = fixed_fits(request, [1.0] * len(request.correct))
+    request = replace(request, indexes=(index,), follows=(0,) * len(request.correct))
+    fits = fixed_fits(request, np.ones((len(request.correct), 1)))
     return GlintModel("goodman", (index,), fits, request.names)

@@ -14,24 +14,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from .model import GlintModel
 from .request import FitRequest, check_sample, fixed_fits, r2_warning, regression_plan, sample_warnings
 from .statistics import SamplePlan, SampleStatistics
 
 
 def plan(request: FitRequest) -> SamplePlan:
-    """What to gather: moments, and the brightest and darkest pixel of the first NIR reference."""
-    single = replace(request, indexes=request.indexes[:1], regression="ols")
-    return regression_plan(single, keep_index=False)
+    """What to gather: moments, and the brightest and darkest pixel of every NIR reference."""
+    return regression_plan(replace(request, regression="ols"), keep_index=False)
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """L'_i = L_i - f (L_i(brightest) - L_i(darkest)), f = (NIR - min NIR) / (max NIR - min NIR)."""
-    single = replace(request, indexes=request.indexes[:1])
-    check_sample(single, stats)
-    dark, bright = stats.darkest[0], stats.brightest[0]
-    slopes = (bright.spectrum - dark.spectrum) / (bright.value - dark.value)
+    check_sample(request, stats)
+    ends = list(zip(stats.darkest, stats.brightest, strict=True))
+    slopes = np.array([(b.spectrum - d.spectrum) / (b.value - d.value) for d, b in ends]).T
     fits = fixed_fits(request, slopes, stats)
     warnings = sample_warnings(stats) + [w for fit in fits for w in r2_warning(fit)]
-    index = replace(single.indexes[0], level=dark.value)
-    return GlintModel("hochberg", (index,), fits, request.names, None, tuple(warnings))
+    indexes = tuple(replace(x, level=d.value) for x, (d, _) in zip(request.indexes, ends, strict=True))
+    return GlintModel("hochberg", indexes, fits, request.names, None, tuple(warnings))

@@ -29,7 +29,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     request = _with_depth(request)
     check_sample(request, stats)
     shallow, deep = stats.darkest[0], stats.brightest[0]
-    fits = fixed_fits(request, (deep.spectrum - shallow.spectrum) / deep.value, stats)
+    fits = fixed_fits(request, ((deep.spectrum - shallow.spectrum) / deep.value)[:, None], stats)
     warnings = sample_warnings(stats) + [w for fit in fits for w in r2_warning(fit)]
     return GlintModel("kutser", request.indexes, fits, request.names, None, tuple(warnings))
 

@@ -244,18 +244,17 @@ def apply(
 def _subtract(block: FloatArray, out: FloatArray, model: GlintModel, where: npt.NDArray[np.bool_] | None) -> None:
     """Correct a few rows, in float64, rounding once."""
     above = [_above_level(block, index) for index in model.indexes]
-    product = np.empty(block.shape[1:])
-    corrected = {fit.band for fit in model.fits}
+    if where is not None and not where.all():
+        for index in above:
+            index[~where] = 0.0  # x - slope * 0 is x to the bit, NaN and all
+    product, value = np.empty(block.shape[1:]), np.empty(block.shape[1:])
     for fit in model.fits:
         np.multiply(above[fit.index], fit.slope, out=product)
-        if where is None:
-            np.subtract(block[fit.band], product, out=out[fit.band], casting="same_kind")
-        else:
-            if out is not block:
-                np.copyto(out[fit.band], block[fit.band])
-            np.subtract(block[fit.band], product, out=out[fit.band], casting="same_kind", where=where)
+        np.copyto(value, block[fit.band])
+        np.subtract(value, product, out=value)
+        np.copyto(out[fit.band], value, casting="same_kind")
     if not np.shares_memory(out, block):
-        for band in set(range(len(block))) - corrected:
+        for band in set(range(len(block))) - {fit.band for fit in model.fits}:
             np.copyto(out[band], block[band])
 
 

@@ -15,6 +15,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from .model import GlintModel
 from .request import FitRequest, fixed_fits
 from .statistics import SampleStatistics
@@ -22,6 +24,6 @@ from .statistics import SampleStatistics
 
 def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintModel:
     """R'_i = R_i - R_NIR."""
-    index = replace(request.indexes[0], level=0.0)
-    fits = fixed_fits(request, [1.0] * len(request.correct))
-    return GlintModel("nir-subtraction", (index,), fits, request.names)
+    indexes = tuple(replace(index, level=0.0) for index in request.indexes)
+    fits = fixed_fits(request, np.ones((len(request.correct), len(indexes))))
+    return GlintModel("nir-subtraction", indexes, fits, request.names)

@@ -192,17 +192,13 @@ def useless(fit: BandFit) -> str | None:
 def fixed_fits(
     request: FitRequest, slopes: npt.ArrayLike, stats: SampleStatistics | None = None
 ) -> tuple[BandFit, ...]:
-    """Fits whose slopes are not estimated by regression; R2 where there is a sample to tell it from."""
+    """Fits whose slopes (bands, indexes) are not estimated by regression; R2 where a sample tells it."""
     slopes = np.asarray(slopes, np.float64)
-    r2 = None if stats is None else explained(stats, slopes[:, None])[:, 0]
-    return tuple(
-        BandFit(
-            band=band,
-            name=request.bands[band].name,
-            index=0,
-            slope=float(slopes[i]),
-            r2=None if r2 is None else float(r2[i]),
-            n=0 if stats is None else stats.regressed.n,
-        )
-        for i, band in enumerate(request.correct)
-    )
+    r2 = None if stats is None else explained(stats, slopes)
+    fits = []
+    for i, (band, follows) in enumerate(zip(request.correct, request.follows, strict=True)):
+        k = follows if follows is not None else 0 if r2 is None else int(np.argmax(r2[i]))
+        told = None if r2 is None else float(r2[i, k])
+        n = 0 if stats is None else stats.regressed.n
+        fits.append(BandFit(band, request.bands[band].name, k, float(slopes[i, k]), None, told, n))
+    return tuple(fits)
