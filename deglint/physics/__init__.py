@@ -2,14 +2,14 @@
 
 Conventions, in every room of this package:
 
-- angles are in degrees, wavelengths in nanometres, lengths in metres, times in seconds, speeds in m/s, pressure in
-  hPa, water vapour in cm, ozone in Dobson units; radians never cross a function boundary;
-- azimuth is clockwise from north; the wind direction is where the wind blows *from*; positions of the sun and of
-  the sensor are given as seen from the target (zenith angle, azimuth);
-- slopes are dz/dx without unit; "upwind" is the axis towards where the wind comes from, "crosswind" is 90 degrees
-  clockwise of it;
-- arguments broadcast like numpy arrays (give ``wavelength[:, None, None]`` to get one layer a band); NaN in gives
-  NaN out; a value out of its range raises `InputError` with one line;
+- angles are in degrees, wavelengths in nanometres, lengths in metres, times in seconds, speeds in m/s,
+  pressure in hPa, water vapour in cm, ozone in Dobson units; radians never cross a function boundary;
+- azimuth is clockwise from north; the wind direction is where the wind blows *from*; positions of the sun and
+  of the sensor are given as seen from the target (zenith angle, azimuth);
+- slopes are dz/dx without unit; "upwind" is the axis towards where the wind comes from, "crosswind" is 90
+  degrees clockwise of it;
+- arguments broadcast like numpy arrays (give ``wavelength[:, None, None]`` to get one layer a band); NaN in
+  gives NaN out; a value out of its range raises `InputError` with one line;
 - nothing is read from disk but the tables of this package, when they are first needed, and nothing is logged.
 
 Rooms and their main functions::
@@ -29,7 +29,8 @@ Rooms and their main functions::
     glint.probability(density, view_zenith, tilt, solid_angle)       fraction of the pixel that glints
     glint.radiance(density, view_zenith, tilt, incidence, *, index)  per unit of normal irradiance [1/sr]
     sky.radiance(zenith, azimuth, sun_zenith, sun_azimuth, *, diffuse=1.0, model="uniform")
-    atmosphere.irradiance(wavelength, sun_zenith, air=None, *, day=None, **params) -> Irradiance(direct, diffuse)
+    atmosphere.irradiance(wavelength, sun_zenith, air=None, *, day=None, **params)
+                                                               -> Irradiance(direct, diffuse)
     atmosphere.ozone(latitude, longitude, day)                 climatology [DU]
     sun.position(latitude, longitude, time)                    -> Position(zenith, azimuth)
     sun.distance_factor(day), sun.solid_angle(day=None)
