@@ -98,7 +98,7 @@ def refraction_angle(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -
     Examples
     --------
     >>> float(refraction_angle(30).round(3))
-    21.908
+    21.909
     """
     angle = within("angle", angle, 0.0, 90.0, "degrees", "Measure it from the normal of the surface.")
     index = within("index", index, 1.01, 2.0, "", "Give that of water over that of air, 1.34 for sea water.")
