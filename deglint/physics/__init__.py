@@ -27,8 +27,13 @@ Rooms and their main functions::
     slopes.wind_at_height(wind, *, measured_at=10.0, wanted_at=12.5)
     glint.facet(sun_zenith, sun_azimuth, view_zenith, view_azimuth)  -> Facet(east, north, incidence, tilt)
     glint.probability(density, view_zenith, tilt, solid_angle)       fraction of the pixel that glints
+    glint.sun_glint(sun_zenith, sun_azimuth, view_zenith, view_azimuth, *, wind, wind_from)
+                                                               -> Glint(radiance, probability, density, ...)
     glint.radiance(density, view_zenith, tilt, incidence, *, index)  per unit of normal irradiance [1/sr]
     sky.radiance(zenith, azimuth, sun_zenith, sun_azimuth, *, diffuse=1.0, model="uniform")
+    sky.reflectance(view_zenith, view_azimuth, sun_zenith, sun_azimuth, *, wind, wind_from, model="uniform")
+                                                               mirrored by the windy sea, per unit of diffuse
+                                                               [1/sr]
     atmosphere.irradiance(wavelength, sun_zenith, air=None, *, day=None, **params)
                                                                -> Irradiance(direct, diffuse)
     atmosphere.ozone(latitude, longitude, day)                 climatology [DU]

@@ -250,6 +250,40 @@ def from_wind_axes(
     return to_wind_axes(upwind, crosswind, wind_from)  # the turn is a reflection: its own inverse
 
 
+def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
+    """Waves that hide behind others, per wave seen from a direction: Smith's Lambda.
+
+        Lambda = [exp(-v^2) - v sqrt(pi) erfc(v)] / (2 v sqrt(pi)),  v = cot(zenith) / sqrt(2 variance)
+
+    The share of the sea that is seen is 1 / (1 + Lambda), and that is seen and lit 1 / (1 + Lambda_v +
+    Lambda_s).
+
+    Parameters
+    ----------
+    zenith : array_like
+        Zenith angle of the direction [degree], 0 to 89.9.
+    variance : array_like
+        Variance of the slopes along its azimuth [1], above 0.
+
+    Raises
+    ------
+    InputError
+        An angle or variance is out of range.
+
+    Examples
+    --------
+    >>> hidden([40, 80], 0.02).round(4).tolist()
+    [0.0, 0.0408]
+    """
+    from scipy.special import erfc
+
+    zenith = within("zenith", zenith, 0.0, 89.9, "degrees", "At the horizon every wave hides.")
+    variance = within("variance", variance, 1e-12, 10.0, "", "Give the variance of slope, not its root.")
+    angle = np.radians(np.maximum(zenith, 1e-6))
+    v = np.minimum(1.0 / (np.tan(angle) * np.sqrt(2.0 * variance)), 25.0)
+    return (np.exp(-(v**2)) - v * np.sqrt(np.pi) * erfc(v)) / (2.0 * v * np.sqrt(np.pi))
+
+
 def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at: float = 12.5) -> Array:
     """Wind at another height, by the logarithmic profile of neutral air.
 
