@@ -103,9 +103,9 @@ def facets(setup: Setup, *, workers: int = 1) -> Facets:
 
     Notes
     -----
+    Sparkle: with n patches of like slope in a facet, each a narrow spot of the distribution, the brightness
     of a facet varies by v = 4 / n about its mean. One slope that carries the share ``sqrt(v / (1 + v))`` of
     the unresolved variance varies as much, where it matters most, and that is what is drawn.
-    """
     """
     waves, sparkle = np.random.SeedSequence(setup.seed).spawn(2)
     factor, grid = setup.supersample, setup.grid
