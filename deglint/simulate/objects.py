@@ -78,7 +78,7 @@ def thesis_array(
     gsd: float,
     *,
     reflectances: Sequence[float] = (0.02, 0.05, 0.10, 0.20),
-    sides: Sequence[float] = (2, 4, 8, 16),
+    sides: Sequence[float] | None = None,
     depth: float = 5.0,
 ) -> tuple[SubmergedObject, ...]:
     """Squares of several reflectances and sizes on the right half of a scene; the left stays deep water.
@@ -92,7 +92,7 @@ def thesis_array(
     reflectances : sequence of float
         One column of squares each.
     sides : sequence of float
-        One row of squares each [pixel]; the rows are repeated down the scene, 64 pixels apart at most.
+        One row of squares each [pixel], repeated down the scene; those of 2, 4, 8 and 16 that fit by default.
     depth : float
         [m]
 
@@ -108,6 +108,8 @@ def thesis_array(
     """
     rows, columns = size
     across = columns / 2 / len(reflectances)
+    if sides is None:
+        sides = [s for s in (2, 4, 8, 16) if s <= 0.8 * min(across, rows / 4)] or [2]
     count = max(len(sides), rows // 64)
     down = rows / count
     room = 0.8 * min(across, down)
