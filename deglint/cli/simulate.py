@@ -97,7 +97,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
     from ..simulate.experiments import DELAYS, WINDS, experiments
 
     sensor = preset(given["preset"])
-    things = ()
+    things: tuple[Any, ...] = ()
     if given["objects"] == "thesis":
         things = thesis_array(given["size"], sensor.gsd, depth=given["depth"])
     direct = (

@@ -9,7 +9,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,20 +23,8 @@ CORNER = 600_000.0, 4_070_000.0
 UNIT = "W m-2 sr-1 nm-1"
 
 
-class Simulated(Protocol):
-    """What `deglint.simulate.simulate` returns."""
-
-    setup: Any
-    light: Any
-    image: Any
-    truth: Any
-    truth_image: Any
-    glint: Any
-    glint_mask: Any
-    objects: Any
-    height: Any
-    slopes: Any
-    resolved_slope_variance: Any
+Simulated = Any
+"""What `deglint.simulate.simulate` returns; that room lies above this one and is not imported here."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +168,8 @@ def _write(path: Path, layer: Layer, gsd: float) -> None:
     profile = {
         "driver": "GTiff", "dtype": layer.array.dtype.name, "count": count, "height": rows, "width": columns,
         "crs": CRS, "transform": from_origin(*CORNER, gsd, gsd), "tiled": True, "blockxsize": 256,
-        "blockysize": 256, "compress": "deflate", "predictor": 3 if layer.array.dtype.kind == "f" else 2, "interleave": "pixel",
-        "num_threads": 2,
+        "blockysize": 256, "compress": "deflate", "predictor": 3 if layer.array.dtype.kind == "f" else 2,
+        "interleave": "pixel", "num_threads": 2,
     }  # fmt: skip
     with rasterio.open(path, "w", **profile) as out:
         out.write(layer.array)

@@ -59,10 +59,16 @@ def light(setup: Setup) -> Light:
 
     def over(depth: float, reflectance: float) -> Callable[[Array], Array]:
         def radiance(wavelength: Array) -> Array:
+            direct, diffuse = sunlight(wavelength)
             seen = water.object_reflectance(
-                wavelength, setup.chlorophyll, *angles, depth=depth, reflectance=reflectance
+                wavelength,
+                setup.chlorophyll,
+                *angles,
+                depth=depth,
+                reflectance=reflectance,
+                direct_fraction=direct / (direct + diffuse),
             )
-            return np.asarray(seen * sunlight(wavelength).sum(axis=0))
+            return np.asarray(seen * (direct + diffuse))
 
         return radiance
 
