@@ -75,9 +75,9 @@ def radiance(
     zenith = within("zenith", zenith, 0.0, 90.0, "degrees", "Directions below the horizon see no sky.")
     cosine = np.cos(np.radians(zenith))
     diffuse = np.asarray(diffuse, dtype=np.float64)
+    cosine, azimuth = np.broadcast_arrays(cosine, np.asarray(azimuth, dtype=np.float64))
     if model == "uniform":
-        shape = np.broadcast_shapes(cosine.shape, np.shape(azimuth))
-        return np.where(np.isnan(cosine), np.nan, np.ones(shape)) * diffuse / np.pi
+        return np.where(np.isnan(cosine), np.nan, diffuse / np.pi)
     if model == "cardioidal":
         contrast = float(within("contrast", contrast, 0.0, 10.0, "", "2 is the usual, 0 uniform."))
         return diffuse * (1.0 + contrast * cosine) / (np.pi * (1.0 + 2.0 * contrast / 3.0))
@@ -85,7 +85,7 @@ def radiance(
         "sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time."
     )
     sun_cosine = np.cos(np.radians(sun_zenith))
-    turn = np.radians(np.asarray(azimuth, dtype=np.float64) - np.asarray(sun_azimuth, dtype=np.float64))
+    turn = np.radians(azimuth - np.asarray(sun_azimuth, dtype=np.float64))
     return diffuse * _clear(cosine, sun_cosine, turn) / _clear_total(sun_zenith)
 
 
@@ -101,7 +101,7 @@ def reflectance(
     model: str = "uniform",
     contrast: float = 2.0,
     index: float = fresnel.WATER_INDEX,
-    nodes: int = 12,
+    nodes: int = 20,
 ) -> Array:
     """Radiance of the sky that the sea mirrors to the sensor, per unit of diffuse irradiance [1/sr].
 
