@@ -20,16 +20,17 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
     InputError
         A value is below `low` or above `high`, or is no number at all.
     """
+    unit = f" {unit}" if unit else ""
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(
-            f"{name} must be numbers in {low:g} to {high:g} {unit}, got {value!r}. {remedy}"
+            f"{name} must be numbers in {low:g} to {high:g}{unit}, got {value!r}. {remedy}"
         ) from None
     bad = (array < low) | (array > high)
     if np.any(bad):
         worst = float(array[bad].flat[0]) if array.ndim else float(array)
-        raise InputError(f"{name} must be {low:g} to {high:g} {unit}, got {worst:g}. {remedy}")
+        raise InputError(f"{name} must be {low:g} to {high:g}{unit}, got {worst:g}. {remedy}")
     return array
 
 

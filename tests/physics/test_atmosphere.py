@@ -194,6 +194,24 @@ def test_no_more_light_than_the_sun_sends(wavelength, zenith, kind, humidity, vi
     assert direct + diffuse < sent
 
 
+@pytest.mark.parametrize(
+    ("gas", "amount", "law"),
+    [
+        ("ozone", 2.0, lambda a, m: np.exp(-a * 0.32 * (1 + 22 / 6370) / np.sqrt(0.25 + 44 / 6370))),
+        ("oxygen", 0.5, lambda a, m: np.exp(-1.41 * a * m * 0.9 / (1 + 118.3 * a * m * 0.9) ** 0.45)),
+        ("water_vapour", 0.3, lambda a, m: np.exp(-0.2385 * a * 1.7 * m / (1 + 20.07 * a * 1.7 * m) ** 0.45)),
+    ],
+)
+def test_each_gas_by_its_law(gas, amount, law):
+    clear = atmosphere.Spectrum(*(np.array(x) for x in (1.0, 0.0, 0.0, 0.0)))
+    air = Air(ozone=320, water_vapour=1.7, pressure=0.9 * 1013.25)
+    without = atmosphere.irradiance(800, 60, air, spectrum=clear)
+    found = atmosphere.irradiance(800, 60, air, spectrum=clear._replace(**{gas: np.array(amount)}))
+    expected = law(amount, 1 / (0.5 + 0.50572 * 36.07995**-1.6364))
+    assert found.direct / without.direct == pytest.approx(expected, rel=1e-9)
+    assert found.diffuse / without.diffuse == pytest.approx(expected, rel=1e-9)
+
+
 def test_clearer_air_gives_more_sun_and_less_sky():
     hazy, clear = (atmosphere.irradiance(550, 30, visibility=v) for v in (5, 40))
     assert clear.direct > hazy.direct

@@ -230,7 +230,7 @@ def test_broadcasts_and_keeps_nan():
     ("options", "message"),
     [
         ({"depth": -1, "reflectance": 0.1}, "depth must be 0 to 1000 m, got -1. Give metres below"),
-        ({"depth": 1, "reflectance": 15}, "reflectance must be 0 to 1 , got 15. Give a share"),
+        ({"depth": 1, "reflectance": 15}, "reflectance must be 0 to 1, got 15. Give a share"),
         ({"depth": 1, "reflectance": 0.1, "direct_fraction": 2}, "direct_fraction must be 0 to 1"),
         ({"depth": 1, "reflectance": 0.1, "model": "l11"}, "model must be one of auto, lee-2011, lee-1999"),
     ],
