@@ -38,6 +38,7 @@ Rooms and their main functions::
                                                                -> Irradiance(direct, diffuse)
     atmosphere.ozone(latitude, longitude, day)                 climatology [DU]
     sun.position(latitude, longitude, time)                    -> Position(zenith, azimuth)
+    sun.next_rise(latitude, longitude, time)                   -> numpy.datetime64
     sun.distance_factor(day), sun.solid_angle(day=None)
     water.case1(wavelength, chlorophyll)                       -> Iops
     water.remote_sensing_reflectance(wavelength, chlorophyll, sun_zenith, view_zenith, relative_azimuth)

@@ -84,6 +84,40 @@ def position(
     return Position(np.reshape(zenith, moments.shape), np.reshape(azimuth, moments.shape))
 
 
+def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
+    """When the sun's centre next comes up over the horizon, within a day, to about a minute.
+
+    Parameters
+    ----------
+    latitude, longitude : float
+        Of the place, north and east positive [degree].
+    time : datetime, str or numpy.datetime64
+        From when to look; what names no zone is taken as UTC.
+
+    Returns
+    -------
+    numpy.datetime64
+        UTC; NaT where the sun does not rise within a day.
+
+    Raises
+    ------
+    InputError
+        A coordinate is out of range, or the time cannot be read.
+
+    Examples
+    --------
+    >>> str(next_rise(0.0, 0.0, "2026-03-20T00:00Z"))[:15]
+    '2026-03-20T06:0'
+    """
+    start = np.asarray(_seconds(time) * 1e3).astype("datetime64[ms]")
+    moments = start + np.arange(0, 1442) * np.timedelta64(1, "m")
+    up = position(latitude, longitude, moments).zenith <= 90.0
+    rises = np.flatnonzero(~up[:-1] & up[1:])
+    if not rises.size:
+        return np.datetime64("NaT")
+    return np.datetime64(moments[rises[0] + 1], "s")
+
+
 def distance_factor(day: npt.ArrayLike) -> Array:
     """Irradiance over that at mean distance, [1 + 0.0167 cos(2 pi (day - 3) / 365)]^2.
 

@@ -70,6 +70,25 @@ def test_broadcasts_places_against_times():
     assert zenith[1, 2] == pytest.approx(float(sun.position(20.0, -30.0, TIMES[2]).zenith))
 
 
+@pytest.mark.parametrize(
+    ("place", "start"), [((36.8, -122.0), "2026-06-21T08:00"), ((-33.9, 18.4), "2026-01-05")]
+)
+def test_next_rise_against_pvlib(place, start):
+    import pandas as pd
+    import pvlib
+
+    found = sun.next_rise(*place, start)
+    noon = pd.DatetimeIndex([np.datetime64(found, "D")], tz="UTC")
+    theirs = pvlib.solarposition.sun_rise_set_transit_spa(noon, *place)["sunrise"].iloc[0]
+    late = pd.Timestamp(found, tz="UTC") - theirs
+    assert 0 <= late.total_seconds() < 180  # theirs is when the upper limb shows
+    assert sun.position(*place, found).zenith <= 90 < sun.position(*place, found - 70).zenith
+
+
+def test_in_the_polar_night_no_sun_rises():
+    assert np.isnat(sun.next_rise(80.0, 0.0, "2026-12-21"))
+
+
 @pytest.mark.parametrize("day", [1, 60, 172, 300])
 def test_distance_against_spencer(day):
     import pvlib
