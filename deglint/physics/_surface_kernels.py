@@ -63,7 +63,11 @@ def fill_amplitudes(noise, sums, first, last, steps, table, how, along):  # type
 
 @njit(nogil=True, cache=True)
 def evolve(amplitudes, out, first, last, steps, time, slopes, physics):  # type: ignore[no-untyped-def]
-    """Spectrum at a time: of the height, or of the complex field (east slope + i north slope)."""
+    """Spectrum at a time: of the height, or of the complex field (east slope + i north slope).
+
+    Row r and its mirror image (rows - r) hold the same waves, so both are filled for r in first..last, which
+    runs over 0..rows // 2 only.
+    """
     rows, columns = amplitudes.shape
     row_step, column_step = steps
     tension, gravity, depth = physics
@@ -71,10 +75,12 @@ def evolve(amplitudes, out, first, last, steps, time, slopes, physics):  # type:
         north = -frequency(r, rows, row_step)
         other = rows - r if r else 0
         for c in range(columns):
+            mirror = columns - c if c else 0
             a = amplitudes[r, c]
-            b = amplitudes[other, columns - c if c else 0]
+            b = amplitudes[other, mirror]
             if a == 0 and b == 0:
                 out[r, c] = 0.0
+                out[other, mirror] = 0.0
                 continue
             east = frequency(c, columns, column_step)
             k = math.sqrt(east * east + north * north)
@@ -84,7 +90,10 @@ def evolve(amplitudes, out, first, last, steps, time, slopes, physics):  # type:
             phase = math.sqrt(squared) * time
             turn = complex(math.cos(phase), -math.sin(phase))
             z = complex(a) * turn + (complex(b) * turn).conjugate()
-            out[r, c] = z * complex(-north, east) if slopes else z
+            tilt = complex(-north, east) if slopes else complex(1.0, 0.0)
+            out[r, c] = z * tilt
+            if other != r:  # a row that is its own mirror image comes by its other waves itself
+                out[other, mirror] = z.conjugate() * (-tilt if slopes else tilt)
 
 
 def downwind(wind_from: float) -> tuple[float, float]:

@@ -27,6 +27,10 @@ from .waves import (
 
 Complex = npt.NDArray[np.complexfloating[Any, Any]]
 Array = npt.NDArray[np.floating[Any]]
+Seed = int | np.random.SeedSequence | np.random.Generator
+
+SLABS = 16
+"""Parts that random numbers are drawn in, each from a seed of its own; part of what a seed means."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +92,7 @@ class Surface:
         physics = (SURFACE_TENSION, GRAVITY, self.sea.depth or 0.0)
         by_rows(
             lambda first, last: evolve(self.amplitudes, out, first, last, steps, time, slopes, physics),
-            rows,
+            rows // 2 + 1,
             workers,
         )
         return fft.ifft2(out, norm="forward", overwrite_x=True, workers=workers)
@@ -107,12 +111,26 @@ def by_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None
         list(pool.map(work, edges[:-1].tolist(), edges[1:].tolist()))
 
 
+def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDArray[np.float32]:
+    """Standard normal numbers, the same for a seed whatever `workers` is."""
+    out = np.empty(shape, np.float32)
+    children = np.random.default_rng(seed).spawn(SLABS)
+    edges = np.linspace(0, shape[0], SLABS + 1).astype(int)
+
+    def draw(first: int, last: int) -> None:
+        for i in range(first, last):
+            children[i].standard_normal(dtype=np.float32, out=out[edges[i] : edges[i + 1]])
+
+    by_rows(draw, SLABS, workers)
+    return out
+
+
 def realise(
     sea: Sea,
     *,
     shape: tuple[int, int],
     spacing: float,
-    seed: int | np.random.SeedSequence | np.random.Generator = 0,
+    seed: Seed = 0,
     workers: int = 1,
 ) -> Surface:
     """Draw a surface.
@@ -162,9 +180,8 @@ def realise(
     from ._surface_kernels import downwind, fill_amplitudes
 
     _check_grid(sea, shape, spacing)
-    generator = np.random.default_rng(seed)
     rows, columns = shape
-    noise = generator.standard_normal((rows, 2 * columns), dtype=np.float32).view(np.complex64)
+    noise = normals(seed, (rows, 2 * columns), workers=workers).view(np.complex64)
     sums = np.empty((rows, 4))
     steps = 2 * np.pi / (rows * spacing), 2 * np.pi / (columns * spacing)
     table, how = _tables(sea, min(steps), np.pi * np.sqrt(2) / spacing)

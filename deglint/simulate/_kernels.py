@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
 
@@ -17,6 +18,7 @@ def reflect(slopes, sparkle, density, sky, first, last, time, wind, calm, glint,
     sky by upwind and crosswind slope, its first slope, its step.
     """
     amplitudes, choice, frequencies = sparkle
+    cosine, sine = np.cos(frequencies * time), np.sin(frequencies * time)
     up_glint, cross_glint, up_variance, cross_variance = glint
     values, start, step = table
     norm = 1.0 / (2.0 * math.pi * math.sqrt(up_variance * cross_variance))
@@ -27,10 +29,9 @@ def reflect(slopes, sparkle, density, sky, first, last, time, wind, calm, glint,
             up = calm[0] * (east * wind[0] + north * wind[1])
             cross = calm[1] * (east * wind[1] - north * wind[0])
             if amplitudes.size:
-                phase = frequencies[choice[r, c]] * time
-                cosine, sine = math.cos(phase), math.sin(phase)
-                up += amplitudes[r, c, 0] * cosine + amplitudes[r, c, 1] * sine
-                cross += amplitudes[r, c, 2] * cosine + amplitudes[r, c, 3] * sine
+                f = choice[r, c]
+                up += amplitudes[r, c, 0] * cosine[f] + amplitudes[r, c, 1] * sine[f]
+                cross += amplitudes[r, c, 2] * cosine[f] + amplitudes[r, c, 3] * sine[f]
             exponent = (up - up_glint) ** 2 / up_variance + (cross - cross_glint) ** 2 / cross_variance
             density[r, c] = norm * math.exp(-0.5 * exponent) if exponent < 100.0 else 0.0
             x = min(max((up - start) / step, 0.0), top)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..physics import fresnel, glint, sky, slopes
-from ..physics.surface import Surface, by_rows, realise
+from ..physics.surface import Surface, by_rows, normals, realise
 from ..physics.waves import SHORTEST, dispersion, omnidirectional
 from .setup import RESOLVED_AT_MOST, Setup
 
@@ -116,8 +116,7 @@ def facets(setup: Setup, *, workers: int = 1) -> Facets:
     unresolved = (measured - calm**2 * resolved).tolist()
     share = sparkle_share(setup.patch, setup.facet)
     about = [max((1 - share) * v, NARROWEST**2) for v in unresolved]
-    still = max(setup.times) == 0
-    drawn = _draw_sparkle(setup, shape, [share * v for v in unresolved], sparkle, still)
+    drawn = _draw_sparkle(setup, shape, [share * v for v in unresolved], sparkle, workers)
     return Facets(
         setup,
         surface,
@@ -147,17 +146,18 @@ def sparkle_share(patch: float, facet: float) -> float:
 
 
 def _draw_sparkle(
-    setup: Setup, shape: tuple[int, int], variance: list[float], seed: np.random.SeedSequence, still: bool
+    setup: Setup, shape: tuple[int, int], variance: list[float], seed: np.random.SeedSequence, workers: int
 ) -> tuple[Any, Any, Any]:
     """Amplitudes, which frequency, and the frequencies of the tilt of each facet by unresolved waves."""
     nothing = np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.uint16), np.zeros(1)
     if max(variance) <= 0:
         return nothing
     generator = np.random.default_rng(seed)
-    amplitudes = generator.standard_normal((*shape, 4), dtype=np.float32)
-    amplitudes *= np.sqrt(np.repeat(variance, 2)).astype(np.float32)
+    amplitudes = normals(generator, (*shape, 4), workers=workers)
+    scale = np.sqrt(np.repeat(variance, 2)).astype(np.float32)
+    by_rows(lambda a, b: np.multiply(amplitudes[a:b], scale, out=amplitudes[a:b]), shape[0], workers)
     frequencies = _sparkle_frequencies(setup)
-    if still:
+    if max(setup.times) == 0:  # nothing moves
         return amplitudes, np.broadcast_to(np.uint16(0), shape).copy(), np.zeros(1)
     return amplitudes, generator.integers(0, len(frequencies), shape, dtype=np.uint16), frequencies
 

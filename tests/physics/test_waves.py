@@ -96,7 +96,8 @@ def test_elfouhaily_is_longer_along_the_wind(wind):
 @pytest.mark.parametrize(
     ("spectrum", "shortest", "variance"),
     [("elfouhaily", 4, 0.0137), ("elfouhaily", 2, 0.0176), ("elfouhaily", 1, 0.0211),
-     ("elfouhaily", 0.5, 0.0241), ("elfouhaily", 0.2, 0.0277), ("elfouhaily", 0.1, 0.0309), ("elfouhaily", 0.02, 0.0439),
+     ("elfouhaily", 0.5, 0.0241), ("elfouhaily", 0.2, 0.0277), ("elfouhaily", 0.1, 0.0309),
+     ("elfouhaily", 0.02, 0.0439),
      ("jonswap", 2, 0.0152), ("jonswap", 0.5, 0.0219), ("jonswap", 0.2, 0.0263), ("jonswap", 0.1, 0.0296)],
 )  # fmt: skip
 def test_slope_variance_of_resolved_waves_at_9_metres_per_second(spectrum, shortest, variance):
