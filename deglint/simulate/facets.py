@@ -38,6 +38,8 @@ class Facets:
         The resolved waves.
     calm : (float, float)
         Factors on the upwind and crosswind slopes of the grid, below 1 where these exceed what is measured.
+    sparkle : (float, float)
+        Variance of the slopes that unresolved waves give facets as a whole, upwind and crosswind.
     about : (float, float)
         Variance of the slopes about each facet, upwind and crosswind.
     glint_factor : float
@@ -47,6 +49,7 @@ class Facets:
     setup: Setup
     surface: Surface
     calm: tuple[float, float]
+    sparkle: tuple[float, float]
     about: tuple[float, float]
     glint_factor: float
     _sparkle: tuple[Any, Any, Any] = field(repr=False)
@@ -108,24 +111,21 @@ def facets(setup: Setup, *, workers: int = 1) -> Facets:
     the unresolved variance varies as much, where it matters most, and that is what is drawn.
     """
     waves, sparkle = np.random.SeedSequence(setup.seed).spawn(2)
-    factor, grid = setup.supersample, setup.grid
-    shape = grid[0] * factor, grid[1] * factor
+    shape = setup.grid[0] * setup.supersample, setup.grid[1] * setup.supersample
     surface = realise(setup.sea, shape=shape, spacing=setup.facet, seed=waves, workers=workers)
     measured, resolved = np.asarray(setup.slope_variance), np.asarray(surface.slope_variance)
     calm = np.minimum(1.0, np.sqrt(RESOLVED_AT_MOST * measured / resolved))
-    unresolved = (measured - calm**2 * resolved).tolist()
-    share = sparkle_share(setup.patch, setup.facet)
-    about = [max((1 - share) * v, NARROWEST**2) for v in unresolved]
-    drawn = _draw_sparkle(setup, shape, [share * v for v in unresolved], sparkle, workers)
-    return Facets(
-        setup,
-        surface,
-        (float(calm[0]), float(calm[1])),
-        (about[0], about[1]),
-        _glint_factor(setup),
-        drawn,
-        _sky_table(setup, about),
-    )
+    unresolved = measured - calm**2 * resolved
+    about = (1 - sparkle_share(setup.patch, setup.facet)) * unresolved
+    about = np.maximum(about, np.minimum(unresolved, NARROWEST**2))
+    tilts = _pair(unresolved - about)
+    drawn = _draw_sparkle(setup, shape, tilts, sparkle, workers)
+    factor, table = _glint_factor(setup), _sky_table(setup, _pair(about))
+    return Facets(setup, surface, _pair(calm), tilts, _pair(about), factor, drawn, table)
+
+
+def _pair(values: Array) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
 
 
 def sparkle_share(patch: float, facet: float) -> float:
@@ -146,7 +146,11 @@ def sparkle_share(patch: float, facet: float) -> float:
 
 
 def _draw_sparkle(
-    setup: Setup, shape: tuple[int, int], variance: list[float], seed: np.random.SeedSequence, workers: int
+    setup: Setup,
+    shape: tuple[int, int],
+    variance: tuple[float, float],
+    seed: np.random.SeedSequence,
+    workers: int,
 ) -> tuple[Any, Any, Any]:
     """Amplitudes, which frequency, and the frequencies of the tilt of each facet by unresolved waves."""
     nothing = np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.uint16), np.zeros(1)
@@ -189,7 +193,7 @@ def _glint_factor(setup: Setup) -> float:
     return float(factor * series / plain) if plain > 0 else 0.0
 
 
-def _sky_table(setup: Setup, about: list[float]) -> Array:
+def _sky_table(setup: Setup, about: tuple[float, float]) -> Array:
     """Sky that a facet mirrors by its upwind and crosswind slope, per diffuse irradiance [1/sr].
 
     Weighted by how much of a facet the sensor sees, and smoothed by the slopes about it.
