@@ -162,12 +162,13 @@ def _tags(setup: Any) -> dict[str, str]:
 
 def _write(path: Path, layer: Layer, gsd: float) -> None:
     import rasterio
-    from rasterio.transform import from_origin
+    from affine import Affine
 
     count, rows, columns = layer.array.shape
+    place = Affine(gsd, 0.0, CORNER[0], 0.0, -gsd, CORNER[1])
     profile = {
         "driver": "GTiff", "dtype": layer.array.dtype.name, "count": count, "height": rows, "width": columns,
-        "crs": CRS, "transform": from_origin(*CORNER, gsd, gsd), "tiled": True, "blockxsize": 256,
+        "crs": CRS, "transform": place, "tiled": True, "blockxsize": 256,
         "blockysize": 256, "compress": "deflate", "predictor": 3 if layer.array.dtype.kind == "f" else 2,
         "interleave": "pixel", "num_threads": 2,
     }  # fmt: skip
