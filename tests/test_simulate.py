@@ -149,8 +149,37 @@ def test_sparkle_forgets_as_the_spectrum_says():
         assert tilt[..., t].var() == pytest.approx(sea.sparkle[0], rel=0.02)
 
 
+def hits(setup, cone):
+    """Which facets mirror a direction within `cone` degrees of the sun straight up, each having one slope."""
+    sea = facets(setup)
+    up, cross = slopes.to_wind_axes(*sea.surface.slopes(), setup.wind_from)
+    east, north = slopes.from_wind_axes(
+        up + sea._sparkle[0][..., 0], cross + sea._sparkle[0][..., 2], setup.wind_from
+    )
+    squared = 1 + east**2 + north**2
+    seen = np.stack([-2 * east, -2 * north, 2 - squared]) / squared
+    zenith, azimuth = np.radians(setup.sun_zenith), np.radians(setup.sun_azimuth)
+    sun = np.array([np.sin(zenith) * np.sin(azimuth), np.sin(zenith) * np.cos(azimuth), np.cos(zenith)])
+    return np.tensordot(sun, seen, 1) > np.cos(np.radians(cone))
+
+
+def test_facets_that_hit_the_sun_are_as_many_as_the_avoidance_tool_says():
+    cone = 2.0
+    setup = Setup(
+        sensor=replace(STILL, gsd=0.5), wind=5.0, size=(128, 128), sun_zenith=30.0, slopes="cox-munk-gaussian",
+        patch=1.0,
+    )  # fmt: skip
+    counted = [hits(replace(setup, seed=seed), cone) for seed in range(16)]
+    closed = glint.sun_glint(
+        30.0, 135.0, 0.0, 0.0, wind=slopes.wind_at_height(5.0), wind_from=30.0, model="cox-munk-gaussian",
+        solid_angle=glint.cone(cone),
+    )  # fmt: skip
+    assert np.sum(counted) > 2500
+    assert np.mean(counted) == pytest.approx(float(closed.probability), rel=0.05)
+
+
 def test_kernel_agrees_with_plain_numpy():
-    setup = replace(SMALL, sensor=THESIS, sky="uniform")
+    setup = replace(SMALL, sensor=THESIS, sky="uniform", patch=0.03)
     sea, time = facets(setup), 0.06
     got, mirrored = sea.at(time)
     up, cross = slopes.to_wind_axes(*sea.surface.slopes(time), setup.wind_from)

@@ -48,7 +48,7 @@ def size(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int,
 )
 @click.option("--depth", type=float, default=5.0, metavar="M", help="Of the objects.")
 @click.option("--supersample", type=int, default=4, metavar="N", help="Facets per pixel, each way.")
-@click.option("--patch", type=float, default=0.015, metavar="M", help="Patches of like slope; 0: no sparkle.")
+@click.option("--patch", type=float, default=0.005, metavar="M", help="Patches of like slope; 0: no sparkle.")
 @click.option("--seed", type=int, default=0, metavar="N", help="Same seed, same scene.")
 @click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too.")
 @click.option("--grid", is_flag=True, help="All winds, delays, looks and f-numbers, into the directory OUT.")
