@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from deglint.simulate.experiments import experiments
 from deglint.simulate.facets import facets
 from deglint.simulate.light import light
 from deglint.simulate.objects import label
+from deglint.simulate.setup import SlopeModel
 
 THESIS = preset("thesis")
 STILL = THESIS.delayed(0.0)
@@ -166,8 +168,8 @@ def hits(setup, cone):
 def test_facets_that_hit_the_sun_are_as_many_as_the_avoidance_tool_says():
     cone = 2.0
     setup = Setup(
-        sensor=replace(STILL, gsd=0.5), wind=5.0, size=(128, 128), sun_zenith=30.0, slopes="cox-munk-gaussian",
-        patch=1.0,
+        sensor=replace(STILL, gsd=0.5), wind=5.0, size=(128, 128), sun_zenith=30.0, patch=1.0,
+        slopes="cox-munk-gaussian",
     )  # fmt: skip
     counted = [hits(replace(setup, seed=seed), cone) for seed in range(16)]
     closed = glint.sun_glint(
@@ -349,6 +351,7 @@ def test_experiments_are_all_combinations_with_names_of_their_own():
         ({"misregistration": ((0.0, 0.0),)}, "one (down, right) per band (8), got 1"),
         ({"sky": "overcast"}, "sky must be one of uniform"),
         ({"domain": 2.0}, "grid must span at least one peak wave, 8.169 m"),
+        ({"sensor": preset("micasense"), "wind": 18.0}, "facets must be at most 67108864, got"),
         ({"sensor": preset("sentinel2")}, "grid step must be at most"),
     ],
 )
@@ -436,3 +439,5 @@ def test_help_names_what_there_is():
     command = import_module("deglint.cli.simulate")
     assert tuple(PRESETS) == command.PRESET_NAMES
     assert sky.MODELS == command.SKY_NAMES
+    assert get_args(SlopeModel) == command.SLOPE_NAMES
+    assert get_args(waves.Spectrum) == command.SPECTRUM_NAMES

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import click
 # What --help shows without loading the simulator; a test holds them equal to it.
 PRESET_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
 SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
+SLOPE_NAMES = ("cox-munk", "cox-munk-gaussian")
 SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
 
 
@@ -42,6 +44,9 @@ def size(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int,
 @click.option("--chlorophyll", type=float, default=0.5, metavar="MG/M3")
 @click.option("--sky", type=click.Choice(SKY_NAMES), default="harrison-coombes")
 @click.option("--spectrum", type=click.Choice(SPECTRUM_NAMES), default="elfouhaily", help="Of the waves.")
+@click.option(
+    "--slopes", type=click.Choice(SLOPE_NAMES), default="cox-munk", help="What the mean glint follows."
+)
 @click.option("--fetch", type=float, default=100e3, metavar="M", help="For JONSWAP.")
 @click.option(
     "--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water."
@@ -53,9 +58,7 @@ def size(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int,
 @click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too.")
 @click.option("--grid", is_flag=True, help="All winds, delays, looks and f-numbers, into the directory OUT.")
 @click.option("--overwrite", is_flag=True, help="Replace files that are there.")
-@click.option(
-    "--threads", type=click.IntRange(1, 1024), default=2, metavar="N", help="They never show in the result."
-)
+@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="All processors by default.")
 @click.option("--json", "as_json", is_flag=True, help="Print the names of the files as JSON on stdout.")
 @click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
@@ -78,7 +81,7 @@ def simulate(out: Path, **given: Any) -> None:
     for name, setup in setups:
         scene = make(
             setup,
-            workers=given["threads"],
+            workers=given["threads"] or os.cpu_count() or 1,
             keep_surface=given["surface"],
             progress=lambda done, total: talk.progress("simulate", done, total),
         )
@@ -102,7 +105,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
         things = thesis_array(given["size"], sensor.gsd, depth=given["depth"])
     direct = (
         "size", "wind_from", "sun_zenith", "sun_azimuth", "view_zenith", "view_azimuth", "chlorophyll", "sky",
-        "spectrum", "fetch", "supersample", "patch", "seed",
+        "slopes", "spectrum", "fetch", "supersample", "patch", "seed",
     )  # fmt: skip
     winds, delays = given["wind"], given["delay"]
     wind = winds[0] if winds else 5.0

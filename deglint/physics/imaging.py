@@ -47,7 +47,7 @@ def observe(
     wavelength : float
         [nm]
     factor : int
-        Fine points per pixel, each way.
+        Fine points per pixel, each way. Frequencies above factor / 2 cycles per pixel are not in the scene.
     shift : (float, float)
         Where the band looks, off its pixels, down and right [pixel].
     workers : int

@@ -186,6 +186,8 @@ def _write(path: Path, layer: Layer, gsd: float) -> None:
 
 def describe(scene: Simulated, files: Mapping[str, str]) -> dict[str, Any]:
     """All that made a scene, and what came out, for its JSON."""
+    import scipy
+
     setup, light = scene.setup, scene.light
     bands = []
     for i, band in enumerate(setup.sensor.bands):
@@ -208,6 +210,7 @@ def describe(scene: Simulated, files: Mapping[str, str]) -> dict[str, Any]:
     return {
         "software": f"deglint {__version__}",
         "numpy": np.__version__,
+        "scipy": scipy.__version__,
         "files": dict(files),
         "setup": asdict(setup) | {"air": asdict(setup.weather)},
         "grid_pixels": setup.grid,

@@ -19,6 +19,8 @@ from .objects import SubmergedObject
 
 SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
 
+MOST_FACETS = 1 << 26
+"""Facets that a scene may have; at 60 bytes each they take 4 GB."""
 LEAST_GAIN = 0.3
 """Short waves are damped to this at most; what is then too steep yet is levelled facet by facet."""
 RESOLVED_AT_MOST = 0.95
@@ -117,7 +119,17 @@ class Setup:
             )
         for thing in self.objects:
             thing.check_inside(self.size[0] * self.sensor.gsd, self.size[1] * self.sensor.gsd)
+        self._check_facets()
         self._check_delays()
+
+    def _check_facets(self) -> None:
+        count = self.grid[0] * self.grid[1] * self.supersample**2
+        if count > MOST_FACETS:
+            raise InputError(
+                f"facets must be at most {MOST_FACETS}, got {count}: the image and one peak wave"
+                f" ({self.sea.peak_wavelength:.3g} m) take {self.grid[0]} x {self.grid[1]} pixels of"
+                f" {self.supersample} x {self.supersample}; lower size, supersample or wind"
+            )
 
     def _check_delays(self) -> None:
         span, limit = max(self.times), self.extent / float(np.sqrt(9.81 / self.sea.peak_wavenumber))
