@@ -22,12 +22,12 @@ _WORLDVIEW_BANDS = (  # name, edges [nm], full scale [W m-2 sr-1 nm-1], offset [
     ("NIR1", 770, 895, 0.137, 0.324),
     ("NIR2", 860, 1040, 0.091, 0.0),
 )
-_MICASENSE_BANDS = (
-    ("BLUE", 465, 485, 0.35),
-    ("GREEN", 550, 570, 0.35),
-    ("RED", 663, 673, 0.30),
-    ("NIR", 820, 860, 0.20),
-    ("REDEDGE", 712, 722, 0.28),
+_MICASENSE_BANDS = (  # full scales as exposed for water
+    ("BLUE", 465, 485, 0.10),
+    ("GREEN", 550, 570, 0.10),
+    ("RED", 663, 673, 0.08),
+    ("NIR", 820, 860, 0.05),
+    ("REDEDGE", 712, 722, 0.07),
 )
 _SENTINEL_BANDS = (  # those of 10 m
     ("B02", 458, 523, 0.615, 0.0),
