@@ -18,25 +18,34 @@ def reflect(slopes, sparkle, density, sky, first, last, time, wind, calm, glint,
     sky by upwind and crosswind slope, its first slope, its step.
     """
     amplitudes, choice, frequencies = sparkle
-    cosine, sine = np.cos(frequencies * time), np.sin(frequencies * time)
-    up_glint, cross_glint, up_variance, cross_variance = glint
-    values, start, step = table
-    norm = 1.0 / (2.0 * math.pi * math.sqrt(up_variance * cross_variance))
-    top = values.shape[0] - 1.001
+    cosine = np.cos(frequencies * time).astype(np.float32)
+    sine = np.sin(frequencies * time).astype(np.float32)
+    east_sine, east_cosine = np.float32(wind[0]), np.float32(wind[1])
+    up_calm, cross_calm = np.float32(calm[0]), np.float32(calm[1])
+    up_glint, cross_glint = np.float32(glint[0]), np.float32(glint[1])
+    up_factor, cross_factor = np.float32(-0.5 / glint[2]), np.float32(-0.5 / glint[3])
+    norm = np.float32(1.0 / (2.0 * math.pi * math.sqrt(glint[2] * glint[3])))
+    values, start, per_step = table[0], np.float32(table[1]), np.float32(1.0 / table[2])
+    zero, one, top, faint = (
+        np.float32(0.0),
+        np.float32(1.0),
+        np.float32(values.shape[0] - 1.001),
+        np.float32(-50.0),
+    )
     for r in range(first, last):
         for c in range(slopes.shape[1]):
             east, north = slopes[r, c].real, slopes[r, c].imag
-            up = calm[0] * (east * wind[0] + north * wind[1])
-            cross = calm[1] * (east * wind[1] - north * wind[0])
+            up = up_calm * (east * east_sine + north * east_cosine)
+            cross = cross_calm * (east * east_cosine - north * east_sine)
             if amplitudes.size:
                 f = choice[r, c]
                 up += amplitudes[r, c, 0] * cosine[f] + amplitudes[r, c, 1] * sine[f]
                 cross += amplitudes[r, c, 2] * cosine[f] + amplitudes[r, c, 3] * sine[f]
-            exponent = (up - up_glint) ** 2 / up_variance + (cross - cross_glint) ** 2 / cross_variance
-            density[r, c] = norm * math.exp(-0.5 * exponent) if exponent < 100.0 else 0.0
-            x = min(max((up - start) / step, 0.0), top)
-            y = min(max((cross - start) / step, 0.0), top)
+            power = (up - up_glint) ** 2 * up_factor + (cross - cross_glint) ** 2 * cross_factor
+            density[r, c] = norm * math.exp(power) if power > faint else zero
+            x = min(max((up - start) * per_step, zero), top)
+            y = min(max((cross - start) * per_step, zero), top)
             i, j = int(x), int(y)
-            x, y = x - i, y - j
-            below = (1 - y) * values[i, j] + y * values[i, j + 1]
-            sky[r, c] = (1 - x) * below + x * ((1 - y) * values[i + 1, j] + y * values[i + 1, j + 1])
+            x, y = x - np.float32(i), y - np.float32(j)
+            below = (one - y) * values[i, j] + y * values[i, j + 1]
+            sky[r, c] = (one - x) * below + x * ((one - y) * values[i + 1, j] + y * values[i + 1, j + 1])

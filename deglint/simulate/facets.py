@@ -215,4 +215,4 @@ def _sky_table(setup: Setup, about: tuple[float, float]) -> Array:
     seen = sky.radiance(away, turn, setup.sun_zenith, setup.sun_azimuth, model=setup.sky)
     mirrored = fresnel.reflectance(np.degrees(np.arccos(cosine))) * seen * cosine * level / np.cos(zenith)
     sigma = [float(np.sqrt(v)) / TABLE_STEP for v in about]
-    return np.asarray(gaussian_filter(mirrored, sigma, mode="nearest"))
+    return gaussian_filter(mirrored, sigma, mode="nearest").astype(np.float32)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ..physics.imaging import observe, transform
 from ..physics.sensor import digitise
+from ..physics.surface import by_rows
 from .facets import Facets, facets
 from .light import Light, light
 from .objects import label
@@ -112,7 +113,7 @@ def simulate(
             done += 1
             if progress:
                 progress(done, count)
-    image, truth_image = _digitise(setup, truth + glint), _digitise(setup, truth)
+    image, truth_image = _digitise(setup, truth + glint, workers), _digitise(setup, truth, workers)
     height, slopes = _surface(sea, workers) if keep_surface else (None, None)
     half = setup.supersample // 2
     ids = labels[half :: setup.supersample, half :: setup.supersample][
@@ -156,16 +157,18 @@ def _pixels(spectrum: Any, setup: Setup, i: int, workers: int) -> Array:
     return seen[: setup.size[0], : setup.size[1]]
 
 
-def _digitise(setup: Setup, radiance: Array) -> Numbers:
+def _digitise(setup: Setup, radiance: Array, workers: int) -> Numbers:
     """Digital numbers; each band draws its noise from a seed of its own, the same for image and truth."""
     seeds = np.random.SeedSequence(setup.seed, spawn_key=(2,)).spawn(len(radiance))
-    sensor = setup.sensor
-    return np.stack(
-        [
-            digitise(layer, sensor, band, generator=np.random.default_rng(seed))
-            for layer, band, seed in zip(radiance, sensor.bands, seeds, strict=True)
-        ]
-    )
+    out = np.empty(radiance.shape, np.uint16)
+
+    def draw(first: int, last: int) -> None:
+        for i in range(first, last):
+            generator = np.random.default_rng(seeds[i])
+            out[i] = digitise(radiance[i], setup.sensor, setup.sensor.bands[i], generator=generator)
+
+    by_rows(draw, len(radiance), workers)
+    return out
 
 
 def _surface(sea: Facets, workers: int) -> tuple[Array, Array]:
