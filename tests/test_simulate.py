@@ -341,6 +341,8 @@ def test_experiments_are_all_combinations_with_names_of_their_own():
     ("change", "words"),
     [
         ({"wind": 30.0}, "wind must be"),
+        ({"wind": float("nan")}, "wind must be a finite number, got nan"),
+        ({"seed": -1}, "seed must be 0 to"),
         ({"sun_zenith": 85.0}, "sun_zenith must be 0 to 80 degrees, got 85"),
         ({"view_zenith": 75.0}, "view_zenith must be 0 to 70"),
         ({"sensor": THESIS.delayed(5.0)}, "time offsets of the bands must span at most"),
@@ -419,12 +421,28 @@ def test_command_writes_one_scene(tmp_path):
     from deglint.cli import simulate as module
 
     command = getattr(module, "simulate", module)
-    arguments = ["--wind", "3", "--delay", "0.06", "--seed", "7", "--size", "48x64", "--json", "-q"]
+    arguments = [
+        "--wind",
+        "3",
+        "--delay",
+        "0.06",
+        "--seed",
+        "7",
+        "--size",
+        "48x64",
+        "--json",
+        "-q",
+        "--misregistration",
+        "0.3",
+    ]
     done = CliRunner().invoke(command, [*arguments, str(tmp_path / "sea")])
     assert done.exit_code == 0, done.output
     files = json.loads(done.stdout)
     assert files[0] == str(tmp_path / "sea.tif")
     assert json.loads((tmp_path / "sea.json").read_text())["setup"]["size"] == [48, 64]
+    assert {len(p) for p in json.loads((tmp_path / "sea.json").read_text())["setup"]["misregistration"]} == {
+        2
+    }
     again = CliRunner().invoke(command, [*arguments, str(tmp_path / "sea")])
     assert "exists already" in str(again.exception)
     wrong = CliRunner().invoke(command, ["--wind", "3", "--wind", "5", str(tmp_path / "other")])

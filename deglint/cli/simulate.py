@@ -54,6 +54,9 @@ def size(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int,
 @click.option("--depth", type=float, default=5.0, metavar="M", help="Of the objects.")
 @click.option("--supersample", type=int, default=4, metavar="N", help="Facets per pixel, each way.")
 @click.option("--patch", type=float, default=0.005, metavar="M", help="Patches of like slope; 0: no sparkle.")
+@click.option(
+    "--misregistration", type=float, default=0.0, metavar="PIXELS", help="Bands are off by up to this."
+)
 @click.option("--seed", type=int, default=0, metavar="N", help="Same seed, same scene.")
 @click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too.")
 @click.option("--grid", is_flag=True, help="All winds, delays, looks and f-numbers, into the directory OUT.")
@@ -113,6 +116,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
         sensor=sensor.delayed(delays[0]) if delays else sensor,
         wind=wind,
         objects=things,
+        misregistration=_offsets(given["misregistration"], len(sensor.bands), given["seed"]),
         **{name: given[name] for name in direct},
     )
     if not given["grid"]:
@@ -123,3 +127,13 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
         raise WriteError(f"the directory {out} does not exist. Make it first: mkdir -p {out}")
     grid = experiments(base, winds=winds or WINDS, delays=delays or DELAYS)
     return [(out / name, setup) for name, setup in grid]
+
+
+def _offsets(most: float, count: int, seed: int) -> tuple[tuple[float, float], ...]:
+    """How far each band is off, down and right [pixel]; the first is in place."""
+    import numpy as np
+
+    if most == 0:
+        return ()
+    drawn = np.random.default_rng([abs(seed), 3]).uniform(-abs(most), abs(most), (count, 2)).round(3)
+    return ((0.0, 0.0), *((float(down), float(right)) for down, right in drawn[1:]))
