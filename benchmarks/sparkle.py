@@ -1,0 +1,91 @@
+"""How much do pixels of 25 cm sparkle? Facets of 6 cm with a patch size, against waves resolved to 1 mm.
+
+    python benchmarks/sparkle.py [--wind 9] [--seeds 10]
+
+Prints, for glint far from the specular point and near it, the coefficient of variation of the pixels and
+their correlation after 10, 60 and 120 ms. The patch that comes nearest is what `Setup.patch` should be. Seas
+of 2 m only, so that 1 mm can be afforded: the longer waves tilt both in the same way.
+"""
+
+import argparse
+
+import numpy as np
+
+import deglint.physics.surface as surface
+from deglint.physics.waves import SHORTEST, Sea, dispersion, omnidirectional
+from deglint.simulate.facets import sparkle_share
+
+SIDE, FINE, COARSE, PIXELS = 2.0, 2048, 32, 8
+LAGS = (0.0, 0.010, 0.060, 0.120)
+SPOT = 0.03  # standard deviation of the slopes about a fine point
+PATCHES = (0.0, 0.005, 0.01, 0.015, 0.03, 0.06)
+
+
+def pixels(density):
+    n = len(density) // PIXELS
+    return density.reshape(PIXELS, n, PIXELS, n).mean(axis=(1, 3))
+
+
+def glint(up, cross, wanted, variance):
+    exponent = (up - wanted[0]) ** 2 / variance[0] + (cross - wanted[1]) ** 2 / variance[1]
+    return pixels(np.exp(-0.5 * exponent) / (2 * np.pi * np.sqrt(variance[0] * variance[1])))
+
+
+def resolved(sea, seed, far):
+    """Pixels of a sea resolved to 1 mm at each lag, and its variance of slopes."""
+    drawn = surface.realise(sea, shape=(FINE, FINE), spacing=SIDE / FINE, seed=seed, workers=2)
+    variance = np.array(drawn.slope_variance) + SPOT**2
+    wanted = (0.0, far * np.sqrt(variance[1]))
+    packed = (drawn.packed_slopes(t, workers=2) for t in LAGS)
+    return [glint(p.imag, p.real, wanted, (SPOT**2, SPOT**2)) for p in packed], variance
+
+
+def faceted(sea, seed, far, variance, patch, frequencies):
+    """The same with facets of 6 cm, the rest of the variance as sparkle and about each facet."""
+    drawn = surface.realise(sea, shape=(COARSE, COARSE), spacing=SIDE / COARSE, seed=seed)
+    unresolved = variance - drawn.slope_variance
+    share = sparkle_share(patch, SIDE / COARSE)
+    generator = np.random.default_rng(seed)
+    tilt = (
+        generator.standard_normal((4, COARSE, COARSE))
+        * np.sqrt(np.repeat(share * unresolved, 2))[:, None, None]
+    )
+    frequency = generator.choice(frequencies, (COARSE, COARSE))
+    wanted, out = (0.0, far * np.sqrt(variance[1])), []
+    for t in LAGS:
+        packed, c, s = drawn.packed_slopes(t), np.cos(frequency * t), np.sin(frequency * t)
+        up, cross = packed.imag + tilt[0] * c + tilt[1] * s, packed.real + tilt[2] * c + tilt[3] * s
+        out.append(glint(up, cross, wanted, (1 - share) * unresolved))
+    return out
+
+
+def report(name, values):
+    start, *later = (np.ravel([v[i] for v in values]) for i in range(len(LAGS)))
+    alike = " ".join(f"{np.corrcoef(start, x)[0, 1]:6.2f}" for x in later)
+    print(f"{name:<22}{start.std() / start.mean():6.2f}   {alike}")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--wind", type=float, default=9.0)
+    parser.add_argument("--seeds", type=int, default=10)
+    given = parser.parse_args()
+    surface._check_grid = lambda *_: None  # the peak wave is left out on purpose
+    sea = Sea(wind=given.wind)
+    k = np.geomspace(np.pi * COARSE / SIDE, 2 * np.pi / SHORTEST, 4001)
+    share = np.cumsum(omnidirectional(k, sea) * k**3)
+    frequencies = np.interp((np.arange(4096) + 0.5) / 4096, share / share[-1], dispersion(k))
+    for far in (2.2, 1.0):
+        print(f"\nglint at {far:g} sigma      CV     10 ms  60 ms 120 ms")
+        fine = [resolved(sea, seed, far) for seed in range(given.seeds)]
+        report("resolved to 1 mm", [f for f, _ in fine])
+        for patch in PATCHES:
+            seeds = range(1000, 1000 + 6 * given.seeds)
+            report(
+                f"patch {1000 * patch:g} mm",
+                [faceted(sea, s, far, fine[0][1], patch, frequencies) for s in seeds],
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,139 @@
+"""`deglint simulate`: synthetic scenes of the sea, with the truth beside them."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import click
+
+# What --help shows without loading the simulator; a test holds them equal to it.
+PRESET_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
+SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
+SLOPE_NAMES = ("cox-munk", "cox-munk-gaussian")
+SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
+
+
+def size(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int, int]:
+    """Read "512" or "ROWSxCOLUMNS"."""
+    try:
+        parts = [int(part) for part in value.lower().split("x")]
+        rows, columns = parts if len(parts) == 2 else (*parts, *parts)
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is not a number of pixels, nor ROWSxCOLUMNS.") from None
+    return rows, columns
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
+@click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
+@click.option("--preset", type=click.Choice(PRESET_NAMES), default="thesis", help="Sensor.")
+@click.option("--size", default="512", callback=size, metavar="N|ROWSxCOLUMNS", help="Of the image [pixel].")
+@click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default.")
+@click.option("--wind-from", type=float, default=30.0, metavar="DEG", help="Azimuth that it blows from.")
+@click.option(
+    "--delay", type=float, multiple=True, metavar="S", help="From band to band; the sensor's by default."
+)
+@click.option("--sun-zenith", type=float, default=40.0, metavar="DEG")
+@click.option("--sun-azimuth", type=float, default=135.0, metavar="DEG")
+@click.option("--view-zenith", type=float, default=0.0, metavar="DEG")
+@click.option(
+    "--view-azimuth", type=float, default=0.0, metavar="DEG", help="Of the sensor, seen from the sea."
+)
+@click.option("--chlorophyll", type=float, default=0.5, metavar="MG/M3")
+@click.option("--sky", type=click.Choice(SKY_NAMES), default="harrison-coombes")
+@click.option("--spectrum", type=click.Choice(SPECTRUM_NAMES), default="elfouhaily", help="Of the waves.")
+@click.option(
+    "--slopes", type=click.Choice(SLOPE_NAMES), default="cox-munk", help="What the mean glint follows."
+)
+@click.option("--fetch", type=float, default=100e3, metavar="M", help="For JONSWAP.")
+@click.option(
+    "--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water."
+)
+@click.option("--depth", type=float, default=5.0, metavar="M", help="Of the objects.")
+@click.option("--supersample", type=int, default=4, metavar="N", help="Facets per pixel, each way.")
+@click.option("--patch", type=float, default=0.005, metavar="M", help="Patches of like slope; 0: no sparkle.")
+@click.option(
+    "--misregistration", type=float, default=0.0, metavar="PIXELS", help="Bands are off by up to this."
+)
+@click.option("--seed", type=int, default=0, metavar="N", help="Same seed, same scene.")
+@click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too.")
+@click.option("--grid", is_flag=True, help="All winds, delays, looks and f-numbers, into the directory OUT.")
+@click.option("--overwrite", is_flag=True, help="Replace files that are there.")
+@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="All processors by default.")
+@click.option("--json", "as_json", is_flag=True, help="Print the names of the files as JSON on stdout.")
+@click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
+@click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
+def simulate(out: Path, **given: Any) -> None:
+    """Simulate the sea as a sensor sees it: OUT.tif, its truth beside it, and OUT.json with all parameters.
+
+    \b
+    deglint simulate --preset thesis --wind 9 --delay 0.060 --seed 7 scene
+    deglint simulate --grid --size 256 --wind 5 --wind 9 experiments
+    """
+    from ..raster.simulated import check_free, write_scene
+    from ..simulate import simulate as make
+    from .options import Talk
+
+    talk = Talk(quiet=given["quiet"])
+    written = []
+    setups = _setups(out, given)
+    for name, _setup in setups:
+        check_free(name, overwrite=given["overwrite"])
+    for name, setup in setups:
+        scene = make(
+            setup,
+            workers=given["threads"] or os.cpu_count() or 1,
+            keep_surface=given["surface"],
+            progress=lambda done, total: talk.progress("simulate", done, total),
+        )
+        files = write_scene(scene, name, overwrite=given["overwrite"])
+        written += [str(f) for f in files]
+        talk.say(f"{files[0]}: wind {setup.wind:g} m/s, seed {setup.seed}")
+    if given["as_json"]:
+        click.echo(json.dumps(written))
+
+
+def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
+    """Name and setup of each scene that is asked for."""
+    from ..errors import WriteError
+    from ..physics.presets import preset
+    from ..simulate import Setup, thesis_array
+    from ..simulate.experiments import DELAYS, WINDS, experiments
+
+    sensor = preset(given["preset"])
+    things: tuple[Any, ...] = ()
+    if given["objects"] == "thesis":
+        things = thesis_array(given["size"], sensor.gsd, depth=given["depth"])
+    direct = (
+        "size", "wind_from", "sun_zenith", "sun_azimuth", "view_zenith", "view_azimuth", "chlorophyll", "sky",
+        "slopes", "spectrum", "fetch", "supersample", "patch", "seed",
+    )  # fmt: skip
+    winds, delays = given["wind"], given["delay"]
+    wind = winds[0] if winds else 5.0
+    base = Setup(
+        sensor=sensor.delayed(delays[0]) if delays else sensor,
+        wind=wind,
+        objects=things,
+        misregistration=_offsets(given["misregistration"], len(sensor.bands), given["seed"]),
+        **{name: given[name] for name in direct},
+    )
+    if not given["grid"]:
+        if len(winds) > 1 or len(delays) > 1:
+            raise click.UsageError("several --wind or --delay make several scenes: give --grid, too.")
+        return [(out, base)]
+    if not out.is_dir():
+        raise WriteError(f"the directory {out} does not exist. Make it first: mkdir -p {out}")
+    grid = experiments(base, winds=winds or WINDS, delays=delays or DELAYS)
+    return [(out / name, setup) for name, setup in grid]
+
+
+def _offsets(most: float, count: int, seed: int) -> tuple[tuple[float, float], ...]:
+    """How far each band is off, down and right [pixel]; the first is in place."""
+    import numpy as np
+
+    if most == 0:
+        return ()
+    drawn = np.random.default_rng([abs(seed), 3]).uniform(-abs(most), abs(most), (count, 2)).round(3)
+    return ((0.0, 0.0), *((float(down), float(right)) for down, right in drawn[1:]))

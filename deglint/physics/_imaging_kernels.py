@@ -1,0 +1,34 @@
+"""Compiled loop of `deglint.physics.imaging`."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+
+@njit(nogil=True, cache=True)
+def fold(spectrum, out, first, last, row_factor, column_factor, limit):  # type: ignore[no-untyped-def]
+    """Multiply a half spectrum by an MTF and fold its rows onto those of the pixel grid.
+
+    spectrum (fine rows, fine columns // 2 + 1), out (rows, fine columns // 2 + 1). `row_factor` and
+    `column_factor` hold the frequency [cycles/pixel] and what multiplies there; `limit` is the cutoff of
+    diffraction [cycles/pixel].
+    """
+    rows, half = out.shape
+    row_frequency, row_values = row_factor
+    column_frequency, column_values = column_factor
+    fold_count = spectrum.shape[0] // rows
+    for r in range(first, last):
+        for c in range(half):
+            out[r, c] = 0.0
+        for a in range(fold_count):
+            fine = r + a * rows
+            y2 = row_frequency[fine] ** 2
+            factor = row_values[fine] / fold_count
+            for c in range(half):
+                x = math.sqrt(y2 + column_frequency[c] ** 2) / limit
+                if x >= 1.0:
+                    break
+                diffraction = 2.0 / math.pi * (math.acos(x) - x * math.sqrt(1.0 - x * x))
+                out[r, c] += spectrum[fine, c] * (factor * column_values[c] * diffraction)

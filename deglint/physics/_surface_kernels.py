@@ -1,0 +1,102 @@
+"""Compiled loops of `deglint.physics.surface`, over a range of rows each so that threads may share them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+ELFOUHAILY, HALF_ANGLE, FULL_ANGLE = 0, 1, 2
+
+
+@njit(nogil=True, cache=True)
+def frequency(i: int, n: int, step: float) -> float:
+    """Wavenumber of index `i` in FFT order."""
+    return (i if i <= n // 2 else i - n) * step
+
+
+@njit(nogil=True, cache=True)
+def fill_amplitudes(noise, sums, first, last, steps, table, how, along):  # type: ignore[no-untyped-def]
+    """Scale unit complex noise (rows, columns) in place to amplitudes.
+
+    sums[row] gets the variances of height, east slope, north slope, and the covariance of slopes.
+
+    `table` is over even steps of log wavenumber: start, step, log density, Elfouhaily's D. `how` is (kind,
+    exponent, norm, opposing share), `along` the (east, north) components of the direction downwind.
+    """
+    rows, columns = noise.shape
+    row_step, column_step = steps
+    log_start, log_step, log_density, spread = table
+    kind, exponent, norm, opposing = how
+    cell = row_step * column_step
+    for r in range(first, last):
+        north = -frequency(r, rows, row_step)
+        for i in range(4):
+            sums[r, i] = 0.0
+        for c in range(columns):
+            east = frequency(c, columns, column_step)
+            if 2 * r == rows or 2 * c == columns or (r == 0 and c == 0):
+                noise[r, c] = 0.0
+                continue
+            k2 = east * east + north * north
+            x = (0.5 * math.log(k2) - log_start) / log_step
+            j = min(max(int(x), 0), len(log_density) - 2)
+            w = x - j
+            density = math.exp((1 - w) * log_density[j] + w * log_density[j + 1])
+            cosine = (east * along[0] + north * along[1]) / math.sqrt(k2)
+            if kind == 0:
+                even = 1 + ((1 - w) * spread[j] + w * spread[j + 1]) * (2 * cosine * cosine - 1)
+                side = 1.0 if cosine == 0 else (2 * (1 - opposing) if cosine > 0 else 2 * opposing)
+                density *= side * even / (2 * math.pi)
+            elif kind == 1:
+                density *= norm * (0.5 * (1 + cosine)) ** exponent
+            else:
+                density *= norm * max(cosine, 0.0) ** (2 * exponent)
+            variance = density / math.sqrt(k2) * cell
+            noise[r, c] *= math.sqrt(0.25 * variance)
+            sums[r, 0] += variance
+            sums[r, 1] += east * east * variance
+            sums[r, 2] += north * north * variance
+            sums[r, 3] += east * north * variance
+
+
+@njit(nogil=True, cache=True)
+def evolve(amplitudes, out, first, last, steps, time, slopes, physics):  # type: ignore[no-untyped-def]
+    """Spectrum at a time: of the height, or of the complex field (east slope + i north slope).
+
+    Row r and its mirror image (rows - r) hold the same waves, so both are filled for r in first..last, which
+    runs over 0..rows // 2 only.
+    """
+    rows, columns = amplitudes.shape
+    row_step, column_step = steps
+    tension, gravity, depth = physics
+    for r in range(first, last):
+        north = -frequency(r, rows, row_step)
+        other = rows - r if r else 0
+        for c in range(columns):
+            mirror = columns - c if c else 0
+            a = amplitudes[r, c]
+            b = amplitudes[other, mirror]
+            if a == 0 and b == 0:
+                out[r, c] = 0.0
+                out[other, mirror] = 0.0
+                continue
+            east = frequency(c, columns, column_step)
+            k = math.sqrt(east * east + north * north)
+            squared = gravity * k + tension * k * k * k
+            if depth > 0:
+                squared *= math.tanh(k * depth)
+            phase = math.sqrt(squared) * time
+            turn = complex(math.cos(phase), -math.sin(phase))
+            z = complex(a) * turn + (complex(b) * turn).conjugate()
+            tilt = complex(-north, east) if slopes else complex(1.0, 0.0)
+            out[r, c] = z * tilt
+            if other != r:  # a row that is its own mirror image comes by its other waves itself
+                out[other, mirror] = z.conjugate() * (-tilt if slopes else tilt)
+
+
+def downwind(wind_from: float) -> tuple[float, float]:
+    """East and north components of the direction that the wind blows to."""
+    a = np.deg2rad(wind_from)
+    return float(-np.sin(a)), float(-np.cos(a))

@@ -1,0 +1,338 @@
+"""Sunlight at the surface of the sea under a clear sky: direct and diffuse, by wavelength.
+
+The model of Gregg and Carder for maritime air, 300 to 1000 nm: ozone, oxygen, water vapour, molecules, and
+the Navy's three kinds of aerosol, which follow from the air mass type, the humidity, the wind and the
+visibility. The path through the air is that of Kasten and Young, and the largest aerosol carries the factor
+0.05 that the paper left out and every code of the model has. Clouds are unknown here.
+
+References
+---------- Gregg, Carder (1990), "A simple spectral solar irradiance model for cloudless maritime
+atmospheres", Limnology and Oceanography 35, 1657-1675, doi:10.4319/lo.1990.35.8.1657. Kasten, Young (1989),
+"Revised optical air mass tables and approximation formula", Applied Optics 28, 4735-4738,
+doi:10.1364/AO.28.004735. Van Heuklon (1979), "Estimating atmospheric ozone for solar radiation models", Solar
+Energy 22, 63-68, doi:10.1016/0038-092X(79)90060-4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from . import fresnel, sun
+from ._checks import Array, within
+from .tables import load
+
+WAVELENGTH_RANGE = (300.0, 1000.0)
+"""Wavelengths that the tables reach [nm]."""
+STANDARD_PRESSURE = 1013.25
+"""Pressure at sea level [hPa]."""
+_SCALE_HEIGHT = 1.0  # of aerosol [km]
+_RADII = np.array([0.1, 1.0, 10.0])  # where the size distribution is fitted [um]
+_MODES = np.array([0.03, 0.24, 2.0])  # of the three kinds of aerosol [um]
+_AIR_DENSITY = 1200.0  # [g/m3]
+_LIMITS = {
+    "air_mass_type": (1.0, 10.0, "", "1 is air of the open ocean, 10 that of a continent."),
+    "humidity": (0.0, 100.0, "%", "Give relative humidity."),
+    "water_vapour": (0.0, 10.0, "cm", "Give the water column; 1.5 is usual, 5 tropical."),
+    "wind_mean": (0.0, 20.0, "m/s", "Give the mean wind of the last 24 hours."),
+    "wind": (0.0, 20.0, "m/s", "Give the wind of now, at 10 m."),
+    "visibility": (1.0, 200.0, "km", "Give the horizontal visibility; 5 is hazy, 40 very clear."),
+    "ozone": (0.0, 700.0, "DU", "Give Dobson units, 300 if unknown."),
+    "pressure": (500.0, 1100.0, "hPa", "One inch of mercury is 33.86 hPa."),
+}
+
+
+@dataclass(frozen=True)
+class Air:
+    """What the model wants to know of the air.
+
+    Attributes
+    ----------
+    air_mass_type : float
+        1 for air of the open ocean to 10 for that of a continent.
+    humidity : float
+        Relative humidity [%].
+    water_vapour : float
+        Water column [cm].
+    wind_mean, wind : float
+        Mean wind of the last 24 hours, and that of now, at 10 m [m/s].
+    visibility : float
+        Horizontal visibility [km].
+    ozone : float
+        Ozone column [DU]; see `ozone` for a climatology.
+    pressure : float
+        At the surface [hPa].
+
+    Raises
+    ------
+    InputError
+        A value is out of range.
+    """
+
+    air_mass_type: float = 1.0
+    humidity: float = 80.0
+    water_vapour: float = 1.5
+    wind_mean: float = 5.0
+    wind: float = 5.0
+    visibility: float = 15.0
+    ozone: float = 300.0
+    pressure: float = STANDARD_PRESSURE
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = within(field.name, getattr(self, field.name), *_LIMITS[field.name])
+            object.__setattr__(self, field.name, float(value))
+
+
+class Aerosol(NamedTuple):
+    """Optical parameters of the aerosol.
+
+    Attributes
+    ----------
+    exponent, turbidity : float
+        Angstrom's alpha and beta: depth = beta wavelength^-alpha with the wavelength in um [1].
+    asymmetry : float
+        Mean cosine of the scattering angle [1].
+    albedo : float
+        Share of the extinction that is scattering [1].
+    """
+
+    exponent: float
+    turbidity: float
+    asymmetry: float
+    albedo: float
+
+
+class Spectrum(NamedTuple):
+    """Sun and gases at given wavelengths: irradiance at mean distance [W m-2 nm-1], absorption [1/cm]."""
+
+    irradiance: Array
+    ozone: Array
+    oxygen: Array
+    water_vapour: Array
+
+
+class Irradiance(NamedTuple):
+    """Irradiance of a level plane just above the sea [W m-2 nm-1], from the disk and from the rest of the
+    sky."""
+
+    direct: Array
+    diffuse: Array
+
+
+def irradiance(
+    wavelength: npt.ArrayLike,
+    sun_zenith: npt.ArrayLike,
+    air: Air | None = None,
+    *,
+    day: npt.ArrayLike | None = None,
+    spectrum: Spectrum | None = None,
+    **params: float,
+) -> Irradiance:
+    """Direct and diffuse irradiance just above the sea (Gregg and Carder 1990, eq. 1 to 29).
+
+    Parameters
+    ----------
+    wavelength : array_like
+        In air [nm], 300 to 1000; broadcasts with `sun_zenith`.
+    sun_zenith : array_like
+        Zenith angle of the sun [degree], 0 to 90.
+    air : Air, optional
+        State of the air; the defaults of `Air` if left out.
+    day : array_like, optional
+        Day of the year, for the distance of the sun; mean distance if left out.
+    spectrum : Spectrum, optional
+        Sun and gases at `wavelength`, in place of the table.
+    **params
+        Single fields of `Air` to change, such as ``visibility=23``.
+
+    Returns
+    -------
+    Irradiance
+        On a level plane; direct over cos(sun zenith) is that on a plane facing the sun.
+
+    Raises
+    ------
+    InputError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> direct, diffuse = irradiance(550, 30, visibility=15, humidity=80)
+    >>> float(direct.round(2)), float(diffuse.round(2))
+    (1.04, 0.4)
+    """
+    air = replace(air or Air(), **params)
+    wavelength = _wavelength(wavelength)
+    spectrum = spectrum or table_spectrum(wavelength)
+    cosine = _cosine(sun_zenith)
+    incoming = spectrum.irradiance * cosine * (1.0 if day is None else sun.distance_factor(day))
+    incoming = incoming * _gases(spectrum, sun_zenith, air)
+    aerosol = navy_aerosol(air)
+    depth = aerosol.turbidity * (wavelength / 1000.0) ** -aerosol.exponent * air_mass(sun_zenith)
+    absorbed, scattered = np.exp((aerosol.albedo - 1.0) * depth), np.exp(-aerosol.albedo * depth)
+    molecules = _rayleigh(wavelength, air_mass(sun_zenith) * air.pressure / STANDARD_PRESSURE)
+    forward = forward_share(sun_zenith, aerosol.asymmetry)
+    direct = incoming * molecules * absorbed * scattered
+    by_molecules = incoming * absorbed * (1.0 - molecules**0.95) * 0.5
+    by_aerosol = incoming * absorbed * molecules**1.5 * (1.0 - scattered) * forward
+    return Irradiance(direct, by_molecules + by_aerosol)
+
+
+def table_spectrum(wavelength: npt.ArrayLike) -> Spectrum:
+    """Sun and gases from the table of this package, linear between its steps of 1 nm.
+
+    Raises
+    ------
+    InputError
+        A wavelength is below 300 or above 1000 nm.
+    """
+    wavelength = _wavelength(wavelength)
+    table = load("solar_and_gases")
+    names = ("irradiance_W_m-2_nm-1", "ozone_cm-1", "oxygen_cm-1", "water_vapour_cm-1")
+    return Spectrum(*(np.asarray(np.interp(wavelength, table["wavelength_nm"], table[n])) for n in names))
+
+
+def navy_aerosol(air: Air) -> Aerosol:
+    """Aerosol of the Navy model (Gregg and Carder 1990, eq. 20 to 28 and 36).
+
+    Examples
+    --------
+    >>> [round(x, 4) for x in navy_aerosol(Air())]
+    [0.2174, 0.2289, 0.7892, 0.9928]
+    """
+    humidity = min(air.humidity, 99.9) / 100.0
+    growth = ((2.0 - humidity) / (6.0 * (1.0 - humidity))) ** (1.0 / 3.0)
+    amounts = np.array(
+        [
+            2000.0 * air.air_mass_type**2,
+            max(5.866 * (air.wind_mean - 2.2), 0.5),
+            max(0.01527 * (air.wind - 2.2) * 0.05, 1.4e-5),
+        ]
+    )
+    modes = np.exp(-(np.log(_RADII[:, None] / (growth * _MODES)) ** 2))
+    logs = np.log10(modes @ amounts / growth)
+    exponent = -((logs[2] - logs[0]) / 2.0 + 3.0)
+    turbidity = 3.91 / air.visibility * _SCALE_HEIGHT * 0.55**exponent
+    asymmetry = 0.82 - 0.1417 * exponent if 0.0 <= exponent <= 1.2 else 0.65 if exponent > 1.2 else 0.82
+    albedo = (0.972 - 0.0032 * air.air_mass_type) * np.exp(3.06e-4 * air.humidity)
+    return Aerosol(float(exponent), float(turbidity), float(asymmetry), float(albedo))
+
+
+def air_mass(sun_zenith: npt.ArrayLike) -> Array:
+    """Path through the air over that to the zenith [1] (Kasten and Young 1989).
+
+    Raises
+    ------
+    InputError
+        The sun is below the horizon.
+
+    Examples
+    --------
+    >>> float(air_mass(60.0).round(4))
+    1.9943
+    """
+    cosine = _cosine(sun_zenith)
+    return 1.0 / (cosine + 0.50572 * (96.07995 - np.asarray(sun_zenith, dtype=np.float64)) ** -1.6364)
+
+
+def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
+    """Share of what the aerosol scatters that goes down [1] (Gregg and Carder 1990, eq. 29 to 32)."""
+    cosine = _cosine(sun_zenith)
+    b3 = np.log(1.0 - asymmetry)
+    b1 = b3 * (1.459 + b3 * (0.1595 + 0.4129 * b3))
+    b2 = b3 * (0.0783 + b3 * (-0.3824 - 0.5874 * b3))
+    return 1.0 - 0.5 * np.exp((b1 + b2 * cosine) * cosine)
+
+
+def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike) -> Array:
+    """Usual ozone column for a place and day [DU] (Van Heuklon 1979).
+
+    Parameters
+    ----------
+    latitude, longitude : array_like
+        North and east positive [degree].
+    day : array_like
+        Day of the year.
+
+    Raises
+    ------
+    InputError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> float(ozone(36.0, -122.0, 185).round(1))
+    321.2
+    """
+    lat = within("latitude", latitude, -90.0, 90.0, "degrees", "North is positive.")
+    lon = within("longitude", longitude, -180.0, 360.0, "degrees", "East is positive.")
+    day = within("day", day, 1.0, 367.0, "", "Give the day of the year, 1 on the first of January.")
+    lon = np.where(lon > 180.0, lon - 360.0, lon)
+    north = 150.0 + 40.0 * _sine(0.9865 * (day - 30.0)) + 20.0 * _sine(3.0 * (lon + 20.0 * (lon > 0.0)))
+    south = 100.0 + 30.0 * _sine(0.9865 * (day + 152.625)) + 20.0 * _sine(2.0 * (lon - 75.0))
+    return 235.0 + np.where(lat > 0.0, north * _sine(1.28 * lat) ** 2, south * _sine(1.5 * lat) ** 2)
+
+
+def surface_reflectance(sun_zenith: npt.ArrayLike, wind: npt.ArrayLike) -> tuple[Array, Array]:
+    """Share of direct and of diffuse irradiance that a windy sea with foam reflects.
+
+    Gregg and Carder (1990), eq. 37 to 45. What enters the water is one less it.
+
+    Parameters
+    ----------
+    sun_zenith : array_like
+        Zenith angle of the sun [degree], 0 to 90.
+    wind : array_like
+        Speed at 10 m [m/s], 0 to 20.
+
+    Returns
+    -------
+    direct, diffuse : ndarray
+        Reflectance of irradiance [1].
+
+    Raises
+    ------
+    InputError
+        A value is out of range.
+    """
+    zenith = within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
+    wind = within("wind", wind, *_LIMITS["wind"])
+    slow = _AIR_DENSITY * 2.2e-5 * (0.62e-3 * wind**2 + 1.56e-3 * wind) - 4e-4
+    fast = (_AIR_DENSITY * 4.5e-5 * (0.49e-3 + 0.065e-3 * wind) - 4e-5) * wind**2
+    foam = np.where(wind <= 4.0, 0.0, np.where(wind <= 7.0, slow, fast))
+    rough = 0.0253 * np.exp((-7.14e-4 * wind + 0.0618) * (zenith - 40.0))
+    direct = np.where((zenith < 40.0) | (wind < 2.0), fresnel.reflectance(zenith, 1.341), rough)
+    return direct + foam, np.where(wind <= 4.0, 0.066, 0.057) + foam
+
+
+def _gases(spectrum: Spectrum, sun_zenith: npt.ArrayLike, air: Air) -> Array:
+    """Transmittance of ozone, oxygen and water vapour together."""
+    cosine, path = _cosine(sun_zenith), air_mass(sun_zenith)
+    ozone_path = (1.0 + 22.0 / 6370.0) / np.sqrt(cosine**2 + 44.0 / 6370.0)
+    oxygen = spectrum.oxygen * path * air.pressure / STANDARD_PRESSURE
+    vapour = spectrum.water_vapour * air.water_vapour * path
+    depth = spectrum.ozone * air.ozone / 1000.0 * ozone_path
+    depth = depth + 1.41 * oxygen / (1.0 + 118.3 * oxygen) ** 0.45
+    return np.exp(-(depth + 0.2385 * vapour / (1.0 + 20.07 * vapour) ** 0.45))
+
+
+def _rayleigh(wavelength: Array, path: Array) -> Array:
+    micrometres = wavelength / 1000.0
+    return np.exp(-path / (115.6406 * micrometres**4 - 1.335 * micrometres**2))
+
+
+def _wavelength(wavelength: npt.ArrayLike) -> Array:
+    return within("wavelength", wavelength, *WAVELENGTH_RANGE, "nm", "Give it in nanometres.")
+
+
+def _cosine(sun_zenith: npt.ArrayLike) -> Array:
+    zenith = within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
+    return np.cos(np.radians(zenith))
+
+
+def _sine(angle: npt.ArrayLike) -> Array:
+    return np.sin(np.radians(np.asarray(angle, dtype=np.float64)))

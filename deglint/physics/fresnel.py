@@ -1,0 +1,165 @@
+"""How much light the flat boundary of air and water reflects, and where the rest goes.
+
+Unpolarised and polarised reflectance, Snell's angle, and the refractive index of sea water. This room knows
+neither waves nor the sun.
+
+References
+----------
+Quan, Fry (1995), "Empirical equation for the index of refraction of seawater", Applied Optics 34, 3477,
+doi:10.1364/AO.34.003477.
+Mobley (1994), "Light and Water", Academic Press, section 4.2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ._checks import Array, within
+
+WATER_INDEX = 1.34
+"""Refractive index of sea water in the visible [1], the usual constant of radiative transfer codes."""
+
+
+def polarised(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> tuple[Array, Array]:
+    """Reflectance of the flat surface for light polarised across and along the plane of incidence.
+
+    Parameters
+    ----------
+    angle : array_like
+        Incidence in air, from the normal [degree], 0 to 90.
+    index : array_like
+        Refractive index of water over that of air [1], 1.01 to 2.
+
+    Returns
+    -------
+    perpendicular, parallel : ndarray
+        Reflectance of power [1].
+
+    Raises
+    ------
+    InputError
+        An angle or index is out of range.
+    """
+    cosine = _cosine(angle)
+    index = within("index", index, 1.01, 2.0, "", "Give that of water over that of air, 1.34 for sea water.")
+    inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
+    perpendicular = ((cosine - index * inside) / (cosine + index * inside)) ** 2
+    parallel = ((index * cosine - inside) / (index * cosine + inside)) ** 2
+    return perpendicular, parallel
+
+
+def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
+    """Reflectance of the flat surface for unpolarised light from above.
+
+    The mean of the two polarisations, r = (r_s + r_p) / 2.
+
+    Parameters
+    ----------
+    angle : array_like
+        Incidence in air, from the normal [degree], 0 to 90.
+    index : array_like
+        Refractive index of water over that of air [1], 1.01 to 2.
+
+    Returns
+    -------
+    ndarray
+        Reflectance of power [1], 0 to 1.
+
+    Raises
+    ------
+    InputError
+        An angle or index is out of range.
+
+    Examples
+    --------
+    >>> reflectance([0, 60]).round(4).tolist()
+    [0.0211, 0.061]
+    """
+    perpendicular, parallel = polarised(angle, index)
+    return 0.5 * (perpendicular + parallel)
+
+
+def refraction_angle(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
+    """Angle from the normal in the water, by Snell's law [degree].
+
+    Parameters
+    ----------
+    angle : array_like
+        Incidence in air, from the normal [degree], 0 to 90.
+    index : array_like
+        Refractive index of water over that of air [1], 1.01 to 2.
+
+    Raises
+    ------
+    InputError
+        An angle or index is out of range.
+
+    Examples
+    --------
+    >>> float(refraction_angle(30).round(3))
+    21.909
+    """
+    angle = within("angle", angle, 0.0, 90.0, "degrees", "Measure it from the normal of the surface.")
+    index = within("index", index, 1.01, 2.0, "", "Give that of water over that of air, 1.34 for sea water.")
+    return np.degrees(np.arcsin(np.sin(np.radians(angle)) / index))
+
+
+def radiance_transmittance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
+    """Radiance in air over the radiance in water that it came from, (1 - r) / n^2.
+
+    The flux that gets through is 1 - r; that it spreads over a wider cone costs the factor n^2.
+
+    Parameters
+    ----------
+    angle : array_like
+        Angle of the ray in air, from the normal [degree], 0 to 90.
+    index : array_like
+        Refractive index of water over that of air [1], 1.01 to 2.
+
+    Raises
+    ------
+    InputError
+        An angle or index is out of range.
+
+    Examples
+    --------
+    >>> float(radiance_transmittance(0).round(4))
+    0.5452
+    """
+    return (1.0 - reflectance(angle, index)) / np.square(np.asarray(index, dtype=np.float64))
+
+
+def sea_water_index(wavelength: npt.ArrayLike, *, temperature: float = 20.0, salinity: float = 35.0) -> Array:
+    """Refractive index of sea water (Quan and Fry 1995, eq. 3).
+
+    Parameters
+    ----------
+    wavelength : array_like
+        In vacuum [nm], 200 to 1100; the measurements end at 700.
+    temperature : float
+        Of the water [degree Celsius], 0 to 40.
+    salinity : float
+        Practical salinity [1], 0 to 45.
+
+    Raises
+    ------
+    InputError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> float(sea_water_index(550).round(4))
+    1.3408
+    """
+    w = within("wavelength", wavelength, 200.0, 1100.0, "nm", "Give it in nanometres.")
+    t = within("temperature", temperature, 0.0, 40.0, "degrees Celsius", "Give that of the water.")
+    s = within("salinity", salinity, 0.0, 45.0, "", "Give practical salinity, 35 for the open sea.")
+    salt = (1.779e-4 - 1.05e-6 * t + 1.6e-8 * t**2) * s
+    colour = (15.868 + 0.01155 * s - 0.00423 * t) / w - 4382.0 / w**2 + 1.1455e6 / w**3
+    return np.asarray(1.31405 + salt - 2.02e-6 * t**2 + colour)
+
+
+def _cosine(angle: npt.ArrayLike) -> Array:
+    angle = within("angle", angle, 0.0, 90.0, "degrees", "Measure it from the normal of the surface.")
+    return np.cos(np.radians(angle))

@@ -1,0 +1,265 @@
+"""Sun glint in closed form: which facet mirrors the sun to the sensor, how often, and how bright.
+
+For a sun of small disk and single reflections the facet that glints is the one whose normal halves the angle
+between the directions to the sun and to the sensor. Its share of the pixel follows from the density of
+slopes, and no sum over facets is needed. Angles are seen from the target: where the sun and where the sensor
+stand. This room knows no winds; it takes the density of slopes as a number.
+
+References
+---------- Cox, Munk (1954), "Measurement of the roughness of the sea surface from photographs of the sun's
+glitter", Journal of the Optical Society of America 44, 838-850, doi:10.1364/JOSA.44.000838.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from . import fresnel, slopes, sun
+from ._checks import Array, within
+
+VIEW_LIMIT = 89.0
+"""Largest view zenith angle [degree]; nearer to the horizon waves hide each other and the formulas fail."""
+
+
+class Facet(NamedTuple):
+    """The facet that mirrors the sun into the sensor.
+
+    Attributes
+    ----------
+    east, north : ndarray
+        Its slopes [1].
+    incidence : ndarray
+        Angle between its normal and the sun [degree].
+    tilt : ndarray
+        Angle between its normal and the zenith [degree].
+    """
+
+    east: Array
+    north: Array
+    incidence: Array
+    tilt: Array
+
+
+class Glint(NamedTuple):
+    """Sun glint for one geometry and wind.
+
+    Attributes
+    ----------
+    radiance : ndarray
+        Radiance per unit of irradiance on a plane facing the sun [1/sr].
+    probability : ndarray
+        Share of the pixel, as the sensor sees it, that mirrors a part of the disk [1].
+    density : ndarray
+        Density of slopes at the facet that glints [1].
+    incidence, tilt : ndarray
+        Of that facet [degree].
+    """
+
+    radiance: Array
+    probability: Array
+    density: Array
+    incidence: Array
+    tilt: Array
+
+
+def facet(
+    sun_zenith: npt.ArrayLike,
+    sun_azimuth: npt.ArrayLike,
+    view_zenith: npt.ArrayLike,
+    view_azimuth: npt.ArrayLike,
+) -> Facet:
+    """Facet that mirrors the sun into the sensor.
+
+    With s and v the unit vectors to the sun and the sensor, h = (s + v) / |s + v| is its normal and
+    (-h_x / h_z, -h_y / h_z) are its slopes.
+
+    Parameters
+    ----------
+    sun_zenith, view_zenith : array_like
+        Zenith angle of the sun, 0 to 90, and of the sensor, 0 to 89, from the target [degree].
+    sun_azimuth, view_azimuth : array_like
+        Azimuth of the sun and of the sensor from the target [degree].
+
+    Returns
+    -------
+    Facet
+
+    Raises
+    ------
+    InputError
+        A zenith angle is out of range.
+
+    Examples
+    --------
+    >>> float(facet(20.5, 270.2, 0.0, 0.0).tilt.round(2))
+    10.25
+    """
+    sun_zenith = within(
+        "sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time."
+    )
+    to_sun = _direction(sun_zenith, sun_azimuth)
+    to_sensor = _direction(_view(view_zenith), view_azimuth)
+    x, y, z = (a + b for a, b in zip(to_sun, to_sensor, strict=True))
+    apart = np.sqrt(sum((a - b) ** 2 for a, b in zip(to_sun, to_sensor, strict=True)))
+    level = np.hypot(x, y)
+    incidence = np.degrees(np.arctan2(apart, np.hypot(level, z)))
+    return Facet(-x / z, -y / z, incidence, np.degrees(np.arctan2(level, z)))
+
+
+def probability(
+    density: npt.ArrayLike, view_zenith: npt.ArrayLike, tilt: npt.ArrayLike, solid_angle: npt.ArrayLike
+) -> Array:
+    """Share of the pixel, as the sensor sees it, that mirrors a source of a solid angle.
+
+        P = p Omega / (4 cos(view zenith) cos^4(tilt))
+
+    Parameters
+    ----------
+    density : array_like
+        Density of slopes p at the facet that glints [1].
+    view_zenith, tilt : array_like
+        Of the sensor and of the facet [degree].
+    solid_angle : array_like
+        Of the source [sr]: `sun.solid_angle`, or `cone` for a tolerance.
+
+    Returns
+    -------
+    ndarray
+        Share [1]; may pass 1 for a source that is not small.
+
+    Raises
+    ------
+    InputError
+        The sensor is too near to the horizon.
+
+    Examples
+    --------
+    >>> float(probability(7.348, 20.5, 0.0, 6.8e-5).round(7))
+    0.0001334
+    """
+    cosine_view = np.cos(np.radians(_view(view_zenith)))
+    cosine_tilt = np.cos(np.radians(np.asarray(tilt, dtype=np.float64)))
+    return np.asarray(density) * np.asarray(solid_angle) / (4.0 * cosine_view * cosine_tilt**4)
+
+
+def radiance(
+    density: npt.ArrayLike,
+    view_zenith: npt.ArrayLike,
+    tilt: npt.ArrayLike,
+    incidence: npt.ArrayLike,
+    *,
+    index: npt.ArrayLike = fresnel.WATER_INDEX,
+) -> Array:
+    """Glint radiance per unit of irradiance on a plane that faces the sun [1/sr].
+
+        L / E_n = r(incidence) p / (4 cos(view zenith) cos^4(tilt))        (Cox and Munk 1954)
+
+    Times pi / cos(sun zenith) it is the glint reflectance.
+
+    Parameters
+    ----------
+    density : array_like
+        Density of slopes p at the facet that glints [1].
+    view_zenith, tilt, incidence : array_like
+        Of the sensor, and of the facet [degree].
+    index : array_like
+        Refractive index of water [1].
+
+    Raises
+    ------
+    InputError
+        An angle or index is out of range.
+
+    Examples
+    --------
+    >>> float(radiance(7.348, 20.5, 0.0, 20.5).round(5))
+    0.04181
+    """
+    return fresnel.reflectance(incidence, index) * probability(density, view_zenith, tilt, 1.0)
+
+
+def cone(half_angle: npt.ArrayLike) -> Array:
+    """Solid angle of a cone, 2 pi (1 - cos a) [sr].
+
+    Parameters
+    ----------
+    half_angle : array_like
+        Tolerance around the sun's centre [degree], 0 to 90.
+
+    Raises
+    ------
+    InputError
+        The angle is out of range.
+
+    Examples
+    --------
+    >>> float(cone(0.2665).round(8))
+    6.797e-05
+    """
+    angle = within("half_angle", half_angle, 0.0, 90.0, "degrees", "The solar disk has 0.27.")
+    return 4.0 * np.pi * np.sin(np.radians(angle) / 2.0) ** 2
+
+
+def sun_glint(
+    sun_zenith: npt.ArrayLike,
+    sun_azimuth: npt.ArrayLike,
+    view_zenith: npt.ArrayLike,
+    view_azimuth: npt.ArrayLike,
+    *,
+    wind: npt.ArrayLike,
+    wind_from: npt.ArrayLike,
+    model: str = "cox-munk",
+    solid_angle: npt.ArrayLike = sun.MEAN_SOLID_ANGLE,
+    index: npt.ArrayLike = fresnel.WATER_INDEX,
+) -> Glint:
+    """Sun glint from angles and wind, in one call.
+
+    Parameters
+    ----------
+    sun_zenith, sun_azimuth, view_zenith, view_azimuth : array_like
+        Of the sun and of the sensor, from the target [degree]; see `facet`.
+    wind : array_like
+        Speed at the height that the model wants [m/s]; see `slopes.wind_at_height`.
+    wind_from : array_like
+        Azimuth that the wind blows from [degree].
+    model : str
+        One of `slopes.MODELS`.
+    solid_angle : array_like
+        Of the source, for the probability [sr].
+    index : array_like
+        Refractive index of water [1].
+
+    Returns
+    -------
+    Glint
+
+    Raises
+    ------
+    InputError
+        A value is out of range, or there is no such model.
+
+    Examples
+    --------
+    >>> float(sun_glint(20.5, 270.2, 0.0, 0.0, wind=9.0, wind_from=0.0).radiance.round(5))
+    0.01571
+    """
+    east, north, incidence, tilt = facet(sun_zenith, sun_azimuth, view_zenith, view_azimuth)
+    density = slopes.density(*slopes.to_wind_axes(east, north, wind_from), wind, model=model)
+    share = probability(density, view_zenith, tilt, solid_angle)
+    return Glint(
+        radiance(density, view_zenith, tilt, incidence, index=index), share, density, incidence, tilt
+    )
+
+
+def _view(view_zenith: npt.ArrayLike) -> Array:
+    remedy = "Nearer to the horizon waves hide each other; look more steeply."
+    return within("view_zenith", view_zenith, 0.0, VIEW_LIMIT, "degrees", remedy)
+
+
+def _direction(zenith: Array, azimuth: npt.ArrayLike) -> tuple[Array, Array, Array]:
+    """Unit vector (east, north, up)."""
+    z, a = np.radians(zenith), np.radians(np.asarray(azimuth, dtype=np.float64))
+    return np.sin(z) * np.sin(a), np.sin(z) * np.cos(a), np.cos(z)

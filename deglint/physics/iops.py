@@ -1,0 +1,195 @@
+"""What is in the water: absorption and backscattering of case-1 sea water, from the chlorophyll it holds.
+
+Pure sea water, phytoplankton with the particles that go with it, and yellow substance that follows the
+particles, 300 to 1000 nm. Made for the open ocean; coastal water with its own silt and yellow substance is
+described by giving `Iops` by hand.
+
+References
+---------- Bricaud, Morel, Babin, Allali, Claustre (1998), "Variations of light absorption by suspended
+particles with chlorophyll a concentration in oceanic (case 1) waters", Journal of Geophysical Research 103,
+31033-31044, doi:10.1029/98JC02712. Morel, Maritorena (2001), "Bio-optical properties of oceanic waters: a
+reappraisal", Journal of Geophysical Research 106, 7163-7180, doi:10.1029/2000JC000319. Gordon (1989), "Can
+the Lambert-Beer law be applied to the diffuse attenuation coefficient of ocean water?", Limnology and
+Oceanography 34, 1389-1409, doi:10.4319/lo.1989.34.8.1389.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from . import fresnel
+from ._checks import Array, within
+from .tables import load
+
+CHLOROPHYLL_RANGE = (0.01, 30.0)
+"""Chlorophyll that the model of case-1 water accepts [mg m-3]."""
+WAVELENGTH_RANGE = (300.0, 1000.0)
+"""Wavelengths that the tables reach [nm]."""
+
+
+class Iops(NamedTuple):
+    """Inherent optical properties of water, arrays that broadcast with each other.
+
+    Attributes
+    ----------
+    absorption : ndarray
+        Of everything in it [1/m].
+    water_scattering, particle_scattering : ndarray
+        In all directions [1/m].
+    water_backscattering, particle_backscattering : ndarray
+        Into the backward half [1/m].
+    """
+
+    absorption: Array
+    water_scattering: Array
+    particle_scattering: Array
+    water_backscattering: Array
+    particle_backscattering: Array
+
+    @property
+    def backscattering(self) -> Array:
+        """Of water and particles together [1/m]."""
+        return self.water_backscattering + self.particle_backscattering
+
+
+def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
+    """Inherent optical properties of case-1 water.
+
+    With the table's A and E (Bricaud et al. 1998) and C the chlorophyll,
+
+        a = a_w + A C^E + 0.2 a_p(440) exp(-0.014 (lambda - 440)),
+        b_p = 0.416 C^0.766 (lambda / 550)^v,  v = (log10 C - 0.3) / 2 below 2 mg m-3 and 0 above,
+        b_bp = [0.002 + 0.01 (0.5 - 0.25 log10 C) (lambda / 550)^v] 0.416 C^0.766
+
+    (Morel and Maritorena 2001, eq. 12 to 14).
+
+    Parameters
+    ----------
+    wavelength : array_like
+        [nm], 300 to 1000; broadcasts with `chlorophyll`.
+    chlorophyll : array_like
+        [mg m-3], 0.01 to 30.
+
+    Returns
+    -------
+    Iops
+
+    Raises
+    ------
+    InputError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> water = case1(490, 0.5)
+    >>> float(water.absorption.round(5)), float(water.backscattering.round(6))
+    (0.04011, 0.003333)
+    """
+    wavelength = _wavelength(wavelength)
+    chlorophyll = _chlorophyll(chlorophyll)
+    absorption = _interpolate("sea_water", "absorption_m-1", wavelength) + particle_absorption(
+        wavelength, chlorophyll
+    )
+    yellow = 0.2 * particle_absorption(440.0, chlorophyll) * np.exp(-0.014 * (wavelength - 440.0))
+    scattering = _interpolate("sea_water", "scattering_m-1", wavelength)
+    log = np.log10(chlorophyll)
+    slope = np.where(chlorophyll < 2.0, 0.5 * (np.maximum(log, np.log10(0.02)) - 0.3), 0.0)
+    particles = 0.416 * chlorophyll**0.766
+    share = 0.002 + 0.01 * (0.5 - 0.25 * log) * (wavelength / 550.0) ** slope
+    everywhere = particles * (wavelength / 550.0) ** slope
+    return Iops(absorption + yellow, scattering, everywhere, 0.5 * scattering, share * particles)
+
+
+def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Array:
+    """Absorption of all particles, A C^E [1/m] (Bricaud et al. 1998); nothing beyond 720 nm.
+
+    Raises
+    ------
+    InputError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> float(particle_absorption(440, 1.0).round(4))
+    0.052
+    """
+    wavelength, chlorophyll = _wavelength(wavelength), _chlorophyll(chlorophyll)
+    exponent = _interpolate("particle_absorption", "E", wavelength)
+    return _interpolate("particle_absorption", "A", wavelength) * chlorophyll**exponent
+
+
+def diffuse_attenuation(
+    water: Iops, sun_zenith: npt.ArrayLike, *, index: float = fresnel.WATER_INDEX
+) -> Array:
+    """Attenuation of downwelling irradiance just below the surface, 1.0395 (a + b_b) / mu_0 [1/m] (Gordon
+    1989).
+
+    mu_0 is the cosine of the sun's zenith angle in the water. About 4 % low against exact radiative transfer.
+
+    Parameters
+    ----------
+    water : Iops
+    sun_zenith : array_like
+        In air [degree], 0 to 90.
+    index : float
+        Refractive index of water [1].
+
+    Raises
+    ------
+    InputError
+        The sun is below the horizon.
+
+    Examples
+    --------
+    >>> float(diffuse_attenuation(case1(490, 0.5), 30.0).round(4))
+    0.0487
+    """
+    cosine = np.cos(np.radians(fresnel.refraction_angle(sun_zenith, index)))
+    return 1.0395 * (water.absorption + water.backscattering) / cosine
+
+
+def morel_attenuation(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Array:
+    """Attenuation of downwelling irradiance over the sunlit layer, K_w + chi C^e [1/m] (Morel and Maritorena
+    2001).
+
+    Parameters
+    ----------
+    wavelength : array_like
+        [nm], 400 to 700.
+    chlorophyll : array_like
+        [mg m-3], 0.01 to 30.
+
+    Raises
+    ------
+    InputError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> float(morel_attenuation(490, 0.5).round(4))
+    0.0615
+    """
+    wavelength = within("wavelength", wavelength, 400.0, 700.0, "nm", "Outside use diffuse_attenuation.")
+    chlorophyll = _chlorophyll(chlorophyll)
+    water, factor, exponent = (
+        _interpolate("diffuse_attenuation", name, wavelength) for name in ("Kw", "chi", "e")
+    )
+    return water + factor * chlorophyll**exponent
+
+
+def _interpolate(table: str, column: str, wavelength: Array) -> Array:
+    columns = load(table)
+    return np.asarray(np.interp(wavelength, columns["wavelength_nm"], columns[column]))
+
+
+def _wavelength(wavelength: npt.ArrayLike) -> Array:
+    return within("wavelength", wavelength, *WAVELENGTH_RANGE, "nm", "Give it in nanometres.")
+
+
+def _chlorophyll(chlorophyll: npt.ArrayLike) -> Array:
+    return within(
+        "chlorophyll", chlorophyll, *CHLOROPHYLL_RANGE, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore."
+    )

@@ -1,0 +1,326 @@
+"""The sensor: how it blurs the scene, how many electrons it collects, how noisy and coarse its numbers are.
+
+A `Sensor` holds the optics, the detector and the bands; `deglint.physics.presets` has some. Functions take
+plain numbers and arrays. Blur is a modulation transfer function (MTF), the product of diffraction, detector,
+smear and jitter; `deglint.physics.imaging` applies it to a finer grid than the pixels.
+This room opens no files and knows nothing of what is in the scene.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import BandError
+from ._checks import within
+
+Array = npt.NDArray[np.floating[Any]]
+
+PLANCK = 6.62607015e-34
+"""[J s]"""
+LIGHT_SPEED = 299792458.0
+"""[m/s]"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorBand:
+    """One band of a sensor.
+
+    Attributes
+    ----------
+    name : str
+        As the sensor calls it.
+    low, high : float
+        Edges of the band [nm].
+    full_scale : float
+        Radiance that fills the well [W m-2 sr-1 nm-1]; the exposure follows from it.
+    time_offset : float
+        When it sees the ground, after the first band [s].
+    """
+
+    name: str
+    low: float
+    high: float
+    full_scale: float
+    time_offset: float = 0.0
+
+    @property
+    def wavelength(self) -> float:
+        """Centre [nm]."""
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def width(self) -> float:
+        """[nm]"""
+        return self.high - self.low
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor:
+    """Optics, detector and bands.
+
+    Attributes
+    ----------
+    name : str
+        Of the sensor.
+    bands : tuple of SensorBand
+        In file order.
+    gsd : float
+        Ground sampling distance [m].
+    f_number : float
+        Focal length over aperture.
+    pitch : float
+        Detector pitch [m].
+    smear : float
+        Motion during the exposure, along the columns of the image [pixel].
+    jitter : float
+        Standard deviation of the line of sight, each axis [pixel].
+    quantum_efficiency, transmission : float
+        Electrons per photon, and share of light that the optics pass.
+    well : float
+        Electrons at full scale.
+    read_noise : float
+        Standard deviation [electrons].
+    dark_current : float
+        [electrons/s]
+    bits : int
+        Of the quantisation.
+    """
+
+    name: str
+    bands: tuple[SensorBand, ...]
+    gsd: float
+    f_number: float
+    pitch: float
+    smear: float = 0.5
+    jitter: float = 0.0
+    quantum_efficiency: float = 0.8
+    transmission: float = 0.8
+    well: float = 100_000.0
+    read_noise: float = 12.0
+    dark_current: float = 0.0
+    bits: int = 12
+
+    def __post_init__(self) -> None:
+        within("gsd", self.gsd, 1e-3, 1e4, "m", "Give the size of a pixel on the sea.")
+        within("f_number", self.f_number, 0.7, 200.0, "", "It is focal length over aperture.")
+        within(
+            "pitch", self.pitch, 1e-7, 1e-3, "m", "Give the detector pitch in metres: 8e-6 is 8 micrometres."
+        )
+        within("bits", self.bits, 1, 16, "", "Numbers are kept in 16 bits.")
+        within("well", self.well, 1.0, 1e9, "electrons", "It is what fills a pixel.")
+        if not self.bands:
+            raise BandError(f"sensor {self.name} has no bands; give at least one")
+
+    @property
+    def levels(self) -> int:
+        """Largest digital number."""
+        return (1 << self.bits) - 1
+
+    def band(self, name: str) -> SensorBand:
+        """Band by name (case does not matter).
+
+        Raises
+        ------
+        BandError
+            No such band; the message lists them.
+        """
+        for b in self.bands:
+            if b.name.casefold() == name.strip().casefold():
+                return b
+        raise BandError(f"no band {name!r} in {self.name}; it has {', '.join(b.name for b in self.bands)}")
+
+    def exposure(self, band: SensorBand) -> float:
+        """Exposure that fills the well at the band's full scale [s]."""
+        return self.well / float(electrons(band.full_scale, self, band, exposure=1.0))
+
+    def scale(self, band: SensorBand) -> float:
+        """Radiance per digital number [W m-2 sr-1 nm-1]."""
+        return band.full_scale / self.levels
+
+    def delayed(self, delay: float) -> Sensor:
+        """The same sensor with this delay from each band to the next [s]."""
+        bands = tuple(replace(b, time_offset=i * delay) for i, b in enumerate(self.bands))
+        return replace(self, bands=bands)
+
+
+def mtf_diffraction(frequency: npt.ArrayLike) -> Array:
+    """MTF of a perfect round aperture.
+
+    ``2/pi (arccos x - x sqrt(1 - x**2))``, zero beyond the cutoff.
+
+    Parameters
+    ----------
+    frequency : array_like
+        In units of the cutoff, 1 / (wavelength f#).
+
+    Returns
+    -------
+    ndarray
+        1 at zero.
+
+    Examples
+    --------
+    >>> float(mtf_diffraction(0.5).round(3))
+    0.391
+    """
+    x = np.minimum(np.abs(np.asarray(frequency, dtype=np.float64)), 1.0)
+    return np.asarray(2 / np.pi * (np.arccos(x) - x * np.sqrt(1 - x**2)))
+
+
+def cutoff(sensor: Sensor, wavelength: float) -> float:
+    """Frequency beyond which diffraction passes nothing [cycles/pixel], at a wavelength [nm]."""
+    return sensor.pitch / (wavelength * 1e-9 * sensor.f_number)
+
+
+def mtf(
+    row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: Sensor, wavelength: float
+) -> Array:
+    """MTF of the whole sensor: diffraction, detector, smear and jitter.
+
+    ``M = M_diffraction(|v|) sinc(v_r) sinc(v_c) sinc(d v_r) exp(-2 pi**2 s**2 |v|**2)``, frequencies in
+    cycles/pixel, d the smear and s the jitter in pixels, ``sinc(x) = sin(pi x) / (pi x)``.
+
+    Parameters
+    ----------
+    row_frequency, column_frequency : array_like
+        Along the columns (in-track) and along the rows [cycles/pixel]; they broadcast.
+    sensor : Sensor
+        Which sensor.
+    wavelength : float
+        [nm]
+
+    Returns
+    -------
+    ndarray
+        1 at zero; may be negative beyond the sampling frequency.
+
+    References
+    ----------
+    Boreman (2001), Modulation Transfer Function in Optical and Electro-Optical Systems, doi:10.1117/3.419857.
+    """
+    r, c = np.asarray(row_frequency, dtype=np.float64), np.asarray(column_frequency, dtype=np.float64)
+    squared = r**2 + c**2
+    out = mtf_diffraction(np.sqrt(squared) / cutoff(sensor, wavelength))
+    out = out * np.sinc(r) * np.sinc(c) * np.sinc(sensor.smear * r)
+    return np.asarray(out * np.exp(-2 * np.pi**2 * sensor.jitter**2 * squared))
+
+
+def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 8) -> Array:
+    """Share of a point source's light in each pixel, the source in the middle of the middle pixel.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Which sensor.
+    wavelength : float
+        [nm]
+    size : int
+        Rows and columns, odd.
+    oversample : int
+        The MTF counts up to this many half cycles per pixel.
+
+    Returns
+    -------
+    (size, size) ndarray
+        Sums to 1: what falls beyond the edges comes in again on the other side.
+
+    Examples
+    --------
+    >>> from deglint.physics.presets import preset
+    >>> float(psf(preset("thesis"), 545.0)[16, 16].round(3))
+    0.722
+    """
+    within("size", size, 3, 1023, "", "Give an odd number of pixels.")
+    within("oversample", oversample, 2, 64, "", "8 is enough for f/2.8.")
+    size |= 1
+    frequency = np.fft.fftfreq(size * oversample, 1 / oversample)
+    spectrum = mtf(frequency[:, None], frequency[None, :], sensor, wavelength)
+    fine = np.fft.ifft2(spectrum).real * oversample**2
+    return np.fft.fftshift(fine[::oversample, ::oversample])
+
+
+def electrons(
+    radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None
+) -> Array:
+    """Electrons that a radiance frees in a pixel.
+
+    ``N = pi A t QE tau L lambda dlambda / (4 f#**2 h c)``, A the area of the detector (thesis, eq. 2.23).
+
+    Parameters
+    ----------
+    radiance : array_like
+        In the middle of the band [W m-2 sr-1 nm-1].
+    sensor, band : Sensor, SensorBand
+        Which.
+    exposure : float, optional
+        [s]; by default the one that fills the well at the band's full scale.
+
+    Returns
+    -------
+    ndarray
+        Electrons, unlimited by the well.
+    """
+    exposure = sensor.exposure(band) if exposure is None else exposure
+    photon_energy = PLANCK * LIGHT_SPEED / (band.wavelength * 1e-9)
+    in_band = np.asarray(radiance, dtype=np.float64) * band.width
+    efficiency = sensor.quantum_efficiency * sensor.transmission / (4 * sensor.f_number**2)
+    return np.asarray(np.pi * sensor.pitch**2 * exposure * efficiency * in_band / photon_energy)
+
+
+def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Array:
+    """Standard deviation of a pixel [electrons]: shot, dark, read and quantisation noise.
+
+    ``s**2 = N + N_dark + s_read**2 + (well / 2**bits)**2 / 12``
+
+    Parameters
+    ----------
+    signal : array_like
+        [electrons]
+    sensor : Sensor
+        Which sensor.
+    exposure : float
+        [s]
+    """
+    fixed = sensor.dark_current * exposure + sensor.read_noise**2 + (sensor.well / 2**sensor.bits) ** 2 / 12
+    return np.sqrt(np.asarray(signal, dtype=np.float64) + fixed)
+
+
+def noise_equivalent_radiance(
+    radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None
+) -> Array:
+    """Difference of radiance that equals the noise at this radiance [W m-2 sr-1 nm-1], ``L s / N``."""
+    exposure = sensor.exposure(band) if exposure is None else exposure
+    per_radiance = electrons(1.0, sensor, band, exposure=exposure)
+    return np.asarray(noise(per_radiance * np.asarray(radiance), sensor, exposure=exposure) / per_radiance)
+
+
+def digitise(
+    radiance: Array, sensor: Sensor, band: SensorBand, *, generator: np.random.Generator | None = None
+) -> npt.NDArray[np.uint16]:
+    """Digital numbers of a band, dark level subtracted.
+
+    Parameters
+    ----------
+    radiance : ndarray
+        After the optics [W m-2 sr-1 nm-1].
+    sensor, band : Sensor, SensorBand
+        Which.
+    generator : numpy Generator, optional
+        Source of the noise; none, no noise.
+
+    Returns
+    -------
+    ndarray of uint16
+        Same shape; 0 to ``2**bits - 1``, saturated at both ends. Times `Sensor.scale` it is radiance.
+    """
+    count = np.maximum(electrons(radiance, sensor, band), 0.0)
+    if generator is not None:
+        dark = sensor.dark_current * sensor.exposure(band)
+        count = generator.poisson(np.minimum(count, 8 * sensor.well) + dark) - dark
+        count += sensor.read_noise * generator.standard_normal(count.shape)
+    count *= sensor.levels / sensor.well
+    return np.rint(np.clip(count, 0, sensor.levels, out=count), out=count).astype(np.uint16)

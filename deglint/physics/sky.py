@@ -1,0 +1,225 @@
+"""How the diffuse light of the sky is spread over its directions, and how much of it the windy sea mirrors.
+
+Three skies: uniform, cardioidal (brightest at the zenith, as under a heavy overcast), and the clear sky of
+Harrison and Coombes (brightest around the sun and near the horizon). Each is normalised so that a level plane
+receives exactly the diffuse irradiance that is asked for. The sun's disk itself is no part of the sky.
+
+References
+---------- Moon, Spencer (1942), "Illumination from a non-uniform sky", Illuminating Engineering 37, 707-726.
+Harrison, Coombes (1988), "An opaque cloud cover model of sky short wavelength radiance", Solar Energy 41,
+387-392, doi:10.1016/0038-092X(88)90035-7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial import chebyshev
+
+from . import fresnel, slopes
+from ._checks import Array, choice, within
+
+MODELS = ("uniform", "cardioidal", "harrison-coombes")
+"""The skies by name."""
+
+
+def radiance(
+    zenith: npt.ArrayLike,
+    azimuth: npt.ArrayLike,
+    sun_zenith: npt.ArrayLike = 0.0,
+    sun_azimuth: npt.ArrayLike = 0.0,
+    *,
+    diffuse: npt.ArrayLike = 1.0,
+    model: str = "uniform",
+    contrast: float = 2.0,
+) -> Array:
+    """Radiance of the sky in a direction.
+
+    Uniform: E / pi. Cardioidal: E (1 + C cos(zenith)) / (pi (1 + 2 C / 3)). Harrison and Coombes (1988), with
+    psi the angle from the sun in radians and theta the zenith angle, in proportion to
+
+        (1.63 + 53.7 exp(-5.49 psi) + 2.04 cos^2(psi) cos(theta_s)) (1 - exp(-0.19 / cos(theta))).
+
+    Parameters
+    ----------
+    zenith, azimuth : array_like
+        Direction to look at, zenith angle 0 to 90 and azimuth [degree].
+    sun_zenith, sun_azimuth : array_like
+        Direction of the sun, zenith angle 0 to 90 and azimuth [degree]; only Harrison and Coombes ask for it.
+    diffuse : array_like
+        Diffuse irradiance E of a level plane [W m-2 nm-1].
+    model : str
+        One of `MODELS`.
+    contrast : float
+        C of the cardioidal sky [1]: 0 is uniform, 1.25 a heavy overcast, 2 the usual.
+
+    Returns
+    -------
+    ndarray
+        Radiance [W m-2 sr-1 nm-1]; per unit of irradiance [1/sr] where `diffuse` is left out.
+
+    Raises
+    ------
+    InputError
+        A zenith angle is out of range, or there is no such sky.
+
+    Examples
+    --------
+    >>> float(radiance(0, 0, 30, 180, model="harrison-coombes").round(4))
+    0.2694
+    """
+    choice("model", model, MODELS)
+    zenith = within("zenith", zenith, 0.0, 90.0, "degrees", "Directions below the horizon see no sky.")
+    cosine = np.cos(np.radians(zenith))
+    diffuse = np.asarray(diffuse, dtype=np.float64)
+    cosine, azimuth = np.broadcast_arrays(cosine, np.asarray(azimuth, dtype=np.float64))
+    if model == "uniform":
+        return np.where(np.isnan(cosine), np.nan, diffuse / np.pi)
+    if model == "cardioidal":
+        contrast = float(within("contrast", contrast, 0.0, 10.0, "", "2 is the usual, 0 uniform."))
+        return diffuse * (1.0 + contrast * cosine) / (np.pi * (1.0 + 2.0 * contrast / 3.0))
+    sun_zenith = within(
+        "sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time."
+    )
+    sun_cosine = np.cos(np.radians(sun_zenith))
+    turn = np.radians(azimuth - np.asarray(sun_azimuth, dtype=np.float64))
+    return diffuse * _clear(cosine, sun_cosine, turn) / _clear_total(sun_zenith)
+
+
+def reflectance(
+    view_zenith: npt.ArrayLike,
+    view_azimuth: npt.ArrayLike,
+    sun_zenith: npt.ArrayLike = 0.0,
+    sun_azimuth: npt.ArrayLike = 0.0,
+    *,
+    wind: npt.ArrayLike,
+    wind_from: npt.ArrayLike,
+    slope_model: str = "cox-munk",
+    model: str = "uniform",
+    contrast: float = 2.0,
+    index: float = fresnel.WATER_INDEX,
+    nodes: int = 20,
+) -> Array:
+    """Radiance of the sky that the sea mirrors to the sensor, per unit of diffuse irradiance [1/sr].
+
+    The sum over facets of w r(incidence) L_sky, where a facet's weight is its share of the sea as the sensor
+    sees it, w = p cos(incidence) / (cos(tilt) cos(view zenith)) over one plus Smith's Lambda (see
+    `slopes.hidden`), by Gauss-Legendre quadrature over the slopes. Times pi it is the effective reflectance
+    under a uniform sky. Facets that face away from the sensor, or mirror the sea instead of the sky, add
+    nothing.
+
+    Parameters
+    ----------
+    view_zenith, view_azimuth : array_like
+        Of the sensor from the target, zenith angle 0 to 89 [degree].
+    sun_zenith, sun_azimuth, model, contrast
+        The sky; see `radiance`.
+    wind : array_like
+        Speed at the height that the slope model wants [m/s].
+    wind_from : array_like
+        Azimuth that the wind blows from [degree].
+    slope_model : str
+        One of `slopes.MODELS`.
+    index : float
+        Refractive index of water [1].
+    nodes : int
+        Facets along each axis; the work grows with the square of it.
+
+    Returns
+    -------
+    ndarray
+        Mirrored radiance per unit of diffuse irradiance [1/sr].
+
+    Raises
+    ------
+    InputError
+        A value is out of range, or there is no such model.
+
+    Examples
+    --------
+    >>> float((np.pi * reflectance(40, 90, wind=9.0, wind_from=0.0)).round(4))
+    0.0272
+    """
+    remedy = "Nearer to the horizon waves hide each other; look more steeply."
+    view_zenith = within("view_zenith", view_zenith, 0.0, 89.0, "degrees", remedy)
+    look = np.broadcast_arrays(view_zenith, view_azimuth, sun_zenith, sun_azimuth, wind, wind_from)
+    zenith, azimuth, sun_zenith, sun_azimuth, wind, wind_from = (
+        np.asarray(x, np.float64)[..., None] for x in look
+    )
+    total = np.zeros(look[0].shape)
+    for along, across, weight in _panels(zenith, azimuth - wind_from, wind, slope_model, nodes):
+        slant = np.cos(np.radians(zenith)) - along * np.sin(np.radians(zenith))  # cos(incidence) / cos(tilt)
+        length = 1.0 + along**2 + across**2
+        incidence = _arccos(slant / np.sqrt(length))
+        up = _arccos(2.0 * slant / length - np.cos(np.radians(zenith)))
+        forth = -2.0 * slant / length * along - np.sin(np.radians(zenith))
+        to = azimuth + np.degrees(np.arctan2(-2.0 * slant / length * across, forth))
+        mirrored = radiance(up, to, sun_zenith, sun_azimuth, model=model, contrast=contrast)
+        density = slopes.density(
+            *slopes.to_wind_axes(across, along, wind_from - azimuth), wind, model=slope_model
+        )
+        share = density * slant / np.cos(np.radians(zenith)) * fresnel.reflectance(incidence, index)
+        total += np.sum(weight * share * mirrored, axis=-1)
+    variance_u, variance_c = slopes.variances(wind, model=slope_model)
+    cosine2 = np.cos(np.radians(azimuth - wind_from)) ** 2
+    crowd = 1.0 + slopes.hidden(zenith, variance_u * cosine2 + variance_c * (1.0 - cosine2))
+    return total / crowd[..., 0]
+
+
+def _panels(
+    zenith: Array, off_wind: Array, wind: Array, model: str, nodes: int
+) -> Iterator[tuple[Array, float | Array, Array]]:
+    """Slopes along and across the view, and areas, of the facets that mirror the sky to the sensor.
+
+    For each slope across the view the slope along it runs up to where the mirrored ray leaves the horizon, so
+    the quadrature meets no edge.
+    """
+    x, w = np.polynomial.legendre.leggauss(nodes)
+    variance_u, variance_c = slopes.variances(wind, model=model)
+    cosine2 = np.cos(np.radians(off_wind)) ** 2
+    reach = 5.0 * np.sqrt(variance_u * cosine2 + variance_c * (1.0 - cosine2))
+    reach_across = 5.0 * np.sqrt(variance_c * cosine2 + variance_u * (1.0 - cosine2))
+    tangent = np.tan(np.radians(zenith))
+    for node, weight in zip(x, w, strict=True):
+        across = node * reach_across
+        edge = np.sqrt(np.maximum(tangent**2 + 1.0 - across**2, 0.0))
+        low, high = np.maximum(-reach, -tangent - edge), np.minimum(reach, edge - tangent)
+        half = np.maximum(0.5 * (high - low), 0.0)
+        yield 0.5 * (high + low) + half * x, across, half * w * weight * reach_across
+
+
+def _arccos(cosine: Array) -> Array:
+    return np.degrees(np.arccos(np.clip(cosine, 0.0, 1.0)))
+
+
+def _clear(cosine: Array, sun_cosine: Array, turn: Array) -> Array:
+    """Harrison and Coombes without their last factor, which the normalisation takes out again."""
+    sines = np.sqrt((1.0 - cosine**2) * (1.0 - sun_cosine**2))
+    towards = np.clip(cosine * sun_cosine + sines * np.cos(turn), -1.0, 1.0)
+    glow = 1.63 + 53.7 * np.exp(-5.49 * np.arccos(towards)) + 2.04 * towards**2 * sun_cosine
+    return glow * (1.0 - np.exp(-0.19 / np.maximum(cosine, 1e-9)))
+
+
+def _clear_total(sun_zenith: Array) -> Array:
+    """Integral of `_clear` times the cosine over the sky, from a polynomial in the sun's zenith angle."""
+    return np.asarray(chebyshev.chebval(sun_zenith / 45.0 - 1.0, _clear_fit()), dtype=np.float64)
+
+
+@cache
+def _clear_fit() -> Array:
+    x = chebyshev.chebpts1(15)
+    return np.asarray(chebyshev.chebfit(x, _clear_integral(45.0 * (x + 1.0)), 14), dtype=np.float64)
+
+
+def _clear_integral(sun_zenith: Array) -> Array:
+    """Integral of `_clear` times the cosine over the sky: Gauss-Legendre in height, trapezes around."""
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    cosine, weights = 0.5 * (nodes + 1.0), 0.5 * weights
+    turn = np.linspace(0.0, np.pi, 97)
+    around = np.full(97, 2.0 * np.pi / 96.0)
+    around[[0, -1]] *= 0.5
+    sun_cosine = np.cos(np.radians(sun_zenith))[..., None, None]
+    return np.einsum("...ij,i,j", _clear(cosine[:, None], sun_cosine, turn), weights * cosine, around)

@@ -1,0 +1,343 @@
+"""How the slopes of the wind-blown sea are distributed.
+
+Densities of the slope of a facet, per unit upwind and crosswind slope, for a wind: Cox and Munk with their
+Gram-Charlier series, the same as a plain or an isotropic Gaussian, and Breon and Henriot. A truncated
+Gram-Charlier series falls below zero far out in strong wind; unless asked otherwise the density is cut there
+and divided by what is left, so that it stays a density. This room knows neither the sun nor the sensor.
+
+Axes: upwind slopes rise towards where the wind comes from; the crosswind axis lies 90 degrees clockwise of
+it. The windward side of a wave is the gentle one, so the most frequent upwind slope is slightly negative.
+
+References
+---------- Cox, Munk (1954), "Measurement of the roughness of the sea surface from photographs of the sun's
+glitter", Journal of the Optical Society of America 44, 838-850, doi:10.1364/JOSA.44.000838. Breon, Henriot
+(2006), "Spaceborne observations of ocean glint reflectance and modeling of wave slope distributions", Journal
+of Geophysical Research 111, C06005, doi:10.1029/2005JC003343.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from ._checks import Array, choice, within
+
+WIND_RANGE = (0.1, 20.0)
+"""Wind that the models accept [m/s]; Cox and Munk measured at 1 to 14."""
+_DRAG = 1.3e-3  # drag coefficient at 10 m, for the logarithmic profile of the wind
+_KARMAN = 0.4
+
+
+@dataclass(frozen=True)
+class SlopeModel:
+    """What a model of slopes says: variances and Gram-Charlier coefficients as functions of wind.
+
+    Attributes
+    ----------
+    height : float
+        Height above the sea of the wind that the model wants [m].
+    upwind, crosswind : (float, float)
+        Variance of slope: constant [1], and growth with wind [s/m].
+    skewness : callable
+        Wind [m/s] to (c21, c03); None for a Gaussian.
+    peakedness : (float, float, float)
+        c40, c22, c04; the first belongs to the crosswind axis, the last to the upwind axis.
+    """
+
+    height: float
+    upwind: tuple[float, float]
+    crosswind: tuple[float, float]
+    skewness: Callable[[Array], tuple[Array, Array]] | None = None
+    peakedness: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def _skewness_cox_munk(wind: Array) -> tuple[Array, Array]:
+    return 0.01 - 0.0086 * wind, 0.04 - 0.033 * wind
+
+
+def _skewness_breon_henriot(wind: Array) -> tuple[Array, Array]:
+    return -9e-4 * wind**2, -0.45 / (1.0 + np.exp(7.0 - wind))
+
+
+MODELS: dict[str, SlopeModel] = {
+    "cox-munk": SlopeModel(12.5, (0.0, 3.16e-3), (0.003, 1.92e-3), _skewness_cox_munk, (0.40, 0.12, 0.23)),
+    "cox-munk-gaussian": SlopeModel(12.5, (0.0, 3.16e-3), (0.003, 1.92e-3)),
+    "cox-munk-isotropic": SlopeModel(12.5, (0.0015, 2.56e-3), (0.0015, 2.56e-3)),
+    "breon-henriot": SlopeModel(
+        10.0, (0.001, 3.16e-3), (0.003, 1.85e-3), _skewness_breon_henriot, (0.30, 0.12, 0.40)
+    ),
+}
+"""The models by name."""
+
+
+def density(
+    upwind: npt.ArrayLike,
+    crosswind: npt.ArrayLike,
+    wind: npt.ArrayLike,
+    *,
+    model: str = "cox-munk",
+    clip: bool = True,
+) -> Array:
+    """Density of the slopes of the sea in a wind.
+
+    With X = upwind / sigma_u and Y = crosswind / sigma_c (Cox and Munk 1954, eq. 18),
+
+        p = exp(-(X^2 + Y^2) / 2) / (2 pi sigma_u sigma_c)
+            [1 - c21 (Y^2 - 1) X / 2 - c03 (X^3 - 3 X) / 6 + c40 (Y^4 - 6 Y^2 + 3) / 24
+               + c22 (X^2 - 1)(Y^2 - 1) / 4 + c04 (X^4 - 6 X^2 + 3) / 24].
+
+    Parameters
+    ----------
+    upwind, crosswind : array_like
+        Slope along the two axes of the wind [1].
+    wind : array_like
+        Speed at the height that the model wants [m/s], 0.1 to 20; see `wind_at_height`.
+    model : str
+        One of `MODELS`.
+    clip : bool
+        Cut the series where it is negative and divide by what is left; else the bare series.
+
+    Returns
+    -------
+    ndarray
+        Density per unit slope along both axes [1]; its integral is 1.
+
+    Raises
+    ------
+    InputError
+        The wind is out of range, or there is no such model.
+
+    Examples
+    --------
+    >>> float(density(0, 0, 9.0).round(3))
+    7.348
+    """
+    variance_u, variance_c = variances(wind, model=model)
+    plain = gaussian(upwind, crosswind, variance_u, variance_c)
+    chosen = MODELS[model]
+    if chosen.skewness is None:
+        return plain
+    wind = np.asarray(wind, dtype=np.float64)
+    x = np.asarray(upwind, dtype=np.float64) / np.sqrt(variance_u)
+    y = np.asarray(crosswind, dtype=np.float64) / np.sqrt(variance_c)
+    series = _series(x, y, *chosen.skewness(wind), *chosen.peakedness)
+    if not clip:
+        return plain * series
+    return plain * np.maximum(series, 0.0) / (1.0 + np.interp(wind, *_negative_mass(model)))
+
+
+def cox_munk(
+    upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt.ArrayLike, *, clip: bool = True
+) -> Array:
+    """Density of slopes after Cox and Munk (1954); `wind` at 12.5 m [m/s]. See `density`."""
+    return density(upwind, crosswind, wind, model="cox-munk", clip=clip)
+
+
+def cox_munk_gaussian(upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt.ArrayLike) -> Array:
+    """Density of slopes after Cox and Munk (1954) without skewness and peakedness. See `density`."""
+    return density(upwind, crosswind, wind, model="cox-munk-gaussian")
+
+
+def breon_henriot(
+    upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt.ArrayLike, *, clip: bool = True
+) -> Array:
+    """Density of slopes after Breon and Henriot (2006); `wind` at 10 m [m/s]. See `density`."""
+    return density(upwind, crosswind, wind, model="breon-henriot", clip=clip)
+
+
+def gaussian(
+    upwind: npt.ArrayLike,
+    crosswind: npt.ArrayLike,
+    variance_upwind: npt.ArrayLike,
+    variance_crosswind: npt.ArrayLike,
+) -> Array:
+    """Gaussian density of slopes with given variances, as for the waves that a pixel does not resolve.
+
+    Parameters
+    ----------
+    upwind, crosswind : array_like
+        Slope along the two axes, less its mean [1].
+    variance_upwind, variance_crosswind : array_like
+        Variances of slope [1], above 0.
+
+    Returns
+    -------
+    ndarray
+        Density per unit slope along both axes [1].
+
+    Raises
+    ------
+    InputError
+        A variance is not above 0.
+
+    Examples
+    --------
+    >>> float(gaussian(0, 0, 0.02, 0.02).round(3))
+    7.958
+    """
+    remedy = "Give the variance of slope, not its root; a flat sea has no density."
+    u = within("variance_upwind", variance_upwind, 1e-12, 10.0, "", remedy)
+    c = within("variance_crosswind", variance_crosswind, 1e-12, 10.0, "", remedy)
+    x, y = np.asarray(upwind, dtype=np.float64), np.asarray(crosswind, dtype=np.float64)
+    return np.exp(-0.5 * (x**2 / u + y**2 / c)) / (2.0 * np.pi * np.sqrt(u * c))
+
+
+def variances(wind: npt.ArrayLike, *, model: str = "cox-munk") -> tuple[Array, Array]:
+    """Variances of the slopes of the sea in a wind.
+
+    Parameters
+    ----------
+    wind : array_like
+        Speed at the height that the model wants [m/s], 0.1 to 20.
+    model : str
+        One of `MODELS`.
+
+    Returns
+    -------
+    upwind, crosswind : ndarray
+        Variances [1].
+
+    Raises
+    ------
+    InputError
+        The wind is out of range, or there is no such model.
+
+    Examples
+    --------
+    >>> [float(v.round(5)) for v in variances(9.0)]
+    [0.02844, 0.02028]
+    """
+    choice("model", model, MODELS)
+    wind = within("wind", wind, *WIND_RANGE, "m/s", "The slope models hold in this range only.")
+    up, cross = MODELS[model].upwind, MODELS[model].crosswind
+    return up[0] + up[1] * wind, cross[0] + cross[1] * wind
+
+
+def to_wind_axes(east: npt.ArrayLike, north: npt.ArrayLike, wind_from: npt.ArrayLike) -> tuple[Array, Array]:
+    """Turn east and north components of slope into upwind and crosswind ones.
+
+    Parameters
+    ----------
+    east, north : array_like
+        Slope towards east and north [1].
+    wind_from : array_like
+        Azimuth that the wind blows from, clockwise from north [degree].
+
+    Returns
+    -------
+    upwind, crosswind : ndarray
+        Slope along the axes of the wind [1].
+
+    Examples
+    --------
+    >>> [float(v) for v in to_wind_axes(0.1, 0.2, 0.0)]
+    [0.2, 0.1]
+    """
+    azimuth = np.radians(np.asarray(wind_from, dtype=np.float64))
+    sine, cosine = np.sin(azimuth), np.cos(azimuth)
+    east, north = np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
+    return east * sine + north * cosine, east * cosine - north * sine
+
+
+def from_wind_axes(
+    upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind_from: npt.ArrayLike
+) -> tuple[Array, Array]:
+    """Turn upwind and crosswind slopes into (east, north); undoes `to_wind_axes`."""
+    return to_wind_axes(upwind, crosswind, wind_from)  # the turn is a reflection: its own inverse
+
+
+def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
+    """Waves that hide behind others, per wave seen from a direction: Smith's Lambda.
+
+        Lambda = [exp(-v^2) - v sqrt(pi) erfc(v)] / (2 v sqrt(pi)),  v = cot(zenith) / sqrt(2 variance)
+
+    The share of the sea that is seen is 1 / (1 + Lambda), and that is seen and lit 1 / (1 + Lambda_v +
+    Lambda_s).
+
+    Parameters
+    ----------
+    zenith : array_like
+        Zenith angle of the direction [degree], 0 to 89.9.
+    variance : array_like
+        Variance of the slopes along its azimuth [1], above 0.
+
+    Raises
+    ------
+    InputError
+        An angle or variance is out of range.
+
+    Examples
+    --------
+    >>> hidden([40, 80], 0.02).round(4).tolist()
+    [0.0, 0.0408]
+    """
+    from scipy.special import erfc
+
+    zenith = within("zenith", zenith, 0.0, 89.9, "degrees", "At the horizon every wave hides.")
+    variance = within("variance", variance, 1e-12, 10.0, "", "Give the variance of slope, not its root.")
+    angle = np.radians(np.maximum(zenith, 1e-6))
+    v = np.minimum(1.0 / (np.tan(angle) * np.sqrt(2.0 * variance)), 25.0)
+    return (np.exp(-(v**2)) - v * np.sqrt(np.pi) * erfc(v)) / (2.0 * v * np.sqrt(np.pi))
+
+
+def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at: float = 12.5) -> Array:
+    """Wind at another height, by the logarithmic profile of neutral air.
+
+        U(z) = U(10) [1 + sqrt(C) / 0.4 ln(z / 10)],  drag coefficient C = 1.3e-3.
+
+    Parameters
+    ----------
+    wind : array_like
+        Speed at `measured_at` [m/s], not below 0.
+    measured_at, wanted_at : float
+        Heights above the sea [m], 1 to 100.
+
+    Returns
+    -------
+    ndarray
+        Speed at `wanted_at` [m/s].
+
+    Raises
+    ------
+    InputError
+        A height or the wind is out of range.
+
+    Examples
+    --------
+    >>> float(wind_at_height(10.0).round(2))
+    10.2
+    """
+    wind = within("wind", wind, 0.0, 100.0, "m/s", "Give a speed, and its direction apart.")
+    heights = within(
+        "measured_at and wanted_at", [measured_at, wanted_at], 1.0, 100.0, "m", "Give the mast's height."
+    )
+    measured, wanted = 1.0 + np.sqrt(_DRAG) / _KARMAN * np.log(heights / 10.0)
+    return np.asarray(wind * wanted / measured)
+
+
+def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, c04: float) -> Array:
+    """Bracket of the Gram-Charlier series at standardised slopes."""
+    x2, y2 = x * x, y * y
+    skew = c21 * (y2 - 1.0) * x / 2.0 + c03 * (x2 - 3.0) * x / 6.0
+    peak = c40 * (y2 * y2 - 6.0 * y2 + 3.0) / 24.0 + c22 * (x2 - 1.0) * (y2 - 1.0) / 4.0
+    return 1.0 - skew + peak + c04 * (x2 * x2 - 6.0 * x2 + 3.0) / 24.0
+
+
+@cache
+def _negative_mass(model: str) -> tuple[Array, Array]:
+    """Winds, and how much of the bare series lies below zero there; linear between them to 5e-6."""
+    chosen = MODELS[model]
+    assert chosen.skewness is not None
+    winds = np.append(0.0, np.arange(0.5, WIND_RANGE[1] + 0.25, 0.5))
+    axis = np.linspace(-7.5, 7.5, 151)
+    x, y = axis[:, None], axis[None, :]
+    weight = np.exp(-0.5 * (x**2 + y**2)) / (2.0 * np.pi) * (axis[1] - axis[0]) ** 2
+    mass = [
+        -np.sum(weight * np.minimum(_series(x, y, *chosen.skewness(u), *chosen.peakedness), 0.0))
+        for u in winds
+    ]
+    return winds, np.array(mass)

@@ -1,0 +1,196 @@
+"""Where the sun stands, how far away it is, and how large its disk looks.
+
+Positions come from the solar position algorithm of pvlib, which is loaded only when a position is asked for.
+Zenith and azimuth are those seen from the place: the zenith includes refraction unless asked otherwise.
+
+References
+---------- Reda, Andreas (2004), "Solar position algorithm for solar radiation applications", Solar Energy 76,
+577-589, doi:10.1016/j.solener.2003.12.003. Gregg, Carder (1990), "A simple spectral solar irradiance model
+for cloudless maritime atmospheres", Limnology and Oceanography 35, 1657-1675, doi:10.4319/lo.1990.35.8.1657.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from ._checks import Array, within
+
+MEAN_SOLID_ANGLE = 6.794e-5
+"""Solid angle of the solar disk at mean distance [sr]; its radius is 0.2665 degrees."""
+_DELTA_T = 69.2  # terrestrial less universal time [s], 2020 to 2030; 10 s more move the sun by 1e-4 degrees
+
+
+class Position(NamedTuple):
+    """Place of the sun in the sky: zenith angle and azimuth clockwise from north, both [degree]."""
+
+    zenith: Array
+    azimuth: Array
+
+
+def position(
+    latitude: npt.ArrayLike,
+    longitude: npt.ArrayLike,
+    time: Any,
+    *,
+    pressure: float = 1013.25,
+    temperature: float = 15.0,
+    refraction: bool = True,
+) -> Position:
+    """Where the sun stands, to about 0.001 degrees (Reda and Andreas 2004).
+
+    Parameters
+    ----------
+    latitude, longitude : array_like
+        Of the place, north and east positive [degree].
+    time : datetime, str or numpy.datetime64, or a sequence of them
+        Moments; what names no zone is taken as UTC.
+    pressure : float
+        Of the air, for refraction [hPa].
+    temperature : float
+        Of the air, for refraction [degree Celsius].
+    refraction : bool
+        Give the zenith angle as seen, lifted by the air; else the geometric one.
+
+    Returns
+    -------
+    Position
+        Zenith above 90 where the sun is down.
+
+    Raises
+    ------
+    InputError
+        A coordinate is out of range, or a time cannot be read.
+
+    Examples
+    --------
+    >>> zenith, azimuth = position(36.8, -122.0, "2026-06-21T18:00Z")
+    >>> float(zenith.round(1)), float(azimuth.round(1))
+    (30.9, 106.4)
+    """
+    from pvlib import spa
+
+    latitude = within("latitude", latitude, -90.0, 90.0, "degrees", "North is positive.")
+    longitude = within("longitude", longitude, -180.0, 360.0, "degrees", "East is positive.")
+    pressure = float(within("pressure", pressure, 300.0, 1100.0, "hPa", "One inch of mercury is 33.86 hPa."))
+    moments, latitude, longitude = np.broadcast_arrays(_seconds(time), latitude, longitude)
+    place = (latitude.ravel(), longitude.ravel(), 0.0, pressure, temperature, _DELTA_T, 0.5667)
+    apparent, geometric, _, _, azimuth, _ = spa.solar_position_numpy(moments.ravel(), *place, 1)
+    zenith = apparent if refraction else geometric
+    return Position(np.reshape(zenith, moments.shape), np.reshape(azimuth, moments.shape))
+
+
+def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
+    """When the sun's centre next comes up over the horizon, within a day, to about a minute.
+
+    Parameters
+    ----------
+    latitude, longitude : float
+        Of the place, north and east positive [degree].
+    time : datetime, str or numpy.datetime64
+        From when to look; what names no zone is taken as UTC.
+
+    Returns
+    -------
+    numpy.datetime64
+        UTC; NaT where the sun does not rise within a day.
+
+    Raises
+    ------
+    InputError
+        A coordinate is out of range, or the time cannot be read.
+
+    Examples
+    --------
+    >>> str(next_rise(0.0, 0.0, "2026-03-20T00:00Z"))[:15]
+    '2026-03-20T06:0'
+    """
+    start = np.asarray(_seconds(time) * 1e3).astype("datetime64[ms]")
+    moments = start + np.arange(0, 1442) * np.timedelta64(1, "m")
+    up = position(latitude, longitude, moments).zenith <= 90.0
+    rises = np.flatnonzero(~up[:-1] & up[1:])
+    if not rises.size:
+        return np.datetime64("NaT")
+    return np.datetime64(moments[rises[0] + 1], "s")
+
+
+def distance_factor(day: npt.ArrayLike) -> Array:
+    """Irradiance over that at mean distance, [1 + 0.0167 cos(2 pi (day - 3) / 365)]^2.
+
+    Parameters
+    ----------
+    day : array_like
+        Day of the year, 1 on the first of January [1], 1 to 367.
+
+    Raises
+    ------
+    InputError
+        The day is out of range.
+
+    Examples
+    --------
+    >>> distance_factor([3, 186]).round(4).tolist()
+    [1.0337, 0.9669]
+    """
+    day = within("day", day, 1.0, 367.0, "", "Give the day of the year, 1 on the first of January.")
+    return np.square(1.0 + 0.0167 * np.cos(2.0 * np.pi * (day - 3.0) / 365.0))
+
+
+def solid_angle(day: npt.ArrayLike | None = None) -> Array:
+    """Solid angle of the solar disk [sr] on a day of the year, or at mean distance.
+
+    Examples
+    --------
+    >>> float(solid_angle())
+    6.794e-05
+    """
+    return np.asarray(MEAN_SOLID_ANGLE * (1.0 if day is None else distance_factor(day)))
+
+
+def day_of_year(time: Any) -> Array:
+    """Day of the year with its fraction, 1.0 at the start of the first of January UTC.
+
+    Parameters
+    ----------
+    time : datetime, str or numpy.datetime64, or a sequence of them
+        Moments; what names no zone is taken as UTC.
+
+    Raises
+    ------
+    InputError
+        A time cannot be read.
+
+    Examples
+    --------
+    >>> float(day_of_year("2026-02-01T12:00"))
+    32.5
+    """
+    seconds = _seconds(time)
+    moments = (seconds * 1e3).astype("datetime64[ms]")
+    return (moments - moments.astype("datetime64[Y]")) / np.timedelta64(1, "D") + 1.0
+
+
+def _seconds(time: Any) -> Array:
+    """Seconds since 1970 of one time or many."""
+    if isinstance(time, (str, datetime)):
+        return np.asarray(_moment(time).timestamp())
+    array = np.asarray(time)
+    if np.issubdtype(array.dtype, np.datetime64):
+        seconds = (array - np.datetime64(0, "s")) / np.timedelta64(1, "s")
+        return np.asarray(seconds, dtype=np.float64)
+    flat = [_moment(item).timestamp() for item in array.flat]
+    return np.array(flat).reshape(array.shape)
+
+
+def _moment(time: Any) -> datetime:
+    try:
+        moment = time if isinstance(time, datetime) else datetime.fromisoformat(time)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"time must be like 2026-06-21T18:00Z, got {time!r}. Write it in ISO 8601."
+        ) from None
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)

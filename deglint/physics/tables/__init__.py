@@ -1,0 +1,32 @@
+"""Spectral and angular tables of published models; each file names its source and licence at its head."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+
+@cache
+def load(name: str) -> Mapping[str, npt.NDArray[np.float64]]:
+    """Columns of a table by name, read once and read-only.
+
+    Parameters
+    ----------
+    name : str
+        File without its ending, such as "sea_water".
+
+    Examples
+    --------
+    >>> load("sea_water")["wavelength_nm"][:2].tolist()
+    [250.0, 260.0]
+    """
+    text = resources.files(__name__).joinpath(f"{name}.csv").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
+    values = np.array([line.split(",") for line in lines[1:]], dtype=np.float64)
+    values.setflags(write=False)
+    return MappingProxyType(dict(zip(lines[0].split(","), values.T, strict=True)))

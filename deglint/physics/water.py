@@ -1,0 +1,313 @@
+"""Light that leaves the water: from the deep sea, and from a flat Lambertian object under it.
+
+Remote-sensing reflectance is radiance just above the water over irradiance just above it [1/sr]; what the
+surface mirrors is no part of it. Deep water follows Lee et al. (2011), whose table knows sun and view angles,
+or outside of that table Lee et al. (1999), which knows no view angle. An object shines through the water with
+the path lengths of Lee et al. (1999) along the sun's and the sensor's rays; it is taken to be wide against
+its depth.
+
+`relative_azimuth` is that of the sensor less that of the sun, both seen from the target: 0 puts the sensor on
+the side of the sun, 180 opposite, where the glint is.
+
+References
+---------- Lee, Du, Voss, Zibordi, Lubac, Arnone, Weidemann (2011), "An inherent-optical-property-centered
+approach to correct the angular effects in water-leaving radiance", Applied Optics 50, 3155-3167,
+doi:10.1364/AO.50.003155. Lee, Carder, Mobley, Steward, Patch (1999), "Hyperspectral remote sensing for
+shallow waters: 2. Deriving bottom depths and water properties by optimization", Applied Optics 38, 3831-3843,
+doi:10.1364/AO.38.003831.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from . import fresnel
+from ._checks import Array, choice, within
+from .iops import Iops, case1, diffuse_attenuation, morel_attenuation, particle_absorption
+from .tables import load
+
+__all__ = [
+    "MODELS",
+    "Iops",
+    "case1",
+    "deep_reflectance",
+    "diffuse_attenuation",
+    "lee_1999",
+    "lee_2011",
+    "morel_attenuation",
+    "object_reflectance",
+    "particle_absorption",
+    "remote_sensing_reflectance",
+    "submerged_reflectance",
+]
+
+MODELS = ("auto", "lee-2011", "lee-1999")
+"""Models of deep water; "auto" is Lee et al. (2011) inside its table and Lee et al. (1999) outside."""
+SUN_LIMIT, VIEW_LIMIT = 75.0, 70.0
+"""Zenith angles at which the table of Lee et al. (2011) ends [degree]."""
+_SKY_REFLECTANCE = 0.066  # of a calm sea for diffuse light
+_TURNED_BACK = 0.48  # share of upwelling light that the surface throws back
+
+
+def remote_sensing_reflectance(
+    wavelength: npt.ArrayLike,
+    chlorophyll: npt.ArrayLike,
+    sun_zenith: npt.ArrayLike,
+    view_zenith: npt.ArrayLike,
+    relative_azimuth: npt.ArrayLike,
+    *,
+    model: str = "auto",
+) -> Array:
+    """Remote-sensing reflectance of deep case-1 water [1/sr].
+
+    Parameters
+    ----------
+    wavelength : array_like
+        [nm], 300 to 1000; all arguments broadcast with each other.
+    chlorophyll : array_like
+        [mg m-3], 0.01 to 30.
+    sun_zenith, view_zenith : array_like
+        In air [degree], 0 to 90.
+    relative_azimuth : array_like
+        Azimuth of the sensor less that of the sun, from the target [degree].
+    model : str
+        One of `MODELS`.
+
+    Returns
+    -------
+    ndarray
+        Radiance that leaves the water over irradiance, both just above the surface [1/sr].
+
+    Raises
+    ------
+    InputError
+        A value is out of range, or there is no such model.
+
+    Examples
+    --------
+    >>> float(remote_sensing_reflectance(490, 0.5, 30, 0, 0).round(5))
+    0.004
+    """
+    return deep_reflectance(
+        case1(wavelength, chlorophyll), sun_zenith, view_zenith, relative_azimuth, model=model
+    )
+
+
+def object_reflectance(
+    wavelength: npt.ArrayLike,
+    chlorophyll: npt.ArrayLike,
+    sun_zenith: npt.ArrayLike,
+    view_zenith: npt.ArrayLike,
+    relative_azimuth: npt.ArrayLike,
+    *,
+    depth: npt.ArrayLike,
+    reflectance: npt.ArrayLike,
+    direct_fraction: npt.ArrayLike = 0.7,
+    model: str = "auto",
+) -> Array:
+    """Remote-sensing reflectance over a Lambertian object in case-1 water [1/sr].
+
+    Parameters
+    ----------
+    wavelength, chlorophyll, sun_zenith, view_zenith, relative_azimuth, model
+        See `remote_sensing_reflectance`.
+    depth : array_like
+        Of the object [m], not below 0.
+    reflectance : array_like
+        Of the object, 0 to 1 [1].
+    direct_fraction : array_like
+        Direct over total irradiance above the surface, 0 to 1 [1].
+
+    Returns
+    -------
+    ndarray
+        Radiance that leaves the water over irradiance, both just above the surface [1/sr].
+
+    Raises
+    ------
+    InputError
+        A value is out of range, or there is no such model.
+
+    Examples
+    --------
+    >>> float(object_reflectance(490, 0.5, 30, 0, 0, depth=6.0, reflectance=0.15).round(4))
+    0.0161
+    """
+    water = case1(wavelength, chlorophyll)
+    deep = deep_reflectance(water, sun_zenith, view_zenith, relative_azimuth, model=model)
+    return submerged_reflectance(
+        water,
+        deep,
+        sun_zenith,
+        view_zenith,
+        depth=depth,
+        reflectance=reflectance,
+        direct_fraction=direct_fraction,
+    )
+
+
+def deep_reflectance(
+    water: Iops,
+    sun_zenith: npt.ArrayLike,
+    view_zenith: npt.ArrayLike,
+    relative_azimuth: npt.ArrayLike,
+    *,
+    model: str = "auto",
+) -> Array:
+    """Remote-sensing reflectance of deep water with given properties [1/sr].
+
+    Parameters
+    ----------
+    water : Iops
+    sun_zenith, view_zenith, relative_azimuth, model
+        See `remote_sensing_reflectance`.
+
+    Raises
+    ------
+    InputError
+        A value is out of range, or there is no such model.
+    """
+    choice("model", model, MODELS)
+    sun = within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
+    view = within("view_zenith", view_zenith, 0.0, 90.0, "degrees", "A sensor above the sea has 0 to 90.")
+    if model == "lee-1999":
+        return lee_1999(water) + 0.0 * (sun + view + np.asarray(relative_azimuth, dtype=np.float64))
+    if model == "lee-2011":
+        return lee_2011(water, sun, view, relative_azimuth)
+    inside = ~((sun > SUN_LIMIT) | (view > VIEW_LIMIT))
+    angular = lee_2011(water, np.minimum(sun, SUN_LIMIT), np.minimum(view, VIEW_LIMIT), relative_azimuth)
+    return angular if inside.all() else np.where(inside, angular, lee_1999(water))
+
+
+def lee_2011(
+    water: Iops, sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azimuth: npt.ArrayLike
+) -> Array:
+    """Deep water by the table of Lee et al. (2011), linear between its angles [1/sr].
+
+        Rrs = (Gw0 + Gw1 b_bw / k) b_bw / k + (Gp0 + Gp1 b_bp / k) b_bp / k,  k = a + b_bw + b_bp
+
+    Parameters
+    ----------
+    water : Iops
+    sun_zenith, view_zenith : array_like
+        In air [degree], 0 to 75 and 0 to 70.
+    relative_azimuth : array_like
+        See `remote_sensing_reflectance` [degree].
+
+    Raises
+    ------
+    InputError
+        An angle is outside the table.
+    """
+    remedy = "Beyond the table of Lee et al. (2011) use model lee-1999."
+    sun = within("sun_zenith", sun_zenith, 0.0, SUN_LIMIT, "degrees", remedy)
+    view = within("view_zenith", view_zenith, 0.0, VIEW_LIMIT, "degrees", remedy)
+    turn = np.asarray(relative_azimuth, dtype=np.float64)
+    g = _coefficients(sun, view, np.abs((turn + 180.0) % 360.0 - 180.0))
+    k = water.absorption + water.backscattering
+    u, v = water.water_backscattering / k, water.particle_backscattering / k
+    return (g[0] + g[1] * u) * u + (g[2] + g[3] * v) * v
+
+
+def lee_1999(water: Iops) -> Array:
+    """Deep water by Lee et al. (1999), for sun and sensor near the zenith [1/sr].
+
+    r = (0.084 + 0.170 u) u below the surface, u = b_b / (a + b_b), and 0.52 r / (1 - 1.7 r) above.
+    """
+    u = water.backscattering / (water.absorption + water.backscattering)
+    below = (0.084 + 0.170 * u) * u
+    return 0.52 * below / (1.0 - 1.7 * below)
+
+
+def submerged_reflectance(
+    water: Iops,
+    deep: npt.ArrayLike,
+    sun_zenith: npt.ArrayLike,
+    view_zenith: npt.ArrayLike,
+    *,
+    depth: npt.ArrayLike,
+    reflectance: npt.ArrayLike,
+    direct_fraction: npt.ArrayLike = 0.7,
+    index: float = fresnel.WATER_INDEX,
+) -> Array:
+    """Remote-sensing reflectance over a Lambertian object in water with given properties [1/sr].
+
+    With R the object's reflectance, H its depth, angles in water, k = a + b_b and u = b_b / k,
+
+        Rrs = deep [1 - exp(-(1 / cos s + D_C / cos v) k H)]
+              + T_d T_u R / pi exp(-(1 / cos s + D_B / cos v) k H) / (1 - 0.48 R exp(-2 k H)),
+
+    D_C = 1.03 (1 + 2.4 u)^0.5 and D_B = 1.04 (1 + 5.4 u)^0.5 (Lee et al. 1999, eq. 9), T_d and T_u the ways
+    through the surface.
+
+    Parameters
+    ----------
+    water : Iops
+    deep : array_like
+        Remote-sensing reflectance of the water without the object [1/sr].
+    sun_zenith, view_zenith : array_like
+        In air [degree], 0 to 90.
+    depth, reflectance, direct_fraction
+        See `object_reflectance`.
+    index : float
+        Refractive index of water [1].
+
+    Raises
+    ------
+    InputError
+        A value is out of range.
+
+    Notes
+    ----- Against a Monte Carlo of 288 cases to 14 m the root mean square error is 1.4 %. Light that
+    wide-angle scattering mixes in from beside a small object is left out.
+    """
+    depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
+    albedo = within("reflectance", reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
+    k = water.absorption + water.backscattering
+    u = water.backscattering / k
+    sun_path = 1.0 / np.cos(np.radians(fresnel.refraction_angle(sun_zenith, index)))
+    view_path = 1.0 / np.cos(np.radians(fresnel.refraction_angle(view_zenith, index)))
+    column = np.exp(-(sun_path + 1.03 * np.sqrt(1.0 + 2.4 * u) * view_path) * k * depth)
+    bottom = np.exp(-(sun_path + 1.04 * np.sqrt(1.0 + 5.4 * u) * view_path) * k * depth)
+    again = 1.0 - _TURNED_BACK * albedo * np.exp(-2.0 * k * depth)
+    surface = _downward(sun_zenith, direct_fraction, index) * fresnel.radiance_transmittance(
+        view_zenith, index
+    )
+    return np.asarray(deep) * (1.0 - column) + surface * albedo / np.pi * bottom / again
+
+
+def _downward(sun_zenith: npt.ArrayLike, direct_fraction: npt.ArrayLike, index: float) -> Array:
+    """Share of irradiance that enters the water, T_d."""
+    direct = within("direct_fraction", direct_fraction, 0.0, 1.0, "", "Give direct over total irradiance.")
+    return direct * (1.0 - fresnel.reflectance(sun_zenith, index)) + (1.0 - direct) * (1.0 - _SKY_REFLECTANCE)
+
+
+@cache
+def _grid() -> tuple[tuple[Array, Array, Array], Array]:
+    """Axes of the table of Lee et al. (2011), and its coefficients (4, suns, views, azimuths)."""
+    table = load("reflectance_lee_2011")
+    sun, view, turn = (np.unique(table[name]) for name in ("sun_zenith", "view_zenith", "relative_azimuth"))
+    values = np.array([table[name] for name in ("Gw0", "Gw1", "Gp0", "Gp1")])
+    return (sun, view, turn), values.reshape(4, sun.size, view.size, turn.size)
+
+
+def _coefficients(*angles: Array) -> Array:
+    """Coefficients (4, ...) at angles, linear between the table's."""
+    axes, values = _grid()
+    corners = []
+    for axis, angle in zip(axes, np.broadcast_arrays(*angles), strict=True):
+        low = np.clip(np.searchsorted(axis, angle, side="right") - 1, 0, axis.size - 2)
+        share = (angle - axis[low]) / (axis[low + 1] - axis[low])
+        corners.append(((low, 1.0 - share), (low + 1, share)))
+    return sum(
+        (
+            values[:, i, j, k] * (a * b * c)
+            for i, a in corners[0]
+            for j, b in corners[1]
+            for k, c in corners[2]
+        ),
+        start=np.zeros(1),
+    )

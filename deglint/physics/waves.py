@@ -1,0 +1,244 @@
+"""The wind sea: its spectrum, and the variances and correlations that follow from it.
+
+A `Sea` says which spectrum, how strong the wind is and how the waves spread about it; the functions here work
+out what that implies by quadrature. `deglint.physics.surface` draws surfaces from it. The formulas of the
+spectra stand in `deglint.physics.spectra` and can be had from here. Nothing here draws random numbers.
+
+Wavenumbers are in rad/m, frequencies in Hz. Wind is at 10 m unless a name says otherwise, and its azimuth is
+where it blows from, clockwise from north; waves run the other way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from ..errors import InputError
+from ._checks import choice, within
+from .spectra import (
+    GRAVITY,
+    SURFACE_TENSION,
+    WIND_19_5,
+    Array,
+    dispersion,
+    elfouhaily,
+    elfouhaily_spread,
+    jonswap,
+    jonswap_peak,
+    pierson_moskowitz,
+    pierson_moskowitz_peak,
+    spreading,
+    spreading_norm,
+)
+
+__all__ = [
+    "GRAVITY",
+    "SURFACE_TENSION",
+    "WIND_19_5",
+    "Sea",
+    "anisotropy",
+    "dispersion",
+    "elfouhaily",
+    "elfouhaily_spread",
+    "height_variance",
+    "jonswap",
+    "jonswap_peak",
+    "omnidirectional",
+    "pierson_moskowitz",
+    "pierson_moskowitz_peak",
+    "slope_correlation",
+    "slope_variance",
+    "spread_convention",
+    "spreading",
+    "spreading_norm",
+]
+
+Spectrum = Literal["elfouhaily", "jonswap", "pierson-moskowitz"]
+Spreading = Literal["elfouhaily", "half-angle", "full-angle"]
+
+WIND_RANGE = (1.0, 20.0)
+"""10 m winds for which the spectra have been fitted [m/s]."""
+SHORTEST = 0.003
+"""Shortest wave that slope integrals count by default [m]; Elfouhaily has nothing left beyond it."""
+SHORT_WAVES = 10.0
+"""Waves are 'short' beyond this many peak wavenumbers (see `Sea.short_gain`)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sea:
+    """A wind sea.
+
+    Attributes
+    ----------
+    wind : float
+        Wind speed at 10 m [m/s], 1 to 20.
+    wind_from : float
+        Where the wind blows from [deg clockwise from north].
+    spectrum : {"elfouhaily", "jonswap", "pierson-moskowitz"}
+        Shape of the spectrum.
+    fetch : float
+        Distance over which the wind has blown [m]; JONSWAP only.
+    spreading : {"elfouhaily", "half-angle", "full-angle"}, optional
+        How energy spreads about the wind; by default the spectrum's own, which is half-angle cos-2s but for
+        Elfouhaily.
+    exponent : float
+        s of the cos-2s spreading. 2 gives the anisotropy of Cox and Munk at 9 m/s.
+    age : float
+        Inverse wave age of Elfouhaily; 0.84 is fully developed.
+    opposing : float
+        Share of the energy that Elfouhaily's waves carry against the wind, 0 to 0.5.
+    depth : float, optional
+        Depth of the water for the dispersion [m]; deep by default.
+    short_gain : float
+        Factor on the energy of waves beyond ten peak wavenumbers, to match a measured slope variance.
+    """
+
+    wind: float
+    wind_from: float = 0.0
+    spectrum: Spectrum = "elfouhaily"
+    fetch: float = 100e3
+    spreading: Spreading | None = None
+    exponent: float = 2.0
+    age: float = 0.84
+    opposing: float = 0.0
+    depth: float | None = None
+    short_gain: float = 1.0
+
+    def __post_init__(self) -> None:
+        choice("spectrum", self.spectrum, get_args(Spectrum))
+        choice("spreading", self.spreading, (None, *get_args(Spreading)))
+        within("wind", self.wind, *WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
+        within("fetch", self.fetch, 1e3, 2e6, "m", "Give the fetch in metres.")
+        within("exponent", self.exponent, 0.5, 100.0, "", "It is the s of cos-2s; 2 fits Cox and Munk.")
+        within("age", self.age, 0.84, 5.0, "", "0.84 is fully developed, larger is younger.")
+        within("opposing", self.opposing, 0.0, 0.5, "", "It is a share of the energy.")
+
+    @property
+    def peak_wavenumber(self) -> float:
+        """Wavenumber of the spectral peak [rad/m]."""
+        if self.spectrum == "elfouhaily":
+            return GRAVITY * (self.age / self.wind) ** 2
+        if self.spectrum == "jonswap":
+            peak = jonswap_peak(wind=self.wind, fetch=self.fetch)
+        else:
+            peak = pierson_moskowitz_peak(wind_19_5=WIND_19_5 * self.wind)
+        return (2 * np.pi * peak) ** 2 / GRAVITY
+
+    @property
+    def peak_wavelength(self) -> float:
+        """Length of the peak wave [m]."""
+        return 2 * np.pi / self.peak_wavenumber
+
+
+def omnidirectional(wavenumber: Array, sea: Sea) -> Array:
+    """Spectral density of height over wavenumber, all directions together [m3].
+
+    Frequency spectra are carried over by ``S(k) = E(f) dw/dk / (2 pi)``, with surface tension in w(k).
+    """
+    k = np.asarray(wavenumber, dtype=np.float64)
+    if sea.spectrum == "elfouhaily":
+        density = elfouhaily(k, wind=sea.wind, age=sea.age)
+    else:
+        w = dispersion(k)
+        f = w / (2 * np.pi)
+        if sea.spectrum == "jonswap":
+            energy = jonswap(f, wind=sea.wind, fetch=sea.fetch)
+        else:
+            energy = pierson_moskowitz(f, wind_19_5=WIND_19_5 * sea.wind)
+        density = energy * (GRAVITY + 3 * SURFACE_TENSION * k**2) / (2 * w) / (2 * np.pi)
+    return np.where(k > SHORT_WAVES * sea.peak_wavenumber, sea.short_gain, 1.0) * density
+
+
+def spread_convention(sea: Sea) -> Spreading:
+    """The spreading that `sea` uses."""
+    return sea.spreading or ("elfouhaily" if sea.spectrum == "elfouhaily" else "half-angle")
+
+
+def anisotropy(wavenumber: Array, sea: Sea) -> Array:
+    """Mean of cos(2a) over the directions of each wave, 0 (round) to 1 (all along the wind).
+
+    Half of Elfouhaily's D; ``s (s-1) / ((s+1)(s+2))`` for half-angle cos-2s, ``s / (s+1)`` for full-angle.
+    """
+    k = np.asarray(wavenumber, dtype=np.float64)
+    convention, s = spread_convention(sea), sea.exponent
+    if convention == "elfouhaily":
+        return 0.5 * elfouhaily_spread(k, wind=sea.wind, age=sea.age)
+    return np.full_like(k, s * (s - 1) / ((s + 1) * (s + 2)) if convention == "half-angle" else s / (s + 1))
+
+
+def _wavenumbers(sea: Sea, longest: float | None, shortest: float) -> Array:
+    low = sea.peak_wavenumber / 10 if longest is None else 2 * np.pi / longest
+    if not shortest > 0 or 2 * np.pi / shortest <= low:
+        raise InputError(f"shortest must be above 0 m and below {2 * np.pi / low:.3g} m, got {shortest:g} m")
+    return np.geomspace(low, 2 * np.pi / shortest, 4001)
+
+
+def height_variance(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST) -> float:
+    """Variance of the height between two wavelengths [m2]; the significant height is 4 times its root."""
+    k = _wavenumbers(sea, longest, shortest)
+    return float(np.trapezoid(omnidirectional(k, sea) * k, np.log(k)))
+
+
+def slope_variance(
+    sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST
+) -> tuple[float, float]:
+    """Variance of the slope along the wind and across it, of the waves between two wavelengths.
+
+    Parameters
+    ----------
+    sea : Sea
+        Which sea.
+    longest, shortest : float
+        Wavelengths [m]; from ten peak wavelengths to 3 mm by default.
+
+    Returns
+    -------
+    (float, float)
+        Upwind and crosswind.
+
+    Examples
+    --------
+    >>> up, cross = slope_variance(Sea(wind=9.0), shortest=0.2)
+    >>> round(up + cross, 3)
+    0.028
+    """
+    k = _wavenumbers(sea, longest, shortest)
+    density = omnidirectional(k, sea) * k**3
+    total = float(np.trapezoid(density, np.log(k)))
+    excess = float(np.trapezoid(density * anisotropy(k, sea), np.log(k)))
+    return 0.5 * (total + excess), 0.5 * (total - excess)
+
+
+def slope_correlation(
+    lag: Array, sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST
+) -> Array:
+    """Correlation of the slope at a fixed point with itself after a time.
+
+    ``R(t) = int k**2 S cos(w t) dk / int k**2 S dk``
+
+    Parameters
+    ----------
+    lag : ndarray
+        [s]
+    sea : Sea
+        Which sea.
+    longest, shortest : float
+        Wavelengths that count [m]; a grid resolves those longer than two of its steps.
+
+    Returns
+    -------
+    ndarray
+        Same shape as `lag`.
+
+    Examples
+    --------
+    >>> float(slope_correlation(0.060, Sea(wind=9.0), shortest=0.2).round(2))
+    0.92
+    """
+    k = _wavenumbers(sea, longest, shortest)
+    weight = omnidirectional(k, sea) * k**3
+    phase = np.asarray(lag, dtype=np.float64)[..., None] * dispersion(k, depth=sea.depth)
+    summed = np.trapezoid(weight * np.cos(phase), np.log(k), axis=-1)
+    return np.asarray(summed / np.trapezoid(weight, np.log(k)))

@@ -1,0 +1,223 @@
+"""Writes a simulated scene: GeoTIFFs of the image and of its truth, and one JSON with all that made them.
+
+The files of a scene come into being together, or not at all.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import __version__
+from ..errors import WriteError
+
+CRS = "EPSG:32610"
+CORNER = 600_000.0, 4_070_000.0
+"""Upper left corner of every scene [m]: a place at sea off California."""
+UNIT = "W m-2 sr-1 nm-1"
+
+
+Simulated = Any
+"""What `deglint.simulate.simulate` returns; that room lies above this one and is not imported here."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """One file of a scene: (band, row, column) array, and what is said of it."""
+
+    array: npt.NDArray[Any]
+    meaning: str
+    names: tuple[str, ...]
+    unit: str = ""
+    scales: tuple[float, ...] = ()
+    band_tags: tuple[Mapping[str, str], ...] = ()
+    tags: Mapping[str, str] = field(default_factory=dict)
+
+
+def write_scene(scene: Simulated, stem: str | Path, *, overwrite: bool = False) -> list[Path]:
+    """Write a simulated scene.
+
+    Parameters
+    ----------
+    scene : SimulatedScene
+        From `deglint.simulate.simulate`.
+    stem : path
+        ``DIR/NAME`` or ``DIR/NAME.tif``; the truth goes to ``DIR/NAME_truth.tif`` and so on.
+    overwrite : bool
+        Replace files that are there.
+
+    Returns
+    -------
+    list of Path
+        What was written: the image, the truth, the JSON last.
+
+    Raises
+    ------
+    WriteError
+        A file exists and is not to be replaced, or cannot be written; then none is.
+    """
+    from .output import Scratch, check_target
+
+    base = _base(stem)
+    layers = layers_of(scene)
+    targets = {part: base.with_name(f"{base.name}{part}.tif") for part in layers}
+    sidecar = base.with_name(f"{base.name}.json")
+    for target in (*targets.values(), sidecar):
+        check_target(target, overwrite=overwrite)
+    with Scratch() as scratch:
+        try:
+            for part, layer in layers.items():
+                _write(scratch.add(targets[part]), layer, scene.setup.sensor.gsd)
+            text = json.dumps(describe(scene, {p: t.name for p, t in targets.items()}), indent=2)
+            scratch.add(sidecar).write_text(text + "\n", encoding="utf-8")
+        except OSError as error:
+            raise WriteError(f"cannot write {base}: {error}") from error
+    return [*targets.values(), sidecar]
+
+
+def check_free(stem: str | Path, *, overwrite: bool = False) -> None:
+    """Refuse a name that `write_scene` would refuse, before the scene is made.
+
+    Raises
+    ------
+    WriteError
+        The scene exists and is not to be replaced, or its directory cannot be written to.
+    """
+    from .output import check_target
+
+    base = _base(stem)
+    for suffix in (".tif", ".json"):
+        check_target(base.with_name(base.name + suffix), overwrite=overwrite)
+
+
+def _base(stem: str | Path) -> Path:
+    path = Path(stem)
+    return path.with_suffix("") if path.suffix.lower() in {".tif", ".tiff"} else path
+
+
+def layers_of(scene: Simulated) -> dict[str, Layer]:
+    """Files of a scene, by what is added to its name."""
+    setup = scene.setup
+    sensor = setup.sensor
+    names = tuple(b.name for b in sensor.bands)
+    tags = tuple(
+        {"wavelength": f"{b.wavelength:g}", "time_offset_s": f"{b.time_offset:.3f}"} for b in sensor.bands
+    )
+    scales = tuple(sensor.scale(b) for b in sensor.bands)
+    numbers: dict[str, Any] = {"scales": scales, "unit": UNIT, "band_tags": tags, "tags": _tags(setup)}
+    radiance: dict[str, Any] = {"unit": UNIT, "band_tags": tags}
+    out = {
+        "": Layer(scene.image, "what the sensor gives", names, **numbers),
+        "_truth": Layer(
+            scene.truth, "radiance without glint and noise, through the same optics", names, **radiance
+        ),
+        "_truth_noisy": Layer(
+            scene.truth_image, "what the sensor gives without glint, same noise", names, **numbers
+        ),
+        "_glint": Layer(
+            scene.glint, "radiance of the sun glint alone, through the same optics", names, **radiance
+        ),
+        "_glint_mask": Layer(
+            scene.glint_mask.astype(np.uint8),
+            f"1 where glint exceeds {setup.glint_threshold:g} of the radiance without it",
+            names,
+            band_tags=tags,
+        ),
+        "_objects": Layer(
+            scene.objects[None], "number of the submerged object, from 1; see the JSON", ("object",)
+        ),
+    }
+    if scene.height is not None:
+        out["_height"] = Layer(
+            scene.height[None], "height of the sea at the first time", ("height",), unit="m"
+        )
+    if scene.slopes is not None:
+        out["_slopes"] = Layer(scene.slopes, "slope of the sea at the first time", ("east", "north"))
+    return out
+
+
+def _tags(setup: Any) -> dict[str, str]:
+    sensor = setup.sensor
+    return {
+        "FULL_SCALE": str(sensor.levels),
+        "F_NUMBER": f"{sensor.f_number:g}",
+        "GSD_M": f"{sensor.gsd:g}",
+        "PIXEL_PITCH_UM": f"{1e6 * sensor.pitch:g}",
+        "SMEAR_PIXELS": f"{sensor.smear:g}",
+        "SUN_ZENITH_DEG": f"{setup.sun_zenith:g}",
+        "SUN_AZIMUTH_DEG": f"{setup.sun_azimuth:g}",
+        "VIEW_ZENITH_DEG": f"{setup.view_zenith:g}",
+        "VIEW_AZIMUTH_DEG": f"{setup.view_azimuth:g}",
+        "WIND_M_S": f"{setup.wind:g}",
+        "WIND_FROM_DEG": f"{setup.wind_from:g}",
+        "SEED": str(setup.seed),
+    }
+
+
+def _write(path: Path, layer: Layer, gsd: float) -> None:
+    import rasterio
+    from affine import Affine
+
+    count, rows, columns = layer.array.shape
+    place = Affine(gsd, 0.0, CORNER[0], 0.0, -gsd, CORNER[1])
+    profile = {
+        "driver": "GTiff", "dtype": layer.array.dtype.name, "count": count, "height": rows, "width": columns,
+        "crs": CRS, "transform": place, "tiled": True, "blockxsize": 256,
+        "blockysize": 256, "compress": "deflate", "predictor": 3 if layer.array.dtype.kind == "f" else 2,
+        "interleave": "pixel", "num_threads": 2,
+    }  # fmt: skip
+    with rasterio.open(path, "w", **profile) as out:
+        out.write(layer.array)
+        out.update_tags(MEANING=layer.meaning, SOFTWARE=f"deglint {__version__}", **layer.tags)
+        out.descriptions = layer.names
+        if layer.scales:
+            out.scales = layer.scales
+        if layer.unit:
+            out.units = (layer.unit,) * count
+        for i, tags in enumerate(layer.band_tags, start=1):
+            out.update_tags(i, **tags)
+
+
+def describe(scene: Simulated, files: Mapping[str, str]) -> dict[str, Any]:
+    """All that made a scene, and what came out, for its JSON."""
+    import scipy
+
+    setup, light = scene.setup, scene.light
+    bands = []
+    for i, band in enumerate(setup.sensor.bands):
+        bands.append(
+            {
+                "name": band.name,
+                "wavelength_nm": band.wavelength,
+                "time_s": setup.times[i],
+                "scale": setup.sensor.scale(band),
+                "exposure_s": setup.sensor.exposure(band),
+                "direct_irradiance": float(light.direct[i]),
+                "diffuse_irradiance": float(light.diffuse[i]),
+                "water_radiance": float(light.water[i]),
+                "mean_truth": float(scene.truth[i].mean(dtype=np.float64)),
+                "mean_glint": float(scene.glint[i].mean(dtype=np.float64)),
+                "glint_fraction": float(scene.glint_mask[i].mean()),
+                "saturated_pixels": int((scene.image[i] == setup.sensor.levels).sum()),
+            }
+        )
+    return {
+        "software": f"deglint {__version__}",
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "files": dict(files),
+        "setup": asdict(setup) | {"air": asdict(setup.weather)},
+        "grid_pixels": setup.grid,
+        "facet_m": setup.facet,
+        "slope_variance_up_cross": {
+            "measured": setup.slope_variance,
+            "resolved": scene.resolved_slope_variance,
+        },
+        "bands": bands,
+    }

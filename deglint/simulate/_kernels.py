@@ -1,0 +1,51 @@
+"""Compiled loop over the facets of `deglint.simulate`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(nogil=True, cache=True)
+def reflect(slopes, sparkle, density, sky, first, last, time, wind, calm, glint, table):  # type: ignore[no-untyped-def]
+    """Slope density at the glinting slope, and sky radiance, of each facet.
+
+    slopes: (row, column) complex, east + i north. sparkle: (row, column, 4) amplitudes, (row, column) indexes
+    into angular frequencies; empty without sparkle. wind: sine and cosine of its azimuth. calm: factors on
+    the slopes of the grid. glint: upwind and crosswind slope that glints, variances about each facet. table:
+    sky by upwind and crosswind slope, its first slope, its step.
+    """
+    amplitudes, choice, frequencies = sparkle
+    cosine = np.cos(frequencies * time).astype(np.float32)
+    sine = np.sin(frequencies * time).astype(np.float32)
+    east_sine, east_cosine = np.float32(wind[0]), np.float32(wind[1])
+    up_calm, cross_calm = np.float32(calm[0]), np.float32(calm[1])
+    up_glint, cross_glint = np.float32(glint[0]), np.float32(glint[1])
+    up_factor, cross_factor = np.float32(-0.5 / glint[2]), np.float32(-0.5 / glint[3])
+    norm = np.float32(1.0 / (2.0 * math.pi * math.sqrt(glint[2] * glint[3])))
+    values, start, per_step = table[0], np.float32(table[1]), np.float32(1.0 / table[2])
+    zero, one, top, faint = (
+        np.float32(0.0),
+        np.float32(1.0),
+        np.float32(values.shape[0] - 1.001),
+        np.float32(-50.0),
+    )
+    for r in range(first, last):
+        for c in range(slopes.shape[1]):
+            east, north = slopes[r, c].real, slopes[r, c].imag
+            up = up_calm * (east * east_sine + north * east_cosine)
+            cross = cross_calm * (east * east_cosine - north * east_sine)
+            if amplitudes.size:
+                f = choice[r, c]
+                up += amplitudes[r, c, 0] * cosine[f] + amplitudes[r, c, 1] * sine[f]
+                cross += amplitudes[r, c, 2] * cosine[f] + amplitudes[r, c, 3] * sine[f]
+            power = (up - up_glint) ** 2 * up_factor + (cross - cross_glint) ** 2 * cross_factor
+            density[r, c] = norm * math.exp(power) if power > faint else zero
+            x = min(max((up - start) * per_step, zero), top)
+            y = min(max((cross - start) * per_step, zero), top)
+            i, j = int(x), int(y)
+            x, y = x - np.float32(i), y - np.float32(j)
+            below = (one - y) * values[i, j] + y * values[i, j + 1]
+            sky[r, c] = (one - x) * below + x * ((one - y) * values[i + 1, j] + y * values[i + 1, j + 1])

@@ -1,0 +1,218 @@
+"""The sea as facets: how densely their slopes mirror the sun to the sensor, and how much sky they mirror.
+
+The waves that the grid resolves tilt each facet; the rest of the measured slope variance is unresolved. A
+share of it, the sparkle, tilts each facet as a whole and changes with time as the spectrum says; what is left
+is a Gaussian about each facet. So the mean over many scenes is that of the closed form.
+Light and bands are not known here: both fields are the same for all bands that look at the same time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..physics import fresnel, glint, sky, slopes
+from ..physics.surface import Surface, by_rows, normals, realise
+from ..physics.waves import SHORTEST, dispersion, omnidirectional
+from .setup import RESOLVED_AT_MOST, Setup
+
+Array = npt.NDArray[np.floating[Any]]
+
+NARROWEST = 0.01
+"""Least standard deviation of the slopes about a facet."""
+TABLE_REACH, TABLE_STEP = 1.5, 0.03  # slopes that the table of the mirrored sky covers
+
+
+@dataclass(frozen=True, eq=False)
+class Facets:
+    """The facets of one scene.
+
+    Attributes
+    ----------
+    setup : Setup
+        What they were made for.
+    surface : Surface
+        The resolved waves.
+    calm : (float, float)
+        Factors on the upwind and crosswind slopes of the grid, below 1 where these exceed what is measured.
+    sparkle : (float, float)
+        Variance of the slopes that unresolved waves give facets as a whole, upwind and crosswind.
+    about : (float, float)
+        Variance of the slopes about each facet, upwind and crosswind.
+    glint_factor : float
+        Glint radiance per slope density and irradiance facing the sun [1/sr].
+    """
+
+    setup: Setup
+    surface: Surface
+    calm: tuple[float, float]
+    sparkle: tuple[float, float]
+    about: tuple[float, float]
+    glint_factor: float
+    _sparkle: tuple[Any, Any, Any] = field(repr=False)
+    _sky: Array = field(repr=False)
+
+    @property
+    def slope_variance(self) -> tuple[float, float]:
+        """Variance of the resolved slopes upwind and crosswind, expected on this grid."""
+        up, cross = self.surface.slope_variance
+        return up * self.calm[0] ** 2, cross * self.calm[1] ** 2
+
+    def slopes(self, *, workers: int = 1) -> tuple[Array, Array]:
+        """Resolved slopes towards east and north at the first time."""
+        east, north = self.surface.slopes(workers=workers)
+        if self.calm == (1.0, 1.0):
+            return east, north
+        up, cross = slopes.to_wind_axes(east, north, self.setup.wind_from)
+        return slopes.from_wind_axes(up * self.calm[0], cross * self.calm[1], self.setup.wind_from)
+
+    def at(self, time: float, *, workers: int = 1) -> tuple[Array, Array]:
+        """Density of slopes at the one that glints, and mirrored sky per diffuse irradiance [1/sr].
+
+        Parameters
+        ----------
+        time : float
+            [s]
+        workers : int
+            Threads; they never show in the result.
+
+        Returns
+        -------
+        (row, column) float32 ndarray, twice
+        """
+        from ._kernels import reflect
+
+        packed = self.surface.packed_slopes(time, workers=workers)
+        density, mirrored = np.empty(packed.shape, np.float32), np.empty(packed.shape, np.float32)
+        azimuth = np.radians(self.setup.wind_from)
+        wind = float(np.sin(azimuth)), float(np.cos(azimuth))
+        wanted = (*_glinting_slope(self.setup), *self.about)
+        table = self._sky, -TABLE_REACH, TABLE_STEP
+        by_rows(
+            lambda a, b: reflect(
+                packed, self._sparkle, density, mirrored, a, b, time, wind, self.calm, wanted, table
+            ),
+            packed.shape[0],
+            workers,
+        )
+        return density, mirrored
+
+
+def facets(setup: Setup, *, workers: int = 1) -> Facets:
+    """Draw the facets of a setup.
+
+    Notes
+    -----
+    Sparkle: with n patches of like slope in a facet, each a narrow spot of the distribution, the brightness
+    of a facet varies by v = 4 / n about its mean. One slope that carries the share ``sqrt(v / (1 + v))`` of
+    the unresolved variance varies as much, where it matters most, and that is what is drawn. Linear waves
+    resolved to 1 mm (``benchmarks/sparkle.py``) sparkle little at pixels of 25 cm: most unresolved slopes
+    are found in every facet at once.
+    """
+    waves, sparkle = np.random.SeedSequence(setup.seed).spawn(2)
+    shape = setup.grid[0] * setup.supersample, setup.grid[1] * setup.supersample
+    surface = realise(setup.sea, shape=shape, spacing=setup.facet, seed=waves, workers=workers)
+    measured, resolved = np.asarray(setup.slope_variance), np.asarray(surface.slope_variance)
+    calm = np.minimum(1.0, np.sqrt(RESOLVED_AT_MOST * measured / resolved))
+    unresolved = measured - calm**2 * resolved
+    about = (1 - sparkle_share(setup.patch, setup.facet)) * unresolved
+    about = np.maximum(about, np.minimum(unresolved, NARROWEST**2))
+    tilts = _pair(unresolved - about)
+    drawn = _draw_sparkle(setup, shape, tilts, sparkle, workers)
+    factor, table = _glint_factor(setup), _sky_table(setup, _pair(about))
+    return Facets(setup, surface, _pair(calm), tilts, _pair(about), factor, drawn, table)
+
+
+def _pair(values: Array) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
+
+
+def sparkle_share(patch: float, facet: float) -> float:
+    """Share of the unresolved slope variance that tilts a facet as a whole.
+
+    Parameters
+    ----------
+    patch, facet : float
+        Sizes of a patch of like slope and of a facet [m].
+
+    Examples
+    --------
+    >>> round(sparkle_share(0.005, 0.0625), 2)
+    0.16
+    """
+    spread = (2 * patch / facet) ** 2
+    return float(np.sqrt(spread / (1 + spread)))
+
+
+def _draw_sparkle(
+    setup: Setup,
+    shape: tuple[int, int],
+    variance: tuple[float, float],
+    seed: np.random.SeedSequence,
+    workers: int,
+) -> tuple[Any, Any, Any]:
+    """Amplitudes, which frequency, and the frequencies of the tilt of each facet by unresolved waves."""
+    nothing = np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.uint16), np.zeros(1)
+    if max(variance) <= 0:
+        return nothing
+    generator = np.random.default_rng(seed)
+    amplitudes = normals(generator, (*shape, 4), workers=workers)
+    scale = np.sqrt(np.repeat(variance, 2)).astype(np.float32)
+    by_rows(lambda a, b: np.multiply(amplitudes[a:b], scale, out=amplitudes[a:b]), shape[0], workers)
+    frequencies = _sparkle_frequencies(setup)
+    if max(setup.times) == 0:  # nothing moves
+        return amplitudes, np.broadcast_to(np.uint16(0), shape).copy(), np.zeros(1)
+    return amplitudes, generator.integers(0, len(frequencies), shape, dtype=np.uint16), frequencies
+
+
+def _sparkle_frequencies(setup: Setup, count: int = 4096) -> Array:
+    """Angular frequencies that carry equal shares of the unresolved slope variance [rad/s]."""
+    shortest = min(SHORTEST, setup.facet)
+    k = np.geomspace(np.pi / setup.facet, 2 * np.pi / shortest, 4001)
+    share = np.cumsum(omnidirectional(k, setup.sea) * k**3)
+    return np.interp((np.arange(count) + 0.5) / count, share / share[-1], dispersion(k))
+
+
+def _angles(setup: Setup) -> tuple[float, float, float, float]:
+    return setup.sun_zenith, setup.sun_azimuth, setup.view_zenith, setup.view_azimuth
+
+
+def _glinting_slope(setup: Setup) -> tuple[float, float]:
+    facet = glint.facet(*_angles(setup))
+    up, cross = slopes.to_wind_axes(facet.east, facet.north, setup.wind_from)
+    return float(up), float(cross)
+
+
+def _glint_factor(setup: Setup) -> float:
+    """Radiance per density and irradiance; holds what the Gram-Charlier series adds to the Gaussian."""
+    facet, wanted = glint.facet(*_angles(setup)), _glinting_slope(setup)
+    series = slopes.density(*wanted, slopes.wind_at_height(setup.wind), model=setup.slopes)
+    plain = slopes.gaussian(*wanted, *setup.slope_variance)
+    factor = glint.radiance(1.0, setup.view_zenith, facet.tilt, facet.incidence)
+    return float(factor * series / plain) if plain > 0 else 0.0
+
+
+def _sky_table(setup: Setup, about: tuple[float, float]) -> Array:
+    """Sky that a facet mirrors by its upwind and crosswind slope, per diffuse irradiance [1/sr].
+
+    Weighted by how much of a facet the sensor sees, and smoothed by the slopes about it.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    axis = np.arange(-TABLE_REACH, TABLE_REACH + TABLE_STEP / 2, TABLE_STEP)
+    east, north = slopes.from_wind_axes(axis[:, None], axis[None, :], setup.wind_from)
+    level = np.sqrt(1 + east**2 + north**2)
+    normal = np.stack([-east, -north, np.ones_like(east)]) / level
+    zenith, azimuth = np.radians(setup.view_zenith), np.radians(setup.view_azimuth)
+    view = np.array([np.sin(zenith) * np.sin(azimuth), np.sin(zenith) * np.cos(azimuth), np.cos(zenith)])
+    cosine = np.clip(np.tensordot(view, normal, 1), 0.0, 1.0)
+    east, north, up = 2 * cosine * normal - view[:, None, None]
+    away = np.degrees(np.arccos(np.clip(up, 0.0, 1.0)))  # a ray that goes down again meets the horizon
+    turn = np.degrees(np.arctan2(east, north)) % 360
+    seen = sky.radiance(away, turn, setup.sun_zenith, setup.sun_azimuth, model=setup.sky)
+    mirrored = fresnel.reflectance(np.degrees(np.arccos(cosine))) * seen * cosine * level / np.cos(zenith)
+    sigma = [float(np.sqrt(v)) / TABLE_STEP for v in about]
+    return gaussian_filter(mirrored, sigma, mode="nearest").astype(np.float32)

@@ -1,0 +1,159 @@
+"""Things under water: where they are, how deep, and how bright. Flat, matt and wide against their depth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from ..physics._checks import within
+
+Labels = npt.NDArray[np.integer[Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SubmergedObject:
+    """A flat matt (Lambertian) object under water.
+
+    Attributes
+    ----------
+    corners : tuple of (float, float)
+        Of its outline: right of and below the upper left corner of the image [m].
+    reflectance : float
+        0 to 1, the same at all wavelengths.
+    depth : float
+        [m]
+    """
+
+    corners: tuple[tuple[float, float], ...]
+    reflectance: float
+    depth: float = 5.0
+
+    def __post_init__(self) -> None:
+        within("reflectance", self.reflectance, 0.0, 1.0, "", "Ten per cent is 0.1.")
+        within("depth", self.depth, 0.1, 60.0, "m", "Deeper, nothing of it comes back.")
+        if len(self.corners) < 3:
+            raise InputError(
+                f"object must have at least 3 corners, got {len(self.corners)}; give its outline [m]"
+            )
+
+    def check_inside(self, height: float, width: float) -> None:
+        """Refuse an object that reaches over the edge of a scene of a size [m].
+
+        Raises
+        ------
+        InputError
+            It does.
+        """
+        right, down = np.asarray(self.corners, dtype=np.float64).T
+        if right.min() < 0 or down.min() < 0 or right.max() > width or down.max() > height:
+            raise InputError(
+                f"object must lie in the scene, 0 to {width:g} m right and 0 to {height:g} m down, got"
+                f" {right.min():g} to {right.max():g} and {down.min():g} to {down.max():g} m;"
+                " move it or enlarge the scene"
+            )
+
+
+def square(
+    right: float, down: float, side: float, *, reflectance: float, depth: float = 5.0
+) -> SubmergedObject:
+    """A square object by its middle and side [m].
+
+    Examples
+    --------
+    >>> square(10.0, 20.0, 4.0, reflectance=0.1).corners[0]
+    (8.0, 18.0)
+    """
+    h = side / 2
+    corners = ((right - h, down - h), (right + h, down - h), (right + h, down + h), (right - h, down + h))
+    return SubmergedObject(corners=corners, reflectance=reflectance, depth=depth)
+
+
+def thesis_array(
+    size: tuple[int, int],
+    gsd: float,
+    *,
+    reflectances: Sequence[float] = (0.02, 0.05, 0.10, 0.20),
+    sides: Sequence[float] | None = None,
+    depth: float = 5.0,
+) -> tuple[SubmergedObject, ...]:
+    """Squares of several reflectances and sizes on the right half of a scene; the left stays deep water.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Rows and columns of the image [pixel].
+    gsd : float
+        Of the image [m].
+    reflectances : sequence of float
+        One column of squares each.
+    sides : sequence of float
+        One row of squares each [pixel], repeated down the scene; those of 2, 4, 8 and 16 that fit by default.
+    depth : float
+        [m]
+
+    Returns
+    -------
+    tuple of SubmergedObject
+        Row by row.
+
+    Examples
+    --------
+    >>> len(thesis_array((256, 256), 0.25))
+    16
+    """
+    rows, columns = size
+    across = columns / 2 / len(reflectances)
+    if sides is None:
+        sides = [s for s in (2, 4, 8, 16) if s <= 0.8 * min(across, rows / 4)] or [2]
+    count = max(len(sides), rows // 64)
+    down = rows / count
+    room = 0.8 * min(across, down)
+    if max(sides) > room:
+        raise InputError(
+            f"sides must be at most {room:.3g} pixels in a scene of {rows} x {columns}, got {max(sides):g};"
+            " enlarge the scene, or give smaller sides"
+        )
+    return tuple(
+        square(
+            (columns / 2 + (j + 0.5) * across) * gsd,
+            (i + 0.5) * down * gsd,
+            sides[i % len(sides)] * gsd,
+            reflectance=reflectance,
+            depth=depth,
+        )
+        for i in range(count)
+        for j, reflectance in enumerate(reflectances)
+    )
+
+
+def label(objects: Sequence[SubmergedObject], shape: tuple[int, int], spacing: float) -> Labels:
+    """Which object lies under each point of a grid: 0 none, 1 the first; later ones lie over earlier ones.
+
+    Parameters
+    ----------
+    objects : sequence of SubmergedObject
+        Up to 65535.
+    shape : (int, int)
+        Rows and columns of the grid.
+    spacing : float
+        Its step [m]; the first point is half a step inside.
+
+    Returns
+    -------
+    (row, column) ndarray of uint16
+    """
+    from skimage.draw import polygon
+
+    out = np.zeros(shape, dtype=np.uint16)
+    for number, thing in enumerate(objects, start=1):
+        right, down = np.asarray(thing.corners, dtype=np.float64).T / spacing - 0.5
+        rows, columns = polygon(
+            down - 1e-9, right - 1e-9, shape
+        )  # an edge through points takes one side only
+        out[rows, columns] = number
+    return out

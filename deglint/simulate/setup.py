@@ -1,0 +1,206 @@
+"""Everything that a synthetic scene depends on, in one frozen value that goes into its sidecar."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from ..errors import InputError
+from ..physics._checks import choice, within
+from ..physics.atmosphere import Air
+from ..physics.presets import preset
+from ..physics.sensor import Sensor
+from ..physics.sky import MODELS as SKIES
+from ..physics.slopes import variances, wind_at_height
+from ..physics.waves import SHORT_WAVES, Sea, Spectrum, Spreading, slope_variance
+from .objects import SubmergedObject
+
+SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
+
+MOST_FACETS = 1 << 26
+"""Facets that a scene may have; at 60 bytes each they take 4 GB."""
+LEAST_GAIN = 0.3
+"""Short waves are damped to this at most; what is then too steep yet is levelled facet by facet."""
+RESOLVED_AT_MOST = 0.95
+"""Share of the measured slope variance that the waves of the grid may carry; short waves are damped to it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """What to simulate.
+
+    Attributes
+    ----------
+    sensor : Sensor
+        With its bands, their time offsets and the ground sampling distance.
+    size : (int, int)
+        Rows and columns of the image [pixel].
+    wind : float
+        At 10 m [m/s].
+    wind_from : float
+        Azimuth that it blows from [deg].
+    spectrum, fetch, spreading, exponent, opposing
+        Of the waves; see `deglint.physics.waves.Sea`.
+    slopes : {"cox-munk", "cox-munk-gaussian"}
+        What the mean glint follows, with or without the Gram-Charlier series.
+    sun_zenith, sun_azimuth, view_zenith, view_azimuth : float
+        Of the sun and the sensor as seen from the target [deg].
+    sky : {"uniform", "cardioidal", "harrison-coombes"}
+        Radiance of the sky.
+    air : Air, optional
+        State of the atmosphere; by default that of the thesis (humidity 80 %, visibility 40 km), this wind.
+    chlorophyll : float
+        Of the case-1 water [mg m-3].
+    objects : tuple of SubmergedObject
+        May be empty.
+    supersample : int
+        Facets per pixel, each way.
+    patch : float
+        Size of the patches of like slope that the unresolved waves make [m]: sets the sparkle; 0 for none.
+        Surfaces resolved to 1 mm say 0.005; 0.06 makes single facets flash.
+    misregistration : tuple of (float, float)
+        Per band, how far down and right of its pixels it looks [pixel]; empty for none.
+    glint_threshold : float
+        Glint counts in the mask above this share of the radiance without it.
+    domain : float, optional
+        Side of the square of sea that is simulated [m]; by default the image, or one peak wave if longer.
+    seed : int
+        Same seed, same scene, to the bit.
+    """
+
+    sensor: Sensor = field(default_factory=lambda: preset("thesis"))
+    size: tuple[int, int] = (512, 512)
+    wind: float = 5.0
+    wind_from: float = 30.0
+    spectrum: Spectrum = "elfouhaily"
+    fetch: float = 100e3
+    spreading: Spreading | None = None
+    exponent: float = 2.0
+    opposing: float = 0.0
+    slopes: SlopeModel = "cox-munk"
+    sun_zenith: float = 40.0
+    sun_azimuth: float = 135.0
+    view_zenith: float = 0.0
+    view_azimuth: float = 0.0
+    sky: str = "harrison-coombes"
+    air: Air | None = None
+    chlorophyll: float = 0.5
+    objects: tuple[SubmergedObject, ...] = ()
+    supersample: int = 4
+    patch: float = 0.005
+    misregistration: tuple[tuple[float, float], ...] = ()
+    glint_threshold: float = 0.25
+    domain: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("wind", "wind_from", "sun_azimuth", "view_azimuth", "fetch", "patch", "chlorophyll"):
+            if not np.isfinite(getattr(self, name)):
+                raise InputError(f"{name} must be a finite number, got {getattr(self, name)}; give one")
+        within("seed", self.seed, 0, 2**63, "", "Any whole number that is not negative will do.")
+        choice("slopes", self.slopes, ("cox-munk", "cox-munk-gaussian"))
+        choice("sky", self.sky, SKIES)
+        within("size", self.size, 8, 16384, "pixels", "Simulate several scenes rather than one huge one.")
+        within("sun_zenith", self.sun_zenith, 0.0, 80.0, "degrees", "Choose another time of day.")
+        within(
+            "view_zenith",
+            self.view_zenith,
+            0.0,
+            70.0,
+            "degrees",
+            "Nearer to the horizon waves hide each other.",
+        )
+        within("supersample", self.supersample, 2, 32, "", "4 facets per pixel do for most scenes.")
+        within(
+            "patch", self.patch, 0.0, 1.0, "m", "It is some centimetres at most; 0 leaves the sparkle out."
+        )
+        if self.misregistration and len(self.misregistration) != len(self.sensor.bands):
+            raise InputError(
+                f"misregistration must hold one (down, right) per band ({len(self.sensor.bands)}),"
+                f" got {len(self.misregistration)}; give (0, 0) for bands that are in place"
+            )
+        for thing in self.objects:
+            thing.check_inside(self.size[0] * self.sensor.gsd, self.size[1] * self.sensor.gsd)
+        self._check_facets()
+        self._check_delays()
+
+    def _check_facets(self) -> None:
+        count = self.grid[0] * self.grid[1] * self.supersample**2
+        if count > MOST_FACETS:
+            raise InputError(
+                f"facets must be at most {MOST_FACETS}, got {count}: the image and one peak wave"
+                f" ({self.sea.peak_wavelength:.3g} m) take {self.grid[0]} x {self.grid[1]} pixels of"
+                f" {self.supersample} x {self.supersample}; lower size, supersample or wind"
+            )
+
+    def _check_delays(self) -> None:
+        span, limit = max(self.times), self.extent / float(np.sqrt(9.81 / self.sea.peak_wavenumber))
+        if span > limit:
+            raise InputError(
+                f"time offsets of the bands must span at most {limit:.3g} s, in which the peak wave crosses"
+                f" the simulated sea, got {span:g} s; give a larger domain, or shorter delays"
+            )
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """When each band sees the sea, after the first that does [s]."""
+        start = min(b.time_offset for b in self.sensor.bands)
+        return tuple(b.time_offset - start for b in self.sensor.bands)
+
+    @property
+    def facet(self) -> float:
+        """Side of a facet [m]."""
+        return self.sensor.gsd / self.supersample
+
+    @property
+    def extent(self) -> float:
+        """Shorter side of the sea that is simulated [m]."""
+        return min(self.grid) * self.sensor.gsd
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of the sea that is simulated [pixel], quick to transform, image in its corner."""
+        from scipy.fft import next_fast_len
+
+        least = self.sea.peak_wavelength if self.domain is None else self.domain
+        need = int(np.ceil(least / self.sensor.gsd))
+        rows, columns = (2 * next_fast_len(-(-max(n, need) // 2)) for n in self.size)
+        return rows, columns
+
+    @property
+    def weather(self) -> Air:
+        """State of the atmosphere."""
+        wind = float(self.wind)
+        return self.air or Air(visibility=40.0, humidity=80.0, water_vapour=2.5, wind=wind, wind_mean=wind)
+
+    @property
+    def slope_variance(self) -> tuple[float, float]:
+        """Measured variance of slope upwind and crosswind, of waves of all lengths (Cox and Munk)."""
+        up, cross = variances(wind_at_height(self.wind), model=self.slopes)
+        return float(up), float(cross)
+
+    @property
+    def sea(self) -> Sea:
+        """The waves, the short ones damped where the grid would have them exceed the measured slopes."""
+        sea = Sea(
+            wind=self.wind,
+            wind_from=self.wind_from,
+            spectrum=self.spectrum,
+            fetch=self.fetch,
+            spreading=self.spreading,
+            exponent=self.exponent,
+            opposing=self.opposing,
+        )
+        split = sea.peak_wavelength / SHORT_WAVES
+        shortest = np.sqrt(2) * self.facet  # in the corners of the grid of wavenumbers
+        if shortest >= split:
+            return sea
+        long = slope_variance(sea, shortest=split)
+        short = slope_variance(sea, longest=split, shortest=shortest)
+        gains = [
+            (RESOLVED_AT_MOST * all_ - a) / b
+            for all_, a, b in zip(self.slope_variance, long, short, strict=True)
+        ]
+        return replace(sea, short_gain=min(1.0, max(LEAST_GAIN, min(gains))))
