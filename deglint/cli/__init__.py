@@ -18,7 +18,11 @@ import click
 from .. import __version__
 from ..errors import DeglintError, NoWaterError
 
-COMMANDS = {"remove": "remove glint from a raster", "info": "say what a raster is and what it needs"}
+COMMANDS = {
+    "remove": "remove glint from a raster",
+    "info": "say what a raster is and what it needs",
+    "simulate": "make a synthetic scene of the sea, with its truth",
+}
 
 
 class Commands(click.Group):
