@@ -233,8 +233,7 @@ def _reduce_cells(
         top, left = i // across * cell - row0, i % across * cell - col0
         rows, columns = slice(max(top, 0), top + cell), slice(max(left, 0), left + cell)
         x = block[:, rows, columns].reshape(len(block), -1).astype(np.float64)
-        with np.errstate(invalid="ignore"):
-            good = mask[rows, columns].ravel() & np.isfinite(x.sum(axis=0))
+        good = mask[rows, columns].ravel() & np.isfinite(x).all(axis=0)
         count = int(np.count_nonzero(good))
         if not count:
             continue
@@ -245,8 +244,9 @@ def _reduce_cells(
         x -= shift[:, None]
         centre = x.mean(axis=1)
         x -= centre[:, None]
-        mean[i], rest[i] = _two_sum(shift, centre)
-        comoment[i] = x @ x.T
+        left = x.mean(axis=1)
+        mean[i], rest[i] = _two_sum(shift, centre + left)
+        comoment[i] = x @ x.T - count * np.outer(left, left)
 
 
 def _two_sum(a: Float64, b: Float64) -> tuple[Float64, Float64]:

@@ -36,13 +36,30 @@ def test_sensor_presets_load():
         assert sensors.load(name).bands
 
 
-@pytest.mark.parametrize("name", ["sea", "sea_delayed"])
-def test_sample_scenes_are_described(name):
-    scene = deglint.open_scene(ROOT / "sample_data" / f"{name}.tif")
-    truth = deglint.open_scene(ROOT / "sample_data" / f"{name}_truth.tif")
-    assert scene.shape == truth.shape == (8, 384, 384)
+def test_the_sample_scene_is_described():
+    scene = deglint.open_scene(ROOT / "sample_data" / "sea.tif")
+    truth = deglint.open_scene(ROOT / "sample_data" / "sea_truth.tif")
+    assert scene.shape == truth.shape == (8, 256, 256)
     assert scene.names == ("COASTAL", "BLUE", "GREEN", "YELLOW", "RED", "REDEDGE", "NIR1", "NIR2")
-    assert all(b.wavelength and b.time_offset is not None and b.saturation for b in scene.bands)
+    assert all(b.wavelength and b.time_offset is not None and b.saturation and b.group for b in scene.bands)
+
+
+def test_the_sample_scene_is_what_its_command_makes(tmp_path):
+    """The command in its README, run again, gives the same pixels (to what other versions of libraries change)."""
+    import re
+
+    import numpy as np
+
+    from deglint.cli import run
+
+    text = (ROOT / "sample_data" / "README.md").read_text()
+    found = re.search(r"^deglint (simulate .*) sample_data/sea$", text, re.MULTILINE)
+    assert found is not None
+    assert run([*found[1].split(), str(tmp_path / "sea"), "-q"]) == 0
+    for name in ("sea.tif", "sea_truth.tif"):
+        made = deglint.open_scene(tmp_path / name).read()
+        kept = deglint.open_scene(ROOT / "sample_data" / name).read()
+        np.testing.assert_allclose(made, kept, rtol=1e-3, atol=1e-3 * np.median(kept))
 
 
 def test_documented_scripts_run():
@@ -61,18 +78,19 @@ def test_documented_scripts_run():
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
 
 
-def test_hedley_takes_the_glint_off_the_sample_scene(tmp_path):
-    """Error left in percent of the water level, against truth: glint at 9 m/s is several times the water."""
+def test_glint_comes_off_the_sample_scene(tmp_path):
+    """Error in percent of the water level, COASTAL to RED, against truth; each band follows the NIR of its set."""
     import numpy as np
 
     out = tmp_path / "out.tif"
-    deglint.remove_glint(ROOT / "sample_data" / "sea.tif", out, dtype="float32")
+    result = deglint.remove_glint(ROOT / "sample_data" / "sea.tif", out, dtype="float32")
+    assert [result.fitted.model.indexes[f.index].bands for f in result.fitted.model.fits[:3]] == [(7,), (6,), (6,)]
     truth = deglint.open_scene(ROOT / "sample_data" / "sea_truth.tif").read()[:5]
 
     def error(path):
-        rest = (deglint.open_scene(path).read()[:5] - truth) ** 2
-        return 100 * np.sqrt((rest.mean(axis=(1, 2)) / np.median(truth, axis=(1, 2)) ** 2).mean())
+        rest = deglint.open_scene(path).read()[:5] - truth
+        return 100 * np.sqrt(((rest**2).mean(axis=(1, 2)) / np.median(truth, axis=(1, 2)) ** 2).mean())
 
     raw, left = error(ROOT / "sample_data" / "sea.tif"), error(out)
-    assert raw > 400
-    assert left < 0.15 * raw
+    assert raw > 100
+    assert left < 0.2 * raw, (raw, left)

@@ -174,6 +174,7 @@ class _Work:
         inside = self._inside(tile, physical)
         where = known if inside is None else inside if known is None else known & inside
         usable = tally.total if where is None else int(np.count_nonzero(where))
+        where = None if usable == tally.total else where
         tally.nodata = 0 if known is None else tally.total - int(np.count_nonzero(known))
         tally.not_water = tally.total - usable - tally.nodata
         tally.corrected = usable if self.model.fits else 0

@@ -14,10 +14,12 @@ from ..readers.roles import band_roles
 from ..scene import Scene
 from ..tiles import Tile
 
-LOOK_PIXELS = 1 << 19
-"""Pixels of a first look at a scene; all of it where it is not larger."""
-LOOK_SIDE = 256
-"""Side of the tiles of a look [pixel], where the file's blocks are not larger."""
+LOOK_PIXELS = 300_000
+"""Pixels of a first look at a scene."""
+SMALL_PIXELS = 600_000
+"""Pixels of a scene that is looked at as a whole from the start."""
+LOOK_SIDE = 192
+"""Side of the tiles of a look [pixel]; the same for every file, so that what is found does not depend on its blocks."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +48,10 @@ def looks(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Loo
     """Look at more and more of the scene, the last time at all of it, and say what is water, where that is `wanted`."""
     found = band_roles(scene)
     roles = Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir})
-    side = max([LOOK_SIDE, *(b for b in block_of(scene) if b <= 512)])
-    everything = tiling.tiles(scene.height, scene.width, (side, side))
-    for pixels in (LOOK_PIXELS, 16 * LOOK_PIXELS, scene.height * scene.width):
-        chosen = tiling.spread(everything, pixels)
+    everything = tiling.tiles(scene.height, scene.width, (LOOK_SIDE, LOOK_SIDE))
+    total = scene.height * scene.width
+    for pixels in (LOOK_PIXELS, 16 * LOOK_PIXELS, total) if total > SMALL_PIXELS else (total,):
+        chosen = everything if pixels >= total else tiling.spread(everything, pixels)
         rule = None
         if wanted and roles.visible:
             rule = fit_water(read_looks(scene, chosen, roles, threads), _compact(roles))

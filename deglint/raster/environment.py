@@ -15,9 +15,7 @@ def environment() -> Any:
     """A rasterio environment with deglint's settings, for one thread."""
     import rasterio
 
-    return rasterio.Env(
-        GDAL_CACHEMAX=CACHE, GTIFF_DIRECT_IO="YES", GDAL_PAM_ENABLED="YES", GDAL_TIFF_INTERNAL_MASK="YES"
-    )
+    return rasterio.Env(GDAL_CACHEMAX=CACHE, GDAL_PAM_ENABLED="YES", GDAL_TIFF_INTERNAL_MASK="YES")
 
 
 def enter_thread() -> None:

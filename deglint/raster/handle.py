@@ -33,6 +33,8 @@ class FileBands:
         The file has one mask for all bands, or one a band.
     alpha : int, optional
         1-based alpha band; a pixel where it is 0 is not valid.
+    direct : bool
+        Blocks may be read past libtiff, see `RasterInfo`.
     warp : mapping, optional
         Arguments of rasterio's WarpedVRT that put the file on the scene's grid.
     """
@@ -43,6 +45,7 @@ class FileBands:
     dataset_mask: bool = False
     band_masks: bool = False
     alpha: int | None = None
+    direct: bool = False
     warp: Mapping[str, Any] | None = field(default=None, repr=False)
 
     @classmethod
@@ -56,6 +59,7 @@ class FileBands:
             dataset_mask="per_dataset" in flags and "alpha" not in flags,
             band_masks=any(not f for f in info.mask_flags),
             alpha=info.alpha,
+            direct=info.direct,
         )
 
 
@@ -72,9 +76,7 @@ class Handle:
         """Close the datasets."""
         self._stack.close()
 
-    def read(
-        self, window: Window, bands: Sequence[int], info: RasterInfo, *, nodata: bool
-    ) -> tuple[Raw, Valid | None]:
+    def read(self, window: Window, bands: Sequence[int], info: RasterInfo, *, nodata: bool) -> tuple[Raw, Valid | None]:
         """Numbers as they stand, (band, row, column), and where they are valid (None: everywhere).
 
         `nodata` says whether nodata numbers count, or only masks and alpha.
@@ -88,9 +90,7 @@ class Handle:
             return raw, _validity(file, dataset, raw, list(bands), window, nodata)
         return self._stack_up(np.empty(shape, info.dtype), bands, window, nodata)
 
-    def _stack_up(
-        self, raw: Raw, bands: Sequence[int], window: Window, nodata: bool
-    ) -> tuple[Raw, Valid | None]:
+    def _stack_up(self, raw: Raw, bands: Sequence[int], window: Window, nodata: bool) -> tuple[Raw, Valid | None]:
         valid: Valid | None = None
         start = 0
         for file, dataset in zip(self.files, self.datasets, strict=True):
@@ -109,7 +109,10 @@ class Handle:
 
 
 def _open(file: FileBands, stack: ExitStack) -> Any:
-    dataset = open_dataset(file.path)
+    from rasterio import Env
+
+    with Env(GTIFF_DIRECT_IO="YES" if file.direct else "NO"):  # holds for what is opened in it
+        dataset = open_dataset(file.path)
     stack.callback(dataset.close)  # "with dataset" would tie it to the Env of this thread
     if file.warp is None:
         return dataset
@@ -120,9 +123,7 @@ def _open(file: FileBands, stack: ExitStack) -> Any:
     return warped
 
 
-def _validity(
-    file: FileBands, dataset: Any, raw: Raw, bands: list[int], window: Window, nodata: bool
-) -> Valid | None:
+def _validity(file: FileBands, dataset: Any, raw: Raw, bands: list[int], window: Window, nodata: bool) -> Valid | None:
     valid = is_valid(raw, [file.nodatas[b] for b in bands]) if nodata else None
     masks = []
     if file.dataset_mask:

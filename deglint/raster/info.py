@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ Tags = Mapping[str, Mapping[str, str]]
 """Tags by namespace; the default namespace is ""."""
 
 _DERIVED_NAMESPACES = frozenset({"IMAGE_STRUCTURE", "DERIVED_SUBDATASETS", "SUBDATASETS", "COLOR_PROFILE"})
+_MOST_BLOCKS = 20_000
+"""Blocks of a file that are looked up one by one."""
 _opening = threading.Lock()  # warnings.catch_warnings is not safe for threads
 
 
@@ -56,6 +59,9 @@ class RasterInfo:
         As GDAL spells them ("deflate", "2", "pixel", "rgb").
     crs, transform : optional
         As rasterio gives them; transform is None where the file has none.
+    direct : bool
+        A GeoTIFF of plain tiles that all lie inside the file, so that GDAL may read them past libtiff: half the time
+        of the usual way, but it takes for zeros, or worse, what is missing.
     gcps, gcps_crs, rpcs : optional
         Ground control points, their crs, and rational polynomial coefficients.
     """
@@ -76,6 +82,7 @@ class RasterInfo:
     mask_flags: tuple[tuple[str, ...], ...]
     block_shapes: tuple[tuple[int, int], ...]
     tiled: bool = False
+    direct: bool = False
     alpha: int | None = None
     compression: str | None = None
     predictor: str | None = None
@@ -174,6 +181,7 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
         interp[alpha - 1], alpha = "undefined", None
     bands = [i for i in dataset.indexes if i != alpha]
     _check_bands(dataset, path, bands)
+    _check_length(dataset, path)
     structure = dataset.tags(ns="IMAGE_STRUCTURE")
     gcps, gcps_crs = dataset.gcps
     flags = dataset.mask_flag_enums
@@ -198,6 +206,7 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
         mask_flags=tuple(tuple(f.name for f in flags[i - 1]) for i in bands),
         block_shapes=pick(dataset.block_shapes),
         tiled=bool(dataset.profile.get("tiled", False)),
+        direct=_is_direct(dataset, path),
         alpha=alpha,
         compression=_spelled(structure.get("COMPRESSION")),
         predictor=structure.get("PREDICTOR"),
@@ -211,6 +220,28 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     )
 
 
+def _is_direct(dataset: Any, path: str) -> bool:
+    """Whether every block is an uncompressed tile that is there, in a file of this machine."""
+    if dataset.driver != "GTiff" or dataset.compression is not None or not dataset.profile.get("tiled", False):
+        return False
+    rows, columns = dataset.block_shapes[0]
+    down, across = -(-dataset.height // rows), -(-dataset.width // columns)
+    by_pixel = dataset.profile.get("interleave") == "pixel"
+    planes = dataset.indexes[:1] if by_pixel else dataset.indexes
+    if down * across * len(planes) > _MOST_BLOCKS:
+        return False
+    size = rows * columns * np.dtype(dataset.dtypes[0]).itemsize * (dataset.count if by_pixel else 1)
+    try:
+        last = Path(path).stat().st_size - size
+    except OSError:
+        return False
+    starts = (
+        dataset.get_tag_item(f"BLOCK_OFFSET_{x}_{y}", "TIFF", bidx=band)
+        for band in planes for y in range(down) for x in range(across)
+    )  # fmt: skip
+    return all(start is not None and int(start) <= last for start in starts)
+
+
 def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
     if not bands:
         inside = ", ".join(dataset.subdatasets[:3])
@@ -222,6 +253,28 @@ def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
                 f"{path}: band {i} is {dataset.dtypes[i - 1]}; allowed are integers and real numbers. "
                 "Take the magnitude first."
             )
+
+
+def _check_length(dataset: Any, path: str) -> None:
+    """Refuse a raw file that is shorter than its header says: GDAL would read zeros where it ends."""
+    if dataset.driver not in ("ENVI", "EHdr"):
+        return
+    need = dataset.height * dataset.width * sum(np.dtype(d).itemsize for d in dataset.dtypes)
+    try:
+        found = Path(path).stat().st_size
+    except OSError:
+        return
+    if found < need and not _is_packed(path):
+        raise ReadError(
+            f"cannot read {path}: it has {found} bytes and its header says at least {need}. "
+            "The file is truncated or damaged: copy or download it again."
+        )
+
+
+def _is_packed(path: str) -> bool:
+    """Whether a file starts as gzip does (ENVI allows that)."""
+    with Path(path).open("rb") as file:
+        return file.read(2) == b"\x1f\x8b"
 
 
 def _is_named(description: str | None) -> bool:

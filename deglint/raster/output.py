@@ -345,14 +345,21 @@ def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping
         return
     rows, columns = layout.info.height, layout.info.width
     need = rows * columns * len(layout.bands) * np.dtype(layout.dtype).itemsize
-    with contextlib.suppress(OSError):
-        stat = os.statvfs(directory)
-        free = stat.f_bavail * stat.f_frsize
-        if need > free:
-            raise WriteError(
-                f"{target} needs {need / 1e6:.0f} MB and the disk has {free / 1e6:.0f} MB left. "
-                "Free some space, or compress the output: --co COMPRESS=ZSTD"
-            )
+    free = _free(directory)
+    if free is not None and need > free:
+        raise WriteError(
+            f"{target} needs {need / 1e6:.0f} MB and the disk has {free / 1e6:.0f} MB left. "
+            "Free some space, or compress the output: --co COMPRESS=ZSTD"
+        )
+
+
+def _free(directory: Path) -> int | None:
+    """Bytes left on a disk, where the system tells."""
+    try:
+        found = os.statvfs(directory)
+    except OSError:
+        return None
+    return found.f_bavail * found.f_frsize
 
 
 _SHORT = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
@@ -400,10 +407,9 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
 
 def _reason(directory: Path, error: BaseException) -> str:
     text = " ".join(str(e) for e in _causes(error))
-    with contextlib.suppress(OSError):
-        stat = os.statvfs(directory)
-        if "No space left" in text or stat.f_bavail * stat.f_frsize < 1 << 20:
-            return f"the disk is full ({directory}). Nothing was changed; free some space."
+    free = _free(directory)
+    if "No space left" in text or (free is not None and free < 1 << 20):
+        return f"the disk is full ({directory}). Nothing was changed; free some space."
     if _SHORT in text or "rite error" in text:
         return f"{_SHORT}. Nothing was changed."
     return f"{one_line(error)}. Nothing was changed."

@@ -145,6 +145,7 @@ def layers_of(scene: Simulated) -> dict[str, Layer]:
 def _tags(setup: Any) -> dict[str, str]:
     sensor = setup.sensor
     return {
+        "SENSOR": sensor.name,
         "FULL_SCALE": str(sensor.levels),
         "F_NUMBER": f"{sensor.f_number:g}",
         "GSD_M": f"{sensor.gsd:g}",

@@ -170,7 +170,6 @@ class RasterSource:
             return ReadError(f"{where} do not fit into memory. Read smaller windows.")
         if isinstance(error, (RasterioError, CPLE_BaseError)):
             return ReadError(
-                f"cannot read {where}: {one_line(error)}. "
-                "The file is truncated or damaged: copy or download it again."
+                f"cannot read {where}: {one_line(error)}. The file is truncated or damaged: copy or download it again."
             )
         return None

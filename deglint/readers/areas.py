@@ -288,9 +288,15 @@ def _raster_area(path: str, scene: Scene, option: str) -> RasterArea:
             f"{option} {path} has {info.height} x {info.width} pixels, the scene {scene.height} x {scene.width}, and "
             "without a CRS in both it cannot be fitted. Give a mask of the scene's size, or one with a CRS."
         )
-    warp = {"crs": scene.crs, "transform": scene.transform, "height": scene.height, "width": scene.width,
-            "resampling": 0, "nodata": 0 if info.nodata is None else info.nodata, "add_alpha": False}  # fmt: skip
-    files = replace(FileBands.of(info, info.nodatas), warp=warp)
+    file = FileBands.of(info, info.nodatas)
+    warp: dict[str, Any] = {"crs": scene.crs, "transform": scene.transform, "height": scene.height,
+                            "width": scene.width, "resampling": 0}  # fmt: skip
+    if info.nodata is not None:
+        warp |= {"src_nodata": info.nodata, "nodata": info.nodata}
+    elif info.alpha is None:  # what lies beside the mask is not 0 but not valid: GDAL keeps values off a nodata of 0
+        warp["add_alpha"] = True
+        file = replace(file, alpha=info.count + 1)
+    files = replace(file, warp=warp, dataset_mask=False, band_masks=False)
     on_grid = replace(info, height=scene.height, width=scene.width, crs=scene.crs, transform=scene.transform)
     return RasterArea(RasterSource([files], on_grid), whole)
 

@@ -1,0 +1,1 @@
+"""Measurements that anyone can make again: `python -m benchmarks speed`, `error` and `digits` (add --quick)."""

@@ -1,0 +1,160 @@
+"""Run time against error: every method and regression on scenes whose truth is known, and on a real one.
+
+The simulated and real scenes lie beside the project and are no part of it; without them a line says so.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deglint import Recipe, fit_scene, open_scene, remove
+from deglint.errors import DeglintError
+from deglint.readers.areas import open_area
+from deglint.remove import METHODS, REGRESSIONS
+from deglint.scene import Scene
+
+from .timing import machine, say
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+VISIBLE = 5
+"""COASTAL to RED: the bands whose error counts."""
+NIR = 6
+DEEP = 184
+"""Columns of deep water at the left of the simulated scenes: the sample."""
+QUICK = ("wind09_delay00", "wind09_delay60")
+PUBLISHED = {"B02": (0.856348, 13.45), "B03": (0.869187, 12.72), "B04": (0.806518, 19.30)}
+"""Slope on B08 over the hand-drawn sample of the real scene and what it leaves there, by independent software."""
+
+
+def combinations(quick: bool) -> list[tuple[str, str]]:
+    """Every method with every regression that it knows."""
+    regressions = ("ols", "detrended") if quick else tuple(REGRESSIONS)
+    return [(m, r) for m, method in METHODS.items() for r in (regressions if method.regresses else ("",))]
+
+
+def rms_error(image: np.ndarray, truth: np.ndarray, columns: slice) -> float:
+    """Root mean square over the visible bands of RMSE / median(truth), in percent of the water level."""
+    away = (image - truth)[:VISIBLE, :, columns]
+    level = np.median(truth[:VISIBLE], axis=(1, 2))
+    each = np.sqrt((away**2).mean(axis=(1, 2))) / level
+    return float(100 * np.sqrt((each**2).mean()))
+
+
+def both(image: np.ndarray, truth: np.ndarray) -> str:
+    """Error of the whole crop and of its deep water, as text."""
+    return f"{rms_error(image, truth, slice(None)):.1f} / {rms_error(image, truth, slice(DEEP)):.1f}"
+
+
+def simulated(quick: bool) -> None:
+    """Methods x regressions over the simulated scenes, and beside the errors recorded with them."""
+    trial = json.loads((DATA / "simulated" / "trial_errors.json").read_text())
+    names = [n for n in trial if not quick or n in QUICK]
+    rows: dict[tuple[str, str], list[str]] = {c: [] for c in combinations(quick)}
+    seconds: dict[tuple[str, str], list[float]] = {c: [] for c in rows}
+    raw, by_default, checks = [], [], []
+    for name in names:
+        scene = open_scene(DATA / "simulated" / f"{name}.tif")
+        image = scene.read().astype(np.float64)
+        truth = open_scene(DATA / "simulated" / f"{name}_truth.tif").read().astype(np.float64)
+        raw.append(both(image, truth))
+        by_default.append(unaided(scene, image, truth))
+        for method, regression in rows:
+            try:
+                clean, took = cleaned(scene, image, method, regression, 1 if quick else 3)
+            except DeglintError:
+                rows[method, regression].append("-")
+                continue
+            seconds[method, regression].append(took)
+            rows[method, regression].append(both(clean, truth))
+            if regression == "ols" and method in trial[name]:
+                checks.append(check(name, method, clean, truth, trial[name][method]))
+    floor = [f"{trial[n]['floor']['all']:.1f} / {trial[n]['floor']['deep']:.1f}" for n in names]
+    body = [["noise alone", *floor, ""], ["nothing done", *raw, ""]]
+    body.append(["all by default: sample and method found", *by_default, ""])
+    for (method, regression), errors in rows.items():
+        took = f"{1e3 * np.median(seconds[method, regression]):.0f}" if seconds[method, regression] else "-"
+        body.append([f"{method} {regression}".strip(), *errors, took])
+    note = ("Whole crop / deep water, in percent of the water level; the sample is the deep water, the NIR is NIR1. "
+            "\"-\": the method needs a band that the sensor lacks.")  # fmt: skip
+    say("Error against truth [%], and time of fit and apply", ("", *names, "ms per Mpx-band"), body, note)
+    note = "A trial of the same methods on the same crops, made by another program, recorded these."
+    head = ("scene", "method", "whole", "recorded", "deep", "recorded")
+    say("The same beside recorded errors [%]", head, checks, note)
+
+
+def unaided(scene: Scene, image: np.ndarray, truth: np.ndarray) -> str:
+    """Errors of what `deglint remove` does when it is told nothing, and the method it chose."""
+    try:
+        model = fit_scene(scene, Recipe(mask="none")).model
+    except DeglintError:
+        return "-"
+    return f"{both(remove.apply(image, model), truth)} ({model.method})"
+
+
+def cleaned(scene: Scene, image: np.ndarray, method: str, regression: str, repeats: int) -> tuple[np.ndarray, float]:
+    """The image without glint, and seconds per Mpx-band (the best of some repeats)."""
+    sample = np.zeros(image.shape[1:], np.bool_)
+    sample[:, :DEEP] = True
+    options: dict[str, Any] = {"regression": regression} if regression else {}
+    best = np.inf
+    for _ in range(repeats):
+        start = time.perf_counter()
+        model = remove.fit(method, image, nir=NIR, sample=sample, bands=scene.bands, **options)
+        clean = remove.apply(image, model)
+        best = min(best, time.perf_counter() - start)
+    return clean, best / (image.size / 1e6)
+
+
+def check(name: str, method: str, clean: np.ndarray, truth: np.ndarray, recorded: dict[str, float]) -> list[str]:
+    """A row: ours beside what was recorded."""
+    whole, deep = rms_error(clean, truth, slice(None)), rms_error(clean, truth, slice(DEEP))
+    return [name, method, f"{whole:.2f}", f"{recorded['all']:.2f}", f"{deep:.2f}", f"{recorded['deep']:.2f}"]
+
+
+def real(quick: bool) -> None:
+    """A reef under strong wave glint: what is left of the waves in deep water, and the slopes."""
+    folder = DATA / "sentinel2"
+    scene = open_scene(folder / "palau.tif")
+    block, polygon = scene.read(), str(folder / "palau_deep_water.geojson")
+    inside = open_area(polygon, scene, "--sample").read(((0, scene.height), (0, scene.width)))
+    place = [scene.names.index(b) for b in PUBLISHED]
+    rows = [["nothing done", "", *(f"{block[b][inside].std(dtype=float):.2f}" for b in place), "", "", ""]]
+    published = [f"{slope:.6f}" for slope, _ in PUBLISHED.values()], [f"{left:.2f}" for _, left in PUBLISHED.values()]
+    rows.append(["recorded: hedley ols", "polygon", *published[1], *published[0]])
+    for sample in (polygon, "auto"):
+        found = combinations(quick) if sample == polygon else [c for c in combinations(quick) if c[1]]
+        for method, regression in found:
+            said = "polygon" if sample == polygon else "auto"
+            recipe = Recipe(method=method, sample=sample, regression=regression or "auto", nir=("B08",), mask="none")
+            label = f"{method} {regression}".strip()
+            try:
+                model = fit_scene(scene, recipe).model
+            except DeglintError:
+                rows.append([label, said, *["-"] * 6])
+                continue
+            clean = remove.apply(block, model)
+            slopes = {f.band: f.slope for f in model.fits}
+            left = [f"{clean[b][inside].std(dtype=float):.2f}" for b in place]
+            rows.append([label, said, *left, *(f"{slopes[b]:.6f}" if b in slopes else "-" for b in place)])
+    head = ("", "sample", *(f"std {b}" for b in PUBLISHED), *(f"slope {b}" for b in PUBLISHED))
+    note = ("Standard deviation [DN] inside the hand-drawn deep-water polygon after correction, whatever the sample. "
+            "\"-\": the method needs a band that the sensor lacks.")  # fmt: skip
+    say("Sentinel-2, Palau, NIR B08", head, rows, note)
+
+
+def main(quick: bool) -> None:
+    """Measure and print."""
+    print("## Error\n\n" + machine())
+    if (DATA / "simulated" / "trial_errors.json").exists():
+        simulated(quick)
+    else:
+        print("\nSkipped: the simulated scenes do not lie beside the project.")
+    if (DATA / "sentinel2" / "palau.tif").exists():
+        real(quick)
+    else:
+        print("\nSkipped: the real scenes do not lie beside the project.")

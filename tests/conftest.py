@@ -1,0 +1,97 @@
+"""Small scenes of the sea for the tests of the whole job: made here, never read from beside the project."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.transform import from_origin
+
+NAMES = ("blue", "green", "red", "nir")
+WATER = np.array([900.0, 700.0, 400.0, 100.0])
+SLOPES = np.array([1.1, 1.0, 0.9, 1.0])
+PLACE = {"crs": "EPSG:32653", "transform": from_origin(400_000, 800_000, 10, 10)}
+
+
+def make_sea(height=80, width=100, dtype="uint16", seed=0, factor=1.0):
+    """Blue, green, red and NIR of even water under glint: (4, height, width) in file numbers."""
+    rng = np.random.default_rng(seed)
+    glint = rng.gamma(0.5, 120.0, (height, width))
+    noise = rng.normal(0, 3, (4, height, width))
+    sea = (WATER[:, None, None] + SLOPES[:, None, None] * glint + noise).clip(10, 30_000) * factor
+    return np.rint(sea).astype(dtype) if np.dtype(dtype).kind in "iu" else sea.astype(dtype)
+
+
+def write_raster(path, array, *, names=NAMES, mask=None, describe=None, **options):
+    """Write an array (band, row, column) as a raster, in UTM unless the options say otherwise."""
+    array = np.asarray(array)
+    count, height, width = array.shape
+    profile = {"driver": "GTiff", "dtype": array.dtype.name, "count": count, "height": height, "width": width}
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), rasterio.open(path, "w", **(profile | PLACE | options)) as dataset:
+        for i, name in enumerate((names or ())[:count], start=1):
+            dataset.set_band_description(i, name)
+        dataset.write(array)
+        if mask is not None:
+            dataset.write_mask(mask)
+        if describe:
+            describe(dataset)
+    return str(path)
+
+
+def write_geojson(path, *rings, crs=None, kind="Polygon", **members):
+    """Write polygons, each given by its outer ring."""
+    geometries = [{"type": "Polygon", "coordinates": [[list(map(float, p)) for p in ring]]} for ring in rings]
+    if kind == "MultiPolygon":
+        geometries = [{"type": kind, "coordinates": [g["coordinates"] for g in geometries]}]
+    if kind == "GeometryCollection":
+        geometries = [{"type": kind, "geometries": geometries}]
+    features = [{"type": "Feature", "properties": {}, "geometry": g} for g in geometries]
+    document = {"type": "FeatureCollection", "features": features, **members}
+    if crs:
+        document["crs"] = {"type": "name", "properties": {"name": crs}}
+    Path(path).write_text(json.dumps(document))
+    return str(path)
+
+
+def read_raster(path):
+    """All bands of a raster as they stand."""
+    with rasterio.open(path) as dataset:
+        return dataset.read()
+
+
+@pytest.fixture
+def sea():
+    return make_sea
+
+
+@pytest.fixture
+def write():
+    return write_raster
+
+
+@pytest.fixture
+def geojson():
+    return write_geojson
+
+
+@pytest.fixture
+def read():
+    return read_raster
+
+
+@pytest.fixture
+def deglint(capfd):
+    """Run the command in this process: deglint("remove", ...) gives its exit code, stdout and stderr."""
+    from collections import namedtuple
+
+    from deglint.cli import run
+
+    Ran = namedtuple("Ran", "code out err")
+
+    def call(*arguments):
+        capfd.readouterr()
+        code = run([str(a) for a in arguments])
+        return Ran(code, *capfd.readouterr())
+
+    return call

@@ -1,0 +1,210 @@
+"""The command line: exit codes, what goes to stdout and what to stderr, and how quickly it starts."""
+
+import json
+import os
+import pty
+import resource
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from deglint import cli
+from deglint.cli import options
+from deglint.remove import METHODS, REGRESSIONS
+
+PLAIN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+
+
+def child(code):
+    """User + system time [s] of a fresh interpreter, and what it prints."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run([sys.executable, *code], capture_output=True, text=True, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime, done.stdout
+
+
+@pytest.mark.parametrize("code", [["-c", "import deglint"], ["-m", "deglint", "--help"]], ids=["import", "help"])
+def test_starting_costs_little_processor_time(code):
+    assert min(child(code)[0] for _ in range(3)) < 0.4
+
+
+@pytest.mark.parametrize(
+    "code",
+    ["import deglint", "import deglint.cli; deglint.cli.run(['--help'])",
+     "import deglint.cli; deglint.cli.run(['remove', '--help'])"],
+)  # fmt: skip
+def test_starting_loads_no_heavy_package(code):
+    heavy = ["numpy", "rasterio", "numba", "cv2", "scipy", "sklearn", "skimage", "matplotlib", "dask"]
+    said = child(["-c", f"{code}\nimport sys\nprint('loaded', [m for m in {heavy} if m in sys.modules])"])[1]
+    assert "loaded []" in said
+
+
+def test_the_choices_of_the_command_line_are_the_tables():
+    assert set(options.METHOD_NAMES) == set(METHODS)
+    assert set(options.REGRESSION_NAMES) == set(REGRESSIONS)
+
+
+def test_done_is_0_and_stdout_stays_empty(deglint, sea, write, tmp_path):
+    ran = deglint("remove", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", *PLAIN)
+    assert ran.code == 0
+    assert ran.out == ""
+    assert "out.tif: 8000 of 8000 pixels corrected" in ran.err
+
+
+def test_quiet_says_nothing(deglint, sea, write, tmp_path):
+    ran = deglint("remove", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", *PLAIN, "-q")
+    assert ran == (0, "", "")
+
+
+def test_json_is_all_there_is_on_stdout(deglint, sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea())
+    ran = deglint("remove", source, tmp_path / "out.tif", *PLAIN, "--json")
+    assert json.loads(ran.out) == json.loads((tmp_path / "out.tif.json").read_text())
+    info = deglint("info", source, "--json")
+    assert info.code == 0
+    assert json.loads(info.out)["nir"] == ["nir"]
+
+
+def test_info_tells_people_the_same(deglint, sea, write, tmp_path):
+    ran = deglint("info", write(tmp_path / "in.tif", sea()))
+    assert ran.code == 0
+    assert ran.err == ""
+    assert "100 x 80 pixels, 4 bands, uint16" in ran.out
+    assert "suggested method" in ran.out
+
+
+def test_failing_is_1_with_one_line(deglint, tmp_path):
+    ran = deglint("remove", tmp_path / "none.tif", tmp_path / "out.tif")
+    assert ran.code == 1
+    assert ran.out == ""
+    assert ran.err.startswith("Error: no such file: ")
+    assert ran.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("verbose", [["-vv"], ["-v", "-v"], ["-qvv"], ["--verbose", "--verbose"]])
+def test_a_traceback_comes_only_when_asked_for(deglint, sea, write, tmp_path, verbose):
+    ran = deglint("remove", tmp_path / "none.tif", tmp_path / "out.tif", *verbose)
+    assert ran.code == 1
+    assert "Traceback" in ran.err
+    assert "Traceback" not in deglint("remove", tmp_path / "none.tif", tmp_path / "out.tif", "-v").err
+
+
+def test_the_exit_code_of_no_water_is_3_with_a_traceback_too(deglint, sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", np.zeros((4, 40, 40), np.uint16), nodata=0)
+    for verbose in ([], ["-vv"]):
+        assert deglint("remove", source, tmp_path / "out.tif", *verbose).code == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--method", "magic"], list(METHODS)),
+        (["--regression", "magic"], list(REGRESSIONS)),
+        (["--nir-use", "magic"], ["mean", "best", "set"]),
+        (["--dtype", "complex64"], ["float32", "uint16"]),
+        (["--nodata", "none"], ["not a number"]),
+        (["--threads", "0"], ["1<=x<=1024"]),
+        (["--floor-percentile", "101"], ["0<=x<=100"]),
+        (["--co", "ZSTD"], ["NAME=VALUE"]),
+        (["--co", "=ZSTD"], ["NAME=VALUE"]),
+        (["--frobnicate"], ["No such option"]),
+        (["--model", "m.json", "--method", "hedley"], ["leave out --method"]),
+    ],
+)
+def test_usage_is_2_and_lists_the_choices(deglint, sea, write, tmp_path, arguments, said):
+    ran = deglint("remove", "in.tif", tmp_path / "out.tif", *arguments)
+    assert ran.code == 2
+    assert ran.out == ""
+    assert all(word in ran.err for word in said), ran.err
+    assert "Traceback" not in ran.err
+
+
+def test_unknown_commands_and_missing_arguments_are_usage(deglint):
+    assert deglint("frobnicate").code == 2
+    assert deglint("remove").code == 2
+    assert deglint("remove", "only_one.tif").code == 2
+    assert deglint("info").code == 2
+    assert deglint("--version").code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--sensor", "landsat99"], "worldview3"),
+        (["--nir", "swir9"], "1 blue (485 nm)"),
+        (["--nir", "9"], "numbers 1-4"),
+        (["-b", "purple"], "4 nir (840 nm)"),
+        (["-b", "nir"], "every band asked for is a NIR reference"),
+        (["--nodata", "-1"], "0 to 65535"),
+        (["--nodata", "nan"], "0 to 65535"),
+        (["--sample", "none.geojson"], "no such file: none.geojson (--sample)"),
+        (["--mask", "none.tif"], "no such file: none.tif"),
+        (["--model", "none.json"], "no such file: none.json (--model)"),
+        (["--grid", "7"], "finest"),
+    ],
+)
+def test_what_does_not_fit_the_scene_is_said_with_what_would(deglint, sea, write, tmp_path, arguments, said):
+    ran = deglint("remove", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", *arguments)
+    assert ran.code == 1
+    assert said in ran.err
+    assert ran.err.count("\n") == 1
+    assert not (tmp_path / "out.tif").exists()
+
+
+def test_a_fault_of_its_own_is_one_line_too(deglint, monkeypatch, tmp_path):
+    def broken(*_, **__):
+        raise ZeroDivisionError("first\nsecond")
+
+    monkeypatch.setattr("deglint.pipeline.remove_glint", broken)
+    ran = deglint("remove", "in.tif", tmp_path / "out.tif")
+    assert ran.code == 1
+    assert ran.err == "Error: ZeroDivisionError: first (a fault of deglint's own; -vv shows where)\n"
+
+
+def test_running_in_a_thread_is_allowed(sea, write, tmp_path):
+    codes = []
+    source = write(tmp_path / "in.tif", sea())
+    call = ["remove", source, str(tmp_path / "out.tif"), *PLAIN, "-q"]
+    thread = threading.Thread(target=lambda: codes.append(cli.run(call)))
+    thread.start()
+    thread.join()
+    assert codes == [0]
+
+
+def test_progress_is_drawn_on_a_terminal_and_nowhere_else(deglint, sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea())
+    call = ["remove", source, str(tmp_path / "out.tif"), *PLAIN, "--overwrite"]
+    assert "\r" not in deglint(*call).err
+    terminal, end = pty.openpty()
+    done = subprocess.run([sys.executable, "-m", "deglint", *call], stdout=subprocess.PIPE, stderr=end, check=False)
+    os.close(end)
+    said = b""
+    while chunk := _read(terminal):
+        said += chunk
+    os.close(terminal)
+    assert (done.returncode, done.stdout) == (0, b"")
+    assert b"correct  [##############################] 100 %" in said
+    assert b"pixels corrected" in said
+
+
+def _read(terminal):
+    try:
+        return os.read(terminal, 4096)
+    except OSError:
+        return b""
+
+
+def test_a_reader_that_leaves_is_no_fault(sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea())
+    line = f"'{sys.executable}' -m deglint info '{source}' --json | true"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+
+
+def test_a_closed_stderr_is_no_fault(sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea())
+    line = f"'{sys.executable}' -m deglint remove '{source}' '{tmp_path}/out.tif' {' '.join(PLAIN)} 2>&-"
+    assert subprocess.run(["bash", "-c", line], stdout=subprocess.DEVNULL, check=False).returncode == 0

@@ -1,0 +1,572 @@
+"""The files that come out: numbers, nodata, tags, layout - against computations and checks of other programs."""
+
+import json
+import os
+import stat
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+import rasterio
+from rasterio.control import GroundControlPoint
+from rasterio.enums import ColorInterp
+from rasterio.rpc import RPC
+
+import deglint as library
+from deglint import Recipe, remove_glint
+from deglint.pipeline import FLAGS
+from deglint.raster.encode import encode, retype
+
+HEDLEY = Recipe(method="hedley", sample="all", mask="none")
+RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+DTYPES = ("uint8", "int16", "uint16", "uint32", "int32", "float32", "float64")
+
+
+def expected_of(raw, model, scale=1.0, offset=0.0):
+    """Corrected file numbers before rounding, in float64, by the equation as it stands in the papers."""
+    physical = raw.astype(np.float64) * scale + offset
+    index = model.indexes[0]
+    nir = sum(w * physical[b] for w, b in zip(index.weights, index.bands, strict=True))
+    out = raw.astype(np.float64)
+    for fit in model.fits:
+        out[fit.band] = (physical[fit.band] - fit.slope * (nir - index.level) - offset) / scale
+    return out
+
+
+def sea_in(sea, dtype, **size):
+    raw = sea(**size)
+    return (raw // 24).clip(0, 255).astype(dtype) if dtype == "uint8" else raw.astype(dtype)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_every_type_comes_back_as_numpy_says(sea, write, read, tmp_path, dtype):
+    raw = sea_in(sea, dtype)
+    result = remove_glint(write(tmp_path / "in.tif", raw, photometric="minisblack"), tmp_path / "out.tif", HEDLEY)
+    out = read(tmp_path / "out.tif")
+    assert out.dtype == dtype
+    expected = expected_of(raw, result.fitted.model)
+    np.testing.assert_array_equal(out[3], raw[3])
+    if np.dtype(dtype).kind == "f":
+        np.testing.assert_allclose(out, expected, rtol=3e-7 if dtype == "float32" else 1e-14)
+        return
+    limits = np.iinfo(dtype)
+    rounded = np.rint(expected).clip(limits.min, limits.max)
+    near_a_tie = np.abs(expected - np.floor(expected) - 0.5) < 0.01  # float32 may fall to the other side
+    np.testing.assert_array_equal(out[~near_a_tie], rounded[~near_a_tie].astype(dtype))
+    assert np.abs(out - rounded).max() <= 1
+    for band, count in zip("0 1 2 3".split(), result.sidecar["pixels"]["clipped"].values(), strict=True):  # noqa: SIM905
+        own = expected[int(band)]
+        outside = (np.rint(own) < limits.min) | (np.rint(own) > limits.max)
+        assert count == np.count_nonzero(outside & (int(band) < 3))
+
+
+def test_rounding_is_to_nearest_with_ties_to_even():
+    values = np.array([-0.5, 0.4, 0.5, 0.6, 1.5, 2.5, 254.5, 255.4, 255.6, 300.0])[None, None]
+    raw = np.full(values.shape, 77, np.uint8)
+    counts = encode(values, raw, bands=[0], scales=[1.0], offsets=[0.0])
+    assert raw.ravel().tolist() == [0, 0, 0, 1, 2, 2, 254, 255, 255, 255]
+    assert counts.clipped.tolist() == [2]
+    assert counts.negative.tolist() == [1]
+
+
+@pytest.mark.parametrize("dtype", ["uint16", "int16", "float32", "float64"])
+def test_scale_and_offset_are_used_and_kept(sea, write, tmp_path, dtype):
+    raw = sea(dtype=dtype)
+
+    def describe(dataset):
+        dataset.scales, dataset.offsets = [2e-4] * 4, [-0.05] * 4
+        dataset.units = ["reflectance"] * 4
+
+    result = remove_glint(write(tmp_path / "in.tif", raw, describe=describe), tmp_path / "out.tif", HEDLEY)
+    model = result.fitted.model
+    assert model.indexes[0].level == pytest.approx(raw[3].min() * 2e-4 - 0.05, rel=1e-5)
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert dataset.scales == (2e-4,) * 4
+        assert dataset.offsets == (-0.05,) * 4
+        assert dataset.units == ("reflectance",) * 4
+        out = dataset.read()
+    expected = expected_of(raw, model, 2e-4, -0.05)
+    assert np.abs(out - expected).max() < (0.51 if np.dtype(dtype).kind in "iu" else 0.01)
+    again = library.open_scene(tmp_path / "out.tif").read()
+    physical = library.apply(library.open_scene(tmp_path / "in.tif").read(), model)
+    np.testing.assert_allclose(again, physical, atol=1.1e-4)
+
+
+def test_float64_keeps_what_float32_could_not(sea, write, read, tmp_path):
+    raw = sea(dtype="float64") + 1e8
+    result = remove_glint(write(tmp_path / "in.tif", raw), tmp_path / "out.tif", HEDLEY)
+    small = remove_glint(write(tmp_path / "b.tif", raw - 1e8), tmp_path / "b_out.tif", HEDLEY)
+    slopes = [f.slope for f in result.fitted.model.fits]
+    assert slopes == pytest.approx([f.slope for f in small.fitted.model.fits], rel=1e-6)
+    np.testing.assert_allclose(read(tmp_path / "out.tif") - 1e8, read(tmp_path / "b_out.tif"), atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "nodata"), [("uint16", 0), ("uint16", 65535), ("int16", -32768), ("float32", -9999.0), ("float64", 0.0)]
+)
+def test_nodata_as_a_number_passes_and_nothing_becomes_it(sea, write, read, tmp_path, dtype, nodata):
+    raw = sea(dtype=dtype)
+    holes = np.random.default_rng(1).random(raw.shape[1:]) < 0.2
+    raw[:, holes] = nodata
+    raw[1, 5:9] = nodata  # in one band only
+    result = remove_glint(write(tmp_path / "in.tif", raw, nodata=nodata), tmp_path / "out.tif", HEDLEY)
+    out = read(tmp_path / "out.tif")
+    np.testing.assert_array_equal(out == nodata, raw == nodata)
+    assert result.tally.nodata == np.count_nonzero(raw[3] == nodata)
+    assert result.tally.corrected == raw[3].size - result.tally.nodata
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert dataset.nodata == nodata
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
+def test_a_corrected_number_moves_off_nodata(dtype):
+    values = np.array([-3.0, -0.2, 0.0, 0.3, 0.9, 7.0])[None, None]
+    raw = np.full(values.shape, 9, dtype)
+    where = np.array([[True, True, True, True, True, True]])
+    counts = encode(values, raw, bands=[0], scales=[1.0], offsets=[0.0], where=where, nodata=0.0)
+    assert not (raw == 0).any()
+    if dtype == "uint8":
+        assert raw.ravel().tolist() == [1, 1, 1, 1, 1, 7]
+        assert counts.clipped.tolist() == [4]
+    if dtype == "float32":
+        np.testing.assert_allclose(raw, values, rtol=1e-6, atol=1e-30)
+
+
+def test_pixels_whose_nir_is_nodata_pass_unchanged(sea, write, read, tmp_path):
+    raw = sea(dtype="float32")
+    raw[3, 10:20] = np.nan
+    raw[0, 30:40] = np.nan
+    raw[1, 50, 50] = np.inf
+    raw[3, 60, 60] = -np.inf
+    result = remove_glint(write(tmp_path / "in.tif", raw, nodata=np.nan), tmp_path / "out.tif", HEDLEY)
+    out = read(tmp_path / "out.tif")
+    np.testing.assert_array_equal(out[:, 10:20], raw[:, 10:20])
+    np.testing.assert_array_equal(out[:, 60, 60], raw[:, 60, 60])
+    np.testing.assert_array_equal(out[0, 30:40], raw[0, 30:40])
+    assert out[1, 50, 50] == np.inf
+    assert (out[1, 30:40] != raw[1, 30:40]).all()
+    np.testing.assert_array_equal(np.isfinite(out), np.isfinite(raw))
+    assert result.tally.nodata == 1001
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert np.isnan(dataset.nodata)
+
+
+@pytest.mark.parametrize("internal", ["mask", "alpha"])
+def test_a_mask_is_kept_and_says_what_is_not_valid(sea, write, read, tmp_path, internal):
+    raw = sea()
+    mask = np.full(raw.shape[1:], 255, np.uint8)
+    mask[10:30, 20:50] = 0
+    if internal == "mask":
+        source = write(tmp_path / "in.tif", raw, mask=mask)
+    else:
+        with_alpha = np.concatenate([raw, mask[None].astype(raw.dtype)])
+        colours = [ColorInterp.blue, ColorInterp.green, ColorInterp.red, ColorInterp.undefined, ColorInterp.alpha]
+        source = write(tmp_path / "in.tif", with_alpha, describe=lambda d: setattr(d, "colorinterp", colours))
+    result = remove_glint(source, tmp_path / "out.tif", HEDLEY)
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert dataset.count == 4
+        np.testing.assert_array_equal(dataset.read_masks(), np.broadcast_to(mask, raw.shape))
+        out = dataset.read()
+    np.testing.assert_array_equal(out[:, mask == 0], raw[:, mask == 0])
+    assert result.tally.nodata == np.count_nonzero(mask == 0)
+    assert (out[:3, mask == 255] != raw[:3, mask == 255]).mean() > 0.5
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif", "out.tif.json"]
+
+
+def test_float_to_integer_keeps_nodata_as_a_mask_and_counts_what_is_clipped(sea, write, tmp_path):
+    raw = sea(dtype="float32")
+    raw[:, :10] = np.nan
+    raw[3, 20, 20:30] = 300.0
+    raw[0, 30, 30:35] = 70_000.0
+    result = remove_glint(write(tmp_path / "in.tif", raw, nodata=np.nan), tmp_path / "out.tif", HEDLEY, dtype="uint8")
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert dataset.nodata is None
+        np.testing.assert_array_equal(dataset.read_masks(1) == 0, np.isnan(raw[3]))
+        out = dataset.read()
+    expected = expected_of(raw, result.fitted.model)
+    good = np.isfinite(expected)
+    np.testing.assert_allclose(out[good], np.rint(expected[good]).clip(0, 255), atol=1)
+    lost = [int(np.count_nonzero(np.rint(b[g]) > 255)) for b, g in zip(expected, good, strict=True)]
+    assert list(result.sidecar["pixels"]["clipped"].values()) == lost
+    assert result.sidecar["pixels"]["clipped"]["nir"] > 0
+
+
+@pytest.mark.parametrize(
+    ("dtype", "values", "expected", "clipped"),
+    [
+        ("uint8", np.array([-1.0, 0.5, 1.5, 255.4, 256, np.nan, np.inf]), [0, 0, 2, 255, 255, 0, 255], 2),
+        ("int16", np.array([0, 32767, 32768, 65535], np.uint16), [0, 32767, 32767, 32767], 2),
+        ("float32", np.array([1e300, 1.5]), [np.inf, 1.5], 0),
+    ],
+)
+def test_other_types_saturate_and_never_wrap(dtype, values, expected, clipped):
+    out, lost = retype(values[None, None], np.dtype(dtype))
+    assert out.dtype == dtype
+    assert out.ravel().tolist() == expected
+    assert (0 if lost is None else np.count_nonzero(lost)) == clipped
+
+
+def test_dtype_float32_keeps_fractions(sea, write, read, tmp_path):
+    raw = sea()
+    result = remove_glint(write(tmp_path / "in.tif", raw, nodata=0), tmp_path / "out.tif", HEDLEY, dtype="float32")
+    out = read(tmp_path / "out.tif")
+    assert out.dtype == np.float32
+    np.testing.assert_allclose(out, expected_of(raw, result.fitted.model), rtol=3e-7)
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert dataset.nodata == 0
+
+
+def test_bands_with_different_nodata_agree_in_the_output(sea, write, read, tmp_path):
+    paths = []
+    raw = sea(dtype="int16")
+    for i, (name, nodata) in enumerate(zip(("blue", "green", "red", "nir"), (-1, -2, None, -1), strict=True)):
+        if nodata is not None:
+            raw[i, i * 5 : i * 5 + 5] = nodata
+        paths.append(write(tmp_path / f"{name}.tif", raw[i : i + 1], names=[name], nodata=nodata))
+    remove_glint(paths, tmp_path / "out.tif", HEDLEY)
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert set(dataset.nodatavals) == {-1}
+        np.testing.assert_array_equal(dataset.read() == -1, (raw == -1) | (raw == -2))
+
+
+def everything(dataset):
+    dataset.update_tags(AREA_OR_POINT="Point", MISSION="North", **{f"K{i}": "v" * 150 for i in range(120)})
+    dataset.update_tags(ns="MINE", a="b")
+    for band in dataset.indexes:
+        dataset.update_tags(band, wavelength=str((490, 560, 660, 842)[band - 1]), long="y" * 400)
+        dataset.update_tags(band, ns="BANDS", own=str(band))
+    dataset.scales, dataset.offsets, dataset.units = [1e-4, 2e-4, 3e-4, 4e-4], [0, 1, 2, 3], ["a", "b", "c", "d"]
+    dataset.colorinterp = [ColorInterp.blue, ColorInterp.green, ColorInterp.red, ColorInterp.undefined]
+
+
+def test_everything_about_the_file_is_kept(sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea(), describe=everything, nodata=1)
+    remove_glint(source, tmp_path / "out.tif", HEDLEY)
+    with rasterio.open(source) as old, rasterio.open(tmp_path / "out.tif") as new:
+        for name in ("crs", "transform", "descriptions", "units", "scales", "offsets", "nodatavals", "dtypes",
+                     "colorinterp", "shape", "bounds", "res"):  # fmt: skip
+            assert getattr(new, name) == getattr(old, name), name
+        assert new.tags() == old.tags()
+        assert new.tags(ns="MINE") == {"a": "b"}
+        for band in old.indexes:
+            assert new.tags(band) == old.tags(band)
+            assert new.tags(band, ns="BANDS") == {"own": str(band)}
+    assert not (tmp_path / "out.tif.aux.xml").exists()
+
+
+def test_old_statistics_are_not_kept(sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea(), describe=lambda d: d.update_tags(1, STATISTICS_MEAN="5", KEPT="1"))
+    remove_glint(source, tmp_path / "out.tif", HEDLEY)
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert dataset.tags(1) == {"KEPT": "1"}
+
+
+def test_ground_control_points_and_rational_polynomials_are_kept(sea, write, tmp_path):
+    points = [
+        GroundControlPoint(r, c, 134 + c / 1e4, 7 - r / 1e4, 5.0) for r, c in [(0, 0), (0, 99), (79, 0), (79, 99)]
+    ]
+    rpc = RPC(height_off=1, height_scale=2, lat_off=3, lat_scale=4, line_off=5, line_scale=6, long_off=7, long_scale=8,
+              samp_off=9, samp_scale=10, line_num_coeff=list(range(20)), line_den_coeff=[1.5] * 20,
+              samp_num_coeff=[2.5] * 20, samp_den_coeff=list(range(20)), err_bias=0.5, err_rand=0.25)  # fmt: skip
+
+    def describe(dataset):
+        dataset.gcps = points, rasterio.crs.CRS.from_epsg(4326)
+        dataset.rpcs = rpc
+
+    source = write(tmp_path / "in.tif", sea(), crs=None, transform=None, describe=describe)
+    remove_glint(source, tmp_path / "out.tif", HEDLEY)
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        found, crs = dataset.gcps
+        assert [(p.row, p.col, p.x, p.y, p.z) for p in found] == [(p.row, p.col, p.x, p.y, p.z) for p in points]
+        assert crs.to_epsg() == 4326
+        assert dataset.rpcs.to_dict() == rpc.to_dict()
+
+
+def layout_of(path):
+    """Where the file's parts lie, read by hand: (end of the last directory and its values, first byte of data)."""
+    data = path.read_bytes()
+    big = data[2] == 43
+    size, count_size, entry, first = (8, 8, 20, 8) if big else (4, 2, 12, 4)
+    widths = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
+    order = "little" if data[:2] == b"II" else "big"
+
+    def number(at, length):
+        return int.from_bytes(data[at : at + length], order)
+
+    at, headers, blocks = number(first, size), 0, []
+    while at:
+        entries = number(at, count_size)
+        for k in range(entries):
+            e = at + count_size + k * entry
+            tag, kind, n = number(e, 2), number(e + 2, 2), number(e + 4, size)
+            place = e + 4 + size
+            if n * widths[kind] > size:
+                place = number(place, size)
+                headers = max(headers, place + n * widths[kind])
+            if tag in (273, 324):
+                blocks += [number(place + i * widths[kind], widths[kind]) for i in range(n)]
+        headers = max(headers, at + count_size + entries * entry + size)
+        at = number(at + count_size + entries * entry, size)
+    return headers, min(b for b in blocks if b)
+
+
+LAYOUTS = {
+    "plain": {},
+    "tags": {"describe": everything},
+    "mask": {"mask": True},
+    "tags and mask": {"describe": everything, "mask": True, "interleave": "pixel"},
+    "deflate": {"compress": "deflate", "predictor": 2},
+    "zstd in small tiles": {"compress": "zstd", "tiled": True, "blockxsize": 64, "blockysize": 80},
+    "lzw by pixel": {"compress": "lzw", "interleave": "pixel"},
+    "nodata": {"nodata": 0},
+    "packbits and mask": {"compress": "packbits", "mask": True},
+}
+
+
+@pytest.mark.parametrize("size", [(80, 100), (600, 530), (1, 1)], ids=["small", "large", "one pixel"])
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())
+def test_outputs_are_cloud_optimised(sea, write, tmp_path, layout, size):
+    cogeo = pytest.importorskip("rio_cogeo")
+    layout = dict(layout)
+    if layout.get("mask"):
+        layout["mask"] = np.tri(*size, dtype=np.uint8) * 255
+    source = write(tmp_path / "in.tif", sea(*size), **layout)
+    model = library.fit("hedley", sea(), nir=3, bands=library.open_scene(source).bands)
+    remove_glint(source, tmp_path / "out.tif", Recipe(mask="none"), model=model,
+                 flags=tmp_path / "flags.tif", amount=tmp_path / "amount.tif")  # fmt: skip
+    for name in ("out.tif", "flags.tif", "amount.tif"):
+        valid, errors, warnings = cogeo.cog_validate(tmp_path / name, quiet=True)
+        assert (valid, errors) == (True, [])
+        assert all("overviews" in w for w in warnings)
+        headers, data = layout_of(tmp_path / name)
+        assert headers <= data
+    with rasterio.open(source) as old, rasterio.open(tmp_path / "out.tif") as new:
+        assert new.profile.get("compress") == old.profile.get("compress")
+        assert new.profile["interleave"] == old.profile["interleave"]
+
+
+@pytest.mark.parametrize("bands", [1, 3])
+@pytest.mark.parametrize("dtype", ["uint8", "uint16"])
+def test_few_bands_of_bytes_make_no_colours_of_their_own(sea, write, tmp_path, bands, dtype):
+    cogeo = pytest.importorskip("rio_cogeo")
+    raw = sea_in(sea, dtype)[-bands - 1 :]
+    source = write(tmp_path / "in.tif", raw, names=("blue", "green", "red", "nir")[-bands - 1 :])
+    remove_glint(source, tmp_path / "out.tif", HEDLEY, flags=tmp_path / "f.tif", amount=tmp_path / "a.tif")
+    for name in ("out.tif", "f.tif", "a.tif"):
+        assert cogeo.cog_validate(tmp_path / name, quiet=True)[0]
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert dataset.count == bands + 1
+        assert dataset.mask_flag_enums == ([rasterio.enums.MaskFlags.all_valid],) * (bands + 1)
+
+
+def test_creation_options_win_and_keep_their_case(deglint, sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea(), compress="deflate")
+    options = ("COMPRESS=LZW", "BIGTIFF=YES", "blockxsize=64", "BLOCKYSIZE=32", "INTERLEAVE=BAND")
+    co = [word for option in options for word in ("--co", option)]
+    assert deglint("remove", source, tmp_path / "out.tif", *RUN, *co).code == 0
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert dataset.profile["compress"] == "lzw"
+        assert dataset.block_shapes[0] == (32, 64)
+        assert dataset.profile["interleave"] == "band"
+    assert (tmp_path / "out.tif").read_bytes()[2] == 43
+    assert cli_options() == {"COMPRESS": "ZSTD", "Level": "aB=c"}
+
+
+def cli_options():
+    from deglint.cli.options import creation_options
+
+    return creation_options(None, None, ("COMPRESS=ZSTD", "Level=aB=c"))
+
+
+@pytest.mark.parametrize("option", ["COMPRESS=MAGIC", "BLOCKXSIZE=17", "INTERLEAVE=SIDEWAYS", "COMPRES=ZSTD"])
+def test_options_that_gdal_refuses_are_an_error_in_one_line(deglint, sea, write, tmp_path, option):
+    ran = deglint("remove", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", *RUN, "--co", option)
+    assert ran.code == 1
+    assert ran.err.count("\n") == 1
+    assert "cannot write" in ran.err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif"]
+
+
+def test_flags_say_what_was_done_to_each_pixel(sea, write, read, geojson, tmp_path):
+    raw = sea()
+    raw[:, 5:10] = 0
+    raw[0, 20, 20:30] = 65535
+    raw[2, 40, 40:50] = 20
+    raw[3, 40, 40:50] = 3000
+    source = write(tmp_path / "in.tif", raw, nodata=0)
+    recipe = Recipe(method="hedley", sample="0,50,100,30", mask="0,0,60,80")
+    result = remove_glint(source, tmp_path / "out.tif", recipe, flags=tmp_path / "flags.tif")
+    flags = read(tmp_path / "flags.tif")[0]
+    expected = expected_of(raw, result.fitted.model)
+    inside = np.zeros(raw.shape[1:], bool)
+    inside[:, :60] = True
+    nodata = raw[3] == 0
+    corrected = inside & ~nodata
+    np.testing.assert_array_equal(flags & 1 != 0, nodata)
+    np.testing.assert_array_equal(flags & 2 != 0, ~nodata & ~inside)
+    np.testing.assert_array_equal(flags & 4 != 0, corrected)
+    np.testing.assert_array_equal(flags & 8 != 0, corrected & (expected[:3] < 0).any(axis=0))
+    np.testing.assert_array_equal(flags & 16 != 0, (raw == 65535).any(axis=0))
+    np.testing.assert_array_equal(flags & 32 != 0, corrected & (np.rint(expected[:3]) < 1).any(axis=0))
+    assert (flags & 8).any()
+    assert (flags & 32).any()
+    counts = result.sidecar["pixels"]
+    assert counts["total"] == flags.size
+    assert counts["corrected"] == np.count_nonzero(corrected)
+    assert counts["nodata"] == np.count_nonzero(nodata)
+    assert counts["not_water"] == np.count_nonzero(~nodata & ~inside)
+    assert counts["saturated_before"] == {"blue": 10, "green": 0, "red": 0, "nir": 0}
+    assert counts["negative_after"]["red"] == np.count_nonzero(corrected & (expected[2] < 0))
+    np.testing.assert_array_equal(read(tmp_path / "out.tif")[:, ~corrected], raw[:, ~corrected])
+    with rasterio.open(tmp_path / "flags.tif") as dataset:
+        assert dataset.dtypes == ("uint8",)
+        assert dataset.crs.to_epsg() == 32653
+    assert sorted(FLAGS) == [1, 2, 4, 8, 16, 32]
+
+
+def test_the_amount_is_before_less_after(sea, write, read, tmp_path):
+    raw = sea(dtype="float32")
+    raw[0, 3, 3] = np.nan
+    recipe = Recipe(method="hedley", sample="all", mask="0,0,50,80")
+    remove_glint(write(tmp_path / "in.tif", raw), tmp_path / "out.tif", recipe, amount=tmp_path / "amount.tif")
+    out, amount = read(tmp_path / "out.tif"), read(tmp_path / "amount.tif")
+    np.testing.assert_array_equal(amount, raw[:3] - out[:3])
+    assert not amount[:, :, 50:].any()
+    with rasterio.open(tmp_path / "amount.tif") as dataset:
+        assert dataset.dtypes == ("float32",) * 3
+        assert dataset.descriptions == ("glint in blue", "glint in green", "glint in red")
+        assert np.isnan(dataset.nodata)
+
+
+def test_the_amount_of_scaled_integers_is_in_physical_units(sea, write, read, tmp_path):
+    raw = sea()
+    source = write(tmp_path / "in.tif", raw, describe=lambda d: setattr(d, "scales", [1e-4] * 4))
+    result = remove_glint(source, tmp_path / "out.tif", HEDLEY, amount=tmp_path / "amount.tif")
+    expected = (raw - expected_of(raw, result.fitted.model, 1e-4))[:3] * 1e-4
+    np.testing.assert_allclose(read(tmp_path / "amount.tif"), expected, atol=1e-6)
+
+
+PICTURES = {
+    "usual": {},
+    "one band corrected": {"bands": (1,)},
+    "constant": {"constant": True},
+    "NaN": {"holes": 0.5},
+    "a band all NaN": {"empty_band": True},
+    "one row": {"size": (1, 900)},
+    "one column": {"size": (900, 1)},
+    "larger than the picture": {"size": (70, 2000)},
+}
+
+
+@pytest.mark.parametrize("case", PICTURES.values(), ids=PICTURES.keys())
+def test_a_picture_can_be_looked_at(sea, write, tmp_path, case):
+    raw = sea(*case.get("size", (80, 100)), dtype="float32")
+    if case.get("constant"):
+        raw[:3] = 5
+    if case.get("holes"):
+        raw[:, np.random.default_rng(0).random(raw.shape[1:]) < case["holes"]] = np.nan
+    if case.get("empty_band"):
+        raw[1] = np.nan
+    source = write(tmp_path / "in.tif", raw)
+    model = library.fit("hedley", sea(dtype="float32"), nir=3, bands=library.open_scene(source).bands,
+                        correct=case.get("bands", (0, 1, 2)))  # fmt: skip
+    remove_glint(source, tmp_path / "out.tif", Recipe(mask="none"), model=model, picture=tmp_path / "look.png")
+    picture = cv2.imread(str(tmp_path / "look.png"))
+    assert picture is not None
+    height, width = picture.shape[:2]
+    assert 27 <= height <= 1000
+    assert 400 <= width <= 2000
+    assert (tmp_path / "look.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_the_picture_shows_less_glint_after(sea, write, tmp_path):
+    remove_glint(write(tmp_path / "in.tif", sea(200, 400)), tmp_path / "out.tif", HEDLEY, picture=tmp_path / "p.png")
+    picture = cv2.imread(str(tmp_path / "p.png")).astype(float)
+    middle = picture.shape[1] // 2
+    assert picture[30:, : middle - 4].std() > 1.5 * picture[30:, middle + 4 :].std()
+
+
+def test_the_sidecar_says_everything(deglint, sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea())
+    ran = deglint("remove", source, tmp_path / "out.tif", "--mask", "none")
+    assert ran.code == 0
+    text = (tmp_path / "out.tif.json").read_text()
+    said = json.loads(text, parse_constant=lambda c: pytest.fail(f"{c} is not JSON"))
+    assert said["deglint"] == library.__version__
+    assert set(said["versions"]) == {"python", "numpy", "rasterio", "gdal"}
+    data = (tmp_path / "in.tif").read_bytes()
+    assert said["input"] == [{"path": source, "bytes": len(data), "crc32": f"{zlib.crc32(data):08x}"}]
+    assert "auto" not in (said["recipe"]["method"], said["recipe"]["regression"], said["recipe"]["nir_use"])
+    assert [f["name"] for f in said["model"]["fits"]] == ["blue", "green", "red"]
+    for fit in said["model"]["fits"]:
+        assert fit["stderr"] > 0
+        assert 0 < fit["r2"] <= 1
+        assert fit["n"] > 0
+    assert said["pixels"]["total"] == said["pixels"]["corrected"] == 8000
+    assert said["skipped"]["water mask"].startswith("not asked for")
+    assert said["skipped"]["nir"] == "glint reference: passed unchanged"
+    assert isinstance(said["warnings"], list)
+    assert said["seconds"] > 0
+    assert said["sample"]["pixels"] == said["model"]["fits"][0]["n"]
+
+
+def test_losses_are_warned_of(deglint, sea, write, tmp_path):
+    raw = sea()
+    raw[2] = 5
+    ran = deglint(
+        "remove", write(tmp_path / "in.tif", raw), tmp_path / "out.tif", *RUN, "--model", model_of(sea, tmp_path)
+    )
+    assert ran.code == 2  # a model and a method exclude each other
+    ran = deglint(
+        "remove", tmp_path / "in.tif", tmp_path / "out.tif", "--mask", "none", "--model", model_of(sea, tmp_path)
+    )
+    assert ran.code == 0
+    assert "warning: pixels below zero after correction" in ran.err
+    assert "clipped to the integer range" in ran.err
+
+
+def model_of(sea, tmp_path):
+    bands = [library.Band(n) for n in ("blue", "green", "red", "nir")]
+    model = library.fit("hedley", sea(dtype="float32"), nir=3, bands=bands)
+    (tmp_path / "model.json").write_text(model.to_json())
+    return tmp_path / "model.json"
+
+
+@pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
+def test_the_umask_is_respected(sea, write, tmp_path, umask, mode):
+    source = write(tmp_path / "in.tif", sea())
+    before = os.umask(umask)
+    try:
+        remove_glint(source, tmp_path / "out.tif", HEDLEY, picture=tmp_path / "p.png")
+    finally:
+        os.umask(before)
+    for name in ("out.tif", "out.tif.json", "p.png"):
+        assert stat.S_IMODE((tmp_path / name).stat().st_mode) == mode
+
+
+def test_an_old_files_mode_is_kept_and_its_companions_go(sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea())
+    out = tmp_path / "out.tif"
+    out.write_text("old")
+    out.chmod(0o640)
+    for ending in (".aux.xml", ".ovr", ".msk"):
+        (tmp_path / f"out.tif{ending}").write_text("of the old file")
+    remove_glint(source, out, HEDLEY, overwrite=True)
+    assert stat.S_IMODE(out.stat().st_mode) == 0o640
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif", "out.tif.json"]
+
+
+def test_a_symbolic_link_is_written_through(sea, write, read, tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "real.tif").write_text("old")
+    (tmp_path / "out.tif").symlink_to(tmp_path / "there" / "real.tif")
+    remove_glint(write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", HEDLEY, overwrite=True)
+    assert (tmp_path / "out.tif").is_symlink()
+    assert read(tmp_path / "there" / "real.tif").shape == (4, 80, 100)
+
+
+def test_a_long_name_is_no_fault(sea, write, tmp_path):
+    name = "o" * 240 + ".tif"
+    remove_glint(write(tmp_path / "in.tif", sea()), tmp_path / name, HEDLEY)
+    assert (tmp_path / name).exists()
