@@ -46,10 +46,7 @@ def faceted(sea, seed, far, variance, patch, frequencies):
     unresolved = variance - drawn.slope_variance
     share = sparkle_share(patch, SIDE / COARSE)
     generator = np.random.default_rng(seed)
-    tilt = (
-        generator.standard_normal((4, COARSE, COARSE))
-        * np.sqrt(np.repeat(share * unresolved, 2))[:, None, None]
-    )
+    tilt = generator.standard_normal((4, COARSE, COARSE)) * np.sqrt(np.repeat(share * unresolved, 2))[:, None, None]
     frequency = generator.choice(frequencies, (COARSE, COARSE))
     wanted, out = (0.0, far * np.sqrt(variance[1])), []
     for t in LAGS:

@@ -27,9 +27,7 @@ def densities(wind, shortest, convention):
     """Measured density, and those of the seas by exponent, over (upwind, crosswind) slope."""
     up, cross = np.meshgrid(AXIS, AXIS, indexing="ij")
     seas = {s: Sea(wind=wind, spectrum="jonswap", spreading=convention, exponent=s) for s in EXPONENTS}
-    drawn = {
-        s: slopes.gaussian(up, cross, *slope_variance(sea, shortest=shortest)) for s, sea in seas.items()
-    }
+    drawn = {s: slopes.gaussian(up, cross, *slope_variance(sea, shortest=shortest)) for s, sea in seas.items()}
     return slopes.cox_munk(up, cross, wind), drawn
 
 
@@ -38,9 +36,7 @@ def draw(path, wind, measured, drawn):
 
     panels = {"Cox and Munk": measured}
     panels |= {f"s = {s}: {divergence(p, measured):.3f}": p for s, p in drawn.items()}
-    figure, axes = plt.subplots(
-        1, len(panels), figsize=(2.6 * len(panels), 3.4), sharey=True, layout="constrained"
-    )
+    figure, axes = plt.subplots(1, len(panels), figsize=(2.6 * len(panels), 3.4), sharey=True, layout="constrained")
     for ax, (title, density) in zip(axes, panels.items(), strict=True):
         ax.contour(AXIS, AXIS, density, levels=density.max() * np.array([0.03, 0.1, 0.3, 0.6, 0.9]))
         ax.set(title=title, xlim=(-0.6, 0.6), ylim=(-0.6, 0.6), xlabel="crosswind slope", aspect="equal")

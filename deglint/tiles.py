@@ -22,6 +22,8 @@ SAMPLES = 4 << 20
 """Values (pixels times bands) that a tile aims at."""
 MOST_SAMPLES = 32 << 20
 """Values that a tile may have where the file's blocks ask for it."""
+AT_ONCE = 32 << 20
+"""Values that may be worked on at the same time; large tiles get fewer threads."""
 LARGEST = 1024
 """Longest side of a tile [pixel], unless the file is in strips."""
 
@@ -113,6 +115,11 @@ def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
         shift = 0.25 if i % 2 else 0.75
         chosen += [place[row, columns[int((j + shift) * len(columns) / across)]] for j in range(across)]
     return sorted(set(chosen), key=lambda t: (t.row0, t.col0))
+
+
+def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:
+    """As many of the threads as can work at once on tiles of this size in bounded memory; at least one."""
+    return max(1, min(threads, AT_ONCE // (tile[0] * tile[1] * bands)))
 
 
 def run(

@@ -98,9 +98,7 @@ def test_mean_glint_and_sky_are_those_of_the_closed_forms(wind, zenith, gsd):
         )
         sea = facets(setup)
         density, mirrored = sea.at(0.0)
-        got.append(
-            [density.mean(dtype=np.float64) * sea.glint_factor, mirrored.mean(dtype=np.float64) * np.pi]
-        )
+        got.append([density.mean(dtype=np.float64) * sea.glint_factor, mirrored.mean(dtype=np.float64) * np.pi])
     at_mast = slopes.wind_at_height(wind)
     closed = glint.sun_glint(zenith, 135.0, 0.0, 0.0, wind=at_mast, wind_from=30.0).radiance
     mirrored = np.pi * sky.reflectance(0.0, 0.0, wind=at_mast, wind_from=30.0)
@@ -155,9 +153,7 @@ def hits(setup, cone):
     """Which facets mirror a direction within `cone` degrees of the sun straight up, each having one slope."""
     sea = facets(setup)
     up, cross = slopes.to_wind_axes(*sea.surface.slopes(), setup.wind_from)
-    east, north = slopes.from_wind_axes(
-        up + sea._sparkle[0][..., 0], cross + sea._sparkle[0][..., 2], setup.wind_from
-    )
+    east, north = slopes.from_wind_axes(up + sea._sparkle[0][..., 0], cross + sea._sparkle[0][..., 2], setup.wind_from)
     squared = 1 + east**2 + north**2
     seen = np.stack([-2 * east, -2 * north, 2 - squared]) / squared
     zenith, azimuth = np.radians(setup.sun_zenith), np.radians(setup.sun_azimuth)
@@ -242,9 +238,7 @@ def test_with_delays_bands_grow_apart(moving):
     assert 0.9 > alike[0] > alike[1] > alike[2]
     still = simulate(replace(moving.setup, sensor=STILL))
     assert np.corrcoef(still.glint[0].ravel(), still.glint[3].ravel())[0, 1] > 0.98  # optics alone differ
-    np.testing.assert_allclose(
-        still.glint[0], moving.glint[0], rtol=1e-4, atol=1e-7
-    )  # the first band is the same
+    np.testing.assert_allclose(still.glint[0], moving.glint[0], rtol=1e-4, atol=1e-7)  # the first band is the same
 
 
 def test_without_glint_the_scene_is_its_truth():
@@ -440,9 +434,7 @@ def test_command_writes_one_scene(tmp_path):
     files = json.loads(done.stdout)
     assert files[0] == str(tmp_path / "sea.tif")
     assert json.loads((tmp_path / "sea.json").read_text())["setup"]["size"] == [48, 64]
-    assert {len(p) for p in json.loads((tmp_path / "sea.json").read_text())["setup"]["misregistration"]} == {
-        2
-    }
+    assert {len(p) for p in json.loads((tmp_path / "sea.json").read_text())["setup"]["misregistration"]} == {2}
     again = CliRunner().invoke(command, [*arguments, str(tmp_path / "sea")])
     assert "exists already" in str(again.exception)
     wrong = CliRunner().invoke(command, ["--wind", "3", "--wind", "5", str(tmp_path / "other")])

@@ -32,31 +32,21 @@ def size(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int,
 @click.option("--size", default="512", callback=size, metavar="N|ROWSxCOLUMNS", help="Of the image [pixel].")
 @click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default.")
 @click.option("--wind-from", type=float, default=30.0, metavar="DEG", help="Azimuth that it blows from.")
-@click.option(
-    "--delay", type=float, multiple=True, metavar="S", help="From band to band; the sensor's by default."
-)
+@click.option("--delay", type=float, multiple=True, metavar="S", help="From band to band; the sensor's by default.")
 @click.option("--sun-zenith", type=float, default=40.0, metavar="DEG")
 @click.option("--sun-azimuth", type=float, default=135.0, metavar="DEG")
 @click.option("--view-zenith", type=float, default=0.0, metavar="DEG")
-@click.option(
-    "--view-azimuth", type=float, default=0.0, metavar="DEG", help="Of the sensor, seen from the sea."
-)
+@click.option("--view-azimuth", type=float, default=0.0, metavar="DEG", help="Of the sensor, seen from the sea.")
 @click.option("--chlorophyll", type=float, default=0.5, metavar="MG/M3")
 @click.option("--sky", type=click.Choice(SKY_NAMES), default="harrison-coombes")
 @click.option("--spectrum", type=click.Choice(SPECTRUM_NAMES), default="elfouhaily", help="Of the waves.")
-@click.option(
-    "--slopes", type=click.Choice(SLOPE_NAMES), default="cox-munk", help="What the mean glint follows."
-)
+@click.option("--slopes", type=click.Choice(SLOPE_NAMES), default="cox-munk", help="What the mean glint follows.")
 @click.option("--fetch", type=float, default=100e3, metavar="M", help="For JONSWAP.")
-@click.option(
-    "--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water."
-)
+@click.option("--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water.")
 @click.option("--depth", type=float, default=5.0, metavar="M", help="Of the objects.")
 @click.option("--supersample", type=int, default=4, metavar="N", help="Facets per pixel, each way.")
 @click.option("--patch", type=float, default=0.005, metavar="M", help="Patches of like slope; 0: no sparkle.")
-@click.option(
-    "--misregistration", type=float, default=0.0, metavar="PIXELS", help="Bands are off by up to this."
-)
+@click.option("--misregistration", type=float, default=0.0, metavar="PIXELS", help="Bands are off by up to this.")
 @click.option("--seed", type=int, default=0, metavar="N", help="Same seed, same scene.")
 @click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too.")
 @click.option("--grid", is_flag=True, help="All winds, delays, looks and f-numbers, into the directory OUT.")

@@ -24,9 +24,7 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(
-            f"{name} must be numbers in {low:g} to {high:g}{unit}, got {value!r}. {remedy}"
-        ) from None
+        raise InputError(f"{name} must be numbers in {low:g} to {high:g}{unit}, got {value!r}. {remedy}") from None
     bad = (array < low) | (array > high)
     if np.any(bad):
         worst = float(array[bad].flat[0]) if array.ndim else float(array)
@@ -43,6 +41,4 @@ def choice(name: str, value: Any, allowed: Any) -> None:
         The value is not among them.
     """
     if value not in allowed:
-        raise InputError(
-            f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}. Choose one of these."
-        )
+        raise InputError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}. Choose one of these.")

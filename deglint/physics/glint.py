@@ -97,9 +97,7 @@ def facet(
     >>> float(facet(20.5, 270.2, 0.0, 0.0).tilt.round(2))
     10.25
     """
-    sun_zenith = within(
-        "sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time."
-    )
+    sun_zenith = within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
     to_sun = _direction(sun_zenith, sun_azimuth)
     to_sensor = _direction(_view(view_zenith), view_azimuth)
     x, y, z = (a + b for a, b in zip(to_sun, to_sensor, strict=True))
@@ -249,9 +247,7 @@ def sun_glint(
     east, north, incidence, tilt = facet(sun_zenith, sun_azimuth, view_zenith, view_azimuth)
     density = slopes.density(*slopes.to_wind_axes(east, north, wind_from), wind, model=model)
     share = probability(density, view_zenith, tilt, solid_angle)
-    return Glint(
-        radiance(density, view_zenith, tilt, incidence, index=index), share, density, incidence, tilt
-    )
+    return Glint(radiance(density, view_zenith, tilt, incidence, index=index), share, density, incidence, tilt)
 
 
 def _view(view_zenith: npt.ArrayLike) -> Array:

@@ -76,9 +76,7 @@ def observe(
 
     fine_rows, fine_columns = spectrum.shape[0], 2 * (spectrum.shape[1] - 1)
     if fine_rows % factor or fine_columns % factor:
-        raise InputError(
-            f"grid must be a multiple of factor {factor}, got {fine_rows} x {fine_columns}; pad it"
-        )
+        raise InputError(f"grid must be a multiple of factor {factor}, got {fine_rows} x {fine_columns}; pad it")
     rows, columns = fine_rows // factor, fine_columns // factor
     centre = (factor - 1) / (2 * factor)
     row_frequency = np.fft.fftfreq(fine_rows, rows / fine_rows)

@@ -90,9 +90,7 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     """
     wavelength = _wavelength(wavelength)
     chlorophyll = _chlorophyll(chlorophyll)
-    absorption = _interpolate("sea_water", "absorption_m-1", wavelength) + particle_absorption(
-        wavelength, chlorophyll
-    )
+    absorption = _interpolate("sea_water", "absorption_m-1", wavelength) + particle_absorption(wavelength, chlorophyll)
     yellow = 0.2 * particle_absorption(440.0, chlorophyll) * np.exp(-0.014 * (wavelength - 440.0))
     scattering = _interpolate("sea_water", "scattering_m-1", wavelength)
     log = np.log10(chlorophyll)
@@ -121,9 +119,7 @@ def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -
     return _interpolate("particle_absorption", "A", wavelength) * chlorophyll**exponent
 
 
-def diffuse_attenuation(
-    water: Iops, sun_zenith: npt.ArrayLike, *, index: float = fresnel.WATER_INDEX
-) -> Array:
+def diffuse_attenuation(water: Iops, sun_zenith: npt.ArrayLike, *, index: float = fresnel.WATER_INDEX) -> Array:
     """Attenuation of downwelling irradiance just below the surface, 1.0395 (a + b_b) / mu_0 [1/m] (Gordon
     1989).
 
@@ -174,9 +170,7 @@ def morel_attenuation(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> 
     """
     wavelength = within("wavelength", wavelength, 400.0, 700.0, "nm", "Outside use diffuse_attenuation.")
     chlorophyll = _chlorophyll(chlorophyll)
-    water, factor, exponent = (
-        _interpolate("diffuse_attenuation", name, wavelength) for name in ("Kw", "chi", "e")
-    )
+    water, factor, exponent = (_interpolate("diffuse_attenuation", name, wavelength) for name in ("Kw", "chi", "e"))
     return water + factor * chlorophyll**exponent
 
 
@@ -190,6 +184,4 @@ def _wavelength(wavelength: npt.ArrayLike) -> Array:
 
 
 def _chlorophyll(chlorophyll: npt.ArrayLike) -> Array:
-    return within(
-        "chlorophyll", chlorophyll, *CHLOROPHYLL_RANGE, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore."
-    )
+    return within("chlorophyll", chlorophyll, *CHLOROPHYLL_RANGE, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore.")

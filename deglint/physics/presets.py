@@ -44,9 +44,9 @@ def _bands(rows: tuple[tuple[str, float, float, float, float], ...]) -> tuple[Se
     )
 
 
-_THESIS = Sensor(
-    name="thesis", bands=_bands(_WORLDVIEW_BANDS), gsd=0.25, f_number=10.0, pitch=8e-6, smear=0.5
-).delayed(0.060)
+_THESIS = Sensor(name="thesis", bands=_bands(_WORLDVIEW_BANDS), gsd=0.25, f_number=10.0, pitch=8e-6, smear=0.5).delayed(
+    0.060
+)
 
 PRESETS: dict[str, Sensor] = {
     "thesis": _THESIS,

@@ -107,9 +107,7 @@ class Sensor:
     def __post_init__(self) -> None:
         within("gsd", self.gsd, 1e-3, 1e4, "m", "Give the size of a pixel on the sea.")
         within("f_number", self.f_number, 0.7, 200.0, "", "It is focal length over aperture.")
-        within(
-            "pitch", self.pitch, 1e-7, 1e-3, "m", "Give the detector pitch in metres: 8e-6 is 8 micrometres."
-        )
+        within("pitch", self.pitch, 1e-7, 1e-3, "m", "Give the detector pitch in metres: 8e-6 is 8 micrometres.")
         within("bits", self.bits, 1, 16, "", "Numbers are kept in 16 bits.")
         within("well", self.well, 1.0, 1e9, "electrons", "It is what fills a pixel.")
         if not self.bands:
@@ -176,9 +174,7 @@ def cutoff(sensor: Sensor, wavelength: float) -> float:
     return sensor.pitch / (wavelength * 1e-9 * sensor.f_number)
 
 
-def mtf(
-    row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: Sensor, wavelength: float
-) -> Array:
+def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: Sensor, wavelength: float) -> Array:
     """MTF of the whole sensor: diffraction, detector, smear and jitter.
 
     ``M = M_diffraction(|v|) sinc(v_r) sinc(v_c) sinc(d v_r) exp(-2 pi**2 s**2 |v|**2)``, frequencies in
@@ -243,9 +239,7 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
     return np.fft.fftshift(fine[::oversample, ::oversample])
 
 
-def electrons(
-    radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None
-) -> Array:
+def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None) -> Array:
     """Electrons that a radiance frees in a pixel.
 
     ``N = pi A t QE tau L lambda dlambda / (4 f#**2 h c)``, A the area of the detector (thesis, eq. 2.23).

@@ -81,9 +81,7 @@ def radiance(
     if model == "cardioidal":
         contrast = float(within("contrast", contrast, 0.0, 10.0, "", "2 is the usual, 0 uniform."))
         return diffuse * (1.0 + contrast * cosine) / (np.pi * (1.0 + 2.0 * contrast / 3.0))
-    sun_zenith = within(
-        "sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time."
-    )
+    sun_zenith = within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
     sun_cosine = np.cos(np.radians(sun_zenith))
     turn = np.radians(azimuth - np.asarray(sun_azimuth, dtype=np.float64))
     return diffuse * _clear(cosine, sun_cosine, turn) / _clear_total(sun_zenith)
@@ -146,9 +144,7 @@ def reflectance(
     remedy = "Nearer to the horizon waves hide each other; look more steeply."
     view_zenith = within("view_zenith", view_zenith, 0.0, 89.0, "degrees", remedy)
     look = np.broadcast_arrays(view_zenith, view_azimuth, sun_zenith, sun_azimuth, wind, wind_from)
-    zenith, azimuth, sun_zenith, sun_azimuth, wind, wind_from = (
-        np.asarray(x, np.float64)[..., None] for x in look
-    )
+    zenith, azimuth, sun_zenith, sun_azimuth, wind, wind_from = (np.asarray(x, np.float64)[..., None] for x in look)
     total = np.zeros(look[0].shape)
     for along, across, weight in _panels(zenith, azimuth - wind_from, wind, slope_model, nodes):
         slant = np.cos(np.radians(zenith)) - along * np.sin(np.radians(zenith))  # cos(incidence) / cos(tilt)
@@ -158,9 +154,7 @@ def reflectance(
         forth = -2.0 * slant / length * along - np.sin(np.radians(zenith))
         to = azimuth + np.degrees(np.arctan2(-2.0 * slant / length * across, forth))
         mirrored = radiance(up, to, sun_zenith, sun_azimuth, model=model, contrast=contrast)
-        density = slopes.density(
-            *slopes.to_wind_axes(across, along, wind_from - azimuth), wind, model=slope_model
-        )
+        density = slopes.density(*slopes.to_wind_axes(across, along, wind_from - azimuth), wind, model=slope_model)
         share = density * slant / np.cos(np.radians(zenith)) * fresnel.reflectance(incidence, index)
         total += np.sum(weight * share * mirrored, axis=-1)
     variance_u, variance_c = slopes.variances(wind, model=slope_model)

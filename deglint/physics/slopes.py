@@ -67,9 +67,7 @@ MODELS: dict[str, SlopeModel] = {
     "cox-munk": SlopeModel(12.5, (0.0, 3.16e-3), (0.003, 1.92e-3), _skewness_cox_munk, (0.40, 0.12, 0.23)),
     "cox-munk-gaussian": SlopeModel(12.5, (0.0, 3.16e-3), (0.003, 1.92e-3)),
     "cox-munk-isotropic": SlopeModel(12.5, (0.0015, 2.56e-3), (0.0015, 2.56e-3)),
-    "breon-henriot": SlopeModel(
-        10.0, (0.001, 3.16e-3), (0.003, 1.85e-3), _skewness_breon_henriot, (0.30, 0.12, 0.40)
-    ),
+    "breon-henriot": SlopeModel(10.0, (0.001, 3.16e-3), (0.003, 1.85e-3), _skewness_breon_henriot, (0.30, 0.12, 0.40)),
 }
 """The models by name."""
 
@@ -130,9 +128,7 @@ def density(
     return plain * np.maximum(series, 0.0) / (1.0 + np.interp(wind, *_negative_mass(model)))
 
 
-def cox_munk(
-    upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt.ArrayLike, *, clip: bool = True
-) -> Array:
+def cox_munk(upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt.ArrayLike, *, clip: bool = True) -> Array:
     """Density of slopes after Cox and Munk (1954); `wind` at 12.5 m [m/s]. See `density`."""
     return density(upwind, crosswind, wind, model="cox-munk", clip=clip)
 
@@ -142,9 +138,7 @@ def cox_munk_gaussian(upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt
     return density(upwind, crosswind, wind, model="cox-munk-gaussian")
 
 
-def breon_henriot(
-    upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt.ArrayLike, *, clip: bool = True
-) -> Array:
+def breon_henriot(upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt.ArrayLike, *, clip: bool = True) -> Array:
     """Density of slopes after Breon and Henriot (2006); `wind` at 10 m [m/s]. See `density`."""
     return density(upwind, crosswind, wind, model="breon-henriot", clip=clip)
 
@@ -243,9 +237,7 @@ def to_wind_axes(east: npt.ArrayLike, north: npt.ArrayLike, wind_from: npt.Array
     return east * sine + north * cosine, east * cosine - north * sine
 
 
-def from_wind_axes(
-    upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind_from: npt.ArrayLike
-) -> tuple[Array, Array]:
+def from_wind_axes(upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind_from: npt.ArrayLike) -> tuple[Array, Array]:
     """Turn upwind and crosswind slopes into (east, north); undoes `to_wind_axes`."""
     return to_wind_axes(upwind, crosswind, wind_from)  # the turn is a reflection: its own inverse
 
@@ -312,9 +304,7 @@ def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at:
     10.2
     """
     wind = within("wind", wind, 0.0, 100.0, "m/s", "Give a speed, and its direction apart.")
-    heights = within(
-        "measured_at and wanted_at", [measured_at, wanted_at], 1.0, 100.0, "m", "Give the mast's height."
-    )
+    heights = within("measured_at and wanted_at", [measured_at, wanted_at], 1.0, 100.0, "m", "Give the mast's height.")
     measured, wanted = 1.0 + np.sqrt(_DRAG) / _KARMAN * np.log(heights / 10.0)
     return np.asarray(wind * wanted / measured)
 
@@ -336,8 +326,5 @@ def _negative_mass(model: str) -> tuple[Array, Array]:
     axis = np.linspace(-7.5, 7.5, 151)
     x, y = axis[:, None], axis[None, :]
     weight = np.exp(-0.5 * (x**2 + y**2)) / (2.0 * np.pi) * (axis[1] - axis[0]) ** 2
-    mass = [
-        -np.sum(weight * np.minimum(_series(x, y, *chosen.skewness(u), *chosen.peakedness), 0.0))
-        for u in winds
-    ]
+    mass = [-np.sum(weight * np.minimum(_series(x, y, *chosen.skewness(u), *chosen.peakedness), 0.0)) for u in winds]
     return winds, np.array(mass)

@@ -190,7 +190,5 @@ def _moment(time: Any) -> datetime:
     try:
         moment = time if isinstance(time, datetime) else datetime.fromisoformat(time)
     except (TypeError, ValueError):
-        raise InputError(
-            f"time must be like 2026-06-21T18:00Z, got {time!r}. Write it in ISO 8601."
-        ) from None
+        raise InputError(f"time must be like 2026-06-21T18:00Z, got {time!r}. Write it in ISO 8601.") from None
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)

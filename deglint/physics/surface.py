@@ -199,9 +199,7 @@ def realise(
 def _check_grid(sea: Sea, shape: tuple[int, int], spacing: float) -> None:
     peak = sea.peak_wavelength
     if not spacing > 0 or min(shape) < 8:
-        raise InputError(
-            f"grid must have a step above 0 m and at least 8 x 8 points, got {spacing:g} m and {shape}"
-        )
+        raise InputError(f"grid must have a step above 0 m and at least 8 x 8 points, got {spacing:g} m and {shape}")
     if spacing > peak / 4:
         raise InputError(
             f"grid step must be at most {peak / 4:.3g} m, a quarter of the peak wave, got {spacing:g} m;"

@@ -91,9 +91,7 @@ def remote_sensing_reflectance(
     >>> float(remote_sensing_reflectance(490, 0.5, 30, 0, 0).round(5))
     0.004
     """
-    return deep_reflectance(
-        case1(wavelength, chlorophyll), sun_zenith, view_zenith, relative_azimuth, model=model
-    )
+    return deep_reflectance(case1(wavelength, chlorophyll), sun_zenith, view_zenith, relative_azimuth, model=model)
 
 
 def object_reflectance(
@@ -273,9 +271,7 @@ def submerged_reflectance(
     column = np.exp(-(sun_path + 1.03 * np.sqrt(1.0 + 2.4 * u) * view_path) * k * depth)
     bottom = np.exp(-(sun_path + 1.04 * np.sqrt(1.0 + 5.4 * u) * view_path) * k * depth)
     again = 1.0 - _TURNED_BACK * albedo * np.exp(-2.0 * k * depth)
-    surface = _downward(sun_zenith, direct_fraction, index) * fresnel.radiance_transmittance(
-        view_zenith, index
-    )
+    surface = _downward(sun_zenith, direct_fraction, index) * fresnel.radiance_transmittance(view_zenith, index)
     return np.asarray(deep) * (1.0 - column) + surface * albedo / np.pi * bottom / again
 
 
@@ -303,11 +299,6 @@ def _coefficients(*angles: Array) -> Array:
         share = (angle - axis[low]) / (axis[low + 1] - axis[low])
         corners.append(((low, 1.0 - share), (low + 1, share)))
     return sum(
-        (
-            values[:, i, j, k] * (a * b * c)
-            for i, a in corners[0]
-            for j, b in corners[1]
-            for k, c in corners[2]
-        ),
+        (values[:, i, j, k] * (a * b * c) for i, a in corners[0] for j, b in corners[1] for k, c in corners[2]),
         start=np.zeros(1),
     )

@@ -181,9 +181,7 @@ def height_variance(sea: Sea, *, longest: float | None = None, shortest: float =
     return float(np.trapezoid(omnidirectional(k, sea) * k, np.log(k)))
 
 
-def slope_variance(
-    sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST
-) -> tuple[float, float]:
+def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST) -> tuple[float, float]:
     """Variance of the slope along the wind and across it, of the waves between two wavelengths.
 
     Parameters
@@ -211,9 +209,7 @@ def slope_variance(
     return 0.5 * (total + excess), 0.5 * (total - excess)
 
 
-def slope_correlation(
-    lag: Array, sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST
-) -> Array:
+def slope_correlation(lag: Array, sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST) -> Array:
     """Correlation of the slope at a fixed point with itself after a time.
 
     ``R(t) = int k**2 S cos(w t) dk / int k**2 S dk``

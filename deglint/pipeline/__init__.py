@@ -4,7 +4,8 @@ The only room that puts readers, masks, methods and writers together. A `Recipe`
 to a scene, `remove_glint` does the whole job.
 """
 
-from .apply import FLAGS, Outputs, Result, remove_glint
+from .apply import Outputs, Result, remove_glint
+from .correct import FLAGS
 from .examine import examine
 from .fit import Fitted, default_threads, fit_scene, load_model
 from .recipe import Recipe

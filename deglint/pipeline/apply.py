@@ -11,15 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..errors import InputError, NoWaterError
-from ..masks import WaterRule, opened, valid_for, water
-from ..raster.convert import is_valid
-from ..raster.encode import encode, retype
+from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
-from ..raster.info import same_nodata
 from ..raster.output import (
     Layout,
     RasterWriter,
@@ -32,28 +28,18 @@ from ..raster.output import (
     writing,
 )
 from ..readers.areas import Area, open_area
-from ..remove import GlintModel, apply
+from ..remove import GlintModel
 from ..report import before_after
 from ..scene import Scene
-from ..tiles import Tile
+from .correct import Correction, Tally
 from .fit import Fitted, Progress, default_threads, fit_scene
-from .look import core_of, look_at, raster_of, role_bands, tile_shape_of
+from .look import look_at, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .sidecar import Checksum, sidecar
 from .surroundings import Surroundings
 
-FLAGS = {
-    1: "nodata: not valid, passed unchanged",
-    2: "not water, or outside the mask: passed unchanged",
-    4: "corrected",
-    8: "negative after correction, in some band",
-    16: "saturated before correction, in some band",
-    32: "clipped to the output's integer range (less the number for nodata), in some band",
-}
-"""Bits of the flag raster."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
 """Types that an output may be given."""
-NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED = FLAGS
 
 
 @dataclass(frozen=True)
@@ -99,28 +85,6 @@ class Outputs:
         return [self.image, self.sidecar, *(p for p in extra if p is not None)]
 
 
-@dataclass
-class Tally:
-    """Pixels of the whole run; bands in scene order."""
-
-    bands: int
-    total: int = 0
-    nodata: int = 0
-    not_water: int = 0
-    corrected: int = 0
-    negative: npt.NDArray[np.int64] = field(init=False)
-    clipped: npt.NDArray[np.int64] = field(init=False)
-    saturated: npt.NDArray[np.int64] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.negative, self.clipped, self.saturated = (np.zeros(self.bands, np.int64) for _ in range(3))
-
-    def add(self, other: Tally) -> None:
-        """Add a tile's counts."""
-        for name in ("total", "nodata", "not_water", "corrected", "negative", "clipped", "saturated"):
-            setattr(self, name, getattr(self, name) + getattr(other, name))
-
-
 @dataclass(frozen=True)
 class Result:
     """What a run did.
@@ -138,122 +102,6 @@ class Result:
     tally: Tally
     sidecar: dict[str, Any]
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Done:
-    """One corrected tile."""
-
-    raw: npt.NDArray[Any]
-    tally: Tally
-    valid: npt.NDArray[np.bool_] | None = None
-    flags: npt.NDArray[np.uint8] | None = None
-    amount: npt.NDArray[np.float32] | None = None
-
-
-@dataclass(frozen=True)
-class _Work:
-    """All that correcting a tile needs; shared by the threads, never changed."""
-
-    scene: Scene
-    model: GlintModel
-    outputs: Outputs
-    layout: Layout
-    area: Area | None
-    water: WaterRule | None
-    water_bands: tuple[int, ...]
-    surroundings: Surroundings | None
-
-    def __call__(self, tile: Tile) -> _Done:
-        source = raster_of(self.scene)
-        info = source.info
-        raw, valid = source.read_raw(tile.window)
-        tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
-        physical = source.to_physical(raw, valid)
-        known = self._known(physical, valid)
-        inside = self._inside(tile, physical)
-        where = known if inside is None else inside if known is None else known & inside
-        usable = tally.total if where is None else int(np.count_nonzero(where))
-        where = None if usable == tally.total else where
-        tally.nodata = 0 if known is None else tally.total - int(np.count_nonzero(known))
-        tally.not_water = tally.total - usable - tally.nodata
-        tally.corrected = usable if self.model.fits else 0
-        flags = self._flags(known, where, tile.shape) if self.outputs.flags else None
-        tally.saturated = _saturated(self.scene, physical, flags)
-        bands = [f.band for f in self.model.fits]
-        before = physical[bands].copy() if self.outputs.amount else None
-        file_valid = self._file_valid(raw, valid)
-        raw, lost = self._retyped(raw, valid)
-        if tally.corrected:
-            if not physical.flags.writeable:
-                physical = physical.copy()
-            apply(physical, self.model, where=where, out=physical)
-            counts = encode(
-                physical, raw, bands=bands, scales=info.scales, offsets=info.offsets,
-                where=where, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
-            )  # fmt: skip
-            tally.negative, tally.clipped = counts.negative, counts.clipped
-            if lost is not None:
-                lost[bands] &= False if where is None else ~where
-        if lost is not None:
-            tally.clipped = tally.clipped + np.count_nonzero(lost, axis=(1, 2))
-            if flags is not None:
-                flags[lost.any(axis=0)] |= CLIPPED
-        amount = None if before is None else np.subtract(before, physical[bands], dtype=np.float32)
-        return _Done(raw, tally, file_valid, flags, amount)
-
-    def _file_valid(self, raw: Any, valid: Any) -> npt.NDArray[np.bool_] | None:
-        """What the output's mask says of the tile, where it has one: valid in every band."""
-        if not self.layout.masked:
-            return None
-        found = np.ones(raw.shape[1:], np.bool_) if valid is None else np.asarray(valid.all(axis=0))
-        if raw.dtype.kind == "f" and np.dtype(self.layout.dtype).kind != "f":
-            found = found & np.isfinite(raw).all(axis=0)
-        return found
-
-    def _retyped(self, raw: Any, valid: Any) -> tuple[Any, Any]:
-        """The tile in the output's type and with the output's nodata; also where a valid number was clipped."""
-        dtype, nodata = np.dtype(self.layout.dtype), self.layout.nodata
-        lost = None
-        own = [self.layout.info.nodatas[b] for b in range(len(raw))]
-        hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)
-        if raw.dtype != dtype:
-            raw, lost = retype(raw, dtype)
-            if lost is not None and valid is not None:
-                lost &= valid
-        if hidden is not None:
-            np.copyto(raw, dtype.type(nodata), where=~hidden)
-        return raw, lost
-
-    def _known(self, physical: Any, valid: Any) -> npt.NDArray[np.bool_] | None:
-        """Where every index can be computed; None where it can everywhere."""
-        if valid is None and raster_of(self.scene).info.dtype.kind in "iu":
-            return None
-        finite = np.isfinite(physical[self.model.index_bands[0]])
-        for band in self.model.index_bands[1:]:
-            finite &= np.isfinite(physical[band])
-        return None if finite.all() else finite
-
-    def _inside(self, tile: Tile, physical: Any) -> npt.NDArray[np.bool_] | None:
-        """Where correction is wanted; None for everywhere."""
-        if self.area is not None:
-            return self.area.read(tile.window)
-        if self.water is None:
-            return None
-        bands = [physical[b] for b in self.water_bands]
-        if self.surroundings is None:
-            return water(bands, self.water)
-        inside = valid_for(bands, self.water.roles)
-        found = opened(*self.surroundings.around(tile, bands[self.water.roles.nir]), self.water.window)
-        outer = tile.grown(self.water.halo, self.scene.height, self.scene.width)
-        return inside & ~found[core_of(tile.crop_of(outer), found.shape)]
-
-    def _flags(self, known: Any, where: Any, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
-        flags = np.full(shape, NOT_WATER, np.uint8)
-        flags[... if where is None else where] = CORRECTED
-        if known is not None:
-            flags[~known] = NODATA
-        return flags
 
 
 def remove_glint(
@@ -368,9 +216,10 @@ def _write_tiles(
     shape = tile_shape_of(scene)
     image = Layout(info, every, dtype.name, nodata, targets.options, masked=masked, tile=shape)
     everything = tiling.tiles(scene.height, scene.width, shape)
+    at_once = tiling.affordable(threads, shape, len(scene.bands))
     rule, bands = None if area else fitted.water, fitted.water_bands
     beyond = Surroundings(scene, rule, bands[rule.roles.nir], everything) if rule and rule.halo else None
-    work = _Work(scene, fitted.model, targets, image, area, rule, bands, beyond)
+    work = Correction(scene, fitted.model, bool(targets.flags), bool(targets.amount), image, area, rule, bands, beyond)
     tally = Tally(len(scene.bands))
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     with ExitStack() as stack:
@@ -385,7 +234,7 @@ def _write_tiles(
                 info, bands, "float32", float("nan"), targets.options, scaled=False, names=names, tile=shape
             )
             writers.append((stack.enter_context(writing(scratch, targets.amount, layout)), "amount"))
-        for tile, done in tiling.run(everything, work, threads=threads, progress=note, start=enter_thread):
+        for tile, done in tiling.run(everything, work, threads=at_once, progress=note, start=enter_thread):
             for writer, what in writers:
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
@@ -433,18 +282,6 @@ def _marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
     if value is not None and limits.min <= value <= limits.max and float(value).is_integer():
         return value, masked
     return None, masked or value is not None or source.info.dtype.kind == "f"
-
-
-def _saturated(scene: Scene, physical: Any, flags: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.int64]:
-    """Pixels of each band at or above its saturation, flagged where asked."""
-    counts = np.zeros(len(scene.bands), np.int64)
-    for i, band in enumerate(scene.bands):
-        if band.saturation is not None:
-            full = physical[i] >= physical.dtype.type(band.saturation)
-            counts[i] = np.count_nonzero(full)
-            if flags is not None and counts[i]:
-                flags[full] |= SATURATED
-    return counts
 
 
 def _is_path(name: str, value: Any) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..errors import FitError, NoWaterError
+from ..errors import FitError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
@@ -184,7 +184,9 @@ def _fit_sampled(
 
     parts, features, boxes = [], [], []
     note = (lambda done, total: progress("fit", done, total)) if progress else None
-    for tile, (part, mask) in tiling.run(sampler.tiles, work, threads=threads, progress=note, start=enter_thread):
+    largest = max(sampler.tiles, key=lambda t: t.shape[0] * t.shape[1])
+    at_once = tiling.affordable(threads, largest.shape, 4 * len(columns))  # statistics take several copies
+    for tile, (part, mask) in tiling.run(sampler.tiles, work, threads=at_once, progress=note, start=enter_thread):
         parts.append(part)
         boxes.append(_box(mask, tile))
         if want_sample:
@@ -261,7 +263,11 @@ def load_model(path: str) -> GlintModel:
     ReadError, InputError
         No such file, or not a saved model.
     """
-    return GlintModel.from_json(read_text(path, "--model"))
+    text = read_text(path, "--model")
+    try:
+        return GlintModel.from_json(text)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def _box(mask: npt.NDArray[np.bool_], tile: Tile) -> Window | None:

@@ -16,7 +16,8 @@ from ..scene import Scene
 from .fit import Fitted
 
 if TYPE_CHECKING:
-    from .apply import Outputs, Tally
+    from .apply import Outputs
+    from .correct import Tally
 
 _CHUNK = 1 << 20
 

@@ -106,37 +106,25 @@ def layers_of(scene: Simulated) -> dict[str, Layer]:
     setup = scene.setup
     sensor = setup.sensor
     names = tuple(b.name for b in sensor.bands)
-    tags = tuple(
-        {"wavelength": f"{b.wavelength:g}", "time_offset_s": f"{b.time_offset:.3f}"} for b in sensor.bands
-    )
+    tags = tuple({"wavelength": f"{b.wavelength:g}", "time_offset_s": f"{b.time_offset:.3f}"} for b in sensor.bands)
     scales = tuple(sensor.scale(b) for b in sensor.bands)
     numbers: dict[str, Any] = {"scales": scales, "unit": UNIT, "band_tags": tags, "tags": _tags(setup)}
     radiance: dict[str, Any] = {"unit": UNIT, "band_tags": tags}
     out = {
         "": Layer(scene.image, "what the sensor gives", names, **numbers),
-        "_truth": Layer(
-            scene.truth, "radiance without glint and noise, through the same optics", names, **radiance
-        ),
-        "_truth_noisy": Layer(
-            scene.truth_image, "what the sensor gives without glint, same noise", names, **numbers
-        ),
-        "_glint": Layer(
-            scene.glint, "radiance of the sun glint alone, through the same optics", names, **radiance
-        ),
+        "_truth": Layer(scene.truth, "radiance without glint and noise, through the same optics", names, **radiance),
+        "_truth_noisy": Layer(scene.truth_image, "what the sensor gives without glint, same noise", names, **numbers),
+        "_glint": Layer(scene.glint, "radiance of the sun glint alone, through the same optics", names, **radiance),
         "_glint_mask": Layer(
             scene.glint_mask.astype(np.uint8),
             f"1 where glint exceeds {setup.glint_threshold:g} of the radiance without it",
             names,
             band_tags=tags,
         ),
-        "_objects": Layer(
-            scene.objects[None], "number of the submerged object, from 1; see the JSON", ("object",)
-        ),
+        "_objects": Layer(scene.objects[None], "number of the submerged object, from 1; see the JSON", ("object",)),
     }
     if scene.height is not None:
-        out["_height"] = Layer(
-            scene.height[None], "height of the sea at the first time", ("height",), unit="m"
-        )
+        out["_height"] = Layer(scene.height[None], "height of the sea at the first time", ("height",), unit="m")
     if scene.slopes is not None:
         out["_slopes"] = Layer(scene.slopes, "slope of the sea at the first time", ("east", "north"))
     return out

@@ -26,9 +26,7 @@ class _Place:
     pixel_area: float
 
 
-def put_on_grid(
-    infos: Sequence[RasterInfo], grid: str | int | None
-) -> tuple[list[FileBands], RasterInfo, list[str]]:
+def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
     """How every file gets on the common grid.
 
     Parameters
@@ -59,9 +57,7 @@ def put_on_grid(
         if _same_grid(info, reference):
             continue
         if not _overlap(places[i].bounds, home.bounds):
-            raise InputError(
-                f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place."
-            )
+            raise InputError(f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place.")
         finer = places[i].pixel_area < 0.98 * home.pixel_area
         files[i] = _warped(files[i], info, reference, average=finer)
         how = "averaged" if finer else "resampled (bilinear)"
@@ -91,8 +87,7 @@ def _check_georeference(infos: Sequence[RasterInfo]) -> None:
         without = [i.paths[0] for i in infos if getattr(i, attribute) is None]
         if len(sizes) > 1 and 0 < len(without) < len(infos):
             raise InputError(
-                f"{without[0]} has no {what} and another size than the other files. "
-                "Give it one, or leave it out."
+                f"{without[0]} has no {what} and another size than the other files. Give it one, or leave it out."
             )
 
 
@@ -136,9 +131,7 @@ def _same_grid(info: RasterInfo, reference: RasterInfo) -> bool:
     if info.transform is None or reference.transform is None:
         return True
     back = ~reference.transform
-    return all(
-        math.dist(_at(back, *_at(info.transform, *corner)), corner) < _OFF for corner in _corners(info)
-    )
+    return all(math.dist(_at(back, *_at(info.transform, *corner)), corner) < _OFF for corner in _corners(info))
 
 
 def _corners(info: RasterInfo) -> list[tuple[int, int]]:

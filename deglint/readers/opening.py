@@ -160,9 +160,7 @@ def _stem(info: RasterInfo) -> str:
     return re.split(r"[/\\!:]", info.paths[0])[-1].rsplit(".", 1)[0] if info.count == 1 else ""
 
 
-def _bands(
-    info: RasterInfo, stems: Sequence[str], sensor: str | None
-) -> tuple[list[Band], str | None, list[str]]:
+def _bands(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
     names = _names(info, stems)
     spectra = spectral_of(info)
     bands = [
@@ -183,9 +181,7 @@ def _bands(
     return bands, preset, notes + told + guessed
 
 
-def _with_sensor(
-    bands: list[Band], info: RasterInfo, sensor: str | None
-) -> tuple[list[Band], str | None, list[str]]:
+def _with_sensor(bands: list[Band], info: RasterInfo, sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
     if sensor is not None:
         asked = sensors.load(sensor)
         bands, notes = apply_sensor(bands, asked)

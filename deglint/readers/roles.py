@@ -61,9 +61,7 @@ def band_roles(scene: Scene) -> dict[str, int | None]:
 
     Each index stands for one role at most. swir is the band near 1610 nm, else the one near 2200 nm.
     """
-    roles: dict[str, int | None] = {
-        role: _nearest(scene, limits, centre) for role, (limits, centre) in _ROLES.items()
-    }
+    roles: dict[str, int | None] = {role: _nearest(scene, limits, centre) for role, (limits, centre) in _ROLES.items()}
     roles["nir"] = _auto_nir(scene)
     roles["swir"] = _auto_swir(scene)
     return roles
@@ -144,9 +142,7 @@ def _wavelengths(scene: Scene) -> list[float | None]:
 
 def _nearest(scene: Scene, limits: tuple[float, float], centre: float) -> int | None:
     inside = [
-        (abs(w - centre), i)
-        for i, w in enumerate(_wavelengths(scene))
-        if w is not None and limits[0] <= w <= limits[1]
+        (abs(w - centre), i) for i, w in enumerate(_wavelengths(scene)) if w is not None and limits[0] <= w <= limits[1]
     ]
     return min(inside)[1] if inside else None
 

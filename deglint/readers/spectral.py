@@ -89,9 +89,7 @@ def _first(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], default:
     return next((value for value, _ in _matching(tags, key)), default)
 
 
-def _matching(
-    tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]
-) -> list[tuple[str, re.Match[str]]]:
+def _matching(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> list[tuple[str, re.Match[str]]]:
     named = [(name, value) for space in tags.values() for name, value in space.items()]
     fits = [(value, key.fullmatch(re.sub(r"[\s\-]+", "_", name.strip().lower()))) for name, value in named]
     return [(value, match) for value, match in fits if match]

@@ -149,18 +149,17 @@ def gather(
         local = detrend(variables, mask, plan.detrend_size)[(slice(None), *inner)]
         detrended = cell_moments(local, mask[inner], origin=origin, compiled=plan.compiled)
     variables, mask = variables[(slice(None), *inner)], mask[inner]
-    rows, columns = np.nonzero(mask)
-    pixels = variables[:, rows, columns]
-    places = np.stack([rows + origin[0], columns + origin[1]])
     first = len(plan.bands)
-    kept = _kept(places, plan.share) if plan.keep != "nothing" else np.zeros(places.shape[1], np.bool_)
+    kept = _kept(mask, origin, plan.share) if plan.keep != "nothing" else np.zeros_like(mask)
+    rows, columns = np.nonzero(kept)
+    number = range(len(plan.indexes))
     return SamplePart(
         cells=cell_moments(variables, mask, origin=origin, compiled=plan.compiled),
         detrended=detrended,
-        darkest=tuple(_extreme(pixels, places, first + k, first, False) for k in range(len(plan.indexes))),
-        brightest=tuple(_extreme(pixels, places, first + k, first, True) for k in range(len(plan.indexes))),
-        places=places[:, kept],
-        values=pixels[0 if plan.keep == "all" else first :, kept],
+        darkest=tuple(_extreme(variables, mask, first + k, first, origin, 1) for k in number),
+        brightest=tuple(_extreme(variables, mask, first + k, first, origin, -1) for k in number),
+        places=np.stack([rows + origin[0], columns + origin[1]]),
+        values=variables[0 if plan.keep == "all" else first :, rows, columns],
     )
 
 
@@ -215,23 +214,29 @@ def index_of(bands: Sequence[FloatArray], index: GlintIndex) -> FloatArray:
     return total.astype(bands[0].dtype, copy=False)
 
 
-def _kept(places: npt.NDArray[np.int64], share: int) -> npt.NDArray[np.bool_]:
-    """True for one place in `share`, by a hash of the place alone."""
+def _kept(mask: npt.NDArray[np.bool_], origin: tuple[int, int], share: int) -> npt.NDArray[np.bool_]:
+    """One masked pixel in `share`, by a hash of its place in the scene alone."""
     if share <= 1:
-        return np.ones(places.shape[1], np.bool_)
-    mixed = (places[0] * 0x9E3779B1 + places[1] * 0x85EBCA77).astype(np.uint64)
+        return mask
+    rows = np.arange(origin[0], origin[0] + mask.shape[0], dtype=np.uint64)[:, None] * np.uint64(0x9E3779B1)
+    columns = np.arange(origin[1], origin[1] + mask.shape[1], dtype=np.uint64) * np.uint64(0x85EBCA77)
+    mixed = rows + columns
     mixed ^= mixed >> np.uint64(15)
     mixed *= np.uint64(0x2C1B3C6D)
     mixed ^= mixed >> np.uint64(12)
-    return np.asarray(mixed % np.uint64(share) == 0)
+    return np.asarray(mask & (mixed % np.uint64(share) == 0))
 
 
-def _extreme(pixels: FloatArray, places: npt.NDArray[np.int64], k: int, bands: int, brightest: bool) -> Extreme | None:
-    if not pixels.shape[1]:
+def _extreme(
+    variables: FloatArray, mask: npt.NDArray[np.bool_], k: int, bands: int, origin: tuple[int, int], sign: int
+) -> Extreme | None:
+    """The masked pixel where `sign` times variable k is smallest, the first in row-major order."""
+    if not mask.any():
         return None
-    at = int(np.argmax(pixels[k]) if brightest else np.argmin(pixels[k]))
-    place = (int(places[0, at]), int(places[1, at]))
-    return Extreme(float(pixels[k, at]), place, pixels[:bands, at].astype(np.float64))
+    ordered = np.where(mask, variables[k] if sign > 0 else -variables[k], np.inf)
+    row, column = (int(i) for i in np.unravel_index(int(np.argmin(ordered)), mask.shape))
+    spectrum = variables[:bands, row, column].astype(np.float64)
+    return Extreme(float(variables[k, row, column]), (row + origin[0], column + origin[1]), spectrum)
 
 
 def _most(candidates: Iterable[Extreme | None], sign: float) -> Extreme:

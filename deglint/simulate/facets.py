@@ -92,9 +92,7 @@ class Facets:
         wanted = (*_glinting_slope(self.setup), *self.about)
         table = self._sky, -TABLE_REACH, TABLE_STEP
         by_rows(
-            lambda a, b: reflect(
-                packed, self._sparkle, density, mirrored, a, b, time, wind, self.calm, wanted, table
-            ),
+            lambda a, b: reflect(packed, self._sparkle, density, mirrored, a, b, time, wind, self.calm, wanted, table),
             packed.shape[0],
             workers,
         )

@@ -37,9 +37,7 @@ class SubmergedObject:
         within("reflectance", self.reflectance, 0.0, 1.0, "", "Ten per cent is 0.1.")
         within("depth", self.depth, 0.1, 60.0, "m", "Deeper, nothing of it comes back.")
         if len(self.corners) < 3:
-            raise InputError(
-                f"object must have at least 3 corners, got {len(self.corners)}; give its outline [m]"
-            )
+            raise InputError(f"object must have at least 3 corners, got {len(self.corners)}; give its outline [m]")
 
     def check_inside(self, height: float, width: float) -> None:
         """Refuse an object that reaches over the edge of a scene of a size [m].
@@ -58,9 +56,7 @@ class SubmergedObject:
             )
 
 
-def square(
-    right: float, down: float, side: float, *, reflectance: float, depth: float = 5.0
-) -> SubmergedObject:
+def square(right: float, down: float, side: float, *, reflectance: float, depth: float = 5.0) -> SubmergedObject:
     """A square object by its middle and side [m].
 
     Examples
@@ -152,8 +148,6 @@ def label(objects: Sequence[SubmergedObject], shape: tuple[int, int], spacing: f
     out = np.zeros(shape, dtype=np.uint16)
     for number, thing in enumerate(objects, start=1):
         right, down = np.asarray(thing.corners, dtype=np.float64).T / spacing - 0.5
-        rows, columns = polygon(
-            down - 1e-9, right - 1e-9, shape
-        )  # an edge through points takes one side only
+        rows, columns = polygon(down - 1e-9, right - 1e-9, shape)  # an edge through points takes one side only
         out[rows, columns] = number
     return out

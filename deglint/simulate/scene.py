@@ -116,9 +116,7 @@ def simulate(
     image, truth_image = _digitise(setup, truth + glint, workers), _digitise(setup, truth, workers)
     height, slopes = _surface(sea, workers) if keep_surface else (None, None)
     half = setup.supersample // 2
-    ids = labels[half :: setup.supersample, half :: setup.supersample][
-        : setup.size[0], : setup.size[1]
-    ].copy()
+    ids = labels[half :: setup.supersample, half :: setup.supersample][: setup.size[0], : setup.size[1]].copy()
     mask = glint > setup.glint_threshold * truth
     variance = sea.slope_variance
     return SimulatedScene(setup, lit, image, truth, truth_image, glint, mask, ids, height, slopes, variance)
@@ -131,9 +129,7 @@ def _labels(setup: Setup) -> Numbers:
     return label(setup.objects, shape, setup.facet)
 
 
-def _look(
-    setup: Setup, lit: Light, sea: Facets, labels: Numbers, time: float, bands: list[int], workers: int
-) -> Any:
+def _look(setup: Setup, lit: Light, sea: Facets, labels: Numbers, time: float, bands: list[int], workers: int) -> Any:
     """Yield (band, truth, glint) on the pixels for the bands that look at one time."""
     density, mirrored = sea.at(time, workers=workers)
     density_spectrum = transform(density, workers=workers)
@@ -176,7 +172,5 @@ def _surface(sea: Facets, workers: int) -> tuple[Array, Array]:
     setup = sea.setup
     layers = sea.surface.height(workers=workers), *sea.slopes(workers=workers)
     n, (rows, columns) = setup.supersample, setup.grid
-    means = [
-        a.reshape(rows, n, columns, n).mean(axis=(1, 3))[: setup.size[0], : setup.size[1]] for a in layers
-    ]
+    means = [a.reshape(rows, n, columns, n).mean(axis=(1, 3))[: setup.size[0], : setup.size[1]] for a in layers]
     return means[0], np.stack(means[1:])

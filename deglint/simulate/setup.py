@@ -113,9 +113,7 @@ class Setup:
             "Nearer to the horizon waves hide each other.",
         )
         within("supersample", self.supersample, 2, 32, "", "4 facets per pixel do for most scenes.")
-        within(
-            "patch", self.patch, 0.0, 1.0, "m", "It is some centimetres at most; 0 leaves the sparkle out."
-        )
+        within("patch", self.patch, 0.0, 1.0, "m", "It is some centimetres at most; 0 leaves the sparkle out.")
         if self.misregistration and len(self.misregistration) != len(self.sensor.bands):
             raise InputError(
                 f"misregistration must hold one (down, right) per band ({len(self.sensor.bands)}),"
@@ -199,8 +197,5 @@ class Setup:
             return sea
         long = slope_variance(sea, shortest=split)
         short = slope_variance(sea, longest=split, shortest=shortest)
-        gains = [
-            (RESOLVED_AT_MOST * all_ - a) / b
-            for all_, a, b in zip(self.slope_variance, long, short, strict=True)
-        ]
+        gains = [(RESOLVED_AT_MOST * all_ - a) / b for all_, a, b in zip(self.slope_variance, long, short, strict=True)]
         return replace(sea, short_gain=min(1.0, max(LEAST_GAIN, min(gains))))

@@ -164,9 +164,7 @@ def test_ecolight():
         band = np.linspace(row["wl_nm"] - 5, row["wl_nm"] + 5, 21)
         found = atmosphere.irradiance(band, 30, CASES["A"][1], pressure=29.9 * 33.8639)
         direct, diffuse = found.direct.mean(), found.diffuse.mean()
-        assert diffuse / direct == pytest.approx(
-            row["Ed_diffuse_W_m2_nm"] / row["Ed_direct_W_m2_nm"], rel=0.003
-        )
+        assert diffuse / direct == pytest.approx(row["Ed_diffuse_W_m2_nm"] / row["Ed_direct_W_m2_nm"], rel=0.003)
         assert direct == pytest.approx(row["Ed_direct_W_m2_nm"], rel=0.04)
         assert diffuse == pytest.approx(row["Ed_diffuse_W_m2_nm"], rel=0.04)
 
@@ -179,9 +177,7 @@ def test_light_for_photosynthesis(name, total):
     rows = rows[(rows["wavelength_nm"] >= 400) & (rows["wavelength_nm"] <= 700)]
     spectrum = atmosphere.Spectrum(*(rows[n] for n in names))
     found = atmosphere.irradiance(rows["wavelength_nm"], *CASES[name], spectrum=spectrum)
-    assert np.trapezoid(found.direct + found.diffuse, rows["wavelength_nm"]) == pytest.approx(
-        total, abs=0.006
-    )
+    assert np.trapezoid(found.direct + found.diffuse, rows["wavelength_nm"]) == pytest.approx(total, abs=0.006)
 
 
 @given(st.floats(300, 1000), st.floats(0, 85), st.floats(1, 10), st.floats(0, 100), st.floats(2, 100))

@@ -9,9 +9,7 @@ from deglint.physics import atmosphere, glint, sky, water
 
 PAPER = Path(__file__).parents[2].parent / "shared" / "tables" / "gregg_carder_1990_hydrolight_350_801.csv"
 BANDS = [(400, 450), (450, 510), (510, 580), (585, 625), (630, 690)]
-AIR = atmosphere.Air(
-    air_mass_type=1, humidity=80, water_vapour=2.5, wind_mean=9, wind=9, visibility=40, ozone=300
-)
+AIR = atmosphere.Air(air_mass_type=1, humidity=80, water_vapour=2.5, wind_mean=9, wind=9, visibility=40, ozone=300)
 SUN = (20.5, 270.2)
 LOOKS = {"nadir": (0.0, 0.0), "aside": (40.0, 0.2), "sunward": (40.0, 270.2), "mirror": (20.5, 90.2)}
 EXPECTED = {

@@ -46,9 +46,7 @@ def test_detector_and_smear_at_nyquist():
     assert float(mtf(0.5, 0.0, sharp, 545.0) / mtf(0.0, 0.5, sharp, 545.0)) == pytest.approx(0.9003, abs=1e-4)
     shaken = replace(sharp, jitter=0.3)
     expected = np.exp(-2 * np.pi**2 * 0.3**2 * 0.25)
-    assert float(mtf(0.0, 0.5, shaken, 545.0) / mtf(0.0, 0.5, sharp, 545.0)) == pytest.approx(
-        expected, rel=1e-9
-    )
+    assert float(mtf(0.0, 0.5, shaken, 545.0) / mtf(0.0, 0.5, sharp, 545.0)) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -118,9 +116,7 @@ def test_noise_is_as_large_as_it_says():
 
 def test_noise_repeats_with_its_seed():
     scene = np.full((20, 20), 0.05)
-    one, two, other = (
-        digitise(scene, THESIS, THESIS.bands[0], generator=np.random.default_rng(s)) for s in (1, 1, 2)
-    )
+    one, two, other = (digitise(scene, THESIS, THESIS.bands[0], generator=np.random.default_rng(s)) for s in (1, 1, 2))
     np.testing.assert_array_equal(one, two)
     assert not np.array_equal(one, other)
 
@@ -160,8 +156,7 @@ def test_observing_keeps_the_mean_and_ignores_the_threads(name):
     sensor = preset(name)
     scene = np.random.default_rng(0).random((64, 96), dtype=np.float32)
     one, two = (
-        observe(transform(scene, workers=w), sensor, sensor.bands[0].wavelength, factor=4, workers=w)
-        for w in (1, 2)
+        observe(transform(scene, workers=w), sensor, sensor.bands[0].wavelength, factor=4, workers=w) for w in (1, 2)
     )
     assert one.shape == (16, 24)
     assert one.mean() == pytest.approx(scene.mean(), rel=1e-6)

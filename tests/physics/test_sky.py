@@ -140,9 +140,7 @@ def test_shapes_and_nan():
 
 
 def test_refuses_what_cannot_be():
-    with pytest.raises(
-        InputError, match="model must be one of uniform, cardioidal, harrison-coombes, got 'blue'"
-    ):
+    with pytest.raises(InputError, match="model must be one of uniform, cardioidal, harrison-coombes, got 'blue'"):
         sky.radiance(0, 0, model="blue")
     with pytest.raises(InputError, match="zenith must be 0 to 90 degrees, got 91"):
         sky.radiance(91, 0)

@@ -66,9 +66,7 @@ def test_variances():
     assert np.sum(slopes.variances(9.0, model="cox-munk-isotropic")) == pytest.approx(0.003 + 0.00512 * 9)
 
 
-@given(
-    st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(0.5, 20.0), st.sampled_from(sorted(slopes.MODELS))
-)
+@given(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(0.5, 20.0), st.sampled_from(sorted(slopes.MODELS)))
 def test_crosswind_sides_are_alike(up, cross, wind, model):
     left, right = slopes.density(up, [cross, -cross], wind, model=model)
     assert left == pytest.approx(right, rel=1e-12)

@@ -9,9 +9,7 @@ from deglint.errors import InputError
 from deglint.physics import sun
 
 PLACES = [(36.8, -122.0), (0.0, 0.0), (-33.9, 18.4), (64.1, -21.9)]
-TIMES = np.array(
-    ["2026-06-21T18:00", "2026-12-21T12:00", "2027-03-20T09:30", "2025-09-01T16:15"], "datetime64[s]"
-)
+TIMES = np.array(["2026-06-21T18:00", "2026-12-21T12:00", "2027-03-20T09:30", "2025-09-01T16:15"], "datetime64[s]")
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -58,9 +56,7 @@ def test_a_time_without_zone_is_utc_wherever_the_machine_stands(monkeypatch):
     zeniths = sun.position(36.8, -122.0, same).zenith
     monkeypatch.undo()
     time.tzset()
-    assert zeniths == pytest.approx(
-        float(sun.position(36.8, -122.0, np.datetime64("2026-06-21T18:00")).zenith)
-    )
+    assert zeniths == pytest.approx(float(sun.position(36.8, -122.0, np.datetime64("2026-06-21T18:00")).zenith))
 
 
 def test_broadcasts_places_against_times():
@@ -70,9 +66,7 @@ def test_broadcasts_places_against_times():
     assert zenith[1, 2] == pytest.approx(float(sun.position(20.0, -30.0, TIMES[2]).zenith))
 
 
-@pytest.mark.parametrize(
-    ("place", "start"), [((36.8, -122.0), "2026-06-21T08:00"), ((-33.9, 18.4), "2026-01-05")]
-)
+@pytest.mark.parametrize(("place", "start"), [((36.8, -122.0), "2026-06-21T08:00"), ((-33.9, 18.4), "2026-01-05")])
 def test_next_rise_against_pvlib(place, start):
     import pandas as pd
     import pvlib

@@ -148,9 +148,7 @@ def test_deep_below_is_no_object(looked_at, sun, view, turn):
 
 @given(WATERS, *ANGLES.values(), st.floats(0.05, 0.9), st.floats(0, 1))
 def test_at_the_surface_is_a_wet_panel(looked_at, sun, view, turn, albedo, direct):
-    found = water.object_reflectance(
-        *looked_at, sun, view, turn, depth=0, reflectance=albedo, direct_fraction=direct
-    )
+    found = water.object_reflectance(*looked_at, sun, view, turn, depth=0, reflectance=albedo, direct_fraction=direct)
     entering = direct * (1 - fresnel.reflectance(sun)) + (1 - direct) * 0.934
     panel = entering * fresnel.radiance_transmittance(view) * albedo / np.pi / (1 - 0.48 * albedo)
     assert found == pytest.approx(float(panel), rel=1e-9)
@@ -159,8 +157,7 @@ def test_at_the_surface_is_a_wet_panel(looked_at, sun, view, turn, albedo, direc
 @given(WATERS, *ANGLES.values(), st.floats(0.1, 30))
 def test_brighter_objects_are_brighter(looked_at, sun, view, turn, depth):
     found = [
-        water.object_reflectance(*looked_at, sun, view, turn, depth=depth, reflectance=r)
-        for r in (0, 0.1, 0.5, 1)
+        water.object_reflectance(*looked_at, sun, view, turn, depth=depth, reflectance=r) for r in (0, 0.1, 0.5, 1)
     ]
     assert np.all(np.diff(found) >= 0)
     assert np.all(np.array(found) >= 0)
@@ -170,9 +167,7 @@ def test_brighter_objects_are_brighter(looked_at, sun, view, turn, depth):
 def test_left_and_right_of_the_sun_are_alike(looked_at, sun, view, turn):
     here = water.remote_sensing_reflectance(*looked_at, sun, view, turn)
     for same in (-turn, turn + 360, 360 - turn):
-        assert water.remote_sensing_reflectance(*looked_at, sun, view, same) == pytest.approx(
-            float(here), rel=1e-9
-        )
+        assert water.remote_sensing_reflectance(*looked_at, sun, view, same) == pytest.approx(float(here), rel=1e-9)
 
 
 @given(WATERS, ANGLES["turn"], ANGLES["turn"])

@@ -20,9 +20,7 @@ def significant_height(density):
     [(5, 0.533, 0.2739), (9, 1.728, 0.1522), (10, 2.133, 0.1370), (15, 4.799, 0.0913)],
 )
 def test_pierson_moskowitz_gives_the_published_heights(wind, height, peak):
-    assert significant_height(waves.pierson_moskowitz(FREQUENCY, wind_19_5=wind)) == pytest.approx(
-        height, abs=6e-4
-    )
+    assert significant_height(waves.pierson_moskowitz(FREQUENCY, wind_19_5=wind)) == pytest.approx(height, abs=6e-4)
     assert waves.pierson_moskowitz_peak(wind_19_5=wind) == pytest.approx(peak, abs=6e-5)
 
 
@@ -158,9 +156,7 @@ def test_short_waves_lose_their_memory_as_published():
     # Elfouhaily at 9 m/s after 60 ms, by length; and of waves below 0.2 m after 8, 16 and 30 ms
     sea = Sea(wind=9.0)
     assert float(waves.slope_correlation(0.060, sea, shortest=1.0)) == pytest.approx(0.973, abs=1e-3)
-    assert float(waves.slope_correlation(0.060, sea, longest=1.0, shortest=0.2)) == pytest.approx(
-        0.744, abs=1e-3
-    )
+    assert float(waves.slope_correlation(0.060, sea, longest=1.0, shortest=0.2)) == pytest.approx(0.744, abs=1e-3)
     short = waves.slope_correlation(np.array([0.060, 0.008, 0.016, 0.030]), sea, longest=0.2)
     np.testing.assert_allclose(short, [-0.195, 0.688, 0.35, 0.03], atol=6e-3)
 
@@ -197,9 +193,7 @@ def test_a_grid_holds_what_the_integral_over_its_waves_says(name):
     high = waves.slope_variance(sea, shortest=np.sqrt(2) * spacing)
     for got, least, most in zip(surface.slope_variance, low, high, strict=True):
         assert 0.98 * least < got < 1.02 * most
-    assert surface.height_variance == pytest.approx(
-        waves.height_variance(sea, shortest=2 * spacing), rel=0.02
-    )
+    assert surface.height_variance == pytest.approx(waves.height_variance(sea, shortest=2 * spacing), rel=0.02)
 
 
 @pytest.mark.parametrize("spectrum", ["elfouhaily", "jonswap"])
