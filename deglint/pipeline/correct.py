@@ -160,7 +160,10 @@ class Correction:
         if self.surroundings is None:
             return water(bands, self.water)
         inside = valid_for(bands, self.water.roles)
-        found = opened(*self.surroundings.around(tile, bands[self.water.roles.nir]), self.water.window)
+        around = self.surroundings.around(tile, bands[self.water.roles.nir])
+        if around is None:
+            return inside
+        found = opened(*around, self.water.window)
         outer = tile.grown(self.water.halo, self.scene.height, self.scene.width)
         return inside & ~found[core_of(tile.crop_of(outer), found.shape)]
 

@@ -70,15 +70,21 @@ class Surroundings:
         self._kept: dict[tuple[int, int], Future[_Bits]] = {}
         self._lock = threading.Lock()
 
-    def around(self, tile: Tile, nir: FloatArray) -> tuple[Mask, Mask]:
-        """Both masks of the tile, whose NIR is given, and of the rule's halo around it as far as the scene goes."""
+    def around(self, tile: Tile, nir: FloatArray) -> tuple[Mask, Mask] | None:
+        """Both masks of the tile, whose NIR is given, and of the rule's halo around it as far as the scene goes.
+
+        None where no pixel of the tile itself is bright: then nothing around it matters, and nothing is read.
+        """
         outer = tile.grown(self._rule.halo, self._scene.height, self._scene.width)
         bright = np.empty(outer.shape, np.bool_)
         missing = np.empty(outer.shape, np.bool_)
         self._drop_before(tile.row0)
+        bits = _Bits.of(nir, self._rule)
         own = self._claim((tile.row0, tile.col0))
         if own is not None:
-            own.set_result(_Bits.of(nir, self._rule))
+            own.set_result(bits)
+        if not bits.bright.any():
+            return None
         for other in self._touching(tile):
             to_rows, rows = _shared((outer.row0, outer.row1), (other.row0, other.row1))
             to_columns, columns = _shared((outer.col0, outer.col1), (other.col0, other.col1))
