@@ -1,12 +1,21 @@
-"""Small scenes of the sea for the tests of the whole job: made here, never read from beside the project."""
+"""Small scenes of the sea for the tests of the whole job: made here, never read from beside the project.
+
+Property tests draw the same examples in every run; HYPOTHESIS_PROFILE=explore lets them look for new ones.
+"""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rasterio
+from hypothesis import settings
 from rasterio.transform import from_origin
+
+settings.register_profile("same", derandomize=True, deadline=None)
+settings.register_profile("explore", deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 NAMES = ("blue", "green", "red", "nir")
 WATER = np.array([900.0, 700.0, 400.0, 100.0])

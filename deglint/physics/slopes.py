@@ -306,7 +306,7 @@ def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at:
     wind = within("wind", wind, 0.0, 100.0, "m/s", "Give a speed, and its direction apart.")
     heights = within("measured_at and wanted_at", [measured_at, wanted_at], 1.0, 100.0, "m", "Give the mast's height.")
     measured, wanted = 1.0 + np.sqrt(_DRAG) / _KARMAN * np.log(heights / 10.0)
-    return np.asarray(wind * wanted / measured)
+    return np.asarray(wind * (wanted / measured))
 
 
 def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, c04: float) -> Array:

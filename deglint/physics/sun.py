@@ -114,7 +114,7 @@ def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
     up = position(latitude, longitude, moments).zenith <= 90.0
     rises = np.flatnonzero(~up[:-1] & up[1:])
     if not rises.size:
-        return np.datetime64("NaT")
+        return np.datetime64("NaT", "s")
     return np.datetime64(moments[rises[0] + 1], "s")
 
 
