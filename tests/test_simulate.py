@@ -449,3 +449,13 @@ def test_help_names_what_there_is():
     assert sky.MODELS == command.SKY_NAMES
     assert get_args(SlopeModel) == command.SLOPE_NAMES
     assert get_args(waves.Spectrum) == command.SPECTRUM_NAMES
+
+
+def test_a_grid_of_experiments_makes_its_directory(tmp_path):
+    from deglint.cli import run
+
+    out = tmp_path / "experiments"
+    command = ["simulate", "--grid", "--size", "32", "--wind", "5", "--delay", "0", "--objects", "none", "-q", str(out)]
+    assert run(command) == 0
+    assert len(list(out.glob("*.json"))) == 10  # five looks, two f-numbers
+    assert run(["simulate", "--grid", "--size", "32", "-q", str(tmp_path / "no" / "where")]) == 1

@@ -113,8 +113,10 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
         if len(winds) > 1 or len(delays) > 1:
             raise click.UsageError("several --wind or --delay make several scenes: give --grid, too.")
         return [(out, base)]
-    if not out.is_dir():
-        raise WriteError(f"the directory {out} does not exist. Make it first: mkdir -p {out}")
+    try:
+        out.mkdir(exist_ok=True)
+    except OSError as error:
+        raise WriteError(f"cannot make the directory {out}: {error.strerror}. Name one that can be.") from error
     grid = experiments(base, winds=winds or WINDS, delays=delays or DELAYS)
     return [(out / name, setup) for name, setup in grid]
 
