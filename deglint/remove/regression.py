@@ -24,8 +24,6 @@ from .statistics import SampleStatistics
 
 CLUSTERS = 10
 """Fewest cells for a standard error between cells."""
-DETREND_SIZE = 15
-"""Side of the window whose mean `detrended` takes off [pixel]."""
 ROBUST_PIXELS = 50_000
 """Most pixels that the Huber regression looks at."""
 PAIRED_PIXELS = 2_000

@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from ..errors import BandError, FitError, InputError
 from ..scene import Band
+from .detrend import SIZE as DETREND_SIZE
 from .model import BandFit, GlintIndex, GlintModel
-from .regression import DETREND_SIZE, REGRESSIONS, explained
+from .regression import REGRESSIONS, explained
 from .statistics import SamplePlan, SampleStatistics
 
 MIN_PIXELS = 64

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ..errors import FitError
 from ..moments import CellMoments, Float64, Moments, cell_moments
 from ..scene import FloatArray
-from .detrend import detrend
+from .detrend import detrend, detrend_halo
 from .model import GlintIndex
 
 Crop = tuple[int, int, int, int]
@@ -59,7 +59,7 @@ class SamplePlan:
     @property
     def halo(self) -> int:
         """Pixels around a tile that `gather` looks at."""
-        return self.detrend_size // 2
+        return detrend_halo(self.detrend_size)
 
 
 @dataclass(frozen=True, eq=False)
