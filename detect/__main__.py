@@ -1,0 +1,5 @@
+"""`python -m detect` is the command `rxdetect`."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,39 @@
+"""The command `rxdetect`: one module a command, loaded when it is called."""
+
+from __future__ import annotations
+
+import sys
+from typing import NoReturn
+
+import click
+
+from deglint import __version__
+from deglint.cli import running
+
+COMMANDS = {
+    "score": "score every pixel by how little it belongs, and mark objects",
+    "roc": "compare scores with truth: ROC curves, tables, a report",
+}
+
+
+@click.group(
+    cls=running.Commands, home=__name__, lines=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]}
+)
+@click.version_option(__version__, "--version", prog_name="rxdetect")
+def cli() -> None:
+    """Find what does not belong in an image, and say how well it was found.
+
+    \b
+    rxdetect score clean.tif scores.tif --pfa 1e-4 --objects found.geojson
+    rxdetect roc scores.tif truth.tif --report roc.html
+    """
+
+
+def main() -> NoReturn:
+    """Run the command and leave with its exit code: 0 done, 1 failed, 2 usage, 3 nothing to score."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run the command; what goes wrong becomes one line on stderr and an exit code."""
+    return running.run(cli, "rxdetect", arguments)
