@@ -1,9 +1,8 @@
 """What a scene needs, and what it does not: numbers from a cheap look, each beside the threshold that it is held to.
 
 Four questions. Is there glint at all, and how much of each band does it cover? Do the bands see the sea at the same
-instant, as the image itself says? How large is what must survive, in pixels? Is the sensor's blur known? From the answers
-follows which stages run. Arrays and numbers only.
-"""
+instant, as the image itself says? How large is what must survive, in pixels? Is the sensor's blur known? From the
+answers follows which stages run. Arrays and numbers only."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Glint compensation: what removal pixel by pixel cannot do, because bands see the sea at different instants.
 
 Five kinds of stages, one module each, to be put together in any order: `normalise` (median of deep water), `sharpen`
-(PSF correction), `identify` (which pixels are glint), `replace` (by the water beside them, or by another band), `median`
-(adaptive, as a last resort); `chain` puts them together. Arrays only: `fit` on a sample gives frozen numbers, `apply`
-works on a block with a halo, and tiles give what the whole gives, to the bit.
+(PSF correction), `identify` (which pixels are glint), `replace` (by the water beside them, or by another band),
+`median` (adaptive, as a last resort); `chain` puts them together. Arrays only: `fit` on a sample gives frozen
+numbers, `apply` works on a block with a halo, and tiles give what the whole gives, to the bit.
 
 Never here: files, tiles, threads, water masks, logging.
 """

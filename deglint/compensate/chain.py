@@ -1,10 +1,9 @@
 """Stages in a row: how a chain is written, fitted to a sample of a scene, and applied to its tiles.
 
 A chain is written as its stages with what they take, in order: ``psf:2, identify-level:13, replace-level, remove,
-identify-level:11, replace-level``. `remove` is where the removal of what the bands still share stands; the stages before
-it see the scene, the stages after it what removal has left. Every stage is fitted on what the stages before it made of
-the sample, and is then a frozen value of plain numbers.
-"""
+identify-level:11, replace-level``. `remove` is where the removal of what the bands still share stands; the stages
+before it see the scene, the stages after it what removal has left. Every stage is fitted on what the stages before it
+made of the sample, and is then a frozen value of plain numbers."""
 
 from __future__ import annotations
 
@@ -27,7 +26,7 @@ from .state import Mask, State
 Stage = Any
 """One of the fitted stages: `apply(state)`, `halo`, `name`."""
 STAGES: dict[str, str] = {
-    "normalise": "divide by the median of deep water",
+    "normalise": "divide by the median of deep water; by its mode where glint covers more than N %",
     "psf": "N iterations of Richardson-Lucy, to build the level only",
     "psf-image": "N iterations of Richardson-Lucy, as the image itself",
     "identify-median": "glint is above median + K lower-side deviations",
@@ -41,8 +40,6 @@ THESIS = "normalise, identify-median:5, replace-bands, median:25, remove"
 """Section 6.3 of the thesis, as far as it can be reconstructed."""
 ITERATIONS = 2
 """Richardson-Lucy iterations; more dig pits beside sparkle, which the opening then spreads."""
-LARGEST_FIR = 5
-"""Radius up to which the PSF itself is used, and beyond which its separable form is [pixel]."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +70,7 @@ class Sharpen:
 
     def apply(self, state: State) -> None:
         """Sharpen every band."""
-        sharp = [
-            richardson_lucy(b, p, iterations=self.iterations, form="fir" if p.radius <= LARGEST_FIR else "separable")
-            for b, p in zip(state.image, self.psfs, strict=True)
-        ]
+        sharp = [richardson_lucy(b, p, iterations=self.iterations) for b, p in zip(state.image, self.psfs, strict=True)]
         if self.image:
             state.image[...] = np.stack(sharp)
             state.replaced[...] = True if state.where is None else state.where
@@ -269,7 +263,7 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any) -> Stag
         None if setting.floor is None else [f / u for f, u in zip(setting.floor, sample.states[0].units, strict=True)]
     )
     if step.name == "normalise":
-        return fit_normalise(sample.values())
+        return fit_normalise(sample.values(), most_cover=0.01 * (step.number or 100.0))
     if step.name in ("psf", "psf-image"):
         if setting.psfs is None:
             raise InputError(

@@ -1,22 +1,21 @@
 """Glint identification: which pixels of which bands are glint.
 
-Two ways. `IdentifyMedian`, the thesis': above the median of deep water by k lower-side standard deviations, one threshold
-a band for the whole scene. Anything brighter than open water is glint to it: bright objects, shoals, foam.
-`IdentifyLevel`: above the level of the water *there* (`deglint.compensate.level`) by k standard deviations. What is larger
-than the element keeps its own level, so bright things of that size survive.
+Two ways. `IdentifyMedian`, the thesis': above the median of deep water by k lower-side standard deviations, one
+threshold a band for the whole scene. Anything brighter than open water is glint to it: bright objects, shoals, foam.
+`IdentifyLevel`: above the level of the water *there* (`deglint.compensate.level`) by k standard deviations. What is
+larger than the element keeps its own level, so bright things of that size survive.
 
-Both take the standard deviation from below, s = 1.4826 median(m - x | x <= m), because glint only adds; it is floored by
-what is known of the noise. Saturated pixels are glint.
+Both take the standard deviation from below, s = 1.4826 median(m - x | x <= m), because glint only adds; it is floored
+by what is known of the noise. Saturated pixels are glint.
 
 Assumes that the darker half of what lies about the level is noise. Fails where nearly all pixels are glint: the level
 and its spread are then those of faint glint, and what is replaced is too bright (it works, and the chain says so).
 
 References
 ----------
-Fink (2014), "Glint Avoidance and Removal in the Maritime Environment", Rochester Institute of Technology, section 6.3;
-Rousseeuw, Croux (1993), Journal of the American Statistical Association 88, 1273-1283, doi:10.1080/01621459.1993.10476408
-(median absolute deviation and its lower-side form).
-"""
+Fink (2014), "Glint Avoidance and Removal in the Maritime Environment", Rochester Institute of Technology, section
+6.3; Rousseeuw, Croux (1993), Journal of the American Statistical Association 88, 1273-1283,
+doi:10.1080/01621459.1993.10476408 (median absolute deviation and its lower-side form)."""
 
 from __future__ import annotations
 
@@ -34,7 +33,7 @@ from .state import Float32Array, Mask, State
 
 THESIS_K = 5.0
 """Lower-side standard deviations above the median of deep water."""
-LEVEL_K = 2.0
+LEVEL_K = 1.5
 """Standard deviations above the local level."""
 COVER_K = 3.0
 """Standard deviations above the local level that count as glint when cover is told."""

@@ -10,14 +10,12 @@ Arrays only. Local: a tile with `halo` pixels around it gives what the whole ima
 
 References
 ----------
-Serra (1982), Image Analysis and Mathematical Morphology, ISBN 0-12-637240-3; Soille (2002), "On morphological operators
-based on rank filters", Pattern Recognition 35, 527-535, doi:10.1016/S0031-3203(01)00047-4 (rank openings).
-"""
+Serra (1982), Image Analysis and Mathematical Morphology, ISBN 0-12-637240-3; Soille (2002), "On morphological
+operators based on rank filters", Pattern Recognition 35, 527-535, doi:10.1016/S0031-3203(01)00047-4 (rank openings)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -37,6 +35,7 @@ SLACK = 2.0
 _GUIDE = 3
 """Element under whose opening a detail may grow back [pixel]."""
 _SQUARE = np.ones((3, 3), np.uint8)
+_CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 
 
 def level_halo(size: int, detail: int = 0) -> int:
@@ -44,13 +43,14 @@ def level_halo(size: int, detail: int = 0) -> int:
     return max(2 * (size // 2) + 1, 2 * (detail // 2) + 2 if detail else 0)
 
 
-@cache
-def _element(size: int, shape: str) -> npt.NDArray[np.uint8]:
-    radius = size // 2
-    row, column = np.mgrid[-radius : radius + 1, -radius : radius + 1]
+def _elements(size: int, shape: str) -> list[npt.NDArray[np.uint8]]:
+    """Small elements which, one after the other, are one of this size: an octagon is a square and some crosses."""
     if shape == "square":
-        return np.ones((size, size), np.uint8)
-    return (abs(row) + abs(column) <= round(1.45 * radius)).astype(np.uint8)
+        return [np.ones((size, size), np.uint8)]
+    radius = size // 2
+    reach = round(1.45 * radius)  # |row| + |column| at most
+    square, crosses = reach - radius, 2 * radius - reach
+    return [np.ones((2 * square + 1, 2 * square + 1), np.uint8)] * (square > 0) + [_CROSS] * crosses
 
 
 def rank_opening(band: Float32Array, size: int, *, shape: str = "square") -> Float32Array:
@@ -91,17 +91,20 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square") -> Flo
 
     if size < 1 or size % 2 == 0:
         raise InputError(f"an element must have an odd size of 1 pixel or more, got {size}.")
-    kernel = _element(size, shape)
+    elements = _elements(size, shape)
     missing = np.isnan(band)
     some = bool(missing.any())
-    lowest: Any = cv2.erode(np.where(missing, np.float32(np.inf), band) if some else band, kernel)
-    lowest = cv2.medianBlur(lowest, 3)
-    if not some:
-        return np.asarray(cv2.dilate(lowest, kernel))
-    lowest[np.isposinf(lowest)] = -np.inf
-    out = np.asarray(cv2.dilate(lowest, kernel))
-    out[np.isneginf(out)] = np.nan
-    return out
+    found: Any = np.where(missing, np.float32(np.inf), band) if some else band
+    for element in elements:
+        found = cv2.erode(found, element)
+    found = cv2.medianBlur(found, 3)
+    if some:
+        found[np.isposinf(found)] = -np.inf
+    for element in elements:
+        found = cv2.dilate(found, element)
+    if some:
+        found[np.isneginf(found)] = np.nan
+    return np.asarray(found)
 
 
 def detail_of(band: Float32Array, base: Float32Array, size: int) -> Float32Array:
@@ -159,8 +162,7 @@ def blurred(band: Float32Array, psf: PSF) -> Float32Array:
 
     NaN has no share and stays. Exact at tile edges with `psf.radius` pixels around a tile.
     """
-    down, across = (np.ascontiguousarray(f[::-1], np.float32) for f in psf.factors)
-    blur = separable(down, across)
+    blur = separable([(d[::-1].astype(np.float32), a[::-1].astype(np.float32)) for d, a in psf.terms])
     halo = psf.radius
     wide = mirrored(band, (0, len(band)), halo)
     inner = slice(halo, halo + band.shape[0]), slice(halo, halo + band.shape[1])

@@ -1,8 +1,7 @@
 """Blur every band as the reference (the NIR) is blurred, so that glint looks the same in both.
 
-Diffraction grows with wavelength: at the same instant a sparkle is narrower in the blue than in the NIR, and a multiple
-of the NIR cannot take it off. Useful where bands are simultaneous, useless where they are not. Arrays only.
-"""
+Diffraction grows with wavelength: at the same instant a sparkle is narrower in the blue than in the NIR, and a
+multiple of the NIR cannot take it off. Useful where bands are simultaneous, useless where they are not. Arrays only."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Adaptive median: fill what is still glint from the clean pixels around it, in a window that grows until it has enough.
+"""Adaptive median: fill what is still glint from the clean pixels around it, in a window that grows as it must.
 
-Used as the last resort of the thesis' chain, where a pixel is glint in every band. Only identified pixels are touched.
-Assumes that the water changes little within the window; blurs texture where glint is dense. The median of a few clean
-neighbours is their lower middle value: even numbers are not averaged, so results are values of the image.
+Used as the last resort of the thesis' chain, where a pixel is glint in every band. Only identified pixels are
+touched. Assumes that the water changes little within the window; blurs texture where glint is dense. The median of a
+few clean neighbours is their lower middle value: even numbers are not averaged, so results are values of the image.
 Cost: none where nothing is left over; otherwise 0.1 to 1 microsecond a pixel that is.
 
 References

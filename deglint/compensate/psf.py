@@ -25,6 +25,10 @@ MAX_RADIUS = 16
 """Largest radius that is taken where no size is asked for [pixel]."""
 
 
+TERMS = 2
+"""Products of a column and a row that a separable PSF is the sum of."""
+
+
 @dataclass(frozen=True, eq=False)
 class PSF:
     """A point spread function on the grid of the pixels.
@@ -70,6 +74,18 @@ class PSF:
         left, _, right = np.linalg.svd(self.kernel)
         down, across = np.abs(left[:, 0]), np.abs(right[0])
         return down / down.sum(), across / across.sum()
+
+    @cached_property
+    def terms(self) -> tuple[tuple[Float64Array, Float64Array], ...]:
+        """Pairs of (2 radius + 1,) arrays, down and across; the sum of their outer products is nearly `kernel`.
+
+        As many as `TERMS`, the best there are in least squares, made to sum to 1 together.
+        """
+        left, strength, right = np.linalg.svd(self.kernel)
+        count = max(int(np.count_nonzero(strength[:TERMS] > 1e-12 * strength[0])), 1)
+        down, across = left[:, :count] * strength[:count], right[:count]
+        total = float(down.sum(axis=0) @ across.sum(axis=1))
+        return tuple((down[:, i] / total, across[i].copy()) for i in range(count))
 
     @property
     def inseparable(self) -> float:

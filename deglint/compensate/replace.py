@@ -1,15 +1,15 @@
 """Glint replacement: put something in the place of what was identified as glint.
 
-`ReplaceLevel` takes the level of the band itself, which `deglint.compensate.identify` found beside the sparkle: local in
-wavelength, so nothing is assumed of the spectrum; it costs one copy. `ReplaceBands` takes, as the thesis does, the value
-of the spectrally nearest band that is clean at that pixel, in units of water: it keeps the pixel's own texture, and
-assumes that whatever is there is as bright against water in the other band; glint just below the threshold in the
+`ReplaceLevel` takes the level of the band itself, which `deglint.compensate.identify` found beside the sparkle: local
+in wavelength, so nothing is assumed of the spectrum; it costs one copy. `ReplaceBands` takes, as the thesis does, the
+value of the spectrally nearest band that is clean at that pixel, in units of water: it keeps the pixel's own texture,
+and assumes that whatever is there is as bright against water in the other band; glint just below the threshold in the
 clean band is carried over, and bright objects of a colour change it.
 
 References
 ----------
-Fink (2014), "Glint Avoidance and Removal in the Maritime Environment", Rochester Institute of Technology, section 6.3.
-"""
+Fink (2014), "Glint Avoidance and Removal in the Maritime Environment", Rochester Institute of Technology, section
+6.3."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class ReplaceBands:
 
 
 def neighbours(wavelengths: Sequence[float | None]) -> tuple[tuple[int, ...], ...]:
-    """For each band the others, the nearest in wavelength first (in place in the file, where wavelengths are unknown)."""
+    """For each band the others, the nearest in wavelength first (in the file, where those are unknown)."""
     known = all(w is not None for w in wavelengths)
     place = [float(w) if known and w is not None else float(i) for i, w in enumerate(wavelengths)]
     count = range(len(place))

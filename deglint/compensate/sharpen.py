@@ -6,7 +6,7 @@ output. Nothing is estimated from the image, so a tile with its halo gives what 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -57,7 +57,7 @@ def richardson_lucy(
     iterations : int, optional
         0 to 20; by default what suits the PSF, 2 to 4. From 5 on, f/10, pits appear around sparkle.
     form : str
-        "separable": P is the product of a column and a row, nearest to the kernel. "fir": the kernel itself.
+        "separable": P is a sum of two products of a column and a row, nearest to the kernel. "fir": the kernel itself.
         "fft": all of `psf.wide`, by Fourier transform of the whole image.
     pedestal : float
         Added before and taken off after [unit of the band]: where noise makes values of dark water negative, a few
@@ -136,22 +136,31 @@ def _check(band: npt.NDArray[Any], iterations: int, form: str) -> None:
 def _local_filters(psf: PSF, form: str, halo: int) -> Filters:
     """P and its transpose by OpenCV."""
     if form == "separable":
-        down, across = (f.astype(np.float32) for f in psf.factors)
-        blur, back = separable(down[::-1], across[::-1]), separable(down, across)
+        terms = [(down.astype(np.float32), across.astype(np.float32)) for down, across in psf.terms]
+        blur, back = separable([(d[::-1], a[::-1]) for d, a in terms]), separable(terms)
     else:
         kernel = psf.kernel.astype(np.float32)
         blur, back = fir(kernel[::-1, ::-1]), fir(kernel)
     return Filters(blur, back, psf.radius, halo)
 
 
-def separable(down: Float32Array, across: Float32Array) -> Blur:
-    """Correlation with a column and a row; exact at all but the outer pixels where widths are multiples of VECTOR."""
+def separable(terms: Sequence[tuple[Float32Array, Float32Array]]) -> Blur:
+    """Correlation with a sum of products of a column and a row.
+
+    Exact at all but the outer pixels where widths are multiples of VECTOR.
+    """
     import cv2
 
-    down, across = np.ascontiguousarray(down), np.ascontiguousarray(across)
+    pairs = [(np.ascontiguousarray(down), np.ascontiguousarray(across)) for down, across in terms]
 
     def correlate(image: Float32Array, out: Float32Array | None = None) -> Float32Array:
-        return np.asarray(cv2.sepFilter2D(image, cv2.CV_32F, across, down, dst=out))
+        total: Any = None
+        for down, across in pairs:
+            if total is None:
+                total = cv2.sepFilter2D(image, cv2.CV_32F, across, down, dst=out)
+            else:
+                cv2.add(total, cv2.sepFilter2D(image, cv2.CV_32F, across, down), dst=total)
+        return np.asarray(total)
 
     return correlate
 

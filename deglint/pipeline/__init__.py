@@ -12,6 +12,6 @@ from .recipe import Recipe
 from .saved import load_chain, load_model
 
 __all__ = [
-    "FLAGS", "Fitted", "Outputs", "Recipe", "Result", "default_threads", "examine", "fit_scene", "load_chain", "load_model",
-    "remove_glint",
+    "FLAGS", "Fitted", "Outputs", "Recipe", "Result", "default_threads", "examine", "fit_scene", "load_chain",
+    "load_model", "remove_glint",
 ]  # fmt: skip

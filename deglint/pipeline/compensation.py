@@ -118,7 +118,7 @@ def _automatic(found: Plan, sample: Sample) -> Plan:
     most = max(cover)
     needs = replace(needs, cover=cover)
     if most < LITTLE_COVER:
-        why = f"glint stands above the water beside it in at most {most:.2%} of the pixels of a band (threshold {LITTLE_COVER:.1%})"
+        why = f"glint covers at most {most:.2%} of a band (threshold {LITTLE_COVER:.1%})"
         return Plan(replace(needs, stages=(StageNeed("compensation", False, why, "all of its time"),)))
     text, stages = [], []
     middle = float(np.median(cover))

@@ -36,7 +36,7 @@ class KnownOptics:
 
 
 def optics_of(scene: Scene) -> KnownOptics | None:
-    """Optics from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, or from the sensor's preset; None where unknown."""
+    """Optics from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, or from the preset; None where unknown."""
     tags: dict[str, Any] = {}
     info = getattr(scene.source, "info", None)
     if info is not None:

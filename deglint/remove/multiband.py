@@ -1,23 +1,24 @@
 """Multiband: every band on all longer bands at once, level at a low percentile.
 
-One NIR band carries its own noise and its own blur. Several longer bands together follow the glint better: least squares
-finds the mixture of them that explains each band best in the sample,
+One NIR band carries its own noise and its own blur. Several longer bands together follow the glint better: least
+squares finds the mixture of them that explains each band best in the sample,
 
     L'_i = L_i - (p_i - p_i0),    p_i = sum_r w_ir L_r,    w_i = (C_rr + ridge diag C_rr)^-1 C_ri
 
 with r over the bands from 640 nm on that are longer than i (the NIR alone where wavelengths are not known), C the
-covariance over the sample, and p_i0 the 5th percentile of the mixture there. With one reference, no ridge and percentile
-0 it is Hedley's method.
+covariance over the sample, and p_i0 the 5th percentile of the mixture there. With one reference, no ridge and
+percentile 0 it is Hedley's method.
 
-Assumes that deep water is black, or even, in the references; over shoals the red ones see the bottom, and bright bottoms
-are darkened. The ridge keeps collinear references from cancelling each other. Fails, like all linear methods, where bands
-see the sea at different instants. Costs one pass over the sample and one multiplication a pixel, band and reference.
+Assumes that deep water is black, or even, in the references; over shoals the red ones see the bottom, and bright
+bottoms are darkened. The ridge keeps collinear references from cancelling each other. Fails, like all linear methods,
+where bands see the sea at different instants. Costs one pass over the sample and one multiplication a pixel, band and
+reference.
 
 References
 ----------
-Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086 (one
-reference); Hoerl, Kennard (1970), Technometrics 12, 55-67, doi:10.1080/00401706.1970.10488634 (ridge regression).
-"""
+Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086
+(one reference); Hoerl, Kennard (1970), Technometrics 12, 55-67, doi:10.1080/00401706.1970.10488634 (ridge
+regression)."""
 
 from __future__ import annotations
 
