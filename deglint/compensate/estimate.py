@@ -159,7 +159,7 @@ def estimate_optics(
     -----
     The standard error is that of the Fisher information with the scatter between squares (sandwich), since sparkle is
     far from Gaussian; with fewer than 40 squares it is too large by up to a half. The power law is not quite the
-    glint's: f-numbers came out 2 to 5 % too small on simulated seas at 5 to 12 m/s, which is not in the error. Assumes
+    glint's: f-numbers came out 2 to 10 % too small on simulated seas at 2 to 12 m/s, which is not in the error. Assumes
     perfect optics and sparkle of the same kind in all bands; defocus and resampled products raise the f-number. Sharp
     optics (wavelength times f-number well below the pitch) cannot be told, and need not be known. Cost: below 1 s.
 

@@ -287,7 +287,7 @@ def _moved(
     out: Float32Array,
 ) -> None:
     """Put an array without its margin, moved, into `out`."""
-    move = separable(*(k.astype(np.float32) for k in kernels))
+    move = separable([kernels])
     inner = slice(halo, halo + out.shape[0]), slice(halo, halo + out.shape[1])
     valid = np.isfinite(padded)
     if valid.all():
