@@ -162,7 +162,7 @@ def blurred(band: Float32Array, psf: PSF) -> Float32Array:
 
     NaN has no share and stays. Exact at tile edges with `psf.radius` pixels around a tile.
     """
-    blur = separable([(d[::-1].astype(np.float32), a[::-1].astype(np.float32)) for d, a in psf.terms])
+    blur = separable([(down[::-1], across[::-1]) for down, across in psf.factors(2)])
     halo = psf.radius
     wide = mirrored(band, (0, len(band)), halo)
     inner = slice(halo, halo + band.shape[0]), slice(halo, halo + band.shape[1])
