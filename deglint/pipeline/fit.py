@@ -14,7 +14,7 @@ from .. import tiles as tiling
 from ..compensate import Chain, State, apply_stages, finish
 from ..errors import FitError, NoWaterError
 from ..masks import WaterRule
-from ..needs import HEAVY_COVER
+from ..needs import HEAVY_COVER, Needs
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
 from ..remove import METHODS, FitRequest, GlintModel, SampleStatistics, gather, merge, useless
@@ -56,6 +56,8 @@ class Fitted:
         The sample as GeoJSON, where it was asked for.
     water : WaterRule or None
         How water is told, where it has to be; `water_bands` are the 0-based scene bands that it looks at.
+    needs : Needs
+        What the scene needs, and does not.
     chain : Chain
         Stages of compensation around the removal; empty where the scene needs none.
     """
@@ -68,6 +70,7 @@ class Fitted:
     water: WaterRule | None = None
     water_bands: tuple[int, ...] = ()
     chain: Chain = field(default_factory=Chain)
+    needs: Needs = field(default_factory=Needs)
 
 
 def default_threads() -> int:
@@ -173,7 +176,7 @@ def _fit_look(
         model = replace(model, warnings=(*model.warnings, *_heavy(todo)))
     numbers |= {"needs": todo.needs.numbers(), "compensation": chain.numbers()}
     water = look.water if recipe.mask == "auto" else None
-    return Fitted(model, chosen, tuple(notes), numbers, outline, water, role_bands(look.roles), chain)
+    return Fitted(model, chosen, tuple(notes), numbers, outline, water, role_bands(look.roles), chain, todo.needs)
 
 
 def _compensated_method(request: FitRequest) -> str:
