@@ -106,6 +106,9 @@ def test_pitch_scales_the_f_number():
 def test_refusals_are_one_clear_line():
     with pytest.raises(InputError, match="2 wavelengths are given for 3 bands"):
         estimate_optics(glint_spectra(sea(0, side=64)), BANDS[:2], pitch=8e-6)
+    for wavelengths, pitch in ((BANDS, 0.0), ((480.0, np.nan, 832.5), 8e-6), ((0.48, 0.66, 0.83), 8e-6)):
+        with pytest.raises(InputError, match="wavelengths must be 100 to 20000 nm"):
+            estimate_optics(glint_spectra(sea(0, side=64)), wavelengths, pitch=pitch)
     with pytest.raises(InputError, match=r"\(band, row, column\)"):
         glint_spectra(np.ones((4, 4)))
 

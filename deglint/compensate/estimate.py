@@ -153,7 +153,7 @@ def estimate_optics(
     Raises
     ------
     InputError
-        Wavelengths that are not one a band.
+        Wavelengths that are not one a band, or a number out of range.
 
     Notes
     -----
@@ -172,6 +172,11 @@ def estimate_optics(
     if len(wavelengths) != spectra.power.shape[1]:
         raise InputError(
             f"{len(wavelengths)} wavelengths are given for {spectra.power.shape[1]} bands; give one a band"
+        )
+    if not all(100 <= w <= 20_000 for w in wavelengths) or not pitch > 0 or not 0 <= smear < 100:
+        raise InputError(
+            f"wavelengths must be 100 to 20000 nm, pitch above 0 m, smear 0 to 100 pixels; got "
+            f"{', '.join(f'{w:g}' for w in wavelengths)}; {pitch:g}; {smear:g}."
         )
     cells = len(spectra.power)
     if cells < LEAST_CELLS:

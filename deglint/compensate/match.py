@@ -6,7 +6,7 @@ multiple of the NIR cannot take it off. Useful where bands are simultaneous, use
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -39,7 +39,7 @@ class Matching:
         Largest difference between the OTF that a band ends up with and that of the reference, 0..1.
     """
 
-    kernels: tuple[Float64Array | None, ...]
+    kernels: tuple[Float64Array | None, ...] = field(repr=False)
     reference: int
     residual: tuple[float, ...]
 

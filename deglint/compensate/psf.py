@@ -6,7 +6,7 @@ matching of bands (`deglint.compensate.match`) work with. Arrays only; it never 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -39,7 +39,7 @@ class PSF:
         Share of the light that falls outside `kernel`, 0..1.
     """
 
-    wide: Float64Array
+    wide: Float64Array = field(repr=False)
     radius: int
     truncated: float = 0.0
 
@@ -148,6 +148,10 @@ def system_psf(
     >>> len(green.kernel), round(green.centre, 3), round(green.truncated, 3)
     (9, 0.722, 0.028)
     """
+    given = {"wavelength": wavelength, "f_number": f_number, "pitch": pitch, "smear": smear, "jitter": jitter}
+    for name, value in given.items():
+        if not (isinstance(value, int | float | np.number) and np.isfinite(value) and value >= 0):
+            raise InputError(f"{name} must be a number, not below 0, got {value!r}. See what is known of the sensor.")
     band = SensorBand(name="", low=wavelength, high=wavelength, full_scale=1.0)
     sensor = Sensor(name="", bands=(band,), gsd=1.0, f_number=f_number, pitch=pitch, smear=smear, jitter=jitter)
     if not 100 <= wavelength <= 20_000:

@@ -108,6 +108,8 @@ def richardson_lucy(
     """
     iterations = psf.iterations if iterations is None else iterations
     _check(band, iterations, form, rank)
+    if not np.isfinite(pedestal):
+        raise InputError(f"pedestal must be a finite number, got {pedestal}.")
     if iterations == 0 or band.size == 0:
         return band.astype(np.float32)
     out = np.empty(band.shape, np.float32)
@@ -137,8 +139,8 @@ def _check(band: npt.NDArray[Any], iterations: int, form: str, rank: int) -> Non
         raise InputError(f"a band must be (row, column); got an array of shape {band.shape}")
     if form not in FORMS:
         raise InputError(f"form must be one of {', '.join(FORMS)}; got {form!r}")
-    if not 0 <= iterations <= 20:
-        raise InputError(f"iterations must be 0 to 20, got {iterations}. 2 to 4 are usual.")
+    if iterations not in range(21):
+        raise InputError(f"iterations must be a whole number, 0 to 20, got {iterations}. 2 to 4 are usual.")
     if rank not in (1, 2, 3):
         raise InputError(f"rank must be 1, 2 or 3, got {rank}. 2 is usual.")
 
