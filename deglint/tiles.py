@@ -80,8 +80,8 @@ def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> t
 
 
 def compact(shape: tuple[int, int], block: tuple[int, int]) -> tuple[int, int]:
-    """The same, or squarer and smaller tiles for work that needs a halo and many copies."""
-    return tuple(min(s, _side(COMPACT, b, 1)) for s, b in zip(shape, block, strict=True))  # type: ignore[return-value]
+    """The same, or smaller tiles for work that needs a halo and many copies: wide ones, for the halo's sake."""
+    return min(shape[0], _side(COMPACT, block[0], 1)), min(shape[1], _side(2 * COMPACT, block[1], 1))
 
 
 def _side(side: int, block: int, bands: int) -> int:

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from .options import METHOD_NAMES, REGRESSION_NAMES, Talk, common, creation_options, names
+from .running import keep_memory
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -128,6 +129,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
 
     if given["model_in"] and any(given[k] != "auto" for k in ("method", "sample", "regression")):
         raise click.UsageError("--model applies a fit that is there: leave out --method, --sample and --regression.")
+    keep_memory()
     talk = Talk(quiet=given["quiet"])
     recipe = Recipe(
         method=given["method"], nir=given["nir"], nir_use=given["nir_use"], bands=given["bands"],

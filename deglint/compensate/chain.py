@@ -69,13 +69,15 @@ class Sharpen:
         return max(sharpen_halo(p, self.iterations) + (0 if self.image else p.radius) for p in self.psfs)
 
     def apply(self, state: State) -> None:
-        """Sharpen every band."""
+        """Sharpen every band, or promise to do so, one at a time, when the level is built."""
+        if not self.image:
+            source, psfs, iterations = state.image, self.psfs, self.iterations
+            state.sharp = lambda b: richardson_lucy(source[b], psfs[b], iterations=iterations)
+            state.psfs = self.psfs
+            return
         sharp = [richardson_lucy(b, p, iterations=self.iterations) for b, p in zip(state.image, self.psfs, strict=True)]
-        if self.image:
-            state.image[...] = np.stack(sharp)
-            state.replaced[...] = True if state.where is None else state.where
-        else:
-            state.sharp, state.psfs = sharp, self.psfs
+        state.image[...] = np.stack(sharp)
+        state.replaced[...] = True if state.where is None else state.where
 
 
 @dataclass(frozen=True)
@@ -306,6 +308,8 @@ def finish(state: State, block: FloatArray) -> FloatArray:
     (band, row, column) ndarray
         Of the block's type.
     """
+    if block.dtype == np.float32 and (state.units == 1).all():
+        return state.image  # only what was replaced differs
     out = block.copy()
     for b, unit in enumerate(state.units):
         values = state.image[b] if unit == 1 else state.image[b] * np.float32(unit)

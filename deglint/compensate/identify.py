@@ -231,7 +231,7 @@ def _levels(
 ) -> Float32Array:
     """Opened level of some bands; `order` and `spectrum` are of the scene's bands and of the chosen ones."""
     place = {band: i for i, band in enumerate(bands)}
-    source = [state.image[b] if state.sharp is None else state.sharp[b] for b in bands]
+    source = (state.image[b] if state.sharp is None else state.sharp(b) for b in bands)
     psfs = None if state.psfs is None else [state.psfs[b] for b in bands]
     return opened_level(
         source, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs

@@ -15,7 +15,7 @@ operators based on rank filters", Pattern Recognition 35, 527-535, doi:10.1016/S
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -176,7 +176,7 @@ def blurred(band: Float32Array, psf: PSF) -> Float32Array:
 
 
 def opened_level(
-    bands: Sequence[Float32Array],
+    bands: Iterable[Float32Array],
     size: int,
     *,
     detail: int = 0,
@@ -188,8 +188,8 @@ def opened_level(
 
     Parameters
     ----------
-    bands : sequence of (row, column) float32 ndarray
-        The bands, sharpened or not.
+    bands : iterable of (row, column) float32 ndarray
+        The bands, sharpened or not, each asked for once.
     size : int
         Element of the opening [pixel].
     detail : int
@@ -206,10 +206,16 @@ def opened_level(
     -------
     (band, row, column) float32 ndarray
     """
-    base = [rank_opening(band, size) for band in bands]
+    base, details = [], []
+    for band in bands:
+        base.append(rank_opening(band, size))
+        if detail:
+            details.append(detail_of(band, base[-1], detail))
     if detail:
-        details = [detail_of(band, low, detail) for band, low in zip(bands, base, strict=True)]
         agreeing([details[b] for b in order], [spectrum[b] for b in order])
         for low, more in zip(base, details, strict=True):
             low += more
-    return np.stack(base if psfs is None else [blurred(low, psf) for low, psf in zip(base, psfs, strict=True)])
+    out = np.empty((len(base), *base[0].shape), np.float32)
+    for i, low in enumerate(base):
+        out[i] = low if psfs is None else blurred(low, psfs[i])
+    return out

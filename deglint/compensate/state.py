@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,8 +27,8 @@ class State:
         Pixels that may be changed; all where None.
     units : (band,) float64 ndarray
         What `image` is to be multiplied with to be in the scene's unit again.
-    sharp : list of (row, column) ndarray, optional
-        Sharpened bands, for the level alone.
+    sharp : callable, optional
+        Gives a sharpened band by its number, for the level alone.
     psfs : sequence of PSF, optional
         What the bands were sharpened with, so that a level of sharpened bands can be blurred again.
     level : (band, row, column) float32 ndarray, optional
@@ -41,7 +42,7 @@ class State:
     image: Float32Array
     where: Mask | None = None
     units: npt.NDArray[np.float64] = field(default_factory=lambda: np.ones(0))
-    sharp: list[Float32Array] | None = None
+    sharp: Callable[[int], Float32Array] | None = None
     psfs: tuple[PSF, ...] | None = None
     level: Float32Array | None = None
     hit: Mask | None = None
@@ -57,6 +58,11 @@ class State:
     def of(cls, block: FloatArray, where: Mask | None = None) -> State:
         """A state for a block, which is copied."""
         return cls(np.array(block, np.float32), where)
+
+    @classmethod
+    def own(cls, block: FloatArray) -> State:
+        """A state that works on the block itself where that is float32, and on a copy elsewhere."""
+        return cls(block if block.dtype == np.float32 and block.flags.writeable else np.array(block, np.float32))
 
     def replace(self, hit: Mask, values: Float32Array) -> None:
         """Put values where there is glint."""

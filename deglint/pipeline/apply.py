@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -241,6 +241,7 @@ def _write_tiles(
     tally = Tally(len(scene.bands))
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     with ExitStack() as stack:
+        stack.enter_context(one_thread_each(bool(fitted.chain.before)))
         writers: list[tuple[RasterWriter, str]] = [(stack.enter_context(writing(scratch, targets.image, image)), "raw")]
         if targets.flags:
             layout = Layout(info, (0,), "uint8", None, targets.options, scaled=False, names=("flags",), tile=shape)
@@ -259,6 +260,22 @@ def _write_tiles(
                 writers[0][0].write_mask(done.valid, tile.window)
             tally.add(done.tally)
     return tally
+
+
+@contextmanager
+def one_thread_each(wanted: bool) -> Iterator[None]:
+    """OpenCV on one thread, where the tiles are on several already."""
+    if not wanted:
+        yield
+        return
+    import cv2
+
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:

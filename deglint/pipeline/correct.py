@@ -102,11 +102,11 @@ class Correction:
         inner = core_of(tile.crop_of(outer), outer.shape)
         after = None
         if self.chain.before:
-            after = compensate(physical, self.model, self.chain)
-            inside = self._water_of(after.middle, inner, tile)
-            physical, raw = physical[(slice(None), *inner)].copy(), raw[(slice(None), *inner)].copy()
-            valid = None if valid is None else valid[(slice(None), *inner)]
-            after = after.cropped(inner)
+            around, place = physical, (slice(None), *inner)
+            physical, raw = around[place].copy(), raw[place].copy()
+            valid = None if valid is None else valid[place]
+            after = self._compensated(around, tile, outer)
+            inside = after.inside
         else:
             inside = self._inside(tile, physical)
         tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
@@ -149,7 +149,7 @@ class Correction:
             apply(physical, self.model, where=where, out=physical)
             tally.corrected = usable
             return [(removed, where)]
-        changed, replaced = self.changed, after.replaced
+        changed, replaced = self.changed, after.replaced.copy()
         if where is not None:
             replaced &= where
         replaced[[b for b in range(len(replaced)) if b not in changed]] = False
@@ -165,21 +165,44 @@ class Correction:
         done += [([b], replaced[b]) for b in changed if b not in removed and replaced[b].any()]
         for bands, place in done:
             for band in bands:
-                np.copyto(physical[band], after.clean[band], where=True if place is None else place)
+                np.copyto(
+                    physical[band], after.clean[band], where=True if place is None else place, casting="same_kind"
+                )
         return done
 
     @property
     def _halo(self) -> int:
         """Pixels around a tile that are read with it."""
-        if not self.chain.before:
-            return 0
-        return self.chain.halo + (self.water.halo if self.water is not None and self.area is None else 0)
+        return self.chain.halo_before + max(self.chain.halo_after, self._water_halo) if self.chain.before else 0
 
-    def _water_of(self, middle: Any, inner: Any, tile: Tile) -> npt.NDArray[np.bool_] | None:
+    def _compensated(self, around: Any, tile: Tile, outer: Tile) -> Compensated:
+        """The tile after the chain; `around`, the block with its halo, is worked on in place.
+
+        Each stage sees no more of the halo than the stages after it need.
+        """
+        state = apply_stages(State.own(around), self.chain.before)
+        middle = tile.grown(max(self.chain.halo_after, self._water_halo), self.scene.height, self.scene.width)
+        place = (slice(None), *core_of(middle.crop_of(outer), outer.shape))
+        clean, replaced = finish(state, around)[place], state.replaced[place]
+        inner = core_of(tile.crop_of(middle), middle.shape)
+        inside = self._water_of(clean, inner, tile)
+        if self.model.fits:
+            clean = apply(clean, self.model)
+        if self.chain.after:
+            state = apply_stages(State.of(clean), self.chain.after)
+            clean = finish(state, clean)
+            replaced = replaced | state.replaced
+        return Compensated(inside, clean[(slice(None), *inner)], replaced[(slice(None), *inner)])
+
+    def _water_of(self, block: Any, inner: tuple[slice, slice], tile: Tile) -> npt.NDArray[np.bool_] | None:
         """Where correction is wanted, told by compensated bands: sparkle is no boat there."""
         if self.area is not None or self.water is None:
-            return self._inside(tile, middle)
-        return np.asarray(water([middle[b] for b in self.water_bands], self.water)[inner])
+            return self._inside(tile, block)
+        return np.asarray(water([block[b] for b in self.water_bands], self.water)[inner])
+
+    @property
+    def _water_halo(self) -> int:
+        return self.water.halo if self.water is not None and self.area is None else 0
 
     def _file_valid(self, raw: Any, valid: Any) -> npt.NDArray[np.bool_] | None:
         """What the output's mask says of the tile, where it has one: valid in every band."""
@@ -248,29 +271,11 @@ def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int
 
 @dataclass(frozen=True, eq=False)
 class Compensated:
-    """A block after the stages before the removal, after the whole chain, and what was replaced in each band."""
+    """A tile after the chain: where it is to be corrected (None: everywhere), its bands, what was replaced in each."""
 
-    middle: Any
+    inside: npt.NDArray[np.bool_] | None
     clean: Any
     replaced: npt.NDArray[np.bool_]
-
-    def cropped(self, inner: tuple[slice, slice]) -> Compensated:
-        """Without the halo."""
-        place = (slice(None), *inner)
-        return Compensated(self.middle[place], self.clean[place], self.replaced[place])
-
-
-def compensate(block: Any, model: GlintModel, chain: Chain) -> Compensated:
-    """Work on a block with its halo, removal in the middle; `block` is not changed."""
-    state = apply_stages(State.of(block), chain.before)
-    middle = finish(state, block)
-    replaced = state.replaced
-    clean = apply(middle, model) if model.fits else middle
-    if chain.after:
-        state = apply_stages(State.of(clean), chain.after)
-        clean = finish(state, clean)
-        replaced |= state.replaced
-    return Compensated(middle, clean, replaced)
 
 
 def _saturated(scene: Scene, physical: Any, flags: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.int64]:
