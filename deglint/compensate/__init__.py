@@ -1,0 +1,1 @@
+"""Compensation of glint before removal: one module a stage, arrays only."""
