@@ -19,6 +19,7 @@ from .identify import THESIS_K, IdentifyLevel, IdentifyMedian, fit_identify_leve
 from .median import Median
 from .normalise import Normalise, fit_normalise
 from .psf import PSF, kernel_psf
+from .reference import ReferenceRule
 from .replace import ReplaceBands, ReplaceLevel, neighbours
 from .sharpen import richardson_lucy, sharpen_halo
 from .state import Mask, State
@@ -90,11 +91,14 @@ class Chain:
         Before and after the removal.
     text : str
         How it is written.
+    references : tuple of (int, ReferenceRule)
+        0-based NIR bands that the removal is not to follow where they stand out from the water around, and how far.
     """
 
     before: tuple[Stage, ...] = ()
     after: tuple[Stage, ...] = ()
     text: str = ""
+    references: tuple[tuple[int, ReferenceRule], ...] = ()
 
     @property
     def halo(self) -> int:
@@ -117,6 +121,7 @@ class Chain:
             "chain": self.text,
             "before": [_plain(s) for s in self.before],
             "after": [_plain(s) for s in self.after],
+            "references": [{"band": band, **asdict(rule)} for band, rule in self.references],
         }
 
 
@@ -343,6 +348,23 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
         return kinds[name](**rest)
     except (KeyError, TypeError) as error:
         raise InputError(f"not a saved stage of a compensation ({error}); fit and save it again.") from error
+
+
+def chain_from(data: Mapping[str, Any]) -> Chain:
+    """Read back what `Chain.numbers` says.
+
+    Raises
+    ------
+    InputError
+        Not a chain of this version.
+    """
+    try:
+        before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
+        rules = [dict(r) for r in data["references"]]
+        references = tuple((int(r.pop("band")), ReferenceRule(**r)) for r in rules)
+        return Chain(before, after, str(data["chain"]), references)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"not a saved compensation ({error}); fit and save it again.") from error
 
 
 def _tuples(value: Any) -> Any:

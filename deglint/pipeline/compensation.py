@@ -17,6 +17,7 @@ from ..compensate.identify import IdentifyLevel
 from ..compensate.level import SMALLEST, level_halo
 from ..compensate.median import Median
 from ..compensate.psf import PSF
+from ..compensate.reference import SIZE, ReferenceRule, fit_reference
 from ..errors import FitError, InputError
 from ..masks import water
 from ..needs import (
@@ -34,7 +35,7 @@ from ..readers.optics import optics_of, pixel_size
 from ..remove import FitRequest, GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
-from .look import LOOK_PIXELS, Look, raster_of, role_bands
+from .look import LOOK_PIXELS, Look, core_of, raster_of, role_bands
 from .recipe import Recipe
 from .sample import Sampler
 
@@ -175,6 +176,35 @@ def fit_after(
     bands = sorted(f.band for f in model.fits)
     after = fit_stages(found.after, left, setting, bands=bands)
     return replace(chain, after=after)
+
+
+def fit_references(
+    scene: Scene, model: GlintModel, sampler: Sampler, look: Look, threads: int
+) -> tuple[tuple[int, ReferenceRule], ...]:
+    """How far the NIR of glint stands out from the water around, over the sample; what exceeds it is not followed."""
+    bands = list(model.index_bands)
+    columns = sorted({*bands, *sampler.bands})
+    halo = max(sampler.halo, SIZE // 2)
+
+    def work(tile: Tile) -> tuple[Any, Mask]:
+        outer = tile.grown(halo, scene.height, scene.width)
+        block = scene.source.read(outer.window, columns)
+        mask = np.asarray(sampler.mask(block, columns, outer))
+        core = np.zeros_like(mask)
+        core[core_of(tile.crop_of(outer), outer.shape)] = True
+        return block[[columns.index(b) for b in bands]], mask & core
+
+    tiles = _some(sampler.tiles)
+    looks = [p for _t, p in tiling.run(tiles, work, threads=threads, start=enter_thread)]
+    water_nir = look.water.threshold if look.water is not None and look.water.window == 1 else np.inf
+    found = []
+    for i, band in enumerate(bands):
+        most = water_nir if look.water is not None and band == look.roles.nir else np.inf
+        try:
+            found.append((band, fit_reference([(b[i], m) for b, m in looks], most=most)))
+        except FitError:  # too little water in one piece to tell: every pixel follows its own NIR
+            continue
+    return tuple(found)
 
 
 def compensated(state: State, chain: Chain, model: GlintModel) -> npt.NDArray[np.float32]:

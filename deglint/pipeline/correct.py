@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..compensate import Chain, State, apply_stages, finish
+from ..compensate.reference import standing_out
 from ..masks import WaterRule, opened, valid_for, water
 from ..raster.convert import is_valid
 from ..raster.encode import encode, retype
@@ -123,7 +124,7 @@ class Correction:
         raw, lost = self._retyped(raw, valid)
         if not physical.flags.writeable:
             physical = physical.copy()
-        for bands, place in self._work(physical, after, where, usable, tally, flags):
+        for bands, place in self._work(tile, physical, after, where, usable, tally, flags):
             counts = encode(
                 physical, raw, bands=bands, scales=source.info.scales, offsets=source.info.offsets,
                 where=place, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
@@ -138,15 +139,44 @@ class Correction:
         amount = None if before is None else np.subtract(before, physical[self.changed], dtype=np.float32)
         return Corrected(raw, tally, file_valid, flags, amount)
 
+    def _follow_the_water(
+        self, tile: Tile, physical: Any, where: Any, tally: Tally, flags: Any
+    ) -> dict[int, npt.NDArray[Any]]:
+        """Give what stands out from the water around the NIR of that water; returns the NIR as it was."""
+        own, held = {}, np.zeros(tile.shape, np.bool_)
+        for band, rule in self.chain.references:
+            bright = physical[band] > rule.least
+            if where is not None:
+                bright &= where
+            if not bright.any():
+                continue
+            outer = tile.grown(rule.halo, self.scene.height, self.scene.width)
+            inner = core_of(tile.crop_of(outer), outer.shape)
+            nir = self.scene.source.read(outer.window, [band])[0]
+            asked = np.zeros(outer.shape, np.bool_)
+            asked[inner] = bright
+            found, values = standing_out(nir, np.ones_like(asked), rule, asked)
+            if values.size:
+                own[band] = physical[band].copy()
+                physical[band][found[inner]] = values
+                held |= found[inner]
+        tally.protected = int(np.count_nonzero(held))
+        if flags is not None:
+            flags[held] |= PROTECTED
+        return own
+
     def _work(
-        self, physical: Any, after: Compensated | None, where: Any, usable: int, tally: Tally, flags: Any
+        self, tile: Tile, physical: Any, after: Compensated | None, where: Any, usable: int, tally: Tally, flags: Any
     ) -> list[tuple[list[int], Any]]:
         """Correct `physical`; which bands changed, and where (None: everywhere)."""
         removed = [f.band for f in self.model.fits]
         if not usable or not (removed or after):
             return []
         if after is None:
+            own = self._follow_the_water(tile, physical, where, tally, flags)
             apply(physical, self.model, where=where, out=physical)
+            for band, nir in own.items():
+                physical[band] = nir
             tally.corrected = usable
             return [(removed, where)]
         changed, replaced = self.changed, after.replaced.copy()

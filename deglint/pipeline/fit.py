@@ -21,7 +21,7 @@ from ..remove import METHODS, FitRequest, GlintModel, SampleStatistics, gather, 
 from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
-from .compensation import Plan, fit_after, fit_before, plan
+from .compensation import Plan, fit_after, fit_before, fit_references, plan
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
 from .sample import Sampler, sampler_of
@@ -174,6 +174,8 @@ def _fit_look(
     if todo.runs:
         chain = fit_after(scene, recipe, look, todo, chain, model, threads)
         model = replace(model, warnings=(*model.warnings, *_heavy(todo)))
+    elif recipe.compensate != "off" and sampler is not None and model.fits:
+        chain = replace(chain, references=fit_references(scene, model, sampler, look, threads))
     numbers |= {"needs": todo.needs.numbers(), "compensation": chain.numbers()}
     water = look.water if recipe.mask == "auto" else None
     return Fitted(model, chosen, tuple(notes), numbers, outline, water, role_bands(look.roles), chain, todo.needs)
