@@ -22,8 +22,8 @@ from .psf import PSF, system_psf
 from .state import State
 
 __all__ = [
-    "PSF", "STAGES", "THESIS", "Chain", "Sample", "Setting", "State", "Step", "apply", "apply_stages", "chain_from", "finish",
-    "fit", "fit_stages", "parse", "system_psf",
+    "PSF", "STAGES", "THESIS", "Chain", "Sample", "Setting", "State", "Step", "apply", "apply_stages", "chain_from",
+    "finish", "fit", "fit_stages", "parse", "system_psf",
 ]  # fmt: skip
 
 

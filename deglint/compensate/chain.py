@@ -8,13 +8,14 @@ made of the sample, and is then a frozen value of plain numbers."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..scene import Band, FloatArray
+from .evidence import Protection, protection_from
 from .identify import THESIS_K, IdentifyLevel, IdentifyMedian, fit_identify_level, fit_identify_median
 from .median import Median
 from .normalise import Normalise, fit_normalise
@@ -39,6 +40,7 @@ STAGES: dict[str, str] = {
 }
 THESIS = "normalise, identify-median:5, replace-bands, median:25, remove"
 """Section 6.3 of the thesis, as far as it can be reconstructed."""
+NO_STAGES = "no opening, so no small thing is erased"
 ITERATIONS = 2
 """Richardson-Lucy iterations; more dig pits beside sparkle, which the opening then spreads."""
 
@@ -93,12 +95,15 @@ class Chain:
         How it is written.
     references : tuple of (int, ReferenceRule)
         0-based NIR bands that the removal is not to follow where they stand out from the water around, and how far.
+    protection : Protection
+        How small things are told from sparkle, and put back.
     """
 
     before: tuple[Stage, ...] = ()
     after: tuple[Stage, ...] = ()
     text: str = ""
     references: tuple[tuple[int, ReferenceRule], ...] = ()
+    protection: Protection = field(default_factory=lambda: Protection(reason=NO_STAGES))
 
     @property
     def halo(self) -> int:
@@ -122,7 +127,12 @@ class Chain:
             "before": [_plain(s) for s in self.before],
             "after": [_plain(s) for s in self.after],
             "references": [{"band": band, **asdict(rule)} for band, rule in self.references],
+            "protection": self.protection.numbers(),
         }
+
+    def saved(self) -> dict[str, Any]:
+        """The same with the tables of the protection, to be read back by `chain_from`."""
+        return self.numbers() | {"protection": self.protection.saved()}
 
 
 @dataclass(frozen=True)
@@ -362,7 +372,7 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
         before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
         rules = [dict(r) for r in data["references"]]
         references = tuple((int(r.pop("band")), ReferenceRule(**r)) for r in rules)
-        return Chain(before, after, str(data["chain"]), references)
+        return Chain(before, after, str(data["chain"]), references, protection_from(data["protection"]))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved compensation ({error}); fit and save it again.") from error
 

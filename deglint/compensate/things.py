@@ -35,6 +35,11 @@ class Things:
     score: FloatArray
     residual: FloatArray
 
+    def cropped(self, inner: tuple[slice, slice]) -> Things:
+        """Without the halo."""
+        at = (..., *inner)
+        return Things(self.mask[at], self.edge[at], self.excess[at], self.score[at], self.residual[at])
+
 
 def things(raw: FloatArray, level: FloatArray, protection: Protection) -> Things:
     """Find things.

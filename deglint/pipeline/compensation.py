@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..compensate import THESIS, Chain, Sample, Setting, State, Step, finish, fit_stages, parse, system_psf
-from ..compensate.chain import Sharpen
+from ..compensate import THESIS, Chain, Sample, Setting, State, Step, finish, fit_stages, parse, protect, system_psf
+from ..compensate.chain import NO_STAGES, Sharpen
+from ..compensate.evidence import Protection
 from ..compensate.identify import IdentifyLevel
 from ..compensate.level import SMALLEST, level_halo
 from ..compensate.median import Median
@@ -40,6 +41,9 @@ from .recipe import Recipe
 from .sample import Sampler
 
 Mask = npt.NDArray[np.bool_]
+
+DARK_NOISE = 0.2
+"""Share of the variance over water that does not grow with the signal, where nothing more is known of the noise."""
 
 
 @dataclass(frozen=True)
@@ -155,8 +159,32 @@ def fit_before(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: i
     """Fit the stages before the removal."""
     sample = read_sample(scene, recipe, look, found, threads)
     assert found.setting is not None
+    raw = [s.image.copy() for s in sample.states]
     stages = fit_stages(found.before, sample, found.setting)
-    return Chain(stages, (), ", ".join(s.name + (f":{s.number:g}" if s.number else "") for s in found.steps))
+    text = ", ".join(s.name + (f":{s.number:g}" if s.number else "") for s in found.steps)
+    return Chain(stages, (), text, (), _protection(raw, sample, stages, found))
+
+
+def _protection(raw: list[Any], sample: Sample, stages: Sequence[Any], found: Plan) -> Protection:
+    """How small things are told from sparkle, where an opening would erase them and the bands' instants can tell."""
+    levels = [s for s in stages if isinstance(s, IdentifyLevel)]
+    assert found.setting is not None
+    if not levels or any(s.water is None for s in sample.states) or len(levels[-1].bands) < len(found.setting.bands):
+        return Protection(reason=NO_STAGES)
+    if not found.setting.detail:
+        return Protection(reason="the bands see the sea at one instant, as sparkle does")
+    looks, noise = [], []
+    for block, state, mask in zip(raw, sample.states, sample.inside, strict=True):
+        keep = mask & (state.units == 1).all()
+        assert state.water is not None
+        looks.append((np.where(keep, block, np.nan), np.where(keep, state.water, np.nan)))
+    for b, sigma in enumerate(levels[-1].sigmas):
+        level = max(float(np.nanmedian(np.concatenate([m[b][np.isfinite(m[b])] for _, m in looks]))), 1e-30)
+        noise.append((DARK_NOISE * sigma**2, (1 - DARK_NOISE) * sigma**2 / level))
+    try:
+        return protect.fit(looks, found.setting.bands, noise=noise)
+    except FitError as error:
+        return Protection(reason=str(error))
 
 
 def fit_after(

@@ -15,7 +15,7 @@ def saved(fitted: Fitted) -> str:
     """A fit as JSON text (what `--save-model` writes)."""
     data = json.loads(fitted.model.to_json())
     if fitted.chain.before or fitted.chain.references:
-        data["compensation"] = fitted.chain.numbers()
+        data["compensation"] = fitted.chain.saved()
     return json.dumps(data, indent=2)
 
 
