@@ -236,15 +236,13 @@ def test_object_curve_is_that_of_brute_force():
     truth[6, 6] = 20  # an object without a valid pixel
     roc = Roc.of(scores, truth)
     curve = object_curve(scores, truth, roc, pfa_max=0.2)
-    assert len(curve.objects) == len(np.unique(truth)) - 1
+    assert curve.unseen == (20,)
+    assert {o.number for o in curve.objects} == set(np.unique(truth)) - {0, 20}
     for o in curve.objects:
         own = scores[truth == o.number]
         assert (o.size, o.left_out) == (np.isfinite(own).sum(), np.isnan(own).sum())
-        if o.size:
-            assert o.score_max == np.nanmax(own)
-            assert o.pfa == (scores[truth == 0] >= o.score_max).sum() / len(roc.background)
-        else:
-            assert o.pfa == 1
+        assert o.score_max == np.nanmax(own)
+        assert o.pfa == (scores[truth == 0] >= o.score_max).sum() / len(roc.background)
     assert (np.diff(curve.thresholds) < 0).all()
     for i, t in enumerate(curve.thresholds):
         mask = scores >= t

@@ -44,6 +44,9 @@ class Bands:
         Interval of the area.
     auc_error : float
         Standard deviation of the area over the draws.
+    areas : (draws,) ndarray
+        The area of every draw. Detectors scored on the same pixels are drawn alike by one seed, so the differences
+        of their areas are paired.
     level : float
     draws, seed, block : int
     objects, blocks : int
@@ -56,6 +59,7 @@ class Bands:
     high: Float64
     auc: tuple[float, float]
     auc_error: float
+    areas: Float64
     level: float
     draws: int
     seed: int
@@ -95,7 +99,7 @@ def bootstrap(
     block : int, optional
         Side of the background's blocks [pixel]; see `default_block`.
     pfa : array_like, optional
-        Where to look at the curve; 61 values, even in logarithm, by default.
+        Where to look at the curve; see `default_grid`.
     level : float
 
     Raises
@@ -120,14 +124,17 @@ def bootstrap(
     tails = [100 * (1 - level) / 2, 100 * (1 + level) / 2]
     low, high = np.percentile(pds, tails, axis=0)
     auc = np.percentile(areas, tails)
-    pieces = (len(targets), len(background))
-    return Bands(at, low, high, (float(auc[0]), float(auc[1])), float(areas.std(ddof=1)), level, draws, seed, block,
-                 *pieces, _notes(*pieces))  # fmt: skip
+    objects_drawn, blocks_drawn = len(targets), len(background)
+    return Bands(
+        pfa=at, low=low, high=high, auc=(float(auc[0]), float(auc[1])), auc_error=float(areas.std(ddof=1)),
+        areas=areas, level=level, draws=draws, seed=seed, block=block, objects=objects_drawn, blocks=blocks_drawn,
+        notes=_notes(objects_drawn, blocks_drawn),
+    )  # fmt: skip
 
 
 def default_grid(background: int) -> Float64:
-    """Values of Pfa, even in logarithm, from one background pixel to all."""
-    return np.geomspace(1 / background, 1, 61)
+    """Values of Pfa: one that allows no background pixel, then 61 even in logarithm from one pixel to all."""
+    return np.append(0.5 / background, np.geomspace(1 / background, 1, 61))
 
 
 def _notes(objects: int, blocks: int) -> tuple[str, ...]:
