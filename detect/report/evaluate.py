@@ -150,13 +150,14 @@ def _judge(name: str, scores: npt.NDArray[Any], inputs: Inputs, request: Request
         found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=request.pfa_max)
     sign = -1.0 if request.lower else 1.0
     square_km = None if area is None else np.count_nonzero(inputs.valid) * area / 1e6
-    points = [_point(r, roc, bands, found, scores, inputs, sign, square_km) for r in rates]
     threshold = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0)).threshold
     worst = false_alarms(scores, inputs.objects, threshold, inputs.valid)[:_WORST]
     numbers = _figures(name, roc, request, bands)
-    numbers["operating_points"] = points
+    numbers["operating_points"] = [_point(roc, r, bands, sign) for r in rates]
     numbers["worst_false_alarms"] = [_alarm(o, inputs, sign) for o in worst]
     if found is not None:
+        for point in numbers["operating_points"]:
+            point |= _called(sign * point["threshold"], scores, found, inputs, square_km)
         numbers["objects"] = _objects(found, sign, square_km)
     return Judged(name, scores, roc, numbers, bands, found, tuple(worst), threshold)
 
@@ -185,21 +186,25 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
     return out
 
 
-def _point(
-    rate: float, roc: Roc, bands: Bands | None, found: ObjectCurve | None, scores: npt.NDArray[Any], inputs: Inputs,
-    sign: float, square_km: float | None,
-) -> dict[str, Any]:  # fmt: skip
+def _point(roc: Roc, rate: float, bands: Bands | None, sign: float) -> dict[str, Any]:
+    """What a false-alarm rate gives in pixels."""
     point = roc.point(rate)
     out: dict[str, Any] = asdict(point) | {"threshold": sign * point.threshold, "pd_low": None, "pd_high": None}
     if bands is not None:
         at = int(np.argmin(np.abs(bands.pfa - rate)))
         out |= {"pd_low": bands.low[at], "pd_high": bands.high[at]}
-    if found is not None:
-        alarms = count_false_alarms(scores > point.threshold, inputs.objects, inputs.valid)
-        hits = sum(o.score_max > point.threshold for o in found.objects)
-        out |= {"objects_found": hits, "objects": len(found.objects), "false_alarms": alarms,
-                "false_alarms_per_km2": None if square_km is None else alarms / square_km}  # fmt: skip
     return out
+
+
+def _called(
+    threshold: float, scores: npt.NDArray[Any], found: ObjectCurve, inputs: Inputs, square_km: float | None
+) -> dict[str, Any]:
+    """What a threshold gives in objects and false alarms."""
+    alarms = count_false_alarms(scores > threshold, inputs.objects, inputs.valid)
+    return {
+        "objects_found": sum(o.score_max > threshold for o in found.objects), "objects": len(found.objects),
+        "false_alarms": alarms, "false_alarms_per_km2": None if square_km is None else alarms / square_km,
+    }  # fmt: skip
 
 
 def _objects(found: ObjectCurve, sign: float, square_km: float | None) -> dict[str, Any]:

@@ -139,7 +139,7 @@ def objects(found: Evaluation) -> str:
         for s, d in zip(scored, found.detectors, strict=True):
             own = s[o.number]
             first_at = _first_pfa(own.pfa, len(d.roc.background))
-            row.append(f"{first_at}<small>score {_signed(own.score_max, found):.5g}</small>")
+            row.append(f'{first_at} <small class="in">{_signed(own.score_max, found):.5g}</small>')
         rows.append(row)
     head = ["Object", "pixels", "column, row"]
     head += [f'<span class="who">{svg.key(i)}<br>{escape(d.name)}</span>' for i, d in enumerate(found.detectors)]

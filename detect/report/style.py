@@ -38,7 +38,8 @@ th,td{padding:6px 12px 6px 0;text-align:right;border-bottom:1px solid var(--line
 th{font-weight:600;color:var(--soft);font-size:13px;border-bottom:1.5px solid #9aa3ad;vertical-align:bottom}
 .who{white-space:normal;display:inline-block;max-width:12em;overflow-wrap:anywhere}
 th:first-child,td:first-child{text-align:left;white-space:normal;overflow-wrap:anywhere;min-width:8em}
-td small{color:var(--soft);font-size:13px;display:block;line-height:1.25}
+small.in{color:var(--soft);font-size:13.5px;display:inline-block;min-width:5.2em;text-align:right}
+td small:not(.in){color:var(--soft);font-size:13px;display:block;line-height:1.25}
 .chips{display:grid;grid-template-columns:repeat(auto-fill,minmax(104px,1fr));gap:14px 12px;margin:14px 0}
 .chips figure{margin:0}
 .chip{image-rendering:pixelated;border:1px solid var(--line);aspect-ratio:1}
@@ -47,7 +48,9 @@ td small{color:var(--soft);font-size:13px;display:block;line-height:1.25}
 dl{display:grid;grid-template-columns:max-content 1fr;gap:3px 18px;font-size:14px;margin:10px 0}
 dt{color:var(--soft)}dd{margin:0;overflow-wrap:anywhere}
 code{font:13px ui-monospace,Menlo,Consolas,monospace;overflow-wrap:anywhere}
-@media print{body{font-size:11pt}main{max-width:none;padding:0}h2{break-after:avoid}tr,.facts,.note{break-inside:avoid}
+@media print{body{font-size:11pt}main{max-width:none;padding:0}h2,h3{break-after:avoid}
+.look,.chips figure{break-inside:avoid}
+tr,.facts,.note{break-inside:avoid}
 .scroll{overflow:visible}*{-webkit-print-color-adjust:exact;print-color-adjust:exact}@page{margin:16mm}}
 @media(max-width:560px){main{padding:22px 14px}.pair,.look{grid-template-columns:1fr}.legend{margin-left:0}}
 """
