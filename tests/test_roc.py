@@ -1,6 +1,9 @@
 """ROC figures: against scikit-learn, brute force over all pairs, published tables, and simulation of the intervals."""
 
+import doctest
+import importlib
 import json
+import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -204,6 +207,13 @@ def test_options_out_of_range():
         bootstrap(np.arange(6.0), np.arange(6) > 4)
 
 
+@pytest.mark.parametrize("module", ["detect.threshold", "detect.objects", "detect.roc.curve"])
+def test_examples_run(module):
+    ran = doctest.testmod(importlib.import_module(module))
+    assert ran.attempted > 0
+    assert ran.failed == 0
+
+
 # ------------------------------------------------------------------------------------------------ objects
 
 
@@ -313,12 +323,22 @@ def test_bootstrap_is_the_same_for_the_same_seed_only():
     assert a.auc[0] < Roc.of(scores, objects).auc < a.auc[1]
 
 
+def test_many_pieces_are_drawn_like_few(monkeypatch):
+    """Kept sparse, for memory, they give the same numbers."""
+    scores, objects = correlated(np.random.default_rng(1))
+    few = bootstrap(scores, objects, draws=60, block=4)
+    monkeypatch.setattr(sys.modules["detect.roc.bootstrap"], "_DENSE", 0)
+    many = bootstrap(scores, objects, draws=60, block=4)
+    np.testing.assert_allclose(many.areas, few.areas, rtol=1e-12)
+    np.testing.assert_allclose(many.low, few.low, rtol=1e-12)
+
+
 def test_few_pieces_are_said():
     scores, objects = correlated(np.random.default_rng(1))
     assert "one object" in bootstrap(scores, objects == 1, draws=20).notes[0]
     notes = bootstrap(scores, np.where(objects < 4, objects, 0), draws=20, block=96).notes
     assert "only 3 objects" in notes[0]
-    assert "only 1 blocks" in notes[1]
+    assert "only 1 block " in notes[1]
     assert default_block(4096, 4096) == 171
     assert default_block(10, 10) == 16
 

@@ -95,7 +95,7 @@ def test_report_and_json_say_what_the_arrays_say(files, rxdetect):
     valid[:4, :10] = False
     assert numbers["pixels"] == {
         "total": 4800, "judged": 4760, "targets": 120, "background": 4640, "objects": 6,
-        "left_out": {"not valid in first": 40},
+        "left_out": {"not valid, or not finite, in first": 40},
     }  # fmt: skip
     assert numbers["scene"]["area_km2"] == pytest.approx(4760 * 100 / 1e6)
     for said, scores in zip(numbers["detectors"], (first, second), strict=True):

@@ -77,7 +77,7 @@ def read_inputs(scores: Sequence[str], truth: str, mask: str | None = None, *, l
     for array, name in zip(arrays, names, strict=True):
         ok = ~np.isnan(array)
         if not ok.all():
-            left_out[f"not valid in {name}"] = int(np.count_nonzero(~ok))
+            left_out[f"not valid, or not finite, in {name}"] = int(np.count_nonzero(~ok))
             valid = valid & ok
     if mask is not None:
         inside = open_area(mask, scenes[0], "--mask").read(((0, scenes[0].height), (0, scenes[0].width)))

@@ -44,8 +44,8 @@ def lead(found: Evaluation) -> str:
     out += rate(point["pfa_designed"])
     if "objects_found" in point:
         count = point["false_alarms"]
-        out += (f": {point['objects_found']} of {point['objects']} objects, with {count:,} false "
-                f"alarm{'' if count == 1 else 's'} in the scene")  # fmt: skip
+        out += f": {point['objects_found']} of {counted(point['objects'], 'object')}, with "
+        out += f"{counted(count, 'false alarm')} in the scene"
     return out + "."
 
 
@@ -53,7 +53,7 @@ def table(numbers: dict[str, Any]) -> list[str]:
     """The findings as lines of a terminal."""
     pixels = numbers["pixels"]
     judged = f"{pixels['judged']} of {pixels['total']} pixels judged: {pixels['targets']} of targets"
-    out = [f"{judged} ({pixels['objects']} objects), {pixels['background']} of background"]
+    out = [f"{judged} ({counted(pixels['objects'], 'object')}), {pixels['background']} of background"]
     out += [f"left out: {n} {why}" for why, n in pixels["left_out"].items()]
     rates = [p["pfa_designed"] for p in numbers["detectors"][0]["operating_points"]]
     wide = max(8, *(len(d["name"]) for d in numbers["detectors"]))
@@ -70,11 +70,16 @@ def table(numbers: dict[str, Any]) -> list[str]:
         for p in d["operating_points"] if "objects" in d else ():
             per = "" if p["false_alarms_per_km2"] is None else f" ({p['false_alarms_per_km2']:.3g} per km2)"
             out.append(f"{d['name']}: at Pfa {p['pfa']:.2g}, {p['objects_found']} of {p['objects']} objects found, "
-                       f"{p['false_alarms']} false alarms{per}")  # fmt: skip
+                       f"{counted(p['false_alarms'], 'false alarm')}{per}")  # fmt: skip
     for c in numbers["comparisons"]:
         span = "" if c["bootstrap_low"] is None else f" ({c['bootstrap_low']:+.4f} to {c['bootstrap_high']:+.4f})"
         out.append(f"AUC of {c['first']} less {c['second']}: {c['difference']:+.4f}{span}")
     return out
+
+
+def counted(n: int, thing: str) -> str:
+    """A number of things."""
+    return f"{n:,} {thing}{'' if n == 1 else 's'}"
 
 
 def sentence(text: str) -> str:
