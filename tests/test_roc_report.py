@@ -9,7 +9,7 @@ import pytest
 from rasterio.transform import from_origin
 
 from detect.report import Request, evaluate, page, svg
-from detect.report.pictures import _png
+from detect.report.pictures import _png, shrink, stretch
 from detect.roc import Roc, auc_interval, bootstrap, number_objects
 
 VOID = {"meta", "br", "img", "path", "rect", "circle", "image"}
@@ -333,6 +333,22 @@ def test_plots_put_points_where_they_belong():
     drawn = svg.plot([svg.Series("a<b", np.array([1e-3, 1]), np.array([0, 1.0]))], x, y, title='"t"')
     assert "a&lt;b" in drawn
     assert "&quot;t&quot;" in drawn
+
+
+def test_a_large_scene_is_shrunk_to_the_highest_of_its_cells():
+    rng = np.random.default_rng(0)
+    scores = rng.normal(size=(1000, 1500)).astype(np.float32)
+    valid = np.ones(scores.shape, bool)
+    valid[:300, :600] = False
+    seen, step = shrink(scores, valid)
+    assert (seen.shape, step) == ((334, 500), 3)
+    assert np.isnan(seen[:100, :200]).all()
+    assert np.isfinite(seen[100:]).all()
+    assert seen[200, 300] == scores[600:603, 900:903].max()
+    assert seen[333, 0] == scores[999:, :3].max()
+    low, high = stretch(seen)
+    assert low == np.nanmedian(seen)
+    assert low < high < scores.max()
 
 
 def test_pictures_are_png_as_others_read_them():

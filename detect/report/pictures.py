@@ -21,57 +21,66 @@ _MOST_MARKS = 400
 _MOST_PARTS = 40
 
 
-def stretch(scores: npt.NDArray[Any], valid: npt.NDArray[np.bool_]) -> tuple[float, float]:
-    """Scores that are drawn darkest and lightest: the median and the highest thousandth."""
-    seen = scores[valid]
-    seen = seen[:: max(1, seen.size // 1_000_000)]
-    low, high = (float(v) for v in np.percentile(seen, [50, 99.9]))
-    return (low, high) if high > low else (float(seen.min()), float(seen.max()))
+def shrink(scores: npt.NDArray[Any], valid: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any], int]:
+    """The scene at a size to be looked at, and how many pixels a side each of its cells holds.
+
+    A cell has the highest of its scores, so that small things stay to be seen; NaN where none is valid.
+    """
+    height, width = scores.shape
+    step = max(1, -(-max(height, width) // _LONGEST))
+    tall, wide = -(-height // step), -(-width // step)
+    padded = np.full((tall * step, wide * step), -np.inf, scores.dtype)
+    np.copyto(padded[:height, :width], scores, where=valid)
+    seen = padded.reshape(tall, step, wide, step).max(axis=(1, 3))
+    seen[np.isneginf(seen)] = np.nan
+    return seen, step
+
+
+def stretch(seen: npt.NDArray[Any]) -> tuple[float, float]:
+    """Scores that are drawn darkest and lightest: the median and the highest thousandth of what is seen."""
+    known = seen[np.isfinite(seen)]
+    low, high = (float(v) for v in np.percentile(known, [50, 99.9]))
+    return (low, high) if high > low else (float(known.min()), float(known.max()))
 
 
 def overview(
-    scores: npt.NDArray[Any], valid: npt.NDArray[np.bool_], limits: tuple[float, float],
+    seen: npt.NDArray[Any], step: int, shape: tuple[int, int], limits: tuple[float, float],
     targets: Sequence[tuple[ObjectScore, bool]], alarms: Sequence[Object],
 ) -> str:  # fmt: skip
     """The scene, its objects (found or not) in boxes and false alarms with their numbers, as an SVG element."""
-    height, width = scores.shape
-    step = max(1, -(-max(height, width) // _LONGEST))
-    seen = np.where(valid, scores, np.nan)
-    if step > 1:  # the highest of each cell: small things stay to be seen
-        padded = np.full((-(-height // step) * step, -(-width // step) * step), np.nan, seen.dtype)
-        padded[:height, :width] = seen
-        cells = padded.reshape(padded.shape[0] // step, step, padded.shape[1] // step, step)
-        holds = np.isfinite(cells)
-        seen = np.where(holds, cells, -np.inf).max(axis=(1, 3))
-        seen[~holds.any(axis=(1, 3))] = np.nan
+    height, width = shape
     unit = max(height, width) / 100
-    marks = []
-    for target, found in targets[:_MOST_MARKS]:
-        (top, bottom), (left, right) = target.bounds
-        pad = unit * 0.6
-        dash = "" if found else ' stroke-dasharray="4 3"'
-        box = (f'x="{left - pad:.1f}" y="{top - pad:.1f}" width="{right - left + 2 * pad:.1f}" '
-               f'height="{bottom - top + 2 * pad:.1f}" rx="{unit * 0.4:.2f}" fill="none" '
-               'vector-effect="non-scaling-stroke"')  # fmt: skip
-        said = f"object {target.number}, {'found' if found else 'not found'}"
-        marks.append(f'<rect {box} stroke="#000" stroke-opacity=".55" stroke-width="3.4"/>'
-                     f'<rect {box} stroke="#fff" stroke-width="1.6"{dash}><title>{said}</title></rect>')  # fmt: skip
-    for number, alarm in enumerate(alarms, start=1):
-        row, column = alarm.centroid
-        x, y, r = column + 0.5, row + 0.5, unit * 1.3
-        side = -1 if x > 0.9 * width else 1
-        place = f'cx="{x:.1f}" cy="{y:.1f}" r="{r:.2f}"'
-        marks.append(f'<circle {place} class="halo"/><circle {place} class="ring"/>'
-                     f'<text x="{x + side * r * 1.35:.1f}" y="{max(y - r * 0.5, unit * 3):.2f}" '
-                     f'style="font-size:{unit * 3.2:.2f}px;stroke-width:{unit * 0.7:.2f}px" '
-                     f'text-anchor="{"start" if side > 0 else "end"}">{number}</text>')  # fmt: skip
-    cells_high, cells_wide = (-(-height // step) * step, -(-width // step) * step)
+    marks = [_box(target, found, unit) for target, found in targets[:_MOST_MARKS]]
+    marks += [_ring(number, alarm, unit, width) for number, alarm in enumerate(alarms, start=1)]
     return (
         f'<svg class="scene" viewBox="0 0 {width} {height}" role="img" aria-label="scores of the scene" '
-        f'style="aspect-ratio:{width}/{height}">'
-        f'<image href="{_png(seen, limits)}" width="{cells_wide}" height="{cells_high}" preserveAspectRatio="none"/>'
-        f"{''.join(marks)}</svg>"
+        f'style="aspect-ratio:{width}/{height};max-width:{max(640 * width / height, 120):.0f}px">'
+        f'<image href="{_png(seen, limits)}" width="{seen.shape[1] * step}" height="{seen.shape[0] * step}" '
+        f'preserveAspectRatio="none"/>{"".join(marks)}</svg>'
     )
+
+
+def _box(target: ObjectScore, found: bool, unit: float) -> str:
+    (top, bottom), (left, right) = target.bounds
+    pad = unit * 0.6
+    dash = "" if found else ' stroke-dasharray="4 3"'
+    box = (f'x="{left - pad:.1f}" y="{top - pad:.1f}" width="{right - left + 2 * pad:.1f}" '
+           f'height="{bottom - top + 2 * pad:.1f}" rx="{unit * 0.4:.2f}" fill="none" '
+           'vector-effect="non-scaling-stroke"')  # fmt: skip
+    said = f"object {target.number}, {'found' if found else 'not found'}"
+    return (f'<rect {box} stroke="#000" stroke-opacity=".55" stroke-width="3.4"/>'
+            f'<rect {box} stroke="#fff" stroke-width="1.6"{dash}><title>{said}</title></rect>')  # fmt: skip
+
+
+def _ring(number: int, alarm: Object, unit: float, width: int) -> str:
+    row, column = alarm.centroid
+    x, y, r = column + 0.5, row + 0.5, unit * 1.3
+    side = -1 if x > 0.9 * width else 1
+    place = f'cx="{x:.1f}" cy="{y:.1f}" r="{r:.2f}"'
+    return (f'<circle {place} class="halo"/><circle {place} class="ring"/>'
+            f'<text x="{x + side * r * 1.35:.1f}" y="{max(y - r * 0.5, unit * 3):.2f}" '
+            f'style="font-size:{unit * 3.2:.2f}px;stroke-width:{unit * 0.7:.2f}px" '
+            f'text-anchor="{"start" if side > 0 else "end"}">{number}</text>')  # fmt: skip
 
 
 def chip(

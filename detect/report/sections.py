@@ -182,9 +182,10 @@ def places(found: Evaluation) -> str:
     out = ["<h2>Where</h2>"]
     sign = -1.0 if found.request.lower else 1.0
     for i, d in enumerate(found.detectors):
-        limits = pictures.stretch(d.scores, found.inputs.valid)
+        seen, step = pictures.shrink(d.scores, found.inputs.valid)
+        limits = pictures.stretch(seen)
         scored = _scored(d)
-        drawn = pictures.overview(d.scores, found.inputs.valid, limits, scored, d.worst)
+        drawn = pictures.overview(seen, step, d.scores.shape, limits, scored, d.worst)
         level = words.rate(_level(d))
         hits = sum(hit for _, hit in scored)
         boxes = f" White boxes: objects; dashed where not found at Pfa {level} ({hits} of {len(scored)} found)."
