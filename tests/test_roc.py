@@ -225,6 +225,9 @@ def test_objects_are_numbered_by_the_truth_or_by_connection():
     assert number_objects(binary).max() == 1  # they touch at a corner
     assert number_objects(binary, connectivity=4).max() == 2
     assert number_objects(np.zeros((2, 2))).max() == 0
+    classes = np.array([[1, 0, 1, 2], [0, 0, 0, 2]])
+    np.testing.assert_array_equal(number_objects(classes), classes)
+    np.testing.assert_array_equal(number_objects(classes, connected=True), [[1, 0, 2, 2], [0, 0, 0, 2]])
     with pytest.raises(InputError, match="whole object numbers"):
         number_objects(np.array([[0.5, 1.0]]))
 

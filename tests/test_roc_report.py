@@ -204,6 +204,20 @@ def test_unknown_truth_is_left_out(files, rxdetect, write):
     assert json.loads(ran.out)["pixels"]["left_out"]["not valid in the truth"] == 800
 
 
+def test_classes_are_told_from_objects(files, rxdetect, write):
+    _, _, truth = make_scene()
+    write(files / "classes.tif", ((truth + 1) // 2)[None], names=None)
+    run = ("roc", files / "first.tif", files / "classes.tif", "--json", "--bootstrap", 0)
+    ran = rxdetect(*run)
+    assert json.loads(ran.out)["pixels"]["objects"] == 3
+    assert "3 numbers of" in ran.err
+    assert "6 separate parts" in ran.err
+    ran = rxdetect(*run, "--connected")
+    assert json.loads(ran.out)["pixels"]["objects"] == 6
+    assert ran.err == ""
+    assert "--connected" in json.loads(ran.out)["made"]["command"]
+
+
 def test_mask_judges_only_there(files, rxdetect):
     ran = rxdetect("roc", files / "first.tif", files / "truth.tif", "--mask", "0,0,80,30", "--json", "--bootstrap", 0)
     pixels = json.loads(ran.out)["pixels"]

@@ -18,6 +18,7 @@ from deglint.cli.options import Talk
 @click.argument("truth", metavar="TRUTH")
 @click.option("--report", metavar="FILE.html", help="Write the report, one file; FILE.html.json beside it.")
 @click.option("--per-object", is_flag=True, help="Count objects found and false alarms (connected parts), too.")
+@click.option("--connected", is_flag=True, help="Connected pixels of TRUTH are an object, whatever their numbers.")
 @click.option("--mask", metavar="FILE|WINDOW", help="Judge only here: a raster (not 0), GeoJSON or window of pixels.")
 @click.option(
     "--pfa-max",
@@ -70,6 +71,7 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     request = Request(
         scores=scores, truth=truth, mask=given["mask"], pfa_max=given["pfa_max"], draws=given["draws"],
         seed=given["seed"], block=given["block"], per_object=given["per_object"], lower=given["lower"],
+        connected=given["connected"],
     )  # fmt: skip
     start = time.perf_counter()
     try:
@@ -101,6 +103,7 @@ def _command(scores: tuple[str, ...], truth: str, given: dict[str, Any]) -> str:
     for name in ("report", "mask", "block"):
         if given[name] is not None:
             words += [f"--{name}", str(given[name])]
-    for key, flag in (("per_object", "--per-object"), ("lower", "--lower-is-anomalous"), ("overwrite", "--overwrite")):
+    flags = {"per_object": "--per-object", "connected": "--connected", "lower": "--lower-is-anomalous"}
+    for key, flag in (flags | {"overwrite": "--overwrite"}).items():
         words += [flag] * bool(given[key])
     return shlex.join(words)

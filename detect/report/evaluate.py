@@ -56,6 +56,8 @@ class Request:
         Count objects and false alarms, too.
     lower : bool
         Lower scores are more anomalous.
+    connected : bool
+        Connected parts of the truth are objects, whatever their numbers.
     """
 
     scores: tuple[str, ...]
@@ -67,6 +69,7 @@ class Request:
     block: int | None = None
     per_object: bool = False
     lower: bool = False
+    connected: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +121,7 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
     ReadError
         A file cannot be read.
     """
-    inputs = read_inputs(request.scores, request.truth, request.mask, lower=request.lower)
+    inputs = read_inputs(request.scores, request.truth, request.mask, lower=request.lower, connected=request.connected)
     area = pixel_area(inputs.grid.transform, inputs.grid.crs, inputs.valid.shape)
     judged = []
     for done, (name, scores) in enumerate(zip(inputs.names, inputs.scores, strict=True)):

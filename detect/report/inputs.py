@@ -17,6 +17,7 @@ from deglint.readers.areas import open_area, polygons
 from deglint.readers.text import read_json
 from deglint.scene import Scene
 
+from ..objects import label
 from ..roc import number_objects
 
 _OFF = 0.01
@@ -53,7 +54,9 @@ class Inputs:
     notes: tuple[str, ...]
 
 
-def read_inputs(scores: Sequence[str], truth: str, mask: str | None = None, *, lower: bool = False) -> Inputs:
+def read_inputs(
+    scores: Sequence[str], truth: str, mask: str | None = None, *, lower: bool = False, connected: bool = False
+) -> Inputs:
     """Read score rasters, and truth from a raster or a GeoJSON file.
 
     Raises
@@ -84,7 +87,19 @@ def read_inputs(scores: Sequence[str], truth: str, mask: str | None = None, *, l
         left_out["outside the mask"] = int(np.count_nonzero(~inside))
         valid = valid & inside
     turned = tuple(-array for array in arrays) if lower else tuple(arrays)
-    return Inputs(names, turned, number_objects(marks), valid, left_out, scenes[0], tuple(notes))
+    objects = number_objects(marks, connected=connected)
+    _note_parts(objects, truth, notes)
+    return Inputs(names, turned, objects, valid, left_out, scenes[0], tuple(notes))
+
+
+def _note_parts(objects: npt.NDArray[np.int32], truth: str, notes: list[str]) -> None:
+    """Say where a number stands for several separate things: it may be a class."""
+    inside = objects != 0
+    parts = int(label(inside).max(initial=0))
+    many = len(np.unique(objects[inside]))
+    if parts > many:
+        notes.append(f"{many} numbers of {truth} lie in {parts} separate parts; what has one number is judged as one "
+                     "object (--connected: each part is one)")  # fmt: skip
 
 
 def _first_band(scene: Scene, path: str, notes: list[str]) -> npt.NDArray[Any]:

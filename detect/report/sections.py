@@ -194,7 +194,7 @@ def places(found: Evaluation) -> str:
         out.append(
             f'<h3>{svg.key(i)}{escape(d.name)}</h3><div class="look"><figure>{drawn}<figcaption>Scores'
             f"{pictures.colour_bar(limits, sign)}<br>{boxes if scored else ''} Rings: the highest false alarms at Pfa "
-            f"{level}.</figcaption></figure>{side}</div>"
+            f"{level}; close looks at them, outlined, give column and row.</figcaption></figure>{side}</div>"
         )
     return "".join(out)
 

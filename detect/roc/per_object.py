@@ -81,12 +81,26 @@ class ObjectCurve:
         return np.asarray(self.found / len(self.objects))
 
 
-def number_objects(truth: npt.NDArray[Any], connectivity: int = 8) -> npt.NDArray[np.int32]:
-    """Object numbers: those of the truth where it holds several, else its connected parts; 0 elsewhere."""
+def number_objects(truth: npt.NDArray[Any], connectivity: int = 8, *, connected: bool = False) -> npt.NDArray[np.int32]:
+    """Object numbers, 0 elsewhere: those of the truth where it holds several, else its connected parts.
+
+    Parameters
+    ----------
+    truth : (row, column) ndarray
+        0, or an object's number; NaN is no object.
+    connectivity : {4, 8}
+    connected : bool
+        Take connected parts whatever their numbers, as of a map of classes.
+
+    Raises
+    ------
+    InputError
+        Numbers are not whole, or have more than 32 bits.
+    """
     truth = np.asarray(truth)
     values = truth[np.isfinite(truth) & (truth != 0)] if truth.dtype.kind == "f" else truth[truth != 0]
     names = np.unique(values)
-    if len(names) <= 1:
+    if len(names) <= 1 or connected:
         return label(np.isin(truth, names), connectivity=connectivity)
     if truth.dtype.kind == "f" and (names != np.rint(names)).any():
         raise InputError(f"truth: allowed are 0 and whole object numbers, got {names[names != np.rint(names)][0]:g}.")
