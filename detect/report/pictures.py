@@ -99,7 +99,7 @@ def chip(
     lines = [ring for polygon in alarm.outline[:_MOST_PARTS] for ring in polygon]
     path = "".join("M" + "L".join(f"{x - left:g} {y - top:g}" for x, y in ring) + "Z" for ring in lines)
     truth = "".join(
-        f'<rect x="{c}" y="{r}" width="1" height="1" fill="#fff" fill-opacity=".45"/>'
+        f'<rect x="{c}" y="{r}" width="1" height="1" fill="#fff" fill-opacity=".45" shape-rendering="crispEdges"/>'
         for r, c in np.argwhere(objects[rows, columns] != 0)[:2000]
     )
     return (
