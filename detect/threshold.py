@@ -27,6 +27,8 @@ import numpy.typing as npt
 
 from deglint.errors import FitError, InputError
 
+from . import pareto
+
 Scores = npt.NDArray[Any]
 KEEP = 1 << 18
 """Highest scores that a `Tail` keeps where nothing else is said."""
@@ -266,10 +268,10 @@ def from_gpd(scores: Scores | Tail, pfa: float, *, tail_fraction: float = 0.01) 
         )
     if k / tail.n < pfa:
         raise InputError(f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile.")
-    shape, scale, moments = _pareto(excess)
-    value = u + _quantile(k / tail.n / pfa, shape, scale)
-    error = _standard_error(tail.n, k, pfa, shape, scale)
-    distance = _kolmogorov(excess, shape, scale)
+    shape, scale, moments = pareto.fit(excess)
+    value = u + pareto.excess_at(k / tail.n / pfa, shape, scale)
+    error = pareto.standard_error(tail.n, k, pfa, shape, scale)
+    distance = pareto.kolmogorov(excess, shape, scale)
     notes = [] if distance < _POOR_FIT else [f"the fitted tail is poor: it is off by up to {distance:.0%} of the tail"]
     if shape >= 0.5:
         notes.append(f"the tail is heavy (shape {shape:.2f}): a few objects or stray pixels may have set it")
@@ -280,70 +282,6 @@ def from_gpd(scores: Scores | Tail, pfa: float, *, tail_fraction: float = 0.01) 
     found = Threshold(value, "gpd", pfa, n=tail.n, standard_error=error, numbers=numbers, notes=tuple(notes))
     above = tail.above(value)
     return found if above is None else found.measured(above, tail.n)
-
-
-def _pareto(excess: npt.NDArray[np.float64]) -> tuple[float, float, float]:
-    """Shape and scale of maximum likelihood, and the shape by probability-weighted moments; `excess` ascends."""
-    from scipy.optimize import minimize_scalar
-
-    k, unit = len(excess), float(excess.mean())
-    y = excess / unit
-    weighted = float((1 - (np.arange(1, k + 1) - 0.35) / k) @ y / k)
-    by_moments = 2 - 1 / (1 - 2 * weighted)  # a0 = 1
-    highest = float(y[-1])
-
-    def cost(t: float) -> float:  # profile likelihood in theta = shape/scale = (exp(t) - 1) / highest, eq. 2.4
-        theta = math.expm1(t) / highest
-        if abs(theta) < 1e-9:
-            return 1.0  # exponential law: log(mean) + 1
-        shape = float(np.log1p(theta * y).mean())
-        return math.log(shape / theta) + shape + 1 if shape > -0.999 else math.inf
-
-    grid = np.concatenate([np.linspace(-12, -0.25, 24), np.linspace(-0.2, 12, 48)])
-    best = int(np.argmin([cost(t) for t in grid]))
-    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    t = float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10}).x)
-    theta = math.expm1(t) / highest
-    if abs(theta) < 1e-9:
-        return 0.0, unit, by_moments
-    shape = float(np.log1p(theta * y).mean())
-    if shape <= -0.5:
-        raise FitError(
-            f"the scores' tail ends abruptly (shape {shape:.2f}, need more than -0.5): saturated or clipped scores. "
-            "Take a threshold by quantile."
-        )
-    return shape, shape / theta * unit, by_moments
-
-
-def _quantile(ratio: float, shape: float, scale: float) -> float:
-    """The excess that is exceeded once in `ratio` exceedances."""
-    log = math.log(ratio)
-    return scale * (math.expm1(shape * log) / shape if abs(shape) > 1e-9 else log)
-
-
-def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> float:
-    """Delta method over the fraction k/n, scale and shape (Coles 2001, eq. 4.15)."""
-    ratio = k / n / pfa
-    power, log = ratio**shape, math.log(ratio)
-    by_fraction = scale * power * n / k
-    by_scale = _quantile(ratio, shape, 1.0)
-    by_shape = scale * (log * power - by_scale) / shape if abs(shape) > 1e-6 else scale * log * log / 2
-    fraction = k / n
-    variance = (
-        by_fraction**2 * fraction * (1 - fraction) / n
-        + by_scale**2 * 2 * scale**2 * (1 + shape) / k
-        + by_shape**2 * (1 + shape) ** 2 / k
-        - 2 * by_scale * by_shape * scale * (1 + shape) / k
-    )
-    return math.sqrt(max(variance, 0.0))
-
-
-def _kolmogorov(excess: npt.NDArray[np.float64], shape: float, scale: float) -> float:
-    y = excess / scale
-    survival = np.exp(-y) if abs(shape) < 1e-9 else np.maximum(1 + shape * y, 0) ** (-1 / shape)
-    k = len(y)
-    ranks = np.arange(k) / k
-    return float(max(np.abs(1 - survival - ranks).max(), np.abs(1 - survival - ranks - 1 / k).max()))
 
 
 def _tail(scores: Scores | Tail, pfa: float) -> Tail:

@@ -15,7 +15,7 @@ from rasterio.features import rasterize
 from rasterio.transform import from_origin
 
 from deglint.errors import InputError
-from detect import objects
+from detect import outlines
 from detect.objects import find, pixel_area, to_geojson
 
 MASKS = arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9)))
@@ -70,8 +70,8 @@ def test_numbers_are_those_of_the_pixels(mask):
 @given(arrays(np.bool_, st.tuples(st.integers(1, 12), st.integers(1, 12))))
 def test_outlines_are_simple_rings_that_draw_back_to_the_pixels(mask):
     drawn = np.zeros(mask.shape, int)
-    for polygon in objects.polygons(mask):
-        areas = [objects._signed_area(ring) for ring in polygon]
+    for polygon in outlines.polygons(mask):
+        areas = [outlines.signed_area(ring) for ring in polygon]
         assert areas[0] > 0
         assert all(a < 0 for a in areas[1:])
         for ring in polygon:
@@ -87,7 +87,7 @@ def test_outlines_are_valid_to_shapely():
     shapely = pytest.importorskip("shapely.geometry")
     rng = np.random.default_rng(4)
     for _ in range(200):
-        for polygon in objects.polygons(rng.random((15, 15)) < 0.55):
+        for polygon in outlines.polygons(rng.random((15, 15)) < 0.55):
             assert shapely.Polygon(polygon[0], polygon[1:]).is_valid
 
 

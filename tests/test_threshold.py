@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from deglint.errors import FitError, InputError
-from detect import threshold
+from detect import pareto
 from detect.threshold import Tail, from_chi2, from_f, from_gpd, from_quantile, p_value
 
 
@@ -116,7 +116,7 @@ def test_thresholds_from_tiles_are_those_of_the_whole():
 @pytest.mark.parametrize("shape", [-0.3, -0.1, 0.0, 0.2, 0.8])
 def test_pareto_fit_is_that_of_scipy(shape):
     sample = np.sort(stats.genpareto.rvs(shape, scale=3.0, size=3000, random_state=7))
-    found, scale, moments = threshold._pareto(sample)
+    found, scale, moments = pareto.fit(sample)
     theirs = stats.genpareto.fit(sample, floc=0)
     mine = stats.genpareto.logpdf(sample, found, 0, scale).sum()
     assert mine >= stats.genpareto.logpdf(sample, *theirs).sum() - 1e-4
