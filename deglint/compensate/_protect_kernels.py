@@ -19,6 +19,8 @@ HOPELESS = 30.0
 
 PART = 0.25
 """Of the plain chi-square, what the true one is taken to be at least (in exponents: half of it counts)."""
+MARGIN = 5.0
+"""What a second round, with the better brightness, may add to the log-likelihood."""
 ROOM = 0.5 * math.log(2 * math.pi) + 1.0
 """Brightness is known to its own size at least, and may be e times what it starts from."""
 
@@ -39,7 +41,7 @@ def explain(y, variance, water, values, spread, odd, weight, bends, share, least
             x[b] = y[i, b] + share[0] * water[b]
         for k in range(values.shape[0]):
             hope = least[i] - math.log(weight[k])
-            a = start(x, variance[i], water, values[k], spread[k], odd[k], share[1], hope)
+            a = start(x, variance, i, water, values, k, spread, odd[k], share[1], hope)
             if not LEAST < a < MOST:
                 continue
             for _ in range(2):
@@ -51,9 +53,11 @@ def explain(y, variance, water, values, spread, odd, weight, bends, share, least
                     u[0, b] = spread[k, 0] * bends[0, b] * bright
                     u[1, b] = spread[k, 1] * bends[1, b] * bright
                     u[2, b] = share[1] * water[b]
-                found, a_next = likelihood(x, values[k], d, u, part)
-                a = a_next
+                found, a = likelihood(x, values[k], d, u, part)
                 if not LEAST < a < MOST:
+                    break
+                if found - math.log(a * SPREAD) < hope - MARGIN:
+                    a = 0.0
                     break
             if not LEAST < a < MOST:
                 continue
@@ -66,8 +70,8 @@ def explain(y, variance, water, values, spread, odd, weight, bends, share, least
 
 
 @nb.njit(cache=True, nogil=True)
-def start(x, variance, water, shape, spread, odd, hidden, least):  # type: ignore[no-untyped-def]
-    """A first brightness, or 0 where the shape cannot reach the log-likelihood `least`.
+def start(x, variance, i, water, values, k, spread, odd, hidden, least):  # type: ignore[no-untyped-def]
+    """A first brightness of pixel i, or 0 where shape k cannot reach the log-likelihood `least`.
 
     It cannot where the noise and roughness alone give less: bends only make the density lower. Bends may follow what
     is amiss, so that of the plain chi-square only a part is held against the shape; the few pixels lost have S near
@@ -76,23 +80,23 @@ def start(x, variance, water, shape, spread, odd, hidden, least):  # type: ignor
     up = down = 0.0
     for b in range(x.size):
         if b != odd:
-            up += shape[b] * x[b]
-            down += shape[b] * shape[b]
+            up += values[k, b] * x[b]
+            down += values[k, b] * values[k, b]
     a = up / down
     if not LEAST < a < MOST:
         return 0.0
-    total = spread[0] ** 2 + spread[1] ** 2 + spread[2] ** 2
+    total = spread[k, 0] ** 2 + spread[k, 1] ** 2 + spread[k, 2] ** 2
     chi, product = 0.0, 1.0
     for b in range(x.size):
         if b == odd:
             product *= a * a * 1e5
             continue
-        away, bright = x[b] - a * shape[b], (a * shape[b]) ** 2
-        narrow = variance[b] + (FLOOR * a) ** 2
+        away, bright = x[b] - a * values[k, b], (a * values[k, b]) ** 2
+        narrow = variance[i, b] + (FLOOR * a) ** 2
         chi += away * away / (narrow + bright * total + (hidden * water[b]) ** 2)
         if chi > HOPELESS:
             return 0.0
-        product *= (narrow + bright * spread[2] ** 2) * 1e5
+        product *= (narrow + bright * spread[k, 2] ** 2) * 1e5
     best = -0.5 * (math.log(product) + x.size * (math.log(2 * math.pi) - math.log(1e5))) + ROOM - SPREAD
     return a if best - PART * chi > least else 0.0
 
