@@ -54,12 +54,10 @@ def explain(y, variance, water, values, spread, odd, weight, bends, share, least
                     u[1, b] = spread[k, 1] * bends[1, b] * bright
                     u[2, b] = share[1] * water[b]
                 found, a = likelihood(x, values[k], d, u, part)
-                if not LEAST < a < MOST:
-                    break
-                if found - math.log(a * SPREAD) < hope - MARGIN:
+                if not LEAST < a < MOST or found - math.log(a * SPREAD) < hope - MARGIN:
                     a = 0.0
                     break
-            if not LEAST < a < MOST:
+            if a == 0.0:
                 continue
             found += math.log(weight[k]) - math.log(a * SPREAD)
             if found > out[i]:
