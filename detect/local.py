@@ -248,8 +248,8 @@ def _centre(values: npt.NDArray[Any], good: Mask) -> Float64:
 
 def _padded(
     block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: Window, rule: WindowRule, centre: Float64
-) -> tuple[Float64, Mask]:
-    """The cell with its halo, (row, column, band), less the centre, 0 where not valid; and where it is valid."""
+) -> tuple[Float64, Float64]:
+    """The cell with its halo, (row, band, column), less the centre, 0 where not valid; and 1 where it is valid."""
     index, inside = [], []
     for (a, b), first, size in zip(cell, origin, rule.size, strict=True):
         places = np.arange(a - rule.halo, b + rule.halo)
@@ -259,13 +259,12 @@ def _padded(
     known = good[np.ix_(rows, columns)]
     if rule.border != "mirror":
         known &= inside[0][:, None] & inside[1]
-    x = np.zeros((len(rows), len(columns), len(block)))
+    x = np.empty((len(rows), len(block), len(columns)))
     for b, band in enumerate(block):
-        x[..., b] = band[np.ix_(rows, columns)]
-    x -= centre
+        np.subtract(band[np.ix_(rows, columns)], centre[b], out=x[:, b])
     if not known.all():
-        x[~known] = 0
-    return x, known
+        x[np.broadcast_to(~known[:, None], x.shape)] = 0
+    return x, known.astype(np.float64)
 
 
 def _mirrored(places: npt.NDArray[np.int64], size: int) -> npt.NDArray[np.int64]:

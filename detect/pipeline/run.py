@@ -58,7 +58,7 @@ class Scored:
 
     scores: npt.NDArray[np.float32]
     tally: Tally
-    tail: Tail
+    tail: Tail | None = None
     p_values: npt.NDArray[np.float32] | None = None
 
 
@@ -187,7 +187,7 @@ def _run(scene: Scene, recipe: Recipe, targets: Outputs, threads: int, progress:
         tally, tail = _write_tiles(scratch, plan, targets, ready, law)
         if not tally.scored:
             raise NoWaterError(f"nothing to score in {scene.path}: {_why_nothing(tally)}. Check --nodata and --mask.")
-        threshold = None if recipe.pfa is None else _threshold(recipe, tail, law, tally)
+        threshold = None if tail is None else _threshold(recipe, tail, law, tally)
         found = None
         if targets.objects and threshold:
             found = _write_objects(scratch, plan, targets, threshold, progress)
@@ -275,7 +275,7 @@ class _Work:
     plan: Plan
     ready: Detector | None
     law: Law | None
-    keep: int
+    keep: int | None
     want_p: bool
 
     def __call__(self, tile: Tile) -> Scored:
@@ -299,7 +299,8 @@ class _Work:
         p_values = None
         if self.want_p and self.law:
             p_values = cutting.p_value(found, self.law.bands, self.law.n).astype(np.float32)
-        return Scored(found, _count(found, mask, states), Tail.of(found, self.keep), p_values)
+        tail = None if self.keep is None else Tail.of(found, self.keep)
+        return Scored(found, _count(found, mask, states), tail, p_values)
 
 
 def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
@@ -314,14 +315,15 @@ def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
 
 def _write_tiles(
     scratch: Scratch, plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None
-) -> tuple[Tally, Tail]:
+) -> tuple[Tally, Tail | None]:
     info = raster_of(plan.scene).info
     info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
     base = Layout(
         info, (0,), "float32", float("nan"), targets.options, scaled=False, names=(plan.recipe.method,), tile=plan.shape
     )
-    keep = Tail.keep_for(plan.recipe.pfa or 1e-4, plan.scene.height * plan.scene.width)
-    tally, tail = Tally(), Tail(0, np.zeros(0, np.float32), keep)
+    pfa = plan.recipe.pfa
+    keep = None if pfa is None else Tail.keep_for(pfa, plan.scene.height * plan.scene.width)
+    tally, tail = Tally(), None
     with ExitStack() as stack:
         image = stack.enter_context(writing(scratch, targets.image, base))
         p_image = None
@@ -334,7 +336,8 @@ def _write_tiles(
             if p_image is not None and scored.p_values is not None:
                 p_image.write(scored.p_values, tile.window)
             tally.add(scored.tally)
-            tail = Tail.merge([tail, scored.tail])
+            if scored.tail is not None:
+                tail = scored.tail if tail is None else Tail.merge([tail, scored.tail])
     return tally, tail
 
 
