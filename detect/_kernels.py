@@ -14,8 +14,8 @@ Recognition Letters 13, 517-521, doi:10.1016/0167-8655(92)90069-C.
 import numpy as np
 from numba import njit
 
-# The same additions in the same order for every pixel, wherever its block lies; only a multiplication may be merged with
-# the addition that follows it.
+# The same additions in the same order for every pixel, wherever its block lies; only a multiplication may be merged
+# with the addition that follows it.
 _SAME = {"contract"}
 DONE, DEFICIENT, ASIDE = 0, 1, 255
 WIDTH = 32  # pixels whose covariances are factored side by side: they stay in the first-level cache
@@ -116,6 +116,23 @@ def _windows(values, width, place0, to_end, from_start, sums):  # type: ignore[n
                 sums[c, q] = to_end[c, q] + from_start[last, q]
 
 
+@njit(nogil=True, cache=True, fastmath=_SAME)
+def _less_earlier(rings, i, k, first, count, root, z, work):  # type: ignore[no-untyped-def]
+    """Row i of the Cholesky factor, and what the bands before it leave of the pixel and of the pivot."""
+    mean, rest, pivot, entry = work[0], work[1], work[3], work[4]
+    for j in range(i):
+        for c in range(count):
+            entry[c] = rings[k + j, first + c] - mean[c] * rings[1 + j, first + c]
+        for m in range(j):
+            for c in range(count):
+                entry[c] -= root[i, m, c] * root[j, m, c]
+        for c in range(count):
+            a = entry[c] * root[j, j, c]
+            root[i, j, c] = a
+            rest[c] -= a * z[j, c]
+            pivot[c] -= a * a
+
+
 @njit(nogil=True, cache=True, fastmath=_SAME, error_model="numpy")
 def _distances(rings, x, first, count, ddof, ridge, root, z, work, total, states):  # type: ignore[no-untyped-def]
     """Squared Mahalanobis distances of some columns of x from their rings' moments, and how each was found.
@@ -127,7 +144,7 @@ def _distances(rings, x, first, count, ddof, ridge, root, z, work, total, states
     bands = x.shape[0]
     exact = 32.0 * bands * EPS
     near = 1e3 * exact
-    mean, rest, away, pivot, entry = work[0], work[1], work[2], work[3], work[4]
+    mean, rest, away, pivot = work[0], work[1], work[2], work[3]
     for c in range(count):
         total[c] = 0.0
         states[c] = ASIDE if rings[0, first + c] <= bands else DONE
@@ -138,17 +155,7 @@ def _distances(rings, x, first, count, ddof, ridge, root, z, work, total, states
             away[c] = x[i, first + c] - mean[c]
             rest[c] = away[c]
             pivot[c] = (rings[k + i, first + c] - mean[c] * rings[1 + i, first + c]) * (1.0 + ridge)
-        for j in range(i):
-            for c in range(count):
-                entry[c] = rings[k + j, first + c] - mean[c] * rings[1 + j, first + c]
-            for m in range(j):
-                for c in range(count):
-                    entry[c] -= root[i, m, c] * root[j, m, c]
-            for c in range(count):
-                a = entry[c] * root[j, j, c]
-                root[i, j, c] = a
-                rest[c] -= a * z[j, c]
-                pivot[c] -= a * a
+        _less_earlier(rings, i, k, first, count, root, z, work)
         for c in range(count):
             square = rings[k + i, first + c]
             if pivot[c] > near * square:
