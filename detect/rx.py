@@ -45,8 +45,9 @@ METHODS = {
 }
 """Detectors that compare with one background for the whole scene."""
 _CHUNK = 8192
-"""Pixels scored at a time: they and their whitened values stay in the cache."""
-_CHUNK_VALUES = 1 << 18
+"""Pixels scored at a time, at most: they and their whitened values stay in the cache."""
+_PRODUCTS = 1 << 18
+"""Multiplications of a matrix product up to which OpenBLAS does not wake its threads; tiles have threads already."""
 _SMALL = 1e-12
 
 
@@ -142,7 +143,7 @@ def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None)
     moved = (matrix @ detector.rest)[:, None]
     shifted = bool(np.abs(moved).max(initial=0) > _SMALL)
     # always the same width: BLAS may add in another order at the end of a shorter one
-    width = max(min(_CHUNK, _CHUNK_VALUES // len(image)), 64)
+    width = max(min(_CHUNK, _PRODUCTS // max(len(image) * len(matrix), 1)), 64)
     centred, z, total = np.zeros((len(image), width)), np.empty((len(matrix), width)), np.empty(width)
     with np.errstate(invalid="ignore", over="ignore"):
         for start in range(0, len(out), width):

@@ -62,6 +62,33 @@ class Scored:
     p_values: npt.NDArray[np.float32] | None = None
 
 
+class Highest:
+    """The tail of all tiles, merged now and then; tiles need not send what lies below it."""
+
+    def __init__(self, keep: int) -> None:
+        self._whole, self._waiting = Tail(0, np.zeros(0, np.float32), keep), list[Tail]()
+        self.floor = -np.inf
+
+    def of(self, scores: npt.NDArray[np.float32]) -> Tail:
+        """The tail of a tile, less what cannot be among the highest any more."""
+        valid = int(np.count_nonzero(np.isfinite(scores)))
+        return replace(Tail.of(scores[scores >= self.floor], self._whole.keep), n=valid)
+
+    def add(self, tail: Tail) -> None:
+        """Take a tile's."""
+        self._waiting.append(tail)
+        if sum(len(t.values) for t in self._waiting) > self._whole.keep:
+            self.total()
+
+    def total(self) -> Tail:
+        """Of everything so far."""
+        self._whole = Tail.merge([self._whole, *self._waiting])
+        self._waiting = []
+        if len(self._whole.values) == self._whole.keep:
+            self.floor = float(self._whole.values[-1])
+        return self._whole
+
+
 @dataclass(frozen=True, eq=False)
 class Law:
     """What scores over a normal background follow: degrees of freedom, and pixels that the statistics come from."""
@@ -275,7 +302,7 @@ class _Work:
     plan: Plan
     ready: Detector | None
     law: Law | None
-    keep: int | None
+    highest: Highest | None
     want_p: bool
 
     def __call__(self, tile: Tile) -> Scored:
@@ -299,7 +326,7 @@ class _Work:
         p_values = None
         if self.want_p and self.law:
             p_values = cutting.p_value(found, self.law.bands, self.law.n).astype(np.float32)
-        tail = None if self.keep is None else Tail.of(found, self.keep)
+        tail = None if self.highest is None else self.highest.of(found)
         return Scored(found, _count(found, mask, states), tail, p_values)
 
 
@@ -322,23 +349,23 @@ def _write_tiles(
         info, (0,), "float32", float("nan"), targets.options, scaled=False, names=(plan.recipe.method,), tile=plan.shape
     )
     pfa = plan.recipe.pfa
-    keep = None if pfa is None else Tail.keep_for(pfa, plan.scene.height * plan.scene.width)
-    tally, tail = Tally(), None
+    highest = None if pfa is None else Highest(Tail.keep_for(pfa, plan.scene.height * plan.scene.width))
+    tally = Tally()
     with ExitStack() as stack:
         image = stack.enter_context(writing(scratch, targets.image, base))
         p_image = None
         if targets.p_value:
             p_image = stack.enter_context(writing(scratch, targets.p_value, replace(base, names=("p-value",))))
-        work = _Work(plan, ready, law, keep, p_image is not None)
+        work = _Work(plan, ready, law, highest, p_image is not None)
         done = tiling.run(plan.tiles, work, threads=plan.threads, progress=plan.note("score"), start=enter_thread)
         for tile, scored in done:
             image.write(scored.scores, tile.window)
             if p_image is not None and scored.p_values is not None:
                 p_image.write(scored.p_values, tile.window)
             tally.add(scored.tally)
-            if scored.tail is not None:
-                tail = scored.tail if tail is None else Tail.merge([tail, scored.tail])
-    return tally, tail
+            if highest and scored.tail:
+                highest.add(scored.tail)
+    return tally, highest.total() if highest else None
 
 
 def _write_objects(
