@@ -61,6 +61,7 @@ def global_rx(bands: int, side: int, rounds: int) -> list[list[str]]:
     pixels = cube.reshape(-1, bands)
     jobs = {
         "detect": lambda: rx(block),
+        "detect, 2 threads": lambda: rx(block, threads=2),
         "scikit-learn": lambda: sklearn_rx(pixels),
         "spectral": lambda: spectral_rx(cube),
     }

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -203,6 +204,7 @@ def fit(
     covariance: str = "empirical",
     ridge: float = RIDGE,
     names: Sequence[str] = (),
+    threads: int = 1,
 ) -> Background:
     """Fit a background to an array.
 
@@ -218,6 +220,8 @@ def fit(
         For "ridge": this share of each band's variance is added to it.
     names : sequence of str
         Band names to keep with it.
+    threads : int
+        The result does not depend on it.
 
     Returns
     -------
@@ -242,15 +246,18 @@ def fit(
     pixels = image.shape[1] * image.shape[2]
     gathering = Gathering(len(image), sample_share(covariance, pixels))
     compiled = pixels > COMPILED_PIXELS
-    strips = [(r, slice(r, r + CELL)) for r in range(0, image.shape[1], CELL)]
-    for row, rows in strips:
-        inside = None if mask is None else mask[rows]
-        gathering.add(part_of(image[:, rows], inside, (row, 0), gathering.share, compiled=compiled))
-    found = gathering.moments()
-    fourths = []
-    if covariance == "ledoit-wolf" and found.n > 1:
-        fourths = [fourth_moments(image[:, rows], None if mask is None else mask[rows], found, (row, 0))
-                   for row, rows in strips]  # fmt: skip
+    rows = range(0, image.shape[1], CELL)
+
+    def strip(row: int) -> tuple[npt.NDArray[Any], Mask | None]:
+        return image[:, row : row + CELL], None if mask is None else mask[row : row + CELL]
+
+    with ThreadPoolExecutor(max(threads, 1)) as pool:
+        for part in pool.map(lambda r: part_of(*strip(r), (r, 0), gathering.share, compiled=compiled), rows):
+            gathering.add(part)
+        found = gathering.moments()
+        fourths: list[Float64] = []
+        if covariance == "ledoit-wolf" and found.n > 1:
+            fourths = list(pool.map(lambda r: fourth_moments(*strip(r), found, (r, 0)), rows))
     return estimate(found, covariance, ridge=ridge, names=names, sample=gathering.sample(), fourths=fourths)
 
 

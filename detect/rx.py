@@ -25,6 +25,7 @@ Schaum (2007), "Hyperspectral anomaly detection beyond RX", Proc. SPIE 6565, 656
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,7 +34,7 @@ import numpy.typing as npt
 
 from deglint.errors import FitError, InputError
 
-from .background import RIDGE, Background, Float64, Mask, Scores, as_image, as_mask, fit
+from .background import COMPILED_PIXELS, RIDGE, Background, Float64, Mask, Scores, as_image, as_mask, fit
 from .covariance import TOLERANCE, whitener
 
 METHODS = {
@@ -44,10 +45,16 @@ METHODS = {
     "residual": "rx of the bands' residuals after regression on the NIR",
 }
 """Detectors that compare with one background for the whole scene."""
-_CHUNK = 8192
-"""Pixels scored at a time, at most: they and their whitened values stay in the cache."""
+_CHUNK, _CHUNK_MANY = 8192, 1024
+"""Pixels scored at a time, at most, of few bands and of many: they and their whitened values stay in the cache."""
 _PRODUCTS = 1 << 18
 """Multiplications of a matrix product up to which OpenBLAS does not wake its threads; tiles have threads already."""
+_NARROW = 256
+"""Pixels below which a matrix product does not pay."""
+_STRIP = 1 << 19
+"""Pixels that a thread scores at a time."""
+_KERNEL_BANDS = 32
+"""Most bands for which the compiled kernel is faster than BLAS."""
 _SMALL = 1e-12
 
 
@@ -116,7 +123,7 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
     return Detector(method, background.mean, background.rest, whiten, linear)
 
 
-def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None) -> Scores:
+def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None, *, compiled: bool = False) -> Scores:
     """Scores of a block.
 
     Parameters
@@ -126,6 +133,9 @@ def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None)
     detector : Detector
     mask : (row, column) bool ndarray, optional
         True where a score is wanted.
+    compiled : bool
+        Use the compiled kernel: several times as fast for few bands, but it takes half a second to load. The last bits
+        may differ.
 
     Returns
     -------
@@ -137,34 +147,48 @@ def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None)
         raise InputError(f"the image has {len(image)} bands, the background {len(detector.mean)}. Use the same.")
     flat = image.reshape(len(image), -1)
     out: Scores = np.empty(flat.shape[1], np.float64 if image.dtype == np.float64 else np.float32)
-    largest = float(np.finfo(out.dtype.name).max)
     rank = len(detector.whiten)
     matrix = detector.whiten if detector.linear is None else np.vstack([detector.whiten, detector.linear])
-    moved = (matrix @ detector.rest)[:, None]
-    shifted = bool(np.abs(moved).max(initial=0) > _SMALL)
-    # always the same width: BLAS may add in another order at the end of a shorter one
-    width = max(min(_CHUNK, _PRODUCTS // max(len(image) * len(matrix), 1)), 64)
-    centred, z, total = np.zeros((len(image), width)), np.empty((len(matrix), width)), np.empty(width)
     with np.errstate(invalid="ignore", over="ignore"):
-        for start in range(0, len(out), width):
-            part = flat[:, start : start + width]
-            count = part.shape[1]
-            np.subtract(part, detector.mean[:, None], out=centred[:, :count])
-            np.matmul(matrix, centred, out=z)
-            if shifted:
-                z -= moved
-            np.square(z[:rank], out=z[:rank])
-            np.add.reduce(z, axis=0, out=total)
-            out[start : start + count] = total[:count]
+        (_by_kernel if compiled else _by_blas)(flat, detector, matrix, rank, out)
         # what is finite but too large for the output's type stays the largest of all; the rest is not valid
         bad = ~np.isfinite(out)
         if bad.any():
             fine = np.isfinite(flat[:, bad]).all(axis=0)
-            out[bad] = np.where(fine, np.copysign(largest, out[bad]), np.nan)
+            out[bad] = np.where(fine, np.copysign(float(np.finfo(out.dtype.name).max), out[bad]), np.nan)
     scores: Scores = out.reshape(image.shape[1:])
     if mask is not None:
         scores[~mask] = np.nan
     return scores
+
+
+def _by_blas(flat: npt.NDArray[Any], detector: Detector, matrix: Float64, rank: int, out: Scores) -> None:
+    """Fill `out` by matrix products, some pixels at a time."""
+    moved = (matrix @ detector.rest)[:, None]
+    shifted = bool(np.abs(moved).max(initial=0) > _SMALL)
+    # always the same width: BLAS may add in another order at the end of a shorter one
+    width = min(_PRODUCTS // max(matrix.size, 1), _CHUNK)
+    width = width if width >= _NARROW else _CHUNK_MANY
+    centred, z, total = np.zeros((len(flat), width)), np.empty((len(matrix), width)), np.empty(width)
+    for start in range(0, len(out), width):
+        part = flat[:, start : start + width]
+        count = part.shape[1]
+        np.subtract(part, detector.mean[:, None], out=centred[:, :count])
+        np.matmul(matrix, centred, out=z)
+        if shifted:
+            z -= moved
+        np.square(z[:rank], out=z[:rank])
+        np.add.reduce(z, axis=0, out=total)
+        out[start : start + count] = total[:count]
+
+
+def _by_kernel(flat: npt.NDArray[Any], detector: Detector, matrix: Float64, rank: int, out: Scores) -> None:
+    """The same by the compiled kernel."""
+    from ._rx_kernel import squared_lengths
+
+    filled = np.zeros((len(matrix), -(-len(flat) // 4) * 4))
+    filled[:, : len(flat)] = matrix
+    squared_lengths(flat, detector.mean, filled, matrix @ detector.rest, rank, out)
 
 
 def rx(
@@ -174,6 +198,7 @@ def rx(
     mask: Mask | None = None,
     covariance: str = "empirical",
     ridge: float = RIDGE,
+    threads: int = 1,
 ) -> Scores:
     """Global RX: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
 
@@ -187,6 +212,8 @@ def rx(
         True where a pixel counts; others are not fitted to, and score NaN.
     covariance, ridge
         As `detect.background.fit`.
+    threads : int
+        The result does not depend on it.
 
     Returns
     -------
@@ -213,7 +240,7 @@ def rx(
     >>> np.unravel_index(scores.argmax(), scores.shape) == (20, 30)
     True
     """
-    return _run("rx", image, background, mask, covariance, ridge)
+    return _run("rx", image, background, mask, covariance, ridge, threads)
 
 
 def utd(image: npt.NDArray[Any], background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
@@ -256,15 +283,28 @@ def residual_rx(
 
 def _run(
     method: str, image: npt.NDArray[Any], background: Background | Mask | None, mask: Mask | None,
-    covariance: str = "empirical", ridge: float = RIDGE, **options: Any,
+    covariance: str = "empirical", ridge: float = RIDGE, threads: int = 1, **options: Any,
 ) -> Scores:  # fmt: skip
     image = as_image(image)
     mask = as_mask(mask, image)
     if not isinstance(background, Background):
         inside = as_mask(background, image)
         inside = mask if inside is None else inside if mask is None else inside & mask
-        background = fit(image, mask=inside, covariance=covariance, ridge=ridge)
-    return score(image, detector(method, background, **options), mask)
+        background = fit(image, mask=inside, covariance=covariance, ridge=ridge, threads=threads)
+    ready = detector(method, background, **options)
+    rows, columns = image.shape[1:]
+    large = rows * columns > COMPILED_PIXELS and len(image) <= _KERNEL_BANDS
+
+    def work(row: int) -> Scores:
+        strip = np.s_[row : row + step]
+        return score(image[:, strip], ready, None if mask is None else mask[strip], compiled=large)
+
+    step = max(_STRIP // max(columns, 1), 1)
+    with ThreadPoolExecutor(max(threads, 1)) as pool:
+        out = np.empty((rows, columns), np.float64 if image.dtype == np.float64 else np.float32)
+        for i, found in enumerate(pool.map(work, range(0, rows, step))):
+            out[i * step : (i + 1) * step] = found
+    return out
 
 
 def _subspace(covariance: Float64, drop: int) -> Float64:

@@ -174,6 +174,16 @@ def test_blocks_score_as_the_whole_to_the_bit(method, bands, top, left, rows, co
     np.testing.assert_array_equal(score(image[at], found), score(image, found)[at[1:]])
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32, np.float64])
+def test_the_compiled_kernel_agrees(method, dtype):
+    image = (image_of(bands=6) * 100 + 3000).astype(dtype)
+    if dtype != np.uint16:
+        image[2, 3, 4:7] = np.nan, np.inf, 3e38
+    found = detector(method, background.fit(image[:, 5:]), nir=[5])
+    np.testing.assert_allclose(score(image, found, compiled=True), score(image, found), rtol=1e-6, atol=1e-4)
+
+
 def test_utd_and_rx_utd_are_their_definitions():
     image = image_of()
     x = image.reshape(5, -1)
