@@ -1,6 +1,9 @@
 """ROC figures: against scikit-learn, brute force over all pairs, published tables, and simulation of the intervals."""
 
+import doctest
+import importlib
 import json
+import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -204,6 +207,13 @@ def test_options_out_of_range():
         bootstrap(np.arange(6.0), np.arange(6) > 4)
 
 
+@pytest.mark.parametrize("module", ["detect.threshold", "detect.objects", "detect.roc.curve"])
+def test_examples_run(module):
+    ran = doctest.testmod(importlib.import_module(module))
+    assert ran.attempted > 0
+    assert ran.failed == 0
+
+
 # ------------------------------------------------------------------------------------------------ objects
 
 
@@ -215,6 +225,9 @@ def test_objects_are_numbered_by_the_truth_or_by_connection():
     assert number_objects(binary).max() == 1  # they touch at a corner
     assert number_objects(binary, connectivity=4).max() == 2
     assert number_objects(np.zeros((2, 2))).max() == 0
+    classes = np.array([[1, 0, 1, 2], [0, 0, 0, 2]])
+    np.testing.assert_array_equal(number_objects(classes), classes)
+    np.testing.assert_array_equal(number_objects(classes, connected=True), [[1, 0, 2, 2], [0, 0, 0, 2]])
     with pytest.raises(InputError, match="whole object numbers"):
         number_objects(np.array([[0.5, 1.0]]))
 
@@ -232,19 +245,18 @@ def test_object_curve_is_that_of_brute_force():
         r, c = rng.integers(0, 56, 2)
         truth[r : r + 3, c : c + 4] = i + 1
         scores[r : r + 3, c : c + 4] += 0.15 * i
-    scores[5:9, 5:60] = np.nan
-    truth[6, 6] = 20  # an object without a valid pixel
+    scores[59] = scores[5:9, 5:9] = np.nan
+    scores[tuple(np.argwhere(truth == 3)[0])] = np.nan
+    truth[59, 6] = 20  # an object without a valid pixel
     roc = Roc.of(scores, truth)
     curve = object_curve(scores, truth, roc, pfa_max=0.2)
-    assert len(curve.objects) == len(np.unique(truth)) - 1
+    assert curve.unseen == (20,)
+    assert {o.number for o in curve.objects} == set(np.unique(truth)) - {0, 20}
     for o in curve.objects:
         own = scores[truth == o.number]
         assert (o.size, o.left_out) == (np.isfinite(own).sum(), np.isnan(own).sum())
-        if o.size:
-            assert o.score_max == np.nanmax(own)
-            assert o.pfa == (scores[truth == 0] >= o.score_max).sum() / len(roc.background)
-        else:
-            assert o.pfa == 1
+        assert o.score_max == np.nanmax(own)
+        assert o.pfa == (scores[truth == 0] >= o.score_max).sum() / len(roc.background)
     assert (np.diff(curve.thresholds) < 0).all()
     for i, t in enumerate(curve.thresholds):
         mask = scores >= t
@@ -278,13 +290,13 @@ def test_intervals_cover_what_they_should_and_delong_does_not():
     scenes = [correlated(rng) for _ in range(300)]
     truth = np.mean([Roc.of(*scene).auc for scene in scenes])
     drawn = naive = 0
-    for scores, objects in scenes[:120]:
-        low, high = bootstrap(scores, objects, draws=200, seed=1, pfa=[0.1]).auc
+    for scores, objects in scenes[:100]:
+        low, high = bootstrap(scores, objects, draws=120, seed=1, pfa=[0.1]).auc
         drawn += low <= truth <= high
         one = auc_interval(Roc.of(scores, objects))
         naive += one.low <= truth <= one.high
-    assert 0.87 <= drawn / 120 <= 0.99
-    assert naive / 120 < 0.6
+    assert 0.87 <= drawn / 100 <= 0.99
+    assert naive / 100 < 0.6
 
 
 def test_a_draw_of_everything_is_the_curve_itself():
@@ -314,12 +326,22 @@ def test_bootstrap_is_the_same_for_the_same_seed_only():
     assert a.auc[0] < Roc.of(scores, objects).auc < a.auc[1]
 
 
+def test_many_pieces_are_drawn_like_few(monkeypatch):
+    """Kept sparse, for memory, they give the same numbers."""
+    scores, objects = correlated(np.random.default_rng(1))
+    few = bootstrap(scores, objects, draws=60, block=4)
+    monkeypatch.setattr(sys.modules["detect.roc.bootstrap"], "_DENSE", 0)
+    many = bootstrap(scores, objects, draws=60, block=4)
+    np.testing.assert_allclose(many.areas, few.areas, rtol=1e-12)
+    np.testing.assert_allclose(many.low, few.low, rtol=1e-12)
+
+
 def test_few_pieces_are_said():
     scores, objects = correlated(np.random.default_rng(1))
     assert "one object" in bootstrap(scores, objects == 1, draws=20).notes[0]
     notes = bootstrap(scores, np.where(objects < 4, objects, 0), draws=20, block=96).notes
     assert "only 3 objects" in notes[0]
-    assert "only 1 blocks" in notes[1]
+    assert "only 1 block " in notes[1]
     assert default_block(4096, 4096) == 171
     assert default_block(10, 10) == 16
 

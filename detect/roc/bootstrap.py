@@ -28,6 +28,7 @@ from .curve import Float64, Mask, Roc, Scores, usable
 _LEVELS = 1024
 _FEW = 10
 _DRAWS_AT_A_TIME = 100
+_DENSE = 1 << 23
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,9 @@ class Bands:
         Interval of the area.
     auc_error : float
         Standard deviation of the area over the draws.
+    areas : (draws,) ndarray
+        The area of every draw. Detectors scored on the same pixels are drawn alike by one seed, so the differences
+        of their areas are paired.
     level : float
     draws, seed, block : int
     objects, blocks : int
@@ -56,6 +60,7 @@ class Bands:
     high: Float64
     auc: tuple[float, float]
     auc_error: float
+    areas: Float64
     level: float
     draws: int
     seed: int
@@ -95,7 +100,7 @@ def bootstrap(
     block : int, optional
         Side of the background's blocks [pixel]; see `default_block`.
     pfa : array_like, optional
-        Where to look at the curve; 61 values, even in logarithm, by default.
+        Where to look at the curve; see `default_grid`.
     level : float
 
     Raises
@@ -120,14 +125,17 @@ def bootstrap(
     tails = [100 * (1 - level) / 2, 100 * (1 + level) / 2]
     low, high = np.percentile(pds, tails, axis=0)
     auc = np.percentile(areas, tails)
-    pieces = (len(targets), len(background))
-    return Bands(at, low, high, (float(auc[0]), float(auc[1])), float(areas.std(ddof=1)), level, draws, seed, block,
-                 *pieces, _notes(*pieces))  # fmt: skip
+    objects_drawn, blocks_drawn = targets.shape[0], background.shape[0]
+    return Bands(
+        pfa=at, low=low, high=high, auc=(float(auc[0]), float(auc[1])), auc_error=float(areas.std(ddof=1)),
+        areas=areas, level=level, draws=draws, seed=seed, block=block, objects=objects_drawn, blocks=blocks_drawn,
+        notes=_notes(objects_drawn, blocks_drawn),
+    )  # fmt: skip
 
 
 def default_grid(background: int) -> Float64:
-    """Values of Pfa, even in logarithm, from one background pixel to all."""
-    return np.geomspace(1 / background, 1, 61)
+    """Values of Pfa: one that allows no background pixel, then 61 even in logarithm from one pixel to all."""
+    return np.append(0.5 / background, np.geomspace(1 / background, 1, 61))
 
 
 def _notes(objects: int, blocks: int) -> tuple[str, ...]:
@@ -137,7 +145,7 @@ def _notes(objects: int, blocks: int) -> tuple[str, ...]:
     elif objects < _FEW:
         out.append(f"only {objects} objects: percentile intervals are too narrow")
     if blocks < _FEW:
-        out.append(f"only {blocks} blocks of background: intervals are too narrow")
+        out.append(f"only {blocks} block{'s' * (blocks > 1)} of background: intervals are too narrow")
     return tuple(out)
 
 
@@ -157,8 +165,10 @@ def _levels(roc: Roc) -> Scores:
     return np.unique(np.concatenate([distinct, np.nextafter(distinct, up), chosen, np.nextafter(chosen, up)]))
 
 
-def _count(scores: Scores, objects: npt.NDArray[Any], ok: Mask, levels: Scores, block: int) -> tuple[Float64, Float64]:
+def _count(scores: Scores, objects: npt.NDArray[Any], ok: Mask, levels: Scores, block: int) -> tuple[Any, Any]:
     """Scores of each object, and of each block's background, between the levels: (pieces, bins)."""
+    from scipy.sparse import coo_array, csr_array, vstack
+
     bins = len(levels) + 1
     height, width = scores.shape
     across = -(-width // block)
@@ -170,12 +180,18 @@ def _count(scores: Scores, objects: npt.NDArray[Any], ok: Mask, levels: Scores, 
         place = np.broadcast_to(columns, use.shape)[use]
         at = np.searchsorted(levels, scores[rows][use], side="right")
         counts = np.bincount(place * bins + at, minlength=across * bins).reshape(across, bins)
-        background.append(counts[counts.any(axis=1)].astype(np.float32))
+        background.append(csr_array(counts[counts.any(axis=1)]))
     target = ok & (objects != 0)
     names, which = np.unique(objects[target], return_inverse=True)
     at = np.searchsorted(levels, scores[target], side="right")
-    targets = np.bincount(which * bins + at, minlength=len(names) * bins).reshape(len(names), bins)
-    return targets.astype(np.float64), np.concatenate(background).astype(np.float64)
+    targets = coo_array((np.ones(len(at), np.int64), (which, at)), shape=(len(names), bins)).tocsr()
+    return _dense(targets), _dense(vstack(background, format="csr"))
+
+
+def _dense(counts: Any) -> Any:
+    """Few pieces as a plain array, which is multiplied faster; many stay sparse, for memory."""
+    counts = counts.astype(np.float64)
+    return counts.toarray() if counts.shape[0] * counts.shape[1] <= _DENSE else counts
 
 
 def _draw(targets: Float64, background: Float64, at: Float64, draws: int, seed: int) -> tuple[Float64, Float64]:
@@ -185,10 +201,7 @@ def _draw(targets: Float64, background: Float64, at: Float64, draws: int, seed: 
     for start in range(0, draws, _DRAWS_AT_A_TIME):
         some = slice(start, min(start + _DRAWS_AT_A_TIME, draws))
         size = some.stop - some.start
-        t, b = (
-            rng.multinomial(len(pieces), np.full(len(pieces), 1 / len(pieces)), size).astype(np.float64) @ pieces
-            for pieces in (targets, background)
-        )
+        t, b = (_times(rng, pieces.shape[0], size) @ pieces for pieces in (targets, background))
         m, n = t.sum(axis=1, keepdims=True), b.sum(axis=1, keepdims=True)
         below = np.cumsum(b, axis=1) - b / 2
         areas[some] = (t * below).sum(axis=1) / (m * n)[:, 0]
@@ -197,3 +210,8 @@ def _draw(targets: Float64, background: Float64, at: Float64, draws: int, seed: 
             last = np.searchsorted(false[i], at * n[i] * (1 + 1e-12), side="right")
             pds[start + i] = np.append(0, found[i])[last] / m[i]
     return areas, pds
+
+
+def _times(rng: np.random.Generator, pieces: int, size: int) -> Float64:
+    """How often each piece is drawn, (size, pieces): as many draws as pieces, with replacement."""
+    return rng.multinomial(pieces, np.full(pieces, 1 / pieces), size).astype(np.float64)

@@ -34,9 +34,8 @@ class ObjectScore:
     left_out : int
         Its pixels that are not valid.
     score_max, score_mean : float
-        NaN where it has no valid pixel.
     pfa : float
-        The least pixel Pfa at which it is found: background that scores at least as high; 1 without a valid pixel.
+        The least pixel Pfa at which it is found: background that scores at least as high.
     bounds : ((row0, row1), (col0, col1))
     """
 
@@ -56,7 +55,9 @@ class ObjectCurve:
     Attributes
     ----------
     objects : tuple of ObjectScore
-        The highest score first.
+        The highest score first; those without a valid pixel are not among them.
+    unseen : tuple of int
+        Numbers of the objects without a valid pixel: nobody could have found them, and they are not counted.
     thresholds : (steps,) ndarray
         Descending; detected is what is not less.
     found : (steps,) ndarray of int
@@ -68,6 +69,7 @@ class ObjectCurve:
     """
 
     objects: tuple[ObjectScore, ...]
+    unseen: tuple[int, ...]
     thresholds: Float64
     found: npt.NDArray[np.int64]
     false_alarms: npt.NDArray[np.int64]
@@ -79,12 +81,26 @@ class ObjectCurve:
         return np.asarray(self.found / len(self.objects))
 
 
-def number_objects(truth: npt.NDArray[Any], connectivity: int = 8) -> npt.NDArray[np.int32]:
-    """Object numbers: those of the truth where it holds several, else its connected parts; 0 elsewhere."""
+def number_objects(truth: npt.NDArray[Any], connectivity: int = 8, *, connected: bool = False) -> npt.NDArray[np.int32]:
+    """Object numbers, 0 elsewhere: those of the truth where it holds several, else its connected parts.
+
+    Parameters
+    ----------
+    truth : (row, column) ndarray
+        0, or an object's number; NaN is no object.
+    connectivity : {4, 8}
+    connected : bool
+        Take connected parts whatever their numbers, as of a map of classes.
+
+    Raises
+    ------
+    InputError
+        Numbers are not whole, or have more than 32 bits.
+    """
     truth = np.asarray(truth)
     values = truth[np.isfinite(truth) & (truth != 0)] if truth.dtype.kind == "f" else truth[truth != 0]
     names = np.unique(values)
-    if len(names) <= 1:
+    if len(names) <= 1 or connected:
         return label(np.isin(truth, names), connectivity=connectivity)
     if truth.dtype.kind == "f" and (names != np.rint(names)).any():
         raise InputError(f"truth: allowed are 0 and whole object numbers, got {names[names != np.rint(names)][0]:g}.")
@@ -116,12 +132,13 @@ def object_curve(
     Raises
     ------
     InputError
-        There is no object.
+        No object has a valid pixel.
     """
     ok = usable(scores, objects, valid)
-    scored = tuple(sorted(_scored(scores, objects, ok, roc), key=lambda o: (o.pfa, -o.score_max, o.number)))
+    scored = tuple(sorted(_scored(scores, objects, ok, roc), key=lambda o: (-o.score_max, o.number)))
     if not scored:
-        raise InputError("truth marks no object: mark each by a number of its own, or by 1.")
+        raise InputError("truth marks no object with a valid pixel: mark each by a number of its own, or by 1.")
+    unseen = np.setdiff1d(objects[objects != 0], [o.number for o in scored])
     every = np.array([o.score_max for o in scored])
     levels = np.unique(every[np.array([o.pfa for o in scored]) <= pfa_max])[::-1]
     if len(levels) > _MOST_THRESHOLDS:
@@ -133,9 +150,10 @@ def object_curve(
     false = [n - int(np.searchsorted(roc.background, low(t), "left")) for t in levels]
     return ObjectCurve(
         objects=scored,
+        unseen=tuple(int(i) for i in unseen),
         thresholds=levels,
         found=np.array([np.count_nonzero(every >= t) for t in levels], np.int64),
-        false_alarms=np.array([_count(scores >= low(t), objects, ok) for t in levels], np.int64),
+        false_alarms=np.array([count_false_alarms(scores >= low(t), objects, ok) for t in levels], np.int64),
         pfa=np.array(false) / n,
     )
 
@@ -158,9 +176,9 @@ def _limits(roc: Roc, pfa_max: float) -> Float64:
     return np.nextafter(limits, limits.dtype.type(np.inf)).astype(np.float64)
 
 
-def _count(mask: Mask, objects: npt.NDArray[Any], ok: Mask) -> int:
-    """Connected parts of a mask that touch no object."""
-    mask = mask & ok
+def count_false_alarms(mask: Mask, objects: npt.NDArray[Any], valid: Mask) -> int:
+    """Connected parts of a detection mask that touch no object."""
+    mask = mask & valid
     labels = label(mask)
     hits = np.unique(labels[mask & (objects != 0)])
     return int(labels.max(initial=0)) - len(hits)
@@ -178,10 +196,12 @@ def _scored(scores: Scores, objects: npt.NDArray[Any], ok: Mask, roc: Roc) -> Se
         r, c = rows[at], columns[at]
         values = scores[r, c][ok[r, c]]
         size = len(values)
-        highest = values.max() if size else np.nan
+        if not size:
+            continue
+        highest = values.max()
         n = len(roc.background)
-        pfa = (n - int(np.searchsorted(roc.background, highest, "left"))) / n if size else 1.0
+        pfa = (n - int(np.searchsorted(roc.background, highest, "left"))) / n
         box = ((int(r.min()), int(r.max()) + 1), (int(c.min()), int(c.max()) + 1))
-        mean = float(values.mean(dtype=np.float64)) if size else np.nan
+        mean = float(values.mean(dtype=np.float64))
         out.append(ObjectScore(int(name), size, len(at) - size, float(highest), mean, pfa, box))
     return out
