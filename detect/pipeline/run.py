@@ -225,7 +225,7 @@ def _run(scene: Scene, recipe: Recipe, targets: Outputs, threads: int, progress:
                 **describe(plan, targets, background, threshold, tally, checksum),
                 "objects": found,
                 "notes": [*scene.notes, *plan.notes, *notes_on(plan, background)],
-                "warnings": warnings_of(plan, background, ready, threshold, tally),
+                "warnings": warnings_of(plan, background, threshold, tally),
                 "seconds": round(time.perf_counter() - begun, 3),
             }
         )

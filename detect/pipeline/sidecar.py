@@ -12,7 +12,6 @@ from deglint.readers.text import read_json
 
 from ..background import Background
 from ..local import STATES
-from ..rx import Detector
 from ..threshold import Threshold
 from .plan import Plan
 from .recipe import Outputs
@@ -20,8 +19,10 @@ from .recipe import Outputs
 if TYPE_CHECKING:
     from .run import Tally
 
-AFFINE = ("hedley", "lyzenga", "joyce")
+AFFINE = ("hedley", "lyzenga", "joyce", "nir-subtraction")
 """Glint removals that subtract a multiple of the NIR from each band."""
+BLIND = ("rx", "local", "residual")
+"""Detectors that such a removal does not change: no invertible affine map of the bands does."""
 _MOST_BANDS = 32
 """Bands up to which the covariance stands in the sidecar."""
 _FEW = 10
@@ -70,9 +71,7 @@ def notes_on(plan: Plan, background: Background | None) -> list[str]:
     return notes
 
 
-def warnings_of(
-    plan: Plan, background: Background | None, ready: Detector | None, threshold: Threshold | None, tally: Tally
-) -> list[str]:
+def warnings_of(plan: Plan, background: Background | None, threshold: Threshold | None, tally: Tally) -> list[str]:
     """What the analyst should know before trusting the scores."""
     said = []
     if background is not None:
@@ -91,14 +90,14 @@ def warnings_of(
             said.append(f"{count} of {tally.total} pixels: {STATES[state]}")
     if threshold is not None:
         said += threshold.notes
-    if ready is not None and (line := deglinted(plan)):
+    if line := deglinted(plan):
         said.append(line)
     return said
 
 
 def deglinted(plan: Plan) -> str | None:
-    """That a linear glint removal does not change global RX, where the input is the output of one and has its NIR."""
-    if plan.recipe.method != "rx" or plan.recipe.covariance in ("mcd",):
+    """That a linear glint removal does not change RX, where the input is the output of one and has its NIR."""
+    if plan.recipe.method not in BLIND or plan.recipe.covariance not in ("empirical", "mcd"):
         return None
     try:
         made = read_json(f"{plan.scene.path}.json", "sidecar")
@@ -110,6 +109,6 @@ def deglinted(plan: Plan) -> str | None:
     if not (affine and kept):
         return None
     return (
-        f"global RX is blind to {model['method']} as long as the NIR is among the bands: these are the scores of the "
-        "glinted scene. Leave the NIR out with -b, or take --method local or residual, or --covariance mcd"
+        f"{plan.recipe.method} scores do not change under {model['method']} as long as the NIR is among the bands: these "
+        "are the scores of the glinted scene. For the removal to count, leave the NIR out with -b"
     )

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deglint.errors import FitError, InputError
-from detect import background, rx
+from detect import background, local_rx, rx
 from detect.rx import METHODS, detector, residual_rx, rx_utd, score, subspace_rx, utd
 
 SCENES = Path(__file__).parents[3] / "shared" / "data" / "hyperspectral"
@@ -90,7 +90,11 @@ def test_a_linear_deglint_that_keeps_the_nir_does_not_change_it():
 
     image = image_of() + 50
     model = remove.fit("hedley", image, nir=4, correct=range(4))
-    np.testing.assert_allclose(rx.rx(remove.apply(image, model)), rx.rx(image), rtol=1e-9)
+    clean = remove.apply(image, model)
+    np.testing.assert_allclose(rx.rx(clean), rx.rx(image), rtol=1e-9)
+    np.testing.assert_allclose(residual_rx(clean, nir=[4]), residual_rx(image, nir=[4]), rtol=1e-7)
+    window = {"inner": 3, "outer": 11}
+    np.testing.assert_allclose(local_rx(clean, **window), local_rx(image, **window), rtol=1e-8)
 
 
 @pytest.mark.parametrize("offset", [1e6, 1e8])
