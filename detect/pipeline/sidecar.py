@@ -109,6 +109,6 @@ def deglinted(plan: Plan) -> str | None:
     if not (affine and kept):
         return None
     return (
-        f"{plan.recipe.method} scores do not change under {model['method']} as long as the NIR is among the bands: these "
-        "are the scores of the glinted scene. For the removal to count, leave the NIR out with -b"
+        f"{plan.recipe.method} scores do not change under {model['method']} as long as the NIR is among the bands: "
+        "these are the scores of the glinted scene. For the removal to count, leave the NIR out with -b"
     )
