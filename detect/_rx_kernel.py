@@ -16,17 +16,18 @@ def _row_times(row, x, bands, z):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True, fastmath={"contract"})
-def squared_lengths(flat, mean, matrix, moved, rank, out):  # type: ignore[no-untyped-def]
+def squared_lengths(flat, first, mean, matrix, moved, rank, out):  # type: ignore[no-untyped-def]
     """out = sum over the first `rank` rows of (matrix (x - mean) - moved)^2, plus the rows after them as they are.
 
+    As many pixels of `flat`, from `first` on, as `out` has room for.
     flat : (bands, pixels); matrix : (rows, columns), columns at least `bands`, a multiple of 4, filled up with zeros
     """
-    bands, pixels = flat.shape
+    bands, pixels = flat.shape[0], out.shape[0]
     x, z, total = np.zeros((matrix.shape[1], WIDTH)), np.empty(WIDTH), np.empty(WIDTH)
     for start in range(0, pixels, WIDTH):
         count = min(WIDTH, pixels - start)
         for b in range(bands):
-            band, centre = flat[b, start : start + count], mean[b]
+            band, centre = flat[b, first + start : first + start + count], mean[b]
             for c in range(count):
                 x[b, c] = band[c] - centre
         for c in range(WIDTH):

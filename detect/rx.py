@@ -123,7 +123,14 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
     return Detector(method, background.mean, background.rest, whiten, linear)
 
 
-def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None, *, compiled: bool = False) -> Scores:
+def score(
+    image: npt.NDArray[Any],
+    detector: Detector,
+    mask: Mask | None = None,
+    *,
+    compiled: bool = False,
+    threads: int = 1,
+) -> Scores:
     """Scores of a block.
 
     Parameters
@@ -136,6 +143,8 @@ def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None,
     compiled : bool
         Use the compiled kernel: several times as fast for few bands, but it takes half a second to load. The last bits
         may differ.
+    threads : int
+        The result does not depend on it.
 
     Returns
     -------
@@ -145,12 +154,19 @@ def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None,
     image = np.asarray(image)
     if len(image) != len(detector.mean):
         raise InputError(f"the image has {len(image)} bands, the background {len(detector.mean)}. Use the same.")
-    flat = image.reshape(len(image), -1)
+    flat = np.ascontiguousarray(image).reshape(len(image), -1)
     out: Scores = np.empty(flat.shape[1], np.float64 if image.dtype == np.float64 else np.float32)
     rank = len(detector.whiten)
     matrix = detector.whiten if detector.linear is None else np.vstack([detector.whiten, detector.linear])
+    fill = _by_kernel if compiled else _by_blas
+
+    def work(first: int) -> None:
+        with np.errstate(invalid="ignore", over="ignore"):
+            fill(flat, first, detector, matrix, rank, out[first : first + _STRIP])
+
+    with ThreadPoolExecutor(max(threads, 1)) as pool:
+        list((pool.map if threads > 1 else map)(work, range(0, len(out), _STRIP)))
     with np.errstate(invalid="ignore", over="ignore"):
-        (_by_kernel if compiled else _by_blas)(flat, detector, matrix, rank, out)
         # what is finite but too large for the output's type stays the largest of all; the rest is not valid
         bad = ~np.isfinite(out)
         if bad.any():
@@ -162,8 +178,8 @@ def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None,
     return scores
 
 
-def _by_blas(flat: npt.NDArray[Any], detector: Detector, matrix: Float64, rank: int, out: Scores) -> None:
-    """Fill `out` by matrix products, some pixels at a time."""
+def _by_blas(flat: npt.NDArray[Any], first: int, detector: Detector, matrix: Float64, rank: int, out: Scores) -> None:
+    """Fill `out` with the scores of pixels from `first` on, by matrix products."""
     moved = (matrix @ detector.rest)[:, None]
     shifted = bool(np.abs(moved).max(initial=0) > _SMALL)
     # always the same width: BLAS may add in another order at the end of a shorter one
@@ -171,8 +187,8 @@ def _by_blas(flat: npt.NDArray[Any], detector: Detector, matrix: Float64, rank: 
     width = width if width >= _NARROW else _CHUNK_MANY
     centred, z, total = np.zeros((len(flat), width)), np.empty((len(matrix), width)), np.empty(width)
     for start in range(0, len(out), width):
-        part = flat[:, start : start + width]
-        count = part.shape[1]
+        count = min(width, len(out) - start)
+        part = flat[:, first + start : first + start + count]
         np.subtract(part, detector.mean[:, None], out=centred[:, :count])
         np.matmul(matrix, centred, out=z)
         if shifted:
@@ -182,13 +198,13 @@ def _by_blas(flat: npt.NDArray[Any], detector: Detector, matrix: Float64, rank: 
         out[start : start + count] = total[:count]
 
 
-def _by_kernel(flat: npt.NDArray[Any], detector: Detector, matrix: Float64, rank: int, out: Scores) -> None:
+def _by_kernel(flat: npt.NDArray[Any], first: int, detector: Detector, matrix: Float64, rank: int, out: Scores) -> None:
     """The same by the compiled kernel."""
     from ._rx_kernel import squared_lengths
 
     filled = np.zeros((len(matrix), -(-len(flat) // 4) * 4))
     filled[:, : len(flat)] = matrix
-    squared_lengths(flat, detector.mean, filled, matrix @ detector.rest, rank, out)
+    squared_lengths(flat, first, detector.mean, filled, matrix @ detector.rest, rank, out)
 
 
 def rx(
@@ -292,19 +308,8 @@ def _run(
         inside = mask if inside is None else inside if mask is None else inside & mask
         background = fit(image, mask=inside, covariance=covariance, ridge=ridge, threads=threads)
     ready = detector(method, background, **options)
-    rows, columns = image.shape[1:]
-    large = rows * columns > COMPILED_PIXELS and len(image) <= _KERNEL_BANDS
-
-    def work(row: int) -> Scores:
-        strip = np.s_[row : row + step]
-        return score(image[:, strip], ready, None if mask is None else mask[strip], compiled=large)
-
-    step = max(_STRIP // max(columns, 1), 1)
-    with ThreadPoolExecutor(max(threads, 1)) as pool:
-        out = np.empty((rows, columns), np.float64 if image.dtype == np.float64 else np.float32)
-        for i, found in enumerate(pool.map(work, range(0, rows, step))):
-            out[i * step : (i + 1) * step] = found
-    return out
+    large = image.shape[1] * image.shape[2] > COMPILED_PIXELS and len(image) <= _KERNEL_BANDS
+    return score(image, ready, mask, compiled=large, threads=threads)
 
 
 def _subspace(covariance: Float64, drop: int) -> Float64:
