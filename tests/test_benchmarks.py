@@ -32,6 +32,12 @@ def test_digits():
             assert min(map(int, re.findall(r"\d+", cell))) >= 13
 
 
+def test_detect():
+    table = rows(printed("benchmarks", "detect", "--quick"))
+    assert all(float(cells[-1]) > 0 for name, cells in table.items() if name.startswith("global"))
+    assert "rxdetect score" in table
+
+
 @pytest.mark.shared
 @pytest.mark.skipif(not (SHARED / "simulated").exists(), reason="the shared scenes do not lie beside the project")
 def test_error():
