@@ -174,6 +174,27 @@ def day_of_year(time: Any) -> Array:
     return (moments - moments.astype("datetime64[Y]")) / np.timedelta64(1, "D") + 1.0
 
 
+def moment(time: Any) -> np.datetime64:
+    """A time in UTC to the second.
+
+    Parameters
+    ----------
+    time : datetime, str or numpy.datetime64
+        What names no zone is taken as UTC.
+
+    Raises
+    ------
+    InputError
+        The time cannot be read.
+
+    Examples
+    --------
+    >>> str(moment("2026-06-21T20:00+02:00"))
+    '2026-06-21T18:00:00'
+    """
+    return np.datetime64(int(np.floor(_seconds(time))), "s")
+
+
 def _seconds(time: Any) -> Array:
     """Seconds since 1970 of one time or many."""
     if isinstance(time, (str, datetime)):
