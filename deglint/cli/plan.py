@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -103,52 +102,53 @@ def _options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
+def _modes(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Options that ask for more than one reticle."""
+    for option in reversed([
+        click.option("--from", "start", metavar="ISO", help="Sweep over time: from when,"),
+        click.option("--to", "end", metavar="ISO", help="until when,"),
+        click.option("--every", callback=duration, metavar="30min", help="and how often; 30min by default."),
+        click.option("--wind-within", callback=at("speed", "turn", "2@30"), metavar="M/S@DEG",
+                     help="The wind is known to plus or minus this: intervals, and looks good under all of them."),
+        click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),
+        click.option("--altitude", type=float, default=300.0, metavar="M", help="--fov: above the sea; 300."),
+        click.option("--pitch", type=float, default=0.0, metavar="DEG", help="--fov: it looks forward by this,"),
+        click.option("--roll", type=float, default=0.0, metavar="DEG", help="and to the right by this."),
+        click.option("--serve", is_flag=True, help="Open a page with sliders on this machine; Ctrl-C ends it."),
+        click.option("--port", type=click.IntRange(0, 65535), default=8765, metavar="N",
+                     help="--serve: 8765 by default; 0 takes a free one."),
+        click.option("--no-browser", is_flag=True, help="--serve: only say the address."),
+    ]):  # fmt: skip
+        command = option(command)
+    return command
+
+
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @_options
+@_modes
 def plan(**given: Any) -> None:
     """Say from where to look at an object under water so that sun glint does not spoil it.
 
     \b
     deglint plan --lat 36.8 --lon -122 --time 2026-06-21T18:00Z --wind 7@310 -o plan.png
     deglint plan --mission survey.toml --depth 8 -o plan.png -o plan.json
+    deglint plan --lat 36.8 --lon -122 --wind 7@310 --from 2026-06-21T13:00Z --to 2026-06-22T03:00Z -o day.png
+    deglint plan --lat 36.8 --lon -122 --wind 7@310 --wind-within 2@30 -o sure.png
+    deglint plan --lat 36.8 --lon -122 --wind 7@310 --fov 40 -o heading.png
+    deglint plan --lat 36.8 --lon -122 --serve
     """
     from ..plan.missionfile import merged, mission_from
-    from ..raster.planned import check_targets
+    from . import planning
     from .options import Talk
 
     talk = Talk(quiet=given["quiet"])
-    check_targets(given["outs"], overwrite=given["overwrite"])
-    mission = mission_from(merged(_file(given["mission"]), _tables(given)), given["mission"] or "the command")
-    for line in _assumed(given, mission):
+    mode = planning.mode_of(given)
+    mode.check(given)
+    tables = merged(_file(given["mission"]), _tables(given))
+    mission = mission_from(mode.prepared(given, tables), given["mission"] or "the command")
+    for line in _assumed(given, mission) if mode is not planning.SERVE else []:
         talk.say(line)
-    _reticle(given, mission)
-
-
-def _reticle(given: dict[str, Any], mission: Any) -> None:
-    from ..plan import reticle
-    from ..plan.advice import best_look, quality, sentence
-    from ..plan.dataset import summary
-    from ..raster.planned import write_plan
-
-    if given["show"]:
-        mission.sensor.band(given["show"])
-    found = reticle(mission)
-
-    def picture() -> bytes:
-        from ..plan.draw import png
-        from ..plan.picture import picture as drawn
-
-        return png(drawn(found, band=given["show"]))
-
-    if given["outs"]:
-        write_plan(found, given["outs"], picture, overwrite=given["overwrite"])
-    if given["as_json"]:
-        from ..raster.output import plain
-
-        click.echo(json.dumps(plain(summary(found)), indent=2))
-        return
-    look = best_look(found)
-    click.echo(sentence(look) + ("" if look is None else f"\n{quality(look)}"))
+    mode.run(given, mission, talk)
 
 
 def _file(path: str | None) -> dict[str, Any]:

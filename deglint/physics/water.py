@@ -238,8 +238,9 @@ def lee_2011_grid(sun_zenith: float, view_zenith: npt.ArrayLike, relative_azimut
     """
     (suns, views, turns), values = _grid()
     turn = np.abs((np.asarray(relative_azimuth, dtype=np.float64) + 180.0) % 360.0 - 180.0)
-    at_sun = np.tensordot(_hats(suns, np.atleast_1d(sun_zenith))[0], values, (0, 1))
-    return np.asarray(_hats(views, np.atleast_1d(view_zenith)) @ at_sun @ _hats(turns, turn).T)
+    at_sun = np.einsum("s,gsvt->gvt", _hats(suns, np.atleast_1d(sun_zenith))[0], values)
+    at_view = np.einsum("zv,gvt->gzt", _hats(views, np.atleast_1d(view_zenith)), at_sun)
+    return np.asarray(np.einsum("gzt,at->gza", at_view, _hats(turns, turn)))
 
 
 def _hats(axis: Array, points: Array) -> Array:

@@ -23,6 +23,7 @@ BLUE: Colour = (0, 114, 178)
 YELLOW: Colour = (255, 200, 20)
 MAGENTA: Colour = (204, 20, 120)
 _FINE = 2  # discs are drawn at this multiple and averaged down
+_SHADES = 248  # of a scale of colours in a disc, below those of hatchings
 _SHIFT = 4  # cv2 takes coordinates in 1/16 pixel
 
 
@@ -123,11 +124,6 @@ def polar(centre: Point, radius: float, zenith: float, azimuth: float, widest: f
 
 def palette(share: npt.NDArray[Any], name: str = "viridis") -> Image:
     """Colours (..., 3) of numbers 0 to 1 in a scale that all eyes can read."""
-    import cv2
-
-    if share.ndim == 2 and share.dtype == np.float32:
-        level = cv2.convertScaleAbs(np.clip(share, 0.0, 1.0), alpha=255.0)
-        return np.asarray(cv2.LUT(cv2.merge([level] * 3), _colours(name)[None]), np.uint8)
     return _colours(name)[(np.clip(np.nan_to_num(share), 0.0, 1.0) * 255).astype(np.uint8)]
 
 
@@ -165,24 +161,24 @@ def disc(
     import cv2
 
     inside, coverage = _cover(radius)
-    fine = palette(_warped(share, radius), name)
-    ground = np.zeros(inside.shape, bool)
-    drawn = []
-    for excess, pattern, colour in patterns:
-        if (excess > 0).any():
-            here = _warped(excess, radius) > 0
-            ground |= here
-            drawn.append((here & _pattern(pattern, len(fine)), colour))
-    if drawn:
-        fine[ground] = GROUND
-        for here, colour in drawn:
-            fine[here] = colour
+    level = cv2.convertScaleAbs(np.clip(_warped(share, radius), 0.0, 1.0), alpha=_SHADES - 1)
+    table = np.empty((256, 3), np.uint8)
+    table[:_SHADES] = _colours(name)[np.linspace(0, 255, _SHADES).astype(int)]
+    table[_SHADES], table[-1] = GROUND, INK
+    hatched = [(_warped(excess, radius) > 0, pattern, colour) for excess, pattern, colour in patterns]
+    if hatched:
+        ground = np.any([here for here, _, _ in hatched], axis=0)
+        level[ground] = _SHADES
+        for n, (here, pattern, colour) in enumerate(hatched, start=_SHADES + 1):
+            table[n] = colour
+            level[here & _pattern(pattern, len(level))] = n
         edge = cv2.morphologyEx((ground & inside).view(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
-        fine[edge.view(bool)] = INK
+        level[edge.view(bool)] = 255
+    fine = cv2.LUT(cv2.merge([level] * 3), table[None])
     small = cv2.resize(fine, None, fx=1 / _FINE, fy=1 / _FINE, interpolation=cv2.INTER_AREA)
     left, top = round(centre[0] - radius), round(centre[1] - radius)
     place = canvas.image[top : top + len(small), left : left + len(small)]
-    place[...] = np.where(coverage, small, place)
+    np.copyto(place, small, where=coverage)
 
 
 def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour) -> None:

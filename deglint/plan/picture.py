@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from . import draw
 from .advice import Look, best_look, compass, quality, sentence
 from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, PAPER, YELLOW, Canvas, Image, Point
+from .mission import Mission
 from .reticle import Reticle
 
 WIDTH, HEIGHT = 1240, 860
@@ -39,16 +41,39 @@ def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to lo
     contrast, patterns = layers(plan, band)
     good = contrast * np.all([excess <= 0 for excess, _, _ in patterns], axis=0)
     look = best_look(plan, good)
-    canvas = Canvas(WIDTH, HEIGHT)
+    shown = "all bands together" if band is None else f"band {plan.mission.sensor.band(band).name} alone"
+    limits = plan.mission.limits
+    also = "" if limits.glint_probability is None else f", or on > {limits.glint_probability:.1g} of the sea"
+    share = f"{100 * limits.sky_probability:g} %"
+    legend = [
+        ("/", ORANGE, f"keep out: sun glint above {limits.glint:g} /sr{also}"),
+        ("\\", BLUE, f"keep out: sky {limits.sky_ratio:g}x the water on > {share} of the sea"),
+        (".", GREY, f"too faint: contrast below {limits.snr:g} x noise"),
+    ]
+    said = [sentence(look), "" if look is None else quality(look)]
     top = max(float(good.max()), 1e-9)
-    draw.disc(canvas, _CENTRE, _RADIUS, contrast / top, patterns)
+    return page(plan, contrast / top, patterns, look, [title, f"Map: contrast over noise, {shown}", *said], legend, top)
+
+
+def page(
+    plan: Reticle,
+    share: npt.NDArray[Any],
+    patterns: Sequence[tuple[Any, str, draw.Colour]],
+    look: Look | None,
+    words: Sequence[str],
+    legend: Sequence[tuple[str, draw.Colour, str]],
+    top: float,
+) -> Image:
+    """A disc of looks with its words: title, what the map shows, the best look, what to expect of it."""
+    canvas = Canvas(WIDTH, HEIGHT)
+    draw.disc(canvas, _CENTRE, _RADIUS, share, patterns)
     scale(canvas, _CENTRE, _RADIUS, plan.mission.widest)
     marks(canvas, _CENTRE, _RADIUS, plan)
     if look is not None:
         _best(canvas, _CENTRE, _RADIUS, plan.mission.widest, look)
-    y = _words(canvas, plan, look, title, band)
+    y = _words(canvas, plan, words)
     y = _table(canvas, plan, look, y)
-    _legend(canvas, plan, top, y)
+    _legend(canvas, legend, top, y)
     _foot(canvas, plan)
     return canvas.finished()
 
@@ -90,9 +115,9 @@ def scale(canvas: Canvas, centre: Point, radius: int, widest: float, *, small: b
         end = draw.polar(centre, radius + (9 if long else 5), widest, azimuth, widest)
         if not small or azimuth % 90 == 0:
             canvas.line([start, end], INK, 2 if long else 1)
-        if long and (not small or azimuth % 90 == 0):
+        if long and (not small or azimuth == 0):
             name = {0: "N", 90: "E", 180: "S", 270: "W"}.get(azimuth, f"{azimuth:03d}")
-            at = draw.polar(centre, radius + (12 if small else 26), widest, azimuth, widest)
+            at = draw.polar(centre, radius + (11 if small else 26), 1.0, azimuth, 1.0)
             canvas.text(at, name, (13 if small else 22) if azimuth % 90 == 0 else 15, INK, anchor="mm")
     if not small:
         for azimuth in range(0, 360, 30):
@@ -166,33 +191,33 @@ def star(canvas: Canvas, at: Point, size: float) -> None:
         )
 
 
-def _words(canvas: Canvas, plan: Reticle, look: Look | None, title: str, band: str | None) -> float:
-    mission = plan.mission
-    shown = "all bands together" if band is None else f"band {mission.sensor.band(band).name} alone"
+def _words(canvas: Canvas, plan: Reticle, words: Sequence[str]) -> float:
+    title, shows, what, expects = words
     canvas.text((_LEFT, 24), title, 26)
-    zenith, azimuth = mission.sun
-    facts = [place_and_time(mission), f"Sun {90 - zenith:.0f}° high in the {compass(azimuth)} ({azimuth:03.0f}°)"]
-    facts.append(f"Wind {mission.wind:g} m/s from the {compass(mission.wind_from)} ({mission.wind_from % 360:03.0f}°)")
-    facts.append(f"Map: contrast over noise, {shown}")
     y = 62.0
-    for line in filter(None, facts):
+    for line in [*conditions(plan.mission), shows]:
         canvas.text((_LEFT, y), line, 15, GREY)
         y += 21
     y += 8
-    canvas.box(_LEFT, y, 4, 10, MAGENTA)
     start = y
-    for line in draw.wrapped(sentence(look), 20, WIDTH - _LEFT - 34):
-        canvas.text((_LEFT + 14, y), line, 20)
-        y += 27
-    if look is not None:
-        for line in draw.wrapped(quality(look), 15, WIDTH - _LEFT - 34):
-            canvas.text((_LEFT + 14, y), line, 15)
-            y += 20
+    for text, size, height in ((what, 20, 27), (expects, 15, 20)):
+        for line in draw.wrapped(text, size, WIDTH - _LEFT - 34) if text else []:
+            canvas.text((_LEFT + 14, y), line, size)
+            y += height
     canvas.box(_LEFT, start, 4, y - start, MAGENTA)
     return y + 16
 
 
-def place_and_time(mission: Any) -> str:
+def conditions(mission: Mission) -> list[str]:
+    """Place and time, sun, and wind, a line each."""
+    zenith, azimuth = mission.sun
+    sun = f"Sun {90 - zenith:.0f}° high in the {compass(azimuth)} ({azimuth:03.0f}°)"
+    blows = mission.wind_from % 360
+    wind = f"Wind {mission.wind:g} m/s from the {compass(blows)} ({blows:03.0f}°)"
+    return [line for line in (place_and_time(mission), sun, wind) if line]
+
+
+def place_and_time(mission: Mission) -> str:
     """Place and time in a line; empty where neither is given."""
     out = []
     if mission.latitude is not None and mission.longitude is not None:
@@ -231,30 +256,23 @@ def _table(canvas: Canvas, plan: Reticle, look: Look | None, y: float) -> float:
     return y + 14
 
 
-def _legend(canvas: Canvas, plan: Reticle, top: float, y: float) -> None:
-    limits = plan.mission.limits
-    bar = draw.palette(np.linspace(0.0, 1.0, 220))[None].repeat(14, axis=0)
+def _legend(canvas: Canvas, said: Sequence[tuple[str, draw.Colour, str]], top: float, y: float) -> None:
     x, row = _LEFT, round(y)
-    canvas.image[row : row + 14, x : x + 220] = bar
+    colour_bar(canvas, x, row, 220)
     canvas.text((x, row + 18), "0", 13, GREY)
     canvas.text((x + 220, row + 18), f"{top:.3g} x noise", 13, GREY, anchor="ra")
     y = row + 44
-    tolerance = (
-        "" if limits.glint_probability is None else f", or on more than {limits.glint_probability:.1g} of the sea"
-    )
-    said = (
-        ("/", ORANGE, f"keep out: sun glint above {limits.glint:g} /sr{tolerance}"),
-        (
-            "\\",
-            BLUE,
-            f"keep out: sky {limits.sky_ratio:g}x the water on > {100 * limits.sky_probability:g} % of the sea",
-        ),
-        (".", GREY, f"too faint: contrast below {limits.snr:g} x noise"),
-    )
     for pattern, colour, text in said:
         draw.swatch(canvas, x, y, pattern, colour)
-        canvas.text((x + 38, y + 9), text, 13, INK, anchor="lm")
-        y += 25
+        for line in draw.wrapped(text, 13, WIDTH - _LEFT - 56):
+            canvas.text((x + 38, y + 9), line, 13, INK, anchor="lm")
+            y += 18
+        y += 7
+
+
+def colour_bar(canvas: Canvas, left: int, top: int, width: int, name: str = "viridis") -> None:
+    """The colours of a scale, from 0 to its top."""
+    canvas.image[top : top + 14, left : left + width] = draw.palette(np.linspace(0.0, 1.0, width), name)
 
 
 def _foot(canvas: Canvas, plan: Reticle) -> None:

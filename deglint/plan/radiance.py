@@ -1,11 +1,13 @@
 """Light in each band and look: of the sun, out of the deep water, and out of the water over the object.
 
 All means over a band are those of 1 nm steps, and exact: the angular model of the water is linear in a few
-spectra, so these are averaged once and combined for every look.
+spectra, so these are averaged once and combined for every look. No sum here is left to the library of linear
+algebra, whose threads wait for each other for seconds where a machine is busy.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,15 +60,14 @@ def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
     sun_zenith, sun_azimuth = mission.sun
     direct, diffuse = atmosphere.irradiance(wavelength, sun_zenith, mission.weather, day=mission.day)
     sea = water.case1(wavelength, mission.chlorophyll)
-    terms = np.stack(water.lee_2011_terms(sea)) * (direct + diffuse)
+    terms = [term * (direct + diffuse) for term in water.lee_2011_terms(sea)]
     angular = water.lee_2011_grid(sun_zenith, zenith, azimuth - sun_azimuth)
-    background = np.einsum("bt,tza->bza", mean @ terms.T, angular, optimize=True)
+    background = np.einsum("tb,tza->bza", [mean(term) for term in terms], angular)
     kept, shine = _through(mission, sea, zenith, direct / (direct + diffuse))
-    veil = np.stack([mean @ (term[:, None] * kept) for term in terms])
-    target = np.einsum("tbz,tza->bza", veil, angular, optimize=True)
-    target += (mean @ (shine * (direct + diffuse)[:, None]))[..., None]
-    sun = mean @ direct
-    return Light(sun, mean @ diffuse, sun / np.cos(np.radians(sun_zenith)), background, target)
+    target = np.einsum("tbz,tza->bza", [mean(term[:, None] * kept) for term in terms], angular)
+    target += mean(shine * (direct + diffuse)[:, None])[..., None]
+    sun = mean(direct)
+    return Light(sun, mean(diffuse), sun / np.cos(np.radians(sun_zenith)), background, target)
 
 
 def _through(mission: Mission, sea: water.Iops, zenith: Array, direct_fraction: Array) -> tuple[Array, Array]:
@@ -86,13 +87,14 @@ def _through(mission: Mission, sea: water.Iops, zenith: Array, direct_fraction: 
     return kept, shine
 
 
-def _bands(bands: tuple[SensorBand, ...]) -> tuple[Array, Array]:
-    """Wavelengths of all bands in turn (n,), and the means over each (band, n)."""
+def _bands(bands: tuple[SensorBand, ...]) -> tuple[Array, Callable[[Array], Array]]:
+    """Wavelengths of all bands in turn (n,), and what means values (n, ...) over each band (band, ...)."""
     low, high = atmosphere.WAVELENGTH_RANGE
     ranges = [np.arange(max(b.low, low), min(b.high, high) + 0.5) for b in bands]
-    mean = np.zeros((len(bands), sum(r.size for r in ranges)))
-    start = 0
-    for row, steps in zip(mean, ranges, strict=True):
-        row[start : start + steps.size] = 1.0 / steps.size
-        start += steps.size
+    sizes = np.array([steps.size for steps in ranges])
+    starts = np.cumsum(sizes) - sizes
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.add.reduceat(values, starts, axis=0) / sizes.reshape(-1, *[1] * (values.ndim - 1)))
+
     return np.concatenate(ranges), mean

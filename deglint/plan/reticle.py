@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -76,12 +77,12 @@ class Reticle:
         """Mirrored skylight of each band [W m-2 sr-1 nm-1]."""
         return np.asarray(self.light.diffuse[:, None, None] * self.sky_strength)
 
-    @property
+    @cached_property
     def by_band(self) -> Array:
         """The combined map of each band: contrast over noise, and 0 where any mask keeps out (thesis, 2.7.4)."""
         return np.asarray(self.snr * (self.clear_of_glint & self.clear_of_sky & self.detectable))
 
-    @property
+    @cached_property
     def combined(self) -> Array:
         """The combined map of all bands: root of the sum of squares of `by_band`, 0 where no band is usable."""
         return np.sqrt(np.sum(np.square(self.by_band), axis=0))

@@ -7,6 +7,7 @@ Facets that mirror the sea instead of the sky count for nothing.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,32 +89,42 @@ def skylight(
     around = np.arange(AZIMUTHS) * (360.0 / AZIMUTHS)
     mean, brighter = _summed(nodes, around - wind.blows_from, (sun[0], sun[1] - wind.blows_from), wind, model)
     down, across = (zenith - nodes[0]) / (nodes[1] - nodes[0]), azimuth / (360.0 / AZIMUTHS)
-    smooth = [_cubic(down, ZENITHS), _cubic(across, AZIMUTHS, periodic=True)]
-    steady = [_linear(down, ZENITHS), _linear(across, AZIMUTHS, periodic=True)]  # never falls where it should rise
-    return Skylight(smooth[0] @ mean @ smooth[1].T, steady[0] @ brighter @ steady[1].T)
+    mean = _carried(_carried(mean, down, 0, _cubic), across, 1, _cubic, periodic=True)
+    brighter = _carried(_carried(brighter, down, 1, _linear), across, 2, _linear, periodic=True)
+    return Skylight(mean, brighter)
 
 
-def _cubic(place: Array, count: int, *, periodic: bool = False) -> npt.NDArray[np.float32]:
-    """Weights (point, node) of cubic interpolation between equal steps, at places counted in steps."""
-    first = np.floor(place).astype(int) - 1
-    first = first if periodic else np.clip(first, 0, count - 4)
-    x = place - first
-    four = (-(x - 1) * (x - 2) * (x - 3) / 6, x * (x - 2) * (x - 3) / 2, -x * (x - 1) * (x - 3) / 2)
-    return _spread(first, (*four, x * (x - 1) * (x - 2) / 6), count)
+def _carried(
+    values: Array, place: Array, axis: int, weights: Callable[[Array], tuple[Array, ...]], *, periodic: bool = False
+) -> Array:
+    """Values on equal steps along an axis, carried to places counted in steps.
 
-
-def _linear(place: Array, count: int, *, periodic: bool = False) -> npt.NDArray[np.float32]:
-    """Weights (point, node) of linear interpolation, as `_cubic`."""
+    Written out, as the threads of a library of linear algebra wait for each other where a machine is busy.
+    """
+    count = values.shape[axis]
     first = np.floor(place).astype(int)
-    first = first if periodic else np.clip(first, 0, count - 2)
-    return _spread(first, (1.0 - (place - first), place - first), count)
-
-
-def _spread(first: npt.NDArray[Any], weights: tuple[Array, ...], count: int) -> npt.NDArray[np.float32]:
-    out = np.zeros((first.size, count), np.float32)
-    for i, weight in enumerate(weights):
-        out[np.arange(first.size), (first + i) % count] += weight
+    reach = len(weights(place[:1])) // 2 - 1
+    first = (first if periodic else np.clip(first, reach, count - 2 - reach)) - reach
+    shape = [-1 if k == axis else 1 for k in range(values.ndim)]
+    parts = [
+        np.take(values, (first + i) % count, axis=axis) * weight.astype(np.float32).reshape(shape)
+        for i, weight in enumerate(weights(place - first))
+    ]
+    out = parts[0]
+    for part in parts[1:]:
+        out += part
     return out
+
+
+def _cubic(x: Array) -> tuple[Array, ...]:
+    """Weights of four nodes at 0 to 3 for a place x between them, by the cubic through them."""
+    outer = -(x - 1) * (x - 2) * (x - 3) / 6, x * (x - 1) * (x - 2) / 6
+    return outer[0], x * (x - 2) * (x - 3) / 2, -x * (x - 1) * (x - 3) / 2, outer[1]
+
+
+def _linear(x: Array) -> tuple[Array, ...]:
+    """Weights of two nodes at 0 and 1; what falls along one axis falls between the nodes, too."""
+    return 1.0 - x, x
 
 
 def _summed(
