@@ -91,8 +91,8 @@ class Mission:
     wind_height : float
         [m]
     air : Air, optional
-        State of the atmosphere; by default this wind, humidity 80 %, 2.5 cm of water vapour, visibility 40 km
-        and the usual ozone of place and day.
+        State of the atmosphere, whose wind of now is always that of the mission; by default also the mean wind,
+        humidity 80 %, 2.5 cm of water vapour, visibility 40 km and the usual ozone of place and day.
     chlorophyll : float
         Of the case-1 water [mg m-3].
     depth, reflectance : float
@@ -213,13 +213,19 @@ class Mission:
     @cached_property
     def weather(self) -> Air:
         """State of the atmosphere."""
-        if self.air is not None:
-            return self.air
         ten = float(slopes.wind_at_height(self.wind, measured_at=self.wind_height, wanted_at=10.0))
+        ten = min(ten, 20.0)  # but for rounding it is
+        if self.air is not None:
+            return replace(self.air, wind=ten)
         return Air(
-            humidity=80.0, water_vapour=2.5, visibility=40.0, wind=ten, wind_mean=ten, ozone=self.usual_ozone,
+            humidity=80.0,
+            water_vapour=2.5,
+            visibility=40.0,
+            wind=ten,
+            wind_mean=ten,
+            ozone=self.usual_ozone,
             pressure=STANDARD_PRESSURE,
-        )  # fmt: skip
+        )
 
     @property
     def usual_ozone(self) -> float:
