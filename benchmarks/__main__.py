@@ -1,4 +1,4 @@
-"""`python -m benchmarks speed|error|digits [--quick]`."""
+"""`python -m benchmarks speed|error|digits|plan [--quick]`."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pathlib import Path
 def main() -> None:
     """Run one benchmark and print its tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Measure deglint.")
-    parser.add_argument("what", choices=["speed", "error", "digits"])
+    parser.add_argument("what", choices=["speed", "error", "digits", "plan"])
     parser.add_argument("--quick", action="store_true", help="less of everything")
-    parser.add_argument("--rounds", type=int, help="speed: runs of every command")
+    parser.add_argument("--rounds", type=int, help="speed, plan: runs of everything")
     parser.add_argument("--directory", type=Path, help="speed: where scratch files go")
     parser.add_argument("--peers", default=sys.executable, metavar="PYTHON",
                         help="speed: interpreter of an environment in which sensingpy is installed")  # fmt: skip
@@ -25,6 +25,10 @@ def main() -> None:
         from .error import main as error
 
         error(given.quick)
+    elif given.what == "plan":
+        from .plan_speed import main as plan
+
+        plan(given.quick, given.rounds)
     else:
         from .digits import main as digits
 
