@@ -276,8 +276,10 @@ def test_what_saturates_is_not_detectable():
         ({"sun_zenith": None}, "go together"),
         ({"reflectance": 15.0}, "Give a share"),
         ({"wind": np.nan}, "wind must be a finite number"),
+        ({"air": atmosphere.Air(humidity=np.nan)}, "humidity must be a finite number"),
+        ({"limits": Limits(glint=np.nan)}, "glint must be a finite number"),
         ({"slopes": "nonsense"}, "slopes must be one of cox-munk"),
-        ({"step": 0.0}, "step must be 0.1 to 10"),
+        ({"step": 0.0}, "step must be 0.25 to 10"),
         ({"widest": 90.0}, "widest must be"),
     ],
 )

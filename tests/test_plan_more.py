@@ -11,14 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deglint import plan as room
-from deglint.errors import InputError
+from deglint.errors import BandError, InputError
 from deglint.physics import atmosphere, glint
 from deglint.plan import Limits, Mission, reticle
 from deglint.plan.advice import MARGIN, best_look, compass, one_in, quality, sentence
 from deglint.plan.charts import day_picture, line_picture, shown, spread_picture
 from deglint.plan.draw import png
 from deglint.plan.missionfile import merged, mission_from, pressure, tables_of
-from deglint.plan.picture import HEIGHT, WIDTH, layers, picture
+from deglint.plan.picture import _CENTRE, _RADIUS, HEIGHT, WIDTH, layers, picture
 from deglint.plan.swath import View, flight_line, looks
 from deglint.plan.sweep import best_moment, plans, sweep, table, times
 from deglint.plan.uncertainty import spread, words
@@ -53,11 +53,22 @@ def test_best_look_is_the_best_of_those_with_a_margin():
     assert min(order) > 0
 
 
+def test_best_look_of_one_band():
+    plan = reticle(BAY)
+    look = best_look(plan, band="red")
+    k = plan.bands.index("RED")
+    assert look.bands == ("RED",)
+    assert look.contrast == plan.by_band[k, round(look.zenith / 2), round(look.azimuth / 2)]
+    assert best_look(plan, band="NIR1") is None
+    with pytest.raises(BandError, match="does not count in this plan; add it to the bands, BLUE"):
+        best_look(reticle(replace(BAY, bands=("BLUE",))), band="RED")
+
+
 def test_no_good_look_is_said():
     plan = reticle(replace(BAY, limits=Limits(snr=1e5)))
     assert plan.keep_out.all()
     assert best_look(plan) is None
-    assert sentence(None) == "There is no good look: glint, sky or noise spoil every one."
+    assert sentence(None) == "There is no good look: sun glint, sky, noise or saturation spoil every one."
     assert picture(plan).shape == (HEIGHT, WIDTH, 3)
 
 
@@ -222,7 +233,7 @@ def test_the_picture_shows_what_the_plan_says():
     from deglint.plan.draw import MAGENTA, ORANGE, polar
 
     def near(zenith, azimuth, reach=12):
-        x, y = polar((425.0, 440.0), 350.0, zenith, azimuth, 80.0)
+        x, y = polar(_CENTRE, _RADIUS, zenith, azimuth, 80.0)
         return (
             image[round(y) - reach : round(y) + reach, round(x) - reach : round(x) + reach].reshape(-1, 3).astype(int)
         )
@@ -265,6 +276,8 @@ def test_a_mission_survives_its_tables():
         ({"wind": {"speed": True}}, "must be a number"),
         ({"wind": 7}, "wind must be a table"),
         ({"sensor": {"preset": "nonsense"}}, "preset must be one of thesis"),
+        ({"sensor": {"bands": 5}}, "bands in .sensor. must be a list, got 5"),
+        ({"sensor": {"bits": float("nan")}}, "bits in .sensor. must be a number, got nan"),
         ({"sensor": {"band": [{"name": "x"}]}}, "has name, low, high"),
         ({"sensor": {"band": [{"name": "x", "low": 500, "high": 400, "full_scale": 1}]}}, "low < high"),
         ({"air": {"pressure": "30 parsec"}}, "pressure must be like 1013 hPa"),

@@ -145,7 +145,7 @@ def plan(**given: Any) -> None:
     mode = planning.mode_of(given)
     mode.check(given)
     tables = merged(_file(given["mission"]), _tables(given))
-    mission = mission_from(mode.prepared(given, tables), given["mission"] or "the command")
+    mission = mission_from(mode.prepared(given, tables), given["mission"] or "the options")
     for line in _assumed(given, mission) if mode is not planning.SERVE else []:
         talk.say(line)
     mode.run(given, mission, talk)

@@ -67,9 +67,9 @@ def _reticle(given: Given, mission: Any, _talk: Any) -> None:
     from ..plan.dataset import summary
     from ..raster.planned import write_plan
 
-    if given["show"]:
-        mission.sensor.band(given["show"])
     found = reticle(mission)
+    if given["show"]:
+        found.index(given["show"])
 
     def picture() -> bytes:
         from ..plan.draw import png
@@ -82,7 +82,7 @@ def _reticle(given: Given, mission: Any, _talk: Any) -> None:
     if given["as_json"]:
         _print(summary(found))
         return
-    look = best_look(found)
+    look = best_look(found, band=given["show"])
     click.echo(sentence(look) + ("" if look is None else f"\n{quality(look)}"))
 
 

@@ -53,21 +53,31 @@ class Look:
         return (self.azimuth + 180.0) % 360.0
 
 
-def best_look(plan: Reticle, contrast: npt.NDArray[Any] | None = None) -> Look | None:
+def best_look(plan: Reticle, contrast: npt.NDArray[Any] | None = None, *, band: str | None = None) -> Look | None:
     """The look with the highest contrast, away from the edges of what is to be kept out of.
 
     Parameters
     ----------
     plan : Reticle
     contrast : (zenith, azimuth) ndarray, optional
-        To judge by, 0 where to keep out; by default `plan.combined`.
+        To judge by, 0 where to keep out; by default that of `band`, or of all bands.
+    band : str, optional
+        The one band that counts.
 
     Returns
     -------
     Look or None
         None where every look is to be kept out of.
+
+    Raises
+    ------
+    BandError
+        There is no such band.
     """
-    contrast = plan.combined if contrast is None else contrast
+    by_band = plan.by_band if band is None else plan.by_band[[plan.index(band)]]
+    names = plan.bands if band is None else (plan.bands[plan.index(band)],)
+    if contrast is None:
+        contrast = plan.combined if band is None else by_band[0]
     good = contrast > 0
     if not good.any():
         return None
@@ -75,21 +85,15 @@ def best_look(plan: Reticle, contrast: npt.NDArray[Any] | None = None) -> Look |
     has_margin = bool(safe.any())
     chosen = np.where(safe if has_margin else good, contrast, -1.0)
     i, j = np.unravel_index(int(np.argmax(chosen)), chosen.shape)
-    return look_at(plan, int(i), int(j), margin=has_margin, contrast=float(contrast[i, j]))
-
-
-def look_at(plan: Reticle, i: int, j: int, *, margin: bool = False, contrast: float | None = None) -> Look:
-    """What a plan says of the look of its i-th zenith angle and j-th azimuth."""
-    by_band = plan.by_band[:, i, j]
-    order = [b for b in np.argsort(-by_band) if by_band[b] > 0]
+    order = [k for k in np.argsort(-by_band[:, i, j]) if by_band[k, i, j] > 0]
     return Look(
         zenith=float(plan.zenith[i]),
         azimuth=float(plan.azimuth[j]) % 360.0 if i else 0.0,
-        contrast=float(plan.combined[i, j]) if contrast is None else contrast,
-        bands=tuple(plan.bands[b] for b in order),
+        contrast=float(contrast[i, j]),
+        bands=tuple(names[k] for k in order),
         glint=float(plan.glint_strength[i, j]),
         glint_probability=float(plan.glint_probability[i, j]),
-        margin=margin,
+        margin=has_margin,
     )
 
 
@@ -102,7 +106,7 @@ def sentence(look: Look | None) -> str:
     'Look from the south-west (azimuth 225), 24 degrees off nadir, towards 045.'
     """
     if look is None:
-        return "There is no good look: glint, sky or noise spoil every one."
+        return "There is no good look: sun glint, sky, noise or saturation spoil every one."
     if look.zenith < 1.0:
         return "Look straight down."
     where = f"{compass(look.azimuth)} (azimuth {look.azimuth:03.0f})"
@@ -113,7 +117,7 @@ def quality(look: Look) -> str:
     """What to expect of a look, in words."""
     edge = "" if look.margin else f" Keep-out looks lie within {MARGIN:g} degrees of it."
     return (
-        f"Stand off {np.tan(np.radians(look.zenith)):.2f} of your height. Contrast {look.contrast:.3g} x noise in"
+        f"Stand off {np.tan(np.radians(look.zenith)):.2f} x your height. Contrast {look.contrast:.3g} x noise in"
         f" {', '.join(look.bands[:4])}. Sun glint on {one_in(look.glint_probability)} of the sea.{edge}"
     )
 

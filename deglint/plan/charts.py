@@ -199,7 +199,7 @@ def spread_picture(spread: Spread, *, speed: float, turn: float) -> Image:
         ("/", ORANGE, "keep out under every wind"),
         (".", ORANGE, "keep out under some of these winds"),
     ]
-    top = max(float(good.max()), 1e-9)
+    top = float(good.max())
     patterns = [(some, ".", ORANGE), (always, "/", ORANGE)]
-    shades = np.where(good > 0, good, contrast) / top
+    shades = np.where(good > 0, good, contrast) / max(top, 1e-9)
     return page(plan, shades, patterns, look, ["Where to look from", blows, what, expects], legend, top)

@@ -147,7 +147,7 @@ class Mission:
         within("depth", self.depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
         within("reflectance", self.reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
         within("chlorophyll", self.chlorophyll, 0.01, 30.0, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore.")
-        within("step", self.step, 0.1, 10.0, "degrees", "1 is usual; work and memory grow with its inverse square.")
+        within("step", self.step, 0.25, 10.0, "degrees", "1 is usual; memory grows with its inverse square.")
         within("widest", self.widest, 10.0, 85.0, "degrees", "Nearer to the horizon waves hide each other.")
         _finite(self)
         self._check_sun()
@@ -266,7 +266,10 @@ class Mission:
 
 
 def _finite(mission: Mission) -> None:
-    for item in fields(mission):
-        value = getattr(mission, item.name)
-        if isinstance(value, float) and not np.isfinite(value):
-            raise InputError(f"{item.name} must be a finite number, got {value}; give one.")
+    """Refuse NaN, which ranges let pass."""
+    groups: list[Any] = [mission, mission.limits] + ([mission.air] if mission.air is not None else [])
+    for group in groups:
+        for item in fields(group):
+            value = getattr(group, item.name)
+            if isinstance(value, float) and not np.isfinite(value):
+                raise InputError(f"{item.name} must be a finite number, got {value}; give one.")

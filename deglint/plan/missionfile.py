@@ -12,6 +12,7 @@ The command's options win over the file, table by table, value by value.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
@@ -152,7 +153,7 @@ def _check(table: str, values: Any, name: str) -> None:
 
 
 def _number(table: str, key: str, value: Any, name: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise InputError(f"{name}: {key} in [{table}] must be a number, got {value!r}.")
     return float(value)
 
@@ -161,6 +162,9 @@ def _sensor(values: Mapping[str, Any], name: str) -> tuple[Sensor, tuple[str, ..
     """The sensor of a table: a preset, with numbers and bands of its own."""
     base = preset(str(values.get("preset", "thesis")))
     own = {k: v for k, v in values.items() if k not in ("preset", "bands", "band")}
+    for key in ("bands", "band"):
+        if not isinstance(values.get(key, []), (list, tuple, str)):
+            raise InputError(f"{name}: {key} in [sensor] must be a list, got {values[key]!r}.")
     if "band" in values:
         own["bands"] = tuple(_band(b, name) for b in values["band"])
         own.setdefault("name", "custom")

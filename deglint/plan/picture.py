@@ -15,8 +15,11 @@ from .mission import Mission
 from .reticle import Reticle
 
 WIDTH, HEIGHT = 1240, 860
-_CENTRE, _RADIUS = (425.0, 440.0), 350
+_CENTRE, _RADIUS = (418.0, 430.0), 345
 _LEFT = 860  # of the words beside the disc
+_HOW = (
+    "The object is in the middle; a point of the disc is where the sensor stands, north up. Rings: degrees off nadir."
+)
 
 
 def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to look from") -> Image:
@@ -39,20 +42,20 @@ def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to lo
         There is no such band.
     """
     contrast, patterns = layers(plan, band)
-    good = contrast * np.all([excess <= 0 for excess, _, _ in patterns], axis=0)
-    look = best_look(plan, good)
+    look = best_look(plan, band=band)
     shown = "all bands together" if band is None else f"band {plan.mission.sensor.band(band).name} alone"
     limits = plan.mission.limits
     also = "" if limits.glint_probability is None else f", or on > {limits.glint_probability:.1g} of the sea"
     share = f"{100 * limits.sky_probability:g} %"
     legend = [
-        ("/", ORANGE, f"keep out: sun glint above {limits.glint:g} /sr{also}"),
-        ("\\", BLUE, f"keep out: sky {limits.sky_ratio:g}x the water on > {share} of the sea"),
-        (".", GREY, f"too faint: contrast below {limits.snr:g} x noise"),
+        ("/", ORANGE, f"keep out: sun glint (above {limits.glint:g} /sr{also})"),
+        ("\\", BLUE, f"keep out: sky glint ({limits.sky_ratio:g}x the water on > {share} of the sea)"),
+        (".", GREY, f"too faint, or saturated (contrast below {limits.snr:g} x noise)"),
     ]
     said = [sentence(look), "" if look is None else quality(look)]
-    top = max(float(good.max()), 1e-9)
-    return page(plan, contrast / top, patterns, look, [title, f"Map: contrast over noise, {shown}", *said], legend, top)
+    top = float((plan.combined if band is None else plan.by_band[plan.index(band)]).max())
+    words = [title, f"Map: contrast over noise, {shown}", *said]
+    return page(plan, contrast / max(top, 1e-9), patterns, look, words, legend, top)
 
 
 def page(
@@ -92,11 +95,10 @@ def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], li
     if band is None:
         contrast = np.sqrt(np.sum(np.square(plan.snr * (plan.clear_of_sky & plan.detectable)), axis=0))
         sky, faint = np.maximum(sky, faint).min(axis=0), faint.min(axis=0)
+        sky = np.where(faint > 0, -1e-9, sky)  # where all is too faint, sky is not to blame
     else:
-        names = [b.name for b in plan.mission.channels]
-        k = names.index(plan.mission.sensor.band(band).name)
+        k = plan.index(band)
         contrast, sky, faint = plan.snr[k], sky[k], faint[k]
-    sky = np.where(faint > 0, -1e-9, sky)
     return contrast, [(faint, ".", GREY), (sky, "\\", BLUE), (np.clip(glint, -5.0, 5.0), "/", ORANGE)]
 
 
@@ -113,7 +115,7 @@ def scale(canvas: Canvas, centre: Point, radius: int, widest: float, *, small: b
         long = azimuth % 30 == 0
         start = draw.polar(centre, radius, widest, azimuth, widest)
         end = draw.polar(centre, radius + (9 if long else 5), widest, azimuth, widest)
-        if not small or azimuth % 90 == 0:
+        if not small:
             canvas.line([start, end], INK, 2 if long else 1)
         if long and (not small or azimuth == 0):
             name = {0: "N", 90: "E", 180: "S", 270: "W"}.get(azimuth, f"{azimuth:03d}")
@@ -153,11 +155,14 @@ def _wind(canvas: Canvas, centre: Point, radius: int, plan: Reticle) -> None:
     start = draw.polar(centre, radius + 66, 1.0, blows, 1.0)
     end = draw.polar(centre, radius + 40, 1.0, blows, 1.0)
     canvas.arrow(start, end, BLUE, 4, 15.0)
-    at = draw.polar(centre, radius + 78, 1.0, blows, 1.0)
-    anchor = "mm" if abs(np.sin(np.radians(blows))) < 0.35 else ("lm" if np.sin(np.radians(blows)) > 0 else "rm")
-    anchor = "mm" if anchor == "mm" else anchor
-    nudge = {"mm": 0.0, "lm": -8.0, "rm": 8.0}[anchor]
-    canvas.text((at[0] + nudge, at[1]), f"wind {plan.mission.wind:g} m/s", 15, BLUE, anchor=anchor, halo=True)
+    speed = f"{plan.mission.wind:g} m/s"
+    if abs(np.sin(np.radians(blows))) > 0.9:  # beside the disc there is room for a short line only
+        at = draw.polar(centre, radius + 46, 1.0, blows, 1.0)
+        for k, line in enumerate(("wind", speed)):
+            canvas.text((at[0], at[1] + 24 + 17 * k), line, 15, BLUE, anchor="mm")
+        return
+    at = draw.polar(centre, radius + 80, 1.0, blows, 1.0)
+    canvas.text((at[0], at[1]), f"wind {speed}", 15, BLUE, anchor="mm")
 
 
 def _sun(canvas: Canvas, at: Point, size: float) -> None:
@@ -258,16 +263,20 @@ def _table(canvas: Canvas, plan: Reticle, look: Look | None, y: float) -> float:
 
 def _legend(canvas: Canvas, said: Sequence[tuple[str, draw.Colour, str]], top: float, y: float) -> None:
     x, row = _LEFT, round(y)
-    colour_bar(canvas, x, row, 220)
-    canvas.text((x, row + 18), "0", 13, GREY)
-    canvas.text((x + 220, row + 18), f"{top:.3g} x noise", 13, GREY, anchor="ra")
-    y = row + 44
+    if top > 0:
+        colour_bar(canvas, x, row, 220)
+        canvas.text((x, row + 18), "0", 13, GREY)
+        canvas.text((x + 220, row + 18), f"{top:.3g} x noise", 13, GREY, anchor="ra")
+        y = row + 44
     for pattern, colour, text in said:
         draw.swatch(canvas, x, y, pattern, colour)
         for line in draw.wrapped(text, 13, WIDTH - _LEFT - 56):
             canvas.text((x + 38, y + 9), line, 13, INK, anchor="lm")
             y += 18
         y += 7
+    for line in draw.wrapped(_HOW, 13, WIDTH - _LEFT - 34):
+        canvas.text((x, y + 8), line, 13, GREY)
+        y += 18
 
 
 def colour_bar(canvas: Canvas, left: int, top: int, width: int, name: str = "viridis") -> None:
@@ -278,10 +287,11 @@ def colour_bar(canvas: Canvas, left: int, top: int, width: int, name: str = "vir
 def _foot(canvas: Canvas, plan: Reticle) -> None:
     mission = plan.mission
     thing = f"Object {100 * mission.reflectance:g} % reflectance at {mission.depth:g} m"
-    thing = f"{thing}; chlorophyll {mission.chlorophyll:g} mg/m3"
-    lines = [f"{thing}; sensor {mission.sensor.name}; visibility {mission.weather.visibility:g} km.", *mission.cautions]
-    y = HEIGHT - 14 - 17 * len(lines)
+    water = f"chlorophyll {mission.chlorophyll:g} mg/m3; visibility {mission.weather.visibility:g} km"
+    said = [f"{thing}; {water}; sensor {mission.sensor.name}.", *mission.cautions]
+    lines = [line for text in said for line in draw.wrapped(text, 13, WIDTH - _LEFT - 34)]
+    y = HEIGHT - 24 - 18 * len(lines)
     for line in lines:
-        canvas.text((20, y), line, 13, GREY)
-        y += 17
+        canvas.text((_LEFT, y), line, 13, GREY)
+        y += 18
     canvas.line([(_LEFT - 24, 24), (_LEFT - 24, HEIGHT - 24)], PALE, 1)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import BandError
 from ..physics import glint, sun
 from ..physics.sensor import electrons, noise_equivalent_radiance
 from .mission import Mission
@@ -66,6 +67,19 @@ class Reticle:
     def bands(self) -> tuple[str, ...]:
         """Names of the bands."""
         return tuple(b.name for b in self.mission.channels)
+
+    def index(self, band: str) -> int:
+        """Place of a band among the layers.
+
+        Raises
+        ------
+        BandError
+            There is no such band, or it does not count in this mission.
+        """
+        name = self.mission.sensor.band(band).name
+        if name not in self.bands:
+            raise BandError(f"band {name} does not count in this plan; add it to the bands, {', '.join(self.bands)}.")
+        return self.bands.index(name)
 
     @property
     def glint_radiance(self) -> Array:

@@ -187,7 +187,7 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
         mission = _with_sensor(mission, asked["sensor"])
     plan = reticle(mission)
     band = asked.get("band") or None
-    look = best_look(plan)
+    look = best_look(plan, band=band)
     return {
         "picture": base64.b64encode(png(picture(plan, band=band))).decode(),
         "words": sentence(look) + ("" if look is None else f" {quality(look)}"),

@@ -84,8 +84,8 @@ class Line:
         if self.fraction[worst] < 5e-4:
             return f"Any heading will do: no part of the view ({where}) is in glint."
         return (
-            f"Fly heading {self.heading[best]:03.0f}: {self.fraction[best]:.0%} of the view ({where}) in glint;"
-            f" worst is {self.heading[worst]:03.0f} with {self.fraction[worst]:.0%}."
+            f"Fly heading {self.heading[best]:03.0f}: {100 * self.fraction[best]:.0f} % of the view ({where}) in glint;"
+            f" worst is {self.heading[worst]:03.0f} with {100 * self.fraction[worst]:.0f} %."
         )
 
 
