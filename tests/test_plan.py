@@ -1,6 +1,7 @@
 """The planner against published numbers, the room it builds on, brute force, other programs and the simulator."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from deglint.errors import BandError, InputError
 from deglint.physics import atmosphere, glint, slopes, sun, water
 from deglint.physics.presets import preset
-from deglint.physics.sensor import electrons, noise_equivalent_radiance
+from deglint.physics.sensor import SensorBand, electrons, noise_equivalent_radiance
 from deglint.plan import Limits, Mission, reticle
 from deglint.plan.radiance import light
 
@@ -188,6 +189,24 @@ def test_objects_against_the_monte_carlo():
     assert np.mean(alone[bright] / truth - 1) == pytest.approx(0.27, abs=0.03)
 
 
+@pytest.mark.shared
+def test_sunlight_in_the_bands_of_ecolight():
+    path = TABLES / "ecolight6_userdata_iop_rrs_sza30.csv"
+    if not path.exists():
+        pytest.skip(f"{path.name} does not lie beside the project")
+    runs = np.genfromtxt(path, delimiter=",", names=True, skip_header=1, dtype=None, encoding="utf-8")
+    rows = runs[runs["run"] == runs["run"][0]]
+    bands = [
+        SensorBand(name=f"{centre:g}", low=centre - 5, high=centre + 5, full_scale=1.0) for centre in rows["wl_nm"]
+    ]
+    air = atmosphere.Air(humidity=80, water_vapour=2.5, wind_mean=5, visibility=15, ozone=300, pressure=1012.5)
+    sensor = replace(preset("thesis"), bands=tuple(bands))
+    plan = reticle(Mission(sun_zenith=30, sun_azimuth=0, wind=5, air=air, sensor=sensor, step=10))
+    ratio = rows["Ed_diffuse_W_m2_nm"] / rows["Ed_direct_W_m2_nm"]
+    np.testing.assert_allclose(plan.light.diffuse / plan.light.direct, ratio, rtol=0.003)
+    np.testing.assert_allclose(plan.light.direct, rows["Ed_direct_W_m2_nm"], rtol=0.04)
+
+
 def test_water_that_only_absorbs_is_an_option():
     both = [reticle(mission(water=name, bands=("BLUE",), step=5.0)) for name in ("scattering", "absorption")]
     np.testing.assert_array_equal(both[0].light.background, both[1].light.background)
@@ -257,8 +276,6 @@ def test_masks_follow_their_limits():
 
 
 def test_what_saturates_is_not_detectable():
-    from dataclasses import replace
-
     sensor = preset("thesis")
     dim = replace(sensor, bands=tuple(replace(b, full_scale=0.01) for b in sensor.bands))
     plan = reticle(mission(step=5.0, sensor=dim, bands=("BLUE",)))

@@ -10,7 +10,7 @@ from . import draw
 from .advice import sentence
 from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, YELLOW, Canvas, Image, Point
 from .mission import Mission
-from .picture import conditions, layers, marks, page, scale, star
+from .picture import Words, conditions, layers, marks, page, scale, star
 from .reticle import Reticle
 from .swath import Line
 from .sweep import Moment, best_moment
@@ -74,18 +74,7 @@ def _over_time(
     def at(k: int, share: float) -> Point:
         return left + width * k / count, top + height * (1.0 - share)
 
-    half = 0.5 * width / count
-    for k, m in enumerate(moments):
-        x = at(k, 0)[0]
-        start, end = max(x - half, left), min(x + half, left + width)
-        tall = height * m.keep_out_share
-        canvas.box(start, top + height - tall, end - start, tall, (246, 226, 208))
-    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        canvas.line([at(0, share), at(count, share)], PALE, 1)
-        canvas.text((left - 8, at(0, share)[1]), f"{high * share:.0f}", 13, INK, anchor="rm")
-        canvas.text((left + width + 8, at(0, share)[1]), f"{100 * share:.0f} %", 13, ORANGE, anchor="lm")
-    canvas.text((left - 56, top - 16), "contrast, x noise", 13, INK, anchor="lm")
-    canvas.text((left + width + 46, top - 16), "looks kept out of", 13, ORANGE, anchor="rm")
+    _axes(canvas, moments, box, high)
     sun = [at(k, max(90.0 - m.sun_zenith, 0.0) / 90.0) for k, m in enumerate(moments)]
     canvas.line(sun, YELLOW, 2)
     peak = int(np.argmin([m.sun_zenith for m in moments]))
@@ -96,18 +85,37 @@ def _over_time(
         if look is not None:
             run.append(at(k, look.contrast / high))
             continue
-        if run:
+        if len(run) > 1:
             canvas.line(run, BLUE, 3)
-        for point in run if len(run) == 1 else []:
-            canvas.circle(point, 3, BLUE, -1)
+        elif run:
+            canvas.circle(run[0], 3, BLUE, -1)
         run = []
-    every = max(1, -(-len(moments) // 13))
     for k, m in enumerate(moments):
-        if k % every == 0:
-            canvas.line([at(k, 0), (at(k, 0)[0], top + height + 6)], INK, 1)
-            canvas.text((at(k, 0)[0], top + height + 18), str(m.time)[11:16], 13, INK, anchor="mm")
         if m is best and m.look is not None:
             star(canvas, at(k, m.look.contrast / high), 11.0)
+
+
+def _axes(canvas: Canvas, moments: Sequence[Moment], box: tuple[float, float, float, float], high: float) -> None:
+    """Scales of contrast and time, and bars of the share of looks to keep out of."""
+    left, top, width, height = box
+    count = max(len(moments) - 1, 1)
+    half = 0.5 * width / count
+    every = max(1, -(-len(moments) // 13))
+    for k, m in enumerate(moments):
+        x = left + width * k / count
+        start, end = max(x - half, left), min(x + half, left + width)
+        tall = height * m.keep_out_share
+        canvas.box(start, top + height - tall, end - start, tall, (246, 226, 208))
+        if k % every == 0:
+            canvas.line([(x, top + height), (x, top + height + 6)], INK, 1)
+            canvas.text((x, top + height + 18), str(m.time)[11:16], 13, INK, anchor="mm")
+    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+        y = top + height * (1.0 - share)
+        canvas.line([(left, y), (left + width, y)], PALE, 1)
+        canvas.text((left - 8, y), f"{high * share:.0f}", 13, INK, anchor="rm")
+        canvas.text((left + width + 8, y), f"{100 * share:.0f} %", 13, ORANGE, anchor="lm")
+    canvas.text((left - 56, top - 16), "contrast, x noise", 13, INK, anchor="lm")
+    canvas.text((left + width + 46, top - 16), "looks kept out of", 13, ORANGE, anchor="rm")
 
 
 def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best: bool) -> None:
@@ -202,4 +210,4 @@ def spread_picture(spread: Spread, *, speed: float, turn: float) -> Image:
     top = float(good.max())
     patterns = [(some, ".", ORANGE), (always, "/", ORANGE)]
     shades = np.where(good > 0, good, contrast) / max(top, 1e-9)
-    return page(plan, shades, patterns, look, ["Where to look from", blows, what, expects], legend, top)
+    return page(plan, shades, patterns, look, Words("Where to look from", blows, what, expects, tuple(legend), top))

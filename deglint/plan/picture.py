@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -52,10 +52,31 @@ def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to lo
         ("\\", BLUE, f"keep out: sky glint ({limits.sky_ratio:g}x the water on > {share} of the sea)"),
         (".", GREY, f"too faint, or saturated (contrast below {limits.snr:g} x noise)"),
     ]
-    said = [sentence(look), "" if look is None else quality(look)]
+    expects = "" if look is None else quality(look)
     top = float((plan.combined if band is None else plan.by_band[plan.index(band)]).max())
-    words = [title, f"Map: contrast over noise, {shown}", *said]
-    return page(plan, contrast / max(top, 1e-9), patterns, look, words, legend, top)
+    words = Words(title, f"Map: contrast over noise, {shown}", sentence(look), expects, tuple(legend), top)
+    return page(plan, contrast / max(top, 1e-9), patterns, look, words)
+
+
+class Words(NamedTuple):
+    """What stands beside a disc.
+
+    Attributes
+    ----------
+    title, shows, what, expects : str
+        What the page is, what the map shows, the best look, and what to expect of it.
+    legend : tuple of (pattern, colour, str)
+        Hatchings and their meaning.
+    top : float
+        Contrast at the top of the scale of colours; 0 for no scale.
+    """
+
+    title: str
+    shows: str
+    what: str
+    expects: str
+    legend: tuple[tuple[str, draw.Colour, str], ...]
+    top: float
 
 
 def page(
@@ -63,11 +84,9 @@ def page(
     share: npt.NDArray[Any],
     patterns: Sequence[tuple[Any, str, draw.Colour]],
     look: Look | None,
-    words: Sequence[str],
-    legend: Sequence[tuple[str, draw.Colour, str]],
-    top: float,
+    words: Words,
 ) -> Image:
-    """A disc of looks with its words: title, what the map shows, the best look, what to expect of it."""
+    """A disc of looks with its words; `share` is 0 to 1 of the scale of colours, `patterns` as for `draw.disc`."""
     canvas = Canvas(WIDTH, HEIGHT)
     draw.disc(canvas, _CENTRE, _RADIUS, share, patterns)
     scale(canvas, _CENTRE, _RADIUS, plan.mission.widest)
@@ -76,7 +95,7 @@ def page(
         _best(canvas, _CENTRE, _RADIUS, plan.mission.widest, look)
     y = _words(canvas, plan, words)
     y = _table(canvas, plan, look, y)
-    _legend(canvas, legend, top, y)
+    _legend(canvas, words, y)
     _foot(canvas, plan)
     return canvas.finished()
 
@@ -196,16 +215,15 @@ def star(canvas: Canvas, at: Point, size: float) -> None:
         )
 
 
-def _words(canvas: Canvas, plan: Reticle, words: Sequence[str]) -> float:
-    title, shows, what, expects = words
-    canvas.text((_LEFT, 24), title, 26)
+def _words(canvas: Canvas, plan: Reticle, words: Words) -> float:
+    canvas.text((_LEFT, 24), words.title, 26)
     y = 62.0
-    for line in [*conditions(plan.mission), shows]:
+    for line in [*conditions(plan.mission), words.shows]:
         canvas.text((_LEFT, y), line, 15, GREY)
         y += 21
     y += 8
     start = y
-    for text, size, height in ((what, 20, 27), (expects, 15, 20)):
+    for text, size, height in ((words.what, 20, 27), (words.expects, 15, 20)):
         for line in draw.wrapped(text, size, WIDTH - _LEFT - 34) if text else []:
             canvas.text((_LEFT + 14, y), line, size)
             y += height
@@ -261,14 +279,14 @@ def _table(canvas: Canvas, plan: Reticle, look: Look | None, y: float) -> float:
     return y + 14
 
 
-def _legend(canvas: Canvas, said: Sequence[tuple[str, draw.Colour, str]], top: float, y: float) -> None:
+def _legend(canvas: Canvas, words: Words, y: float) -> None:
     x, row = _LEFT, round(y)
-    if top > 0:
+    if words.top > 0:
         colour_bar(canvas, x, row, 220)
         canvas.text((x, row + 18), "0", 13, GREY)
-        canvas.text((x + 220, row + 18), f"{top:.3g} x noise", 13, GREY, anchor="ra")
+        canvas.text((x + 220, row + 18), f"{words.top:.3g} x noise", 13, GREY, anchor="ra")
         y = row + 44
-    for pattern, colour, text in said:
+    for pattern, colour, text in words.legend:
         draw.swatch(canvas, x, y, pattern, colour)
         for line in draw.wrapped(text, 13, WIDTH - _LEFT - 56):
             canvas.text((x + 38, y + 9), line, 13, INK, anchor="lm")
