@@ -65,6 +65,7 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
         The port is taken.
     """
     server = make_server(mission, port)
+    answer(mission, {})  # the first drawing loads what draws; no one need wait for it
     url = f"http://{ADDRESS}:{server.server_address[1]}/"
     say(f"the plan is at {url}, for this machine only. Ctrl-C ends it.")
     if browser:
