@@ -1,4 +1,4 @@
-"""`python -m benchmarks speed|error|digits|plan [--quick]`."""
+"""`python -m benchmarks speed|error|digits|plan|targets [--quick]`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 def main() -> None:
     """Run one benchmark and print its tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Measure deglint.")
-    parser.add_argument("what", choices=["speed", "error", "digits", "plan"])
+    parser.add_argument("what", choices=["speed", "error", "digits", "plan", "targets"])
     parser.add_argument("--quick", action="store_true", help="less of everything")
     parser.add_argument("--rounds", type=int, help="speed, plan: runs of everything")
     parser.add_argument("--directory", type=Path, help="speed: where scratch files go")
@@ -29,6 +29,10 @@ def main() -> None:
         from .plan_speed import main as plan
 
         plan(given.quick, given.rounds)
+    elif given.what == "targets":
+        from .targets import main as targets
+
+        targets(given.quick)
     else:
         from .digits import main as digits
 

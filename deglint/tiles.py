@@ -24,6 +24,8 @@ MOST_SAMPLES = 32 << 20
 """Values that a tile may have where the file's blocks ask for it."""
 AT_ONCE = 32 << 20
 """Values that may be worked on at the same time; large tiles get fewer threads."""
+COMPACT = 512
+"""Side of the tiles of work that needs a halo and many copies [pixel]."""
 LARGEST = 1024
 """Longest side of a tile [pixel], unless the file is in strips."""
 
@@ -75,6 +77,11 @@ def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> t
         if rows * width * bands <= MOST_SAMPLES:
             return rows, width
     return _side(side, block[0], bands), _side(side, block[1], bands)
+
+
+def compact(shape: tuple[int, int], block: tuple[int, int]) -> tuple[int, int]:
+    """The same, or smaller tiles for work that needs a halo and many copies: wide ones, for the halo's sake."""
+    return min(shape[0], _side(COMPACT, block[0], 1)), min(shape[1], _side(2 * COMPACT, block[1], 1))
 
 
 def _side(side: int, block: int, bands: int) -> int:

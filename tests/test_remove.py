@@ -139,10 +139,10 @@ def test_nan_stays_nan_and_never_enters_a_statistic(name, regression):
 def test_apply_against_numpy(name, dtype):
     block, _ = scene(noise=1.0, dtype=dtype)
     model = fitted(name, block)
-    index = model.indexes[0]
-    g = sum(w * block[b].astype(float) for w, b in zip(index.weights, index.bands, strict=True)) - index.level
     expected = block.copy()
     for fit in model.fits:
+        index = model.indexes[fit.index]
+        g = sum(w * block[b].astype(float) for w, b in zip(index.weights, index.bands, strict=True)) - index.level
         expected[fit.band] = (block[fit.band].astype(float) - fit.slope * g).astype(dtype)
     out = remove.apply(block, model)
     assert out.dtype == dtype

@@ -22,7 +22,7 @@ from .options import common
 @click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout, and nothing else.")
 @common
 def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> None:
-    """Say what IN is: bands, wavelengths, NIR, water, glint, and which method suits it."""  # fmt: skip
+    """Say what IN is and what it needs: bands, NIR, water, glint, which stages would run and which not."""  # fmt: skip
     from ..pipeline import Recipe, examine
     from ..raster.environment import environment
     from ..raster.output import plain
@@ -64,4 +64,4 @@ def lines(found: dict[str, Any]) -> list[str]:
     if found["glint_level"] is not None:
         out.append(f"{'glint level':<18}{found['glint_level']:.4g} (mean NIR of the sample above its 5th percentile)")
     out.append(f"{'suggested method':<18}{found['suggested_method'] or 'none'}: {found['reason']}")
-    return out
+    return [*out, "", *found["needs_said"]]

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 # The keys of deglint.remove.METHODS and REGRESSIONS, which --help must not wait for; a test holds them equal.
-METHOD_NAMES = ("hedley", "lyzenga", "joyce", "hochberg", "goodman", "kutser", "nir-subtraction")
+METHOD_NAMES = ("hedley", "lyzenga", "joyce", "multiband", "hochberg", "goodman", "kutser", "nir-subtraction")
 REGRESSION_NAMES = ("ols", "detrended", "huber", "theil-sen")
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from .options import METHOD_NAMES, REGRESSION_NAMES, Talk, common, creation_options, names
+from .running import keep_memory
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -18,7 +19,7 @@ from .options import METHOD_NAMES, REGRESSION_NAMES, Talk, common, creation_opti
     type=click.Choice(["auto", *METHOD_NAMES]),
     default="auto",
     show_default=True,
-    help="How to remove glint; auto chooses between joyce and hedley by how much glint there is.",
+    help="How to remove glint; auto takes multiband after compensation, else joyce, or hedley where there is much.",
 )
 @click.option(
     "--sample",
@@ -26,6 +27,20 @@ from .options import METHOD_NAMES, REGRESSION_NAMES, Talk, common, creation_opti
     show_default=True,
     metavar="auto|all|FILE.geojson|WINDOW",
     help="Deep, glinted water to fit to. WINDOW is column,row,width,height in pixels.",
+)
+@click.option(
+    "--compensate",
+    default="auto",
+    show_default=True,
+    metavar="auto|thesis|off|STAGES",
+    help="What to do about bands that see the sea at different times, before the removal: what the scene needs, "
+    "the thesis' chain, nothing, or stages such as 'psf:2, identify-level:13, replace-level, remove'.",
+)
+@click.option(
+    "--smallest-object",
+    default="",
+    metavar="WIDTH",
+    help="Width of the smallest thing that compensation must keep, such as 4m or 16px. [default: 4m]",
 )
 @click.option(
     "--mask",
@@ -79,7 +94,7 @@ from .options import METHOD_NAMES, REGRESSION_NAMES, Talk, common, creation_opti
     "--flags",
     metavar="FILE",
     help="Write a raster of flags: 1 nodata, 2 not water, 4 corrected, 8 negative "
-    "after, 16 saturated before, 32 clipped.",
+    "after, 16 saturated before, 32 clipped, 64 replaced, 128 protected.",
 )
 @click.option("--amount", metavar="FILE", help="Write the removed glint itself (float32, physical units).")
 @click.option("--picture", metavar="FILE.png", help="Write a before/after picture.")
@@ -110,19 +125,22 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     deglint remove scene.tif clean.tif --method hedley --sample deep.geojson
     deglint remove B02.tif B03.tif B04.tif B08.tif clean.tif --picture look.png
     """  # fmt: skip
-    from ..pipeline import Recipe, load_model, remove_glint
+    from ..pipeline import Recipe, load_chain, load_model, remove_glint
 
     if given["model_in"] and any(given[k] != "auto" for k in ("method", "sample", "regression")):
         raise click.UsageError("--model applies a fit that is there: leave out --method, --sample and --regression.")
+    keep_memory()
     talk = Talk(quiet=given["quiet"])
     recipe = Recipe(
         method=given["method"], nir=given["nir"], nir_use=given["nir_use"], bands=given["bands"],
         sample=given["sample"], mask=given["mask"], regression=given["regression"],
         floor_percentile=given["floor_percentile"], rrs_factor=given["rrs_factor"],
+        compensate=given["compensate"], smallest_object=given["smallest_object"],
     )  # fmt: skip
     try:
         result = remove_glint(
             list(inputs), output, recipe, model=load_model(given["model_in"]) if given["model_in"] else None,
+            chain=load_chain(given["model_in"]) if given["model_in"] else None,
             sensor=given["sensor"], nodata=given["nodata"],
             grid=given["grid"], threads=given["threads"], progress=talk.progress, flags=given["flags"],
             amount=given["amount"], sample=given["save_sample"], model_file=given["save_model"],

@@ -7,10 +7,11 @@ to a scene, `remove_glint` does the whole job.
 from .apply import Outputs, Result, remove_glint
 from .correct import FLAGS
 from .examine import examine
-from .fit import Fitted, default_threads, fit_scene, load_model
+from .fit import Fitted, default_threads, fit_scene
 from .recipe import Recipe
+from .saved import load_chain, load_model
 
 __all__ = [
-    "FLAGS", "Fitted", "Outputs", "Recipe", "Result", "default_threads", "examine", "fit_scene", "load_model",
-    "remove_glint",
+    "FLAGS", "Fitted", "Outputs", "Recipe", "Result", "default_threads", "examine", "fit_scene", "load_chain",
+    "load_model", "remove_glint",
 ]  # fmt: skip

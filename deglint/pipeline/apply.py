@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .. import tiles as tiling
+from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
@@ -28,18 +29,22 @@ from ..raster.output import (
     writing,
 )
 from ..readers.areas import Area, open_area
+from ..readers.roles import find_band
 from ..remove import GlintModel
 from ..report import before_after
 from ..scene import Scene
-from .correct import Correction, Tally
+from .correct import Correction, Tally, changed_bands
 from .fit import Fitted, Progress, default_threads, fit_scene
-from .look import look_at, raster_of, role_bands, tile_shape_of
+from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
+from .saved import saved
 from .sidecar import Checksum, sidecar
 from .surroundings import Surroundings
 
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
 """Types that an output may be given."""
+CHAIN_COPIES = 3
+"""How many times the memory of a tile a chain takes, against removal alone."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +115,7 @@ def remove_glint(
     recipe: Recipe | None = None,
     *,
     model: GlintModel | None = None,
+    chain: Chain | None = None,
     sensor: str | None = None,
     nodata: float | None = None,
     grid: str | None = None,
@@ -129,6 +135,8 @@ def remove_glint(
         What to do; finds everything out by itself by default.
     model : GlintModel, optional
         Apply this model, fitted before, instead of fitting one.
+    chain : Chain, optional
+        With `model`: the compensation that was fitted with it.
     sensor, nodata, grid
         As `deglint.open_scene`.
     threads : int, optional
@@ -166,12 +174,13 @@ def remove_glint(
     with environment():
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
-            return _run(scene, recipe or Recipe(), targets, model, threads or default_threads(), progress)
+            return _run(scene, recipe or Recipe(), targets, model, chain, threads or default_threads(), progress)
 
 
 def _run(
-    scene: Scene, recipe: Recipe, targets: Outputs, model: GlintModel | None, threads: int, progress: Progress | None
-) -> Result:
+    scene: Scene, recipe: Recipe, targets: Outputs, model: GlintModel | None, chain: Chain | None, threads: int,
+    progress: Progress | None,
+) -> Result:  # fmt: skip
     begun = time.perf_counter()
     inputs = {os.path.realpath(p) for p in raster_of(scene).info.paths}
     for path in targets.every()[1:]:  # the image itself may replace its input, once it is whole
@@ -182,22 +191,24 @@ def _run(
     if model is None:
         fitted = fit_scene(scene, recipe, threads=threads, want_sample=targets.sample is not None, progress=progress)
     else:
-        fitted = given_model(scene, recipe, model, threads)
+        fitted = given_model(scene, recipe, model, threads, chain)
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
-    if targets.amount and not fitted.model.fits:
+    only = tuple(find_band(scene, b) for b in fitted.recipe.bands)
+    changed = tuple(changed_bands(scene, fitted.model, fitted.chain, only))
+    if targets.amount and not changed:
         raise InputError(
             "no band is corrected, so there is no amount to write: leave out --amount, or name a --method."
         )
     with Scratch() as scratch:
-        tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress)
+        tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress, only)
         if tally.corrected == 0 and fitted.model.fits:
             why = "every pixel is nodata" if tally.nodata == tally.total else "no pixel is water inside the mask"
             raise NoWaterError(f"nothing to correct in {scene.path}: {why}. Check --nodata and --mask.")
         if targets.sample:
             write_json(scratch, targets.sample, fitted.sample)
         if targets.model:
-            write_text(scratch, targets.model, fitted.model.to_json() + "\n")
+            write_text(scratch, targets.model, saved(fitted) + "\n")
         if targets.picture:
             write_bytes(scratch, targets.picture, before_after(scene, scratch.file(targets.image), fitted.model))
         said = plain(sidecar(scene, fitted, targets, tally, checksum, time.perf_counter() - begun))
@@ -207,28 +218,36 @@ def _run(
 
 def _write_tiles(
     scratch: Scratch, scene: Scene, fitted: Fitted, targets: Outputs, area: Area | None, threads: int,
-    progress: Progress | None,
+    progress: Progress | None, only: tuple[int, ...],
 ) -> Tally:  # fmt: skip
     info = raster_of(scene).info
     every = tuple(range(len(scene.bands)))
     dtype = np.dtype(targets.dtype) if targets.dtype else info.dtype
     nodata, masked = _marking(scene, dtype)
     shape = tile_shape_of(scene)
+    if fitted.chain.before:
+        shape = tiling.compact(shape, block_of(scene))
     image = Layout(info, every, dtype.name, nodata, targets.options, masked=masked, tile=shape)
     everything = tiling.tiles(scene.height, scene.width, shape)
-    at_once = tiling.affordable(threads, shape, len(scene.bands))
+    at_once = tiling.affordable(threads, shape, len(scene.bands) * (CHAIN_COPIES if fitted.chain.before else 1))
     rule, bands = None if area else fitted.water, fitted.water_bands
-    beyond = Surroundings(scene, rule, bands[rule.roles.nir], everything) if rule and rule.halo else None
-    work = Correction(scene, fitted.model, bool(targets.flags), bool(targets.amount), image, area, rule, bands, beyond)
+    beyond = (
+        Surroundings(scene, rule, bands[rule.roles.nir], everything)
+        if rule and rule.halo and not fitted.chain.before
+        else None
+    )
+    work = Correction(scene, fitted.model, bool(targets.flags), bool(targets.amount), image, area, rule, bands, beyond,
+                      fitted.chain, only)  # fmt: skip
     tally = Tally(len(scene.bands))
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     with ExitStack() as stack:
+        stack.enter_context(one_thread_each(bool(fitted.chain.before)))
         writers: list[tuple[RasterWriter, str]] = [(stack.enter_context(writing(scratch, targets.image, image)), "raw")]
         if targets.flags:
             layout = Layout(info, (0,), "uint8", None, targets.options, scaled=False, names=("flags",), tile=shape)
             writers.append((stack.enter_context(writing(scratch, targets.flags, layout)), "flags"))
         if targets.amount:
-            bands = tuple(f.band for f in fitted.model.fits)
+            bands = tuple(work.changed)
             names = tuple(f"glint in {scene.bands[b].name}" for b in bands)
             layout = Layout(
                 info, bands, "float32", float("nan"), targets.options, scaled=False, names=names, tile=shape
@@ -243,7 +262,23 @@ def _write_tiles(
     return tally
 
 
-def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int) -> Fitted:
+@contextmanager
+def one_thread_each(wanted: bool) -> Iterator[None]:
+    """OpenCV on one thread, where the tiles are on several already."""
+    if not wanted:
+        yield
+        return
+    import cv2
+
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
     """A model that was fitted before, made ready for this scene.
 
     Raises
@@ -253,6 +288,15 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int) -
     NoWaterError
         The scene holds no water.
     """
+    if (
+        chain is not None
+        and chain.before
+        and tuple(n.casefold() for n in scene.names) != tuple(n.casefold() for n in model.band_names)
+    ):
+        raise InputError(
+            f"the compensation was fitted to bands {', '.join(model.band_names)} in this order; the scene has "
+            f"{', '.join(scene.names)}. Fit it to a scene like this one, or pass --compensate off."
+        )
     model = model.for_bands(scene.names)
     notes = [f"model {model.method}, fitted before"]
     rule: WaterRule | None = None
@@ -265,8 +309,10 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int) -
                 raise NoWaterError(rule.reason)
             notes.append(rule.reason)
     resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
-    numbers = {"water": rule.numbers() if rule else None, "sample": None}
-    return Fitted(model, resolved, tuple(notes), numbers, None, rule, bands)
+    chain = chain if chain is not None and recipe.compensate != "off" else Chain()
+    numbers = {"water": rule.numbers() if rule else None, "sample": None, "needs": None}
+    numbers["compensation"] = chain.numbers()
+    return Fitted(model, resolved, tuple(notes), numbers, None, rule, bands, chain)
 
 
 def _marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:

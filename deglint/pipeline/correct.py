@@ -8,6 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..compensate import Chain, State, apply_stages, finish
+from ..compensate.evidence import REACH, grown
+from ..compensate.protect import put_back, things
+from ..compensate.reference import standing_out
 from ..masks import WaterRule, opened, valid_for, water
 from ..raster.convert import is_valid
 from ..raster.encode import encode, retype
@@ -27,9 +31,11 @@ FLAGS = {
     8: "negative after correction, in some band",
     16: "saturated before correction, in some band",
     32: "clipped to the output's integer range (less the number for nodata), in some band",
+    64: "replaced: glint of one instant, in some band, by the water beside it",
+    128: "protected: stands out in a way that glint does not, and kept as it was",
 }
 """Bits of the flag raster."""
-NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED = FLAGS
+NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED, REPLACED, PROTECTED = FLAGS
 
 
 @dataclass
@@ -41,16 +47,20 @@ class Tally:
     nodata: int = 0
     not_water: int = 0
     corrected: int = 0
+    protected: int = 0
+    replaced: npt.NDArray[np.int64] = field(init=False)
     negative: npt.NDArray[np.int64] = field(init=False)
     clipped: npt.NDArray[np.int64] = field(init=False)
     saturated: npt.NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.negative, self.clipped, self.saturated = (np.zeros(self.bands, np.int64) for _ in range(3))
+        for name in ("replaced", "negative", "clipped", "saturated"):
+            setattr(self, name, np.zeros(self.bands, np.int64))
 
     def add(self, other: Tally) -> None:
         """Add a tile's counts."""
-        for name in ("total", "nodata", "not_water", "corrected", "negative", "clipped", "saturated"):
+        counts = ("total", "nodata", "not_water", "corrected", "protected")
+        for name in (*counts, "replaced", "negative", "clipped", "saturated"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
 
@@ -78,45 +88,173 @@ class Correction:
     water: WaterRule | None
     water_bands: tuple[int, ...]
     surroundings: Surroundings | None
+    chain: Chain = field(default_factory=Chain)
+    only: tuple[int, ...] = ()
+
+    @property
+    def changed(self) -> list[int]:
+        """0-based bands that may change."""
+        return changed_bands(self.scene, self.model, self.chain, self.only)
 
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and bring it into the output's type."""
         source = raster_of(self.scene)
-        info = source.info
-        raw, valid = source.read_raw(tile.window)
-        tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
+        outer = tile.grown(self._halo, self.scene.height, self.scene.width)
+        raw, valid = source.read_raw(outer.window)
         physical = source.to_physical(raw, valid)
+        inner = core_of(tile.crop_of(outer), outer.shape)
+        after = None
+        if self.chain.before:
+            around, place = physical, (slice(None), *inner)
+            physical, raw = around[place].copy(), raw[place].copy()
+            valid = None if valid is None else valid[place]
+            after = self._compensated(around, tile, outer)
+            inside = after.inside
+        else:
+            inside = self._inside(tile, physical)
+        tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
         known = self._known(physical, valid)
-        inside = self._inside(tile, physical)
         where = known if inside is None else inside if known is None else known & inside
         usable = tally.total if where is None else int(np.count_nonzero(where))
         where = None if usable == tally.total else where
         tally.nodata = 0 if known is None else tally.total - int(np.count_nonzero(known))
         tally.not_water = tally.total - usable - tally.nodata
-        tally.corrected = usable if self.model.fits else 0
         flags = self._flags(known, where, tile.shape) if self.want_flags else None
         tally.saturated = _saturated(self.scene, physical, flags)
-        bands = [f.band for f in self.model.fits]
-        before = physical[bands].copy() if self.want_amount else None
+        before = physical[self.changed].copy() if self.want_amount else None
         file_valid = self._file_valid(raw, valid)
         raw, lost = self._retyped(raw, valid)
-        if tally.corrected:
-            if not physical.flags.writeable:
-                physical = physical.copy()
-            apply(physical, self.model, where=where, out=physical)
+        if not physical.flags.writeable:
+            physical = physical.copy()
+        for bands, place in self._work(tile, physical, after, where, usable, tally, flags):
             counts = encode(
-                physical, raw, bands=bands, scales=info.scales, offsets=info.offsets,
-                where=where, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
+                physical, raw, bands=bands, scales=source.info.scales, offsets=source.info.offsets,
+                where=place, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
             )  # fmt: skip
-            tally.negative, tally.clipped = counts.negative, counts.clipped
+            tally.negative, tally.clipped = tally.negative + counts.negative, tally.clipped + counts.clipped
             if lost is not None:
-                lost[bands] &= False if where is None else ~where
+                lost[bands] &= False if place is None else ~place
         if lost is not None:
             tally.clipped = tally.clipped + np.count_nonzero(lost, axis=(1, 2))
             if flags is not None:
                 flags[lost.any(axis=0)] |= CLIPPED
-        amount = None if before is None else np.subtract(before, physical[bands], dtype=np.float32)
+        amount = None if before is None else np.subtract(before, physical[self.changed], dtype=np.float32)
         return Corrected(raw, tally, file_valid, flags, amount)
+
+    @staticmethod
+    def _touched(replaced: Any, held: Any) -> Any:
+        """Pixels of a band that differ from the input, or may."""
+        return replaced if held is None else replaced | grown(held, REACH)
+
+    def _follow_the_water(
+        self, tile: Tile, physical: Any, where: Any, tally: Tally, flags: Any
+    ) -> dict[int, npt.NDArray[Any]]:
+        """Give what stands out from the water around the NIR of that water; returns the NIR as it was."""
+        own, held = {}, np.zeros(tile.shape, np.bool_)
+        for band, rule in self.chain.references:
+            bright = physical[band] > rule.least
+            if where is not None:
+                bright &= where
+            if not bright.any():
+                continue
+            outer = tile.grown(rule.halo, self.scene.height, self.scene.width)
+            inner = core_of(tile.crop_of(outer), outer.shape)
+            nir = self.scene.source.read(outer.window, [band])[0]
+            asked = np.zeros(outer.shape, np.bool_)
+            asked[inner] = bright
+            found, values = standing_out(nir, np.ones_like(asked), rule, asked)
+            if values.size:
+                own[band] = physical[band].copy()
+                physical[band][found[inner]] = values
+                held |= found[inner]
+        tally.protected = int(np.count_nonzero(held))
+        if flags is not None:
+            flags[held] |= PROTECTED
+        return own
+
+    def _work(
+        self, tile: Tile, physical: Any, after: Compensated | None, where: Any, usable: int, tally: Tally, flags: Any
+    ) -> list[tuple[list[int], Any]]:
+        """Correct `physical`; which bands changed, and where (None: everywhere)."""
+        removed = [f.band for f in self.model.fits]
+        if not usable or not (removed or after):
+            return []
+        if after is None:
+            own = self._follow_the_water(tile, physical, where, tally, flags)
+            apply(physical, self.model, where=where, out=physical)
+            for band, nir in own.items():
+                physical[band] = nir
+            tally.corrected = usable
+            return [(removed, where)]
+        changed, replaced = self.changed, after.replaced.copy()
+        if where is not None:
+            replaced &= where
+        replaced[[b for b in range(len(replaced)) if b not in changed]] = False
+        any_band = replaced.any(axis=0)
+        held = after.held if after.held is None or where is None else after.held & where
+        tally.protected = 0 if held is None else int(np.count_nonzero(held))
+        tally.replaced = np.count_nonzero(replaced, axis=(1, 2))
+        tally.corrected = usable if removed else int(np.count_nonzero(any_band))
+        if flags is not None:
+            flags[any_band] |= REPLACED
+            if held is not None:
+                flags[held] |= PROTECTED
+            if not removed:
+                flags[~any_band] &= np.uint8(0xFF ^ CORRECTED)
+        removed = [b for b in removed if b in changed]
+        done: list[tuple[list[int], Any]] = [(removed, where)] if removed else []
+        done += [
+            ([b], place) for b in changed if b not in removed and (place := self._touched(replaced[b], held)).any()
+        ]
+        for bands, place in done:
+            for band in bands:
+                np.copyto(
+                    physical[band], after.clean[band], where=True if place is None else place, casting="same_kind"
+                )
+        return done
+
+    @property
+    def _halo(self) -> int:
+        """Pixels around a tile that are read with it."""
+        if not self.chain.before:
+            return 0
+        return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo)
+
+    def _compensated(self, around: Any, tile: Tile, outer: Tile) -> Compensated:
+        """The tile after the chain; `around`, the block with its halo, is worked on in place.
+
+        Each stage sees no more of the halo than the stages after it need.
+        """
+        middle = tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
+        place = (slice(None), *core_of(middle.crop_of(outer), outer.shape))
+        raw = around[place].copy() if self.chain.protection.possible else None
+        state = apply_stages(State.own(around), self.chain.before)
+        clean, replaced = finish(state, around)[place], state.replaced[place]
+        level = None if state.water is None else state.water[place]
+        inner = core_of(tile.crop_of(middle), middle.shape)
+        inside = self._water_of(clean, inner, tile)
+        if self.model.fits:
+            clean = apply(clean, self.model)
+        if self.chain.after:
+            state = apply_stages(State.of(clean), self.chain.after)
+            clean = finish(state, clean)
+            replaced = replaced | state.replaced
+        within = (slice(None), *inner)
+        if raw is None or level is None:
+            return Compensated(inside, clean[within], replaced[within])
+        found = things(raw, level, self.chain.protection).cropped(inner)
+        clean = put_back(clean[within], level[within], found)
+        return Compensated(inside, clean, replaced[within] & ~found.mask, found.mask)
+
+    def _water_of(self, block: Any, inner: tuple[slice, slice], tile: Tile) -> npt.NDArray[np.bool_] | None:
+        """Where correction is wanted, told by compensated bands: sparkle is no boat there."""
+        if self.area is not None or self.water is None:
+            return self._inside(tile, block)
+        return np.asarray(water([block[b] for b in self.water_bands], self.water)[inner])
+
+    @property
+    def _water_halo(self) -> int:
+        return self.water.halo if self.water is not None and self.area is None else 0
 
     def _file_valid(self, raw: Any, valid: Any) -> npt.NDArray[np.bool_] | None:
         """What the output's mask says of the tile, where it has one: valid in every band."""
@@ -173,6 +311,25 @@ class Correction:
         if known is not None:
             flags[~known] = NODATA
         return flags
+
+
+def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int, ...] = ()) -> list[int]:
+    """0-based bands that may change: those that removal corrects, and with compensation all, or those asked for."""
+    removed = [f.band for f in model.fits]
+    if not chain.before:
+        return removed
+    return sorted(only) if only else list(range(len(scene.bands)))
+
+
+@dataclass(frozen=True, eq=False)
+class Compensated:
+    """A tile after the chain: where it is to be corrected (None: everywhere), its bands, what was replaced in each, and
+    which pixels are things that were put back."""
+
+    inside: npt.NDArray[np.bool_] | None
+    clean: Any
+    replaced: npt.NDArray[np.bool_]
+    held: npt.NDArray[np.bool_] | None = None
 
 
 def _saturated(scene: Scene, physical: Any, flags: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.int64]:

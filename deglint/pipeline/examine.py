@@ -43,7 +43,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     notes: list[str] = list(scene.notes)
     out |= {"nir": None, "valid_fraction": None, "water_fraction": None, "looked_at_pixels": None,
             "glint_cover": None, "glint_level": None, "r2": None, "slopes": None,
-            "suggested_method": None, "reason": None, "notes": notes}  # fmt: skip
+            "suggested_method": None, "reason": None, "needs": None, "needs_said": [], "notes": notes}  # fmt: skip
     try:
         with environment():
             request, said = make_request(scene, recipe)
@@ -62,9 +62,14 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     sample = fitted.numbers["sample"]
     if sample:
         out |= {k: sample[k] for k in ("r2", "slopes", "glint_cover", "glint_level")}
+    if fitted.chain.before:
+        out["slopes"] = None  # each band follows a mixture of its own
+    out["needs"], out["needs_said"] = fitted.needs.numbers(), fitted.needs.lines()
     best = max((r2 for r2 in (out["r2"] or {}).values() if r2 is not None), default=None)
     out["suggested_method"], out["reason"] = _suggestion(best, out["glint_cover"], model.method)
-    notes += [n for n in fitted.notes if n not in notes]
+    if fitted.chain.before:
+        out["suggested_method"], out["reason"] = model.method, f"after compensation: {fitted.chain.text}"
+    notes += [n for n in fitted.notes if n not in notes and n not in out["needs_said"]]
     return out
 
 

@@ -11,17 +11,20 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..errors import FitError, InputError, NoWaterError
+from ..compensate import Chain, State, apply_stages, finish
+from ..errors import FitError, NoWaterError
 from ..masks import WaterRule
+from ..needs import HEAVY_COVER, Needs
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
-from ..readers.text import read_text
 from ..remove import METHODS, FitRequest, GlintModel, SampleStatistics, gather, merge, useless
+from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
+from .compensation import Plan, fit_after, fit_before, fit_references, plan
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
-from .sample import sampler_of
+from .sample import Sampler, sampler_of
 
 Progress = Callable[[str, int, int], None]
 KEPT_PIXELS = 1 << 20
@@ -30,6 +33,8 @@ COMPILED_PIXELS = 10_000_000
 """Pixels of a sample above which the compiled statistics kernel pays for its loading."""
 MAX_COVER = 0.6
 """Share of glinted pixels above which the mode of the NIR is no longer that of water."""
+HEAVY_FLOOR = 1.0
+"""Percentile of the mixture of references as its level where compensation has left much glint [%]."""
 AUTO_FLOOR = 5.0
 """Percentile of the NIR that `auto` takes as the level under heavier glint [%]."""
 
@@ -51,6 +56,10 @@ class Fitted:
         The sample as GeoJSON, where it was asked for.
     water : WaterRule or None
         How water is told, where it has to be; `water_bands` are the 0-based scene bands that it looks at.
+    needs : Needs
+        What the scene needs, and does not.
+    chain : Chain
+        Stages of compensation around the removal; empty where the scene needs none.
     """
 
     model: GlintModel
@@ -60,6 +69,8 @@ class Fitted:
     sample: dict[str, Any] | None = None
     water: WaterRule | None = None
     water_bands: tuple[int, ...] = ()
+    chain: Chain = field(default_factory=Chain)
+    needs: Needs = field(default_factory=Needs)
 
 
 def default_threads() -> int:
@@ -142,39 +153,82 @@ def _fit_look(
         if not look.water.has_water:
             raise NoWaterError(look.water.reason)
         notes.append(look.water.reason)
+    given = sampler_of(scene, recipe, look, threads) if recipe.sample != "auto" else None
+    todo = plan(scene, recipe, request, look, given, threads)
+    chain = fit_before(scene, recipe, look, todo, threads) if todo.runs else Chain()
+    sampled = METHODS[_method(recipe)].plan is not None
+    sampler = (given or sampler_of(scene, recipe, look, threads, chain)) if sampled else None
+    notes += todo.needs.lines()
     numbers: dict[str, Any] = {"water": look.water.numbers() if look.water else None, "sample": None}
-    bands = role_bands(look.roles)
-    method = METHODS[_method(recipe)]
-    if method.plan is None:
-        model, outline = method.fit(request, None), None
+    name = _compensated_method(request) if todo.runs and recipe.method == "auto" else _method(recipe)
+    if sampler is None:
+        model, outline = METHODS[name].fit(request, None), None
         chosen = replace(recipe, method=model.method, regression="auto")
     else:
-        model, said, outline = _fit_sampled(scene, recipe, request, look, threads, want_sample, progress)
+        job = _Job(scene, recipe, request, sampler, chain, name, todo)
+        model, said, outline = _fit_sampled(job, threads, want_sample, progress)
         notes += said.pop("notes")
         floor = said.pop("floor_percentile")
         chosen = replace(recipe, method=model.method, regression=model.regression or "auto", floor_percentile=floor)
         numbers["sample"] = said
+    if todo.runs:
+        chain = fit_after(scene, recipe, look, todo, chain, model, threads)
+        model = replace(model, warnings=(*model.warnings, *_heavy(todo)))
+    elif recipe.compensate != "off" and sampler is not None and model.fits:
+        chain = replace(chain, references=fit_references(scene, model, sampler, look, threads))
+    numbers |= {"needs": todo.needs.numbers(), "compensation": chain.numbers()}
     water = look.water if recipe.mask == "auto" else None
-    return Fitted(model, chosen, tuple(notes), numbers, outline, water, bands)
+    return Fitted(model, chosen, tuple(notes), numbers, outline, water, role_bands(look.roles), chain, todo.needs)
+
+
+def _compensated_method(request: FitRequest) -> str:
+    """What removes the rest after compensation: several references where there are several."""
+    return "multiband" if max(len(references(request, b)) for b in request.correct) > 1 else "joyce"
+
+
+def _heavy(todo: Plan) -> list[str]:
+    """A warning where there is more glint than compensation is good for."""
+    cover = float(np.median(todo.needs.cover)) if todo.needs.cover else 0.0
+    if cover <= HEAVY_COVER:
+        return []
+    return [f"glint covers {cover:.0%} of the middlemost band (more than {HEAVY_COVER:.0%}): much of it will be left."]
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What the pass over the sample works on."""
+
+    scene: Scene
+    recipe: Recipe
+    request: FitRequest
+    sampler: Sampler
+    chain: Chain
+    method: str
+    todo: Plan
 
 
 def _fit_sampled(
-    scene: Scene, recipe: Recipe, request: FitRequest, look: Look, threads: int, want_sample: bool,
-    progress: Progress | None,
-) -> tuple[GlintModel, dict[str, Any], dict[str, Any] | None]:  # fmt: skip
-    method = _method(recipe)
-    sampler = sampler_of(scene, recipe, look, threads)
+    job: _Job, threads: int, want_sample: bool, progress: Progress | None
+) -> tuple[GlintModel, dict[str, Any], dict[str, Any] | None]:
+    scene, recipe, request, sampler, chain = job.scene, job.recipe, job.request, job.sampler, job.chain
+    method = job.method
+    if method == "multiband" and recipe.method == "auto" and _heavy(job.todo):
+        request = replace(request, floor_percentile=HEAVY_FLOOR)
     plan = METHODS[method].plan(request)  # type: ignore[misc]
     share = max(1, -(-sampler.pixels // KEPT_PIXELS))
     plan = replace(plan, share=share, compiled=sampler.pixels > COMPILED_PIXELS)
     halo = max(plan.halo, 0)
     columns = sorted(set(plan.read_bands) | set(sampler.bands))
+    if chain.before:
+        columns = list(range(len(scene.bands)))  # a stage may look from band to band
     rows = [columns.index(b) for b in plan.read_bands]
 
     def work(tile: Tile) -> Any:
-        outer = tile.grown(halo + sampler.halo, scene.height, scene.width)
+        outer = tile.grown(halo + sampler.halo + chain.halo_before, scene.height, scene.width)
         middle = tile.grown(halo, scene.height, scene.width)
         block = scene.source.read(outer.window, columns)
+        if chain.before:
+            block = finish(apply_stages(State.of(block), chain.before), block)
         mask = sampler.mask(block, columns, outer)
         top, bottom, left, right = middle.crop_of(outer)
         inner = (slice(top, mask.shape[0] - bottom), slice(left, mask.shape[1] - right))
@@ -198,7 +252,8 @@ def _fit_sampled(
     numbers |= {"r2": {f.name: f.r2 for f in model.fits}, "slopes": {f.name: f.slope for f in model.fits}}
     floor = request.floor_percentile
     if recipe.method == "auto":
-        model, floor, chosen = _choose(request, stats, model, judge=not recipe.bands)
+        choose = _keep_useful if chain.before else _choose
+        model, floor, chosen = choose(request, stats, model, judge=not recipe.bands)
         notes += chosen.pop("notes")
         numbers |= chosen
     box = _union(boxes)
@@ -231,21 +286,36 @@ def _choose(
         f"glint stands above the commonest NIR in {cover:.0%} of the sample",
         f"method {model.method}, level at {level} of the NIR",
     ]
-    alone = {f.name: why for f in model.fits if (why := useless(f))} if judge else {}
-    kept = tuple(f for f in model.fits if f.name not in alone)
-    warnings = tuple(w for w in model.warnings if not any(f" {name} " in w or f" {name}," in w for name in alone))
-    if alone:
-        notes.append(f"left as they are: {', '.join(f'{name} ({why})' for name, why in alone.items())}")
-    if not kept:
-        why = "there is little glint, or the bands are not taken at the same time"
-        warnings = (*warnings, f"no band follows the NIR: {why}. Nothing was corrected.")
+    model, alone, said = _without_useless(model, judge)
     numbers = {
         "glint_cover": cover,
         "glint_level": float(stats.moments.mean[len(request.correct)]) - low,
         "left_alone": alone,
-        "notes": notes,
+        "notes": notes + said,
     }
-    return replace(model, fits=kept, warnings=warnings), floor, numbers
+    return model, floor, numbers
+
+
+def _keep_useful(
+    request: FitRequest, _stats: SampleStatistics, model: GlintModel, *, judge: bool
+) -> tuple[GlintModel, float, dict[str, Any]]:
+    """After compensation the method stands; bands that follow nothing any more are left as they are."""
+    model, alone, said = _without_useless(model, judge)
+    if not model.fits:  # the glint was in what has been replaced
+        model = replace(model, warnings=tuple(w for w in model.warnings if "no band follows" not in w))
+    return model, request.floor_percentile, {"left_alone": alone, "notes": [f"method {model.method}", *said]}
+
+
+def _without_useless(model: GlintModel, judge: bool) -> tuple[GlintModel, dict[str, str], list[str]]:
+    """The model without bands that it would do nothing for, or harm; why, by band; and what to say."""
+    alone = {f.name: why for f in model.fits if (why := useless(f))} if judge else {}
+    kept = tuple(f for f in model.fits if f.name not in alone)
+    warnings = tuple(w for w in model.warnings if not any(f" {name} " in w or f" {name}," in w for name in alone))
+    said = [f"left as they are: {', '.join(f'{name} ({why})' for name, why in alone.items())}"] if alone else []
+    if not kept:
+        why = "there is little glint, or the bands are not taken at the same time"
+        warnings = (*warnings, f"no band follows the NIR: {why}. Nothing was corrected.")
+    return replace(model, fits=kept, warnings=warnings), alone, said
 
 
 def glint_cover(values: npt.NDArray[np.floating[Any]], level: float) -> float:
@@ -253,21 +323,6 @@ def glint_cover(values: npt.NDArray[np.floating[Any]], level: float) -> float:
     below = level - values[values <= level]
     sigma = 1.4826 * float(np.median(below)) if below.size else 0.0
     return float(np.mean(values > level + 3 * sigma))
-
-
-def load_model(path: str) -> GlintModel:
-    """Read a model that `--save-model` wrote.
-
-    Raises
-    ------
-    ReadError, InputError
-        No such file, or not a saved model.
-    """
-    text = read_text(path, "--model")
-    try:
-        return GlintModel.from_json(text)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def _box(mask: npt.NDArray[np.bool_], tile: Tile) -> Window | None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..compensate import parse
 from ..errors import InputError
 from ..readers.roles import explain_nir, find_band, find_nir
 from ..remove import METHODS, FitRequest, nir_request
@@ -36,6 +37,11 @@ class Recipe:
         Percentile of the NIR that Hedley takes as its level [%]; 0: the minimum, as published.
     rrs_factor : float
         Physical values are this many times remote-sensing reflectance (Goodman).
+    compensate : str
+        "auto" (what the scene needs), "thesis", "off", or a chain such as "identify-level:13, replace-level, remove";
+        see `deglint.compensate.STAGES`.
+    smallest_object : str
+        Width of the smallest thing to keep, such as "4m" or "16px"; 4 m where empty, or 16 pixels of unknown size.
     """
 
     method: str = "auto"
@@ -47,13 +53,15 @@ class Recipe:
     regression: str = "auto"
     floor_percentile: float = 0.0
     rrs_factor: float = float(np.pi)
+    compensate: str = "auto"
+    smallest_object: str = ""
 
     def __post_init__(self) -> None:
         if self.method != "auto" and self.method not in METHODS:
             raise InputError(f"method {self.method!r} is not one of auto, {', '.join(METHODS)}.")
-        if self.floor_percentile and self.method != "hedley":
+        if self.floor_percentile and self.method not in ("hedley", "multiband"):
             raise InputError(
-                f"a floor percentile is for method hedley, got method {self.method}: name --method hedley."
+                f"a floor percentile is for methods hedley and multiband, got {self.method}: name --method hedley."
             )
         if self.regression != "auto" and self.method != "auto" and not METHODS[self.method].regresses:
             raise InputError(f"{self.method} fits no slopes by regression: leave out --regression {self.regression}.")
@@ -61,6 +69,8 @@ class Recipe:
             raise InputError(f"the rrs factor is for method goodman, got method {self.method}.")
         if self.nir_use not in ("auto", "mean", "best", "set"):
             raise InputError(f"nir_use {self.nir_use!r} is not one of auto, mean, best, set.")
+        if self.compensate not in ("auto", "thesis", "off"):
+            parse(self.compensate)
 
 
 def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, list[str]]:

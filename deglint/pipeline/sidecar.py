@@ -74,6 +74,8 @@ def sidecar(
             "nodata": tally.nodata,
             "not_water": tally.not_water,
             "corrected": tally.corrected,
+            "protected": tally.protected,
+            "replaced": dict(zip(names, tally.replaced, strict=True)),
             "negative_after": dict(zip(names, tally.negative, strict=True)),
             "saturated_before": dict(zip(names, tally.saturated, strict=True)),
             "clipped": dict(zip(names, tally.clipped, strict=True)),

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from ..scene import Band, FloatArray
-from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, nir_subtraction
+from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction
 from .model import HALO, BandFit, GlintIndex, GlintModel, apply
 from .regression import REGRESSIONS
 from .request import FitRequest, useless
@@ -56,6 +56,7 @@ METHODS: dict[str, Method] = {
     "hedley": Method("slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, hedley.plan, True),
     "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, lyzenga.plan, True),
     "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, joyce.plan, True),
+    "multiband": Method("all longer bands together, level at a low percentile", multiband.fit, multiband.plan),
     "hochberg": Method("brightest less darkest NIR pixel (Hochberg 2003)", hochberg.fit, hochberg.plan),
     "goodman": Method("reflectance at 750 nm with a floor from 640 nm (Goodman 2008)", goodman.fit),
     "kutser": Method("depth of the oxygen line at 760 nm (Kutser 2009)", kutser.fit, kutser.plan),

@@ -1,0 +1,196 @@
+"""What speaks for a thing and what for sparkle, pixel by pixel: the model behind `deglint.compensate.protect`.
+
+For each pixel the excess over the level of the water is turned into reflectance y and judged by
+
+.. math:: S = \\ln \\max_k w_k \\, p(y \\mid \\mathrm{shape}\\ k) - \\ln p(y_1) \\prod_i p(y_{i+1} \\mid y_i)
+
+The first term is the marginal likelihood of a mixture of reflectance shapes (`deglint.compensate.shapes`): normal, with
+brightness, slope and bend unknown, over water that is partly hidden, with the noise of the sensor. The second is what
+the scene's own sparkle does from one instant to the next: a Markov chain in the order of time, as histograms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .shapes import CENTRE, SPAN, Shapes
+
+Float64 = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Places = npt.NDArray[np.int64]
+
+REACH = 2
+"""Pixels around a thing that its blurred edge reaches."""
+HALO = 2 + REACH
+"""Pixels around a tile that `things` looks at: 3 x 3 sums, their neighbours, and the edge."""
+STANDS_OUT = 4.0
+"""A pixel is looked at where two bands exceed the level by this many standard deviations."""
+LEAST_SCORE = 2.0
+"""S from which a pixel may be part of a thing."""
+WATER_HIDDEN = (0.75, 0.25)
+"""Mean and standard deviation of the part of a pixel's water that a thing hides."""
+TEXTURE = 0.05
+"""Standard deviation of the level itself, as a share."""
+UNIT, BINS, LOW, HIGH = 0.001, 64, -3.0, 8.5
+"""Histograms of asinh(reflectance / UNIT)."""
+BLUR = 1.2
+"""Smoothing of the histograms [bin]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Protection:
+    """How things are told from sparkle in a scene.
+
+    Attributes
+    ----------
+    bands : tuple of int
+        0-based bands that are judged, in the order in which they look.
+    irradiance : tuple of float
+        What a white thing gives in each of `bands` [unit of the scene per reflectance].
+    noise : tuple of (float, float)
+        Variance of each at 0, and its increase per unit of signal.
+    water : tuple of float
+        Level of the water in each [reflectance].
+    shapes : Shapes
+    wavelength : tuple of float
+        [nm]
+    first, following : ndarray
+        Log density of the first band, (bin,), and of each next one given the last, (band - 1, bin, bin).
+    threshold : float
+        On the 3 x 3 sum of S.
+    reason : str
+        Why the test is not possible; empty where it is.
+    """
+
+    bands: tuple[int, ...] = ()
+    irradiance: tuple[float, ...] = ()
+    noise: tuple[tuple[float, float], ...] = ()
+    water: tuple[float, ...] = ()
+    wavelength: tuple[float, ...] = ()
+    threshold: float = np.inf
+    reason: str = ""
+    shapes: Shapes | None = field(default=None, repr=False)
+    first: Float64 | None = field(default=None, repr=False)
+    following: Float64 | None = field(default=None, repr=False)
+
+    @property
+    def possible(self) -> bool:
+        """Whether there is a test; without one nothing is protected."""
+        return not self.reason
+
+    @property
+    def halo(self) -> int:
+        """Pixels that `things` needs around a tile."""
+        return HALO if self.possible else 0
+
+    def numbers(self) -> dict[str, Any]:
+        """What goes into a sidecar: all but the tables."""
+        names = "bands", "irradiance", "noise", "water", "wavelength", "threshold", "reason"
+        return {name: getattr(self, name) for name in names} | {"halo": self.halo}
+
+    def saved(self) -> dict[str, Any]:
+        """Everything as plain numbers, tables and all, to be read back by `protection_from`."""
+        data = {k: v for k, v in self.numbers().items() if k != "halo"}
+        if self.shapes is None or self.first is None or self.following is None:
+            return data
+        kinds = {k: v.tolist() for k, v in asdict(self.shapes).items()}
+        return data | {"shapes": kinds, "first": self.first.tolist(), "following": self.following.tolist()}
+
+
+def protection_from(data: Mapping[str, Any]) -> Protection:
+    """Read back what `Protection.saved` says."""
+    plain = {k: v for k, v in data.items() if k not in ("shapes", "first", "following", "halo")}
+    for name in ("bands", "irradiance", "water", "wavelength"):
+        plain[name] = tuple(plain[name])
+    plain["noise"] = tuple((float(a), float(b)) for a, b in plain["noise"])
+    if "shapes" not in data:
+        return Protection(**plain) if plain["reason"] else Protection(reason="saved without its tables")
+    arrays: dict[str, Any] = {k: np.array(v, np.int64 if k == "odd" else np.float64) for k, v in data["shapes"].items()}
+    return Protection(
+        **plain, shapes=Shapes(**arrays), first=np.array(data["first"]), following=np.array(data["following"])
+    )
+
+
+def variance(raw: Float64, protection: Protection) -> Float64:
+    """Of the noise, (band, pixel)."""
+    fixed, rising = np.array(protection.noise).T
+    return np.asarray(fixed[:, None] + rising[:, None] * np.maximum(raw, 0.0))
+
+
+def tables(y: Float64) -> tuple[Float64, Float64]:
+    """Log densities of the chain from reflectances (band, pixel); rare steps lean on the next band's own histogram."""
+    from scipy.ndimage import gaussian_filter
+
+    step = (HIGH - LOW) / BINS
+    place = np.clip(((np.arcsinh(y / UNIT) - LOW) / step).astype(np.int64), 0, BINS - 1)
+    alone = [
+        gaussian_filter(np.bincount(p, minlength=BINS).astype(np.float64), BLUR, mode="nearest") + 0.3 for p in place
+    ]
+    alone = [a / a.sum() for a in alone]
+    following = []
+    for i in range(1, len(y)):
+        pairs = np.bincount(place[i - 1] * BINS + place[i], minlength=BINS * BINS).astype(np.float64)
+        table = gaussian_filter(pairs.reshape(BINS, BINS), BLUR, mode="nearest") + 3 * alone[i]
+        following.append(np.log(table / table.sum(axis=1, keepdims=True) / step))
+    return np.log(alone[0] / step), np.array(following)
+
+
+def score(raw: Float64, level: Float64, protection: Protection) -> tuple[Float64, Float64, Places]:
+    """S (row, column), and of the pixels that stand out the best spectrum (band, pixel) and the place."""
+    from ._protect_kernels import chain, explain
+
+    count, plane = len(raw), raw.shape[1:]
+    raw, level = raw.reshape(count, -1), level.reshape(count, -1)
+    with np.errstate(invalid="ignore"):
+        spread = variance(raw, protection)
+        out_of = ((raw - level) > STANDS_OUT * np.sqrt(spread)).sum(axis=0) >= 2
+    valid = np.isfinite(raw).all(axis=0) & np.isfinite(level).all(axis=0)
+    places = np.flatnonzero(out_of & valid)
+    white, water = np.array(protection.irradiance)[:, None], np.array(protection.water)
+    y = np.ascontiguousarray(((raw - level)[:, places] / white).T)
+    doubt = np.ascontiguousarray((spread[:, places] / white**2).T) + (TEXTURE * water) ** 2
+    s, first, following = protection.shapes, protection.first, protection.following
+    assert s is not None and first is not None and following is not None  # noqa: PT018
+    u = (np.array(protection.wavelength) - CENTRE) / SPAN
+    bends = np.array([u, u**2 - (u**2).mean()])
+    best, sparkle, fitted = np.empty(places.size), np.empty(places.size), np.zeros(y.shape)
+    wide = np.stack([s.slope, s.bend, s.rough], axis=1)
+    chain(y, first, following, LOW, (HIGH - LOW) / BINS, UNIT, sparkle)
+    hidden, least = np.array(WATER_HIDDEN), sparkle + LEAST_SCORE
+    explain(y, doubt, water, s.values, wide, s.odd, s.weight, bends, hidden, least, best, fitted)
+    score = np.where(valid, -np.inf, np.nan)
+    score[places] = best - sparkle
+    return score.reshape(plane), fitted.T, places
+
+
+def _sums(score: Float64) -> Float64:
+    """3 x 3 sums of S where it is high enough, always added in the same order."""
+    rows, columns = score.shape
+    padded = np.zeros((rows + 2, columns + 2))
+    padded[1:-1, 1:-1] = np.where(score > LEAST_SCORE, score, 0.0)
+    out = np.zeros(score.shape)
+    for i in range(3):
+        for j in range(3):
+            out += padded[i : i + rows, j : j + columns]
+    return out
+
+
+def clusters(score: Float64, threshold: float) -> BoolArray:
+    """Pixels of high S in a 3 x 3 square whose sum reaches the threshold."""
+    mask: BoolArray = (score > LEAST_SCORE) & grown(_sums(score) >= threshold, 1)
+    return mask
+
+
+def grown(mask: BoolArray, reach: int) -> BoolArray:
+    """The mask and all pixels within a square of `reach` around each of its own."""
+    import cv2
+
+    if not mask.any():
+        return mask
+    square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    return np.asarray(cv2.dilate(mask.view(np.uint8), square, borderType=cv2.BORDER_CONSTANT)).view(np.bool_)

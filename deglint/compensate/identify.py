@@ -1,0 +1,250 @@
+"""Glint identification: which pixels of which bands are glint.
+
+Two ways. `IdentifyMedian`, the thesis': above the median of deep water by k lower-side standard deviations, one
+threshold a band for the whole scene. Anything brighter than open water is glint to it: bright objects, shoals, foam.
+`IdentifyLevel`: above the level of the water *there* (`deglint.compensate.level`) by k standard deviations. What is
+larger than the element keeps its own level, so bright things of that size survive.
+
+Both take the standard deviation from below, s = 1.4826 median(m - x | x <= m), because glint only adds; it is floored
+by what is known of the noise. Saturated pixels are glint.
+
+Assumes that the darker half of what lies about the level is noise. Fails where nearly all pixels are glint: the level
+and its spread are then those of faint glint, and what is replaced is too bright (it works, and the chain says so).
+
+References
+----------
+Fink (2014), "Glint Avoidance and Removal in the Maritime Environment", Rochester Institute of Technology, section
+6.3; Rousseeuw, Croux (1993), Journal of the American Statistical Association 88, 1273-1283,
+doi:10.1080/01621459.1993.10476408 (median absolute deviation and its lower-side form)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import FitError
+from ..remove.levels import mode
+from .level import level_halo, opened_level
+from .state import Float32Array, Mask, State
+
+THESIS_K = 5.0
+"""Lower-side standard deviations above the median of deep water."""
+LEVEL_K = 1.5
+"""Standard deviations above the local level."""
+COVER_K = 3.0
+"""Standard deviations above the local level that count as glint when cover is told."""
+MOST_COVER_FOR_DETAIL = 0.56
+"""Share of glinted pixels, in the middlemost band, above which clumps of sparkle pass for outlines of objects."""
+FEWEST = 64
+"""Fewest pixels that a level and a spread are taken from."""
+MOST = 200_000
+"""Most pixels of the sample that they are taken from."""
+
+
+@dataclass(frozen=True)
+class IdentifyMedian:
+    """Glint is what exceeds a threshold.
+
+    Attributes
+    ----------
+    thresholds : tuple of float
+        Of each band, in the unit of the image at that stage.
+    saturation : tuple of float
+        Of each band; infinity where not known.
+    """
+
+    name: ClassVar[str] = "identify-median"
+    thresholds: tuple[float, ...]
+    saturation: tuple[float, ...]
+
+    @property
+    def halo(self) -> int:
+        """None: it looks at single pixels."""
+        return 0
+
+    def apply(self, state: State) -> None:
+        """Mark glint."""
+        state.hit = _above(state, [np.float32(t) for t in self.thresholds], self.saturation)
+
+
+@dataclass(frozen=True)
+class IdentifyLevel:
+    """Glint is what exceeds the level of the water beside it.
+
+    Attributes
+    ----------
+    size, detail : int
+        Elements of the openings [pixel]; see `deglint.compensate.level.opened_level`.
+    order : tuple of int
+        Bands by wavelength.
+    bands : tuple of int
+        Bands that are looked at.
+    spectrum, offsets, sigmas, cover : tuple of float
+        Of each of them: brightness of glint, how far the commonest pixel lies above the opening, standard deviation
+        of pixels without glint about that, share of glinted pixels in the sample.
+    saturation : tuple of float
+        Of each band.
+    k : float
+        Standard deviations.
+    """
+
+    name: ClassVar[str] = "identify-level"
+    size: int
+    detail: int
+    order: tuple[int, ...]
+    bands: tuple[int, ...]
+    spectrum: tuple[float, ...]
+    offsets: tuple[float, ...]
+    sigmas: tuple[float, ...]
+    cover: tuple[float, ...]
+    saturation: tuple[float, ...]
+    k: float = LEVEL_K
+
+    @property
+    def halo(self) -> int:
+        """Reach of the openings; what the level is blurred with comes on top, and is counted with the sharpening."""
+        return level_halo(self.size, self.detail)
+
+    def apply(self, state: State) -> None:
+        """Find the level and mark what exceeds it."""
+        level = _levels(state, self.bands, self.size, self.detail, self.order, self.spectrum)
+        state.level = np.full(state.image.shape, np.nan, np.float32) if len(level) < len(state.image) else level
+        limits: list[Any] = [np.float32(np.inf)] * len(state.image)
+        for band, found, offset, sigma in zip(self.bands, level, self.offsets, self.sigmas, strict=True):
+            found += np.float32(offset)
+            state.level[band] = found
+            limits[band] = found + np.float32(self.k * sigma)
+        saturation = [s if b in self.bands else np.inf for b, s in enumerate(self.saturation)]
+        state.hit = _above(state, limits, saturation) & np.isfinite(state.level)
+
+
+def fit_identify_median(
+    values: Sequence[npt.NDArray[np.floating[Any]]],
+    saturation: Sequence[float],
+    *,
+    k: float = THESIS_K,
+    floor: Sequence[float] | None = None,
+) -> IdentifyMedian:
+    """Thresholds from a sample of deep water.
+
+    Parameters
+    ----------
+    values : sequence of (pixels,) ndarray
+        The sample, one array a band.
+    saturation : sequence of float
+        Of each band, in the image's unit; infinity where not known.
+    k : float
+        Lower-side standard deviations above the median.
+    floor : sequence of float, optional
+        Least standard deviation of each band: what is known of the noise.
+    """
+    thresholds = []
+    for i, sample in enumerate(values):
+        middle = float(np.median(sample))
+        thresholds.append(middle + k * max(lower_spread(sample, middle), floor[i] if floor else 0.0))
+    return IdentifyMedian(tuple(thresholds), tuple(map(float, saturation)))
+
+
+def fit_identify_level(
+    states: Sequence[State],
+    inside: Sequence[Mask],
+    *,
+    size: int,
+    order: Sequence[int],
+    saturation: Sequence[float],
+    detail: int = 0,
+    k: float = LEVEL_K,
+    bands: Sequence[int] | None = None,
+    floor: Sequence[float] | None = None,
+) -> IdentifyLevel:
+    """How pixels without glint lie about the opened level.
+
+    Parameters
+    ----------
+    states : sequence of State
+        Blocks of the scene with their halos.
+    inside : sequence of (row, column) bool ndarray
+        Their pixels of deep water, without the halos.
+    size, detail : int
+        Elements [pixel]. The detail is left out above `MOST_COVER_FOR_DETAIL`.
+    order : sequence of int
+        Bands by wavelength.
+    saturation : sequence of float
+        Of each band.
+    k : float
+        Standard deviations above which a pixel is glint.
+    bands : sequence of int, optional
+        Bands to look at; all by default.
+    floor : sequence of float, optional
+        Least standard deviation of each band of the scene.
+
+    Raises
+    ------
+    FitError
+        Too few pixels to tell the spread of.
+    """
+    chosen = tuple(range(len(states[0].image)) if bands is None else bands)
+    away: list[list[Float32Array]] = [[] for _ in chosen]
+    for state, mask in zip(states, inside, strict=True):
+        level = _levels(state, chosen, size, 0, order, ())
+        for i, band in enumerate(chosen):
+            away[i].append(np.subtract(state.image[band], level[i])[mask])
+    found = [_about(np.concatenate(a), floor[band] if floor else 0.0) for a, band in zip(away, chosen, strict=True)]
+    offsets, sigmas, cover, spectrum = zip(*found, strict=True)
+    use = detail if float(np.median(cover)) <= MOST_COVER_FOR_DETAIL else 0
+    return IdentifyLevel(
+        size, use, tuple(b for b in order if b in chosen), chosen, spectrum, offsets, sigmas, cover,
+        tuple(map(float, saturation)), k,
+    )  # fmt: skip
+
+
+def lower_spread(values: npt.NDArray[np.floating[Any]], middle: float) -> float:
+    """Standard deviation from the values below the middle, 1.4826 median(m - x | x <= m)."""
+    below = middle - values[values <= middle]
+    return 1.4826 * float(np.median(below)) if below.size else 0.0
+
+
+def _about(away: npt.NDArray[np.floating[Any]], floor: float) -> tuple[float, float, float, float]:
+    """Offset, standard deviation, cover and mean glint from pixels less their opened level."""
+    away = away[np.isfinite(away)]
+    if away.size < FEWEST:
+        raise FitError(
+            f"{away.size} pixels of deep water near each other, need {FEWEST} to tell glint from the water beside it. "
+            "Pass --sample, or --compensate off."
+        )
+    away = away[:: max(away.size // MOST, 1)]
+    apart = away[away != 0]  # a pixel that the opening found again is no measure of the noise
+    if apart.size < FEWEST:
+        return 0.0, max(floor, float(np.finfo(np.float32).tiny)), 0.0, float(np.finfo(np.float32).tiny)
+    offset = mode(apart)
+    sigma = max(lower_spread(apart, offset), floor)
+    cover = float(np.mean(away > offset + COVER_K * sigma))
+    return offset, sigma, cover, max(float(away.mean(dtype=np.float64)), float(np.finfo(np.float32).tiny))
+
+
+def _levels(
+    state: State, bands: Sequence[int], size: int, detail: int, order: Sequence[int], spectrum: Sequence[float]
+) -> Float32Array:
+    """Opened level of some bands; `order` and `spectrum` are of the scene's bands and of the chosen ones."""
+    place = {band: i for i, band in enumerate(bands)}
+    source = (state.image[b] if state.sharp is None else state.sharp(b) for b in bands)
+    psfs = None if state.psfs is None else [state.psfs[b] for b in bands]
+    return opened_level(
+        source, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs
+    )
+
+
+def _above(state: State, limits: Sequence[Any], saturation: Sequence[float]) -> Mask:
+    """Pixels above their limits, or saturated, that may be changed."""
+    hit = np.empty(state.image.shape, np.bool_)
+    for b, (band, limit, full) in enumerate(zip(state.image, limits, saturation, strict=True)):
+        np.greater(band, limit, out=hit[b])
+        if np.isfinite(full):
+            hit[b] |= band * np.float32(state.units[b]) >= np.float32(full)
+    if state.where is not None:
+        hit &= state.where
+    return hit

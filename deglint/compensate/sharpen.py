@@ -1,0 +1,317 @@
+"""Sharpen a band by Richardson-Lucy iterations with its PSF, so that sparkle covers fewer pixels.
+
+Arrays only: (row, column), one band. The result serves to find the level of the water beside the sparkle; it is no
+output. Nothing is estimated from the image, so a tile with its halo gives what the whole image gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from .psf import PSF, Float64Array
+
+Float32Array = npt.NDArray[np.float32]
+BoolArray = npt.NDArray[np.bool_]
+Blur = Callable[[Float32Array, Float32Array | None], Float32Array]
+Form = Literal["separable", "fir", "fft"]
+FORMS: tuple[str, ...] = get_args(Form)
+
+LEAST_RATIO, MOST_RATIO = 1e-3, 1e3
+"""The ratio of what is seen to what is predicted is kept within these."""
+NEXT_TO_NOTHING = 1e-30
+"""What is not positive is taken as this."""
+SLAB = 256
+"""Rows that are worked on at a time, so that memory does not grow with the image."""
+VECTOR = 64
+"""OpenCV rounds the last columns of a row otherwise than the rest; with widths of so many there are none."""
+MOST_TAPS = 121
+"""OpenCV may take larger kernels by Fourier transform, which is not the same to the bit in a tile."""
+
+
+def sharpen_halo(psf: PSF, iterations: int) -> int:
+    """Pixels that `richardson_lucy` needs around a tile, separable or FIR."""
+    return 2 * iterations * psf.radius
+
+
+def richardson_lucy(
+    band: npt.NDArray[Any],
+    psf: PSF,
+    *,
+    iterations: int | None = None,
+    form: Form = "separable",
+    rank: int = 2,
+    pedestal: float = 0.0,
+) -> Float32Array:
+    """Sharpen one band.
+
+    .. math:: a_{k+1} = a_k \\; P^T \\left( \\frac{y}{P a_k} \\right), \\qquad a_0 = y
+
+    (Richardson 1972, Lucy 1974; the start is the image itself.)
+
+    Parameters
+    ----------
+    band : (row, column) ndarray
+        y [any unit, proportional to light]; integers or floats, NaN is not valid.
+    psf : PSF
+        P, of this band.
+    iterations : int, optional
+        0 to 20; by default what suits the PSF, 2 to 4. From 5 on, f/10, pits appear around sparkle.
+    form : str
+        "separable": P is the sum of `rank` products of a column and a row that is nearest to the kernel. "fir": the
+        kernel itself. "fft": all of `psf.wide`, by Fourier transform of the whole image.
+    rank : int
+        1 to 3. One product is the fastest, but misses what makes the PSF round.
+    pedestal : float
+        Added before and taken off after [unit of the band]: where noise makes values of dark water negative, a few
+        standard deviations of it. Sharpening grows weaker with it.
+
+    Returns
+    -------
+    (row, column) ndarray of float32
+        Pixels that are not finite are passed as they are.
+
+    Raises
+    ------
+    InputError
+        Not two-dimensional, an unknown form, or a number out of range.
+
+    Notes
+    -----
+    The image is mirrored at its edges. What is not valid has no share: predictions and corrections are means over
+    the valid pixels under the kernel, so NaN does not spread. Values of -pedestal and below are taken as next to
+    nothing and stay there. The ratio is kept within 1e-3 to 1e3.
+
+    Assumes that the PSF is right to some 20 % of the f-number; a Gaussian of the same width is not good enough.
+    Noise is sharpened with the rest. A tile with `sharpen_halo` pixels more on every side gives to the bit what the
+    whole image gives, in the forms "separable" and "fir"; "fft" is for whole images. Cost, one core, 2 iterations
+    and 9 x 9 taps: 6 ns a pixel with rank 1, 10 with rank 2, 14 as FIR.
+
+    References
+    ----------
+    Richardson, W. H. (1972), "Bayesian-based iterative method of image restoration", J. Opt. Soc. Am. 62, 55-59,
+    doi:10.1364/JOSA.62.000055. Lucy, L. B. (1974), "An iterative technique for the rectification of observed
+    distributions", Astron. J. 79, 745-754, doi:10.1086/111605.
+
+    Examples
+    --------
+    >>> from deglint.compensate.psf import system_psf
+    >>> spot = np.ones((9, 9))
+    >>> spot[3:6, 3:6] += [[1, 2, 1], [2, 8, 2], [1, 2, 1]]
+    >>> bool(richardson_lucy(spot, system_psf(545.0, f_number=10, pitch=8e-6))[4, 4] > 9)
+    True
+    """
+    iterations = psf.iterations if iterations is None else iterations
+    _check(band, iterations, form, rank)
+    if not np.isfinite(pedestal):
+        raise InputError(f"pedestal must be a finite number, got {pedestal}.")
+    if iterations == 0 or band.size == 0:
+        return band.astype(np.float32)
+    out = np.empty(band.shape, np.float32)
+    if form == "fft":
+        filters, slab = _fft_filters(band.shape, psf, iterations), len(band)
+    else:
+        filters, slab = _local_filters(psf, rank if form == "separable" else 0, sharpen_halo(psf, iterations)), SLAB
+    for first in range(0, len(band), slab):
+        last = min(first + slab, len(band))
+        _sharpened(band, (first, last), filters, iterations, pedestal, out[first:last])
+    return out
+
+
+@dataclass(frozen=True)
+class Filters:
+    """P and its transpose, where they reach, how many pixels of margin they want, and how wide an array is to be."""
+
+    blur: Blur
+    back: Blur
+    radius: int
+    halo: int
+    columns: int | None = None
+
+
+def _check(band: npt.NDArray[Any], iterations: int, form: str, rank: int) -> None:
+    if band.ndim != 2:
+        raise InputError(f"a band must be (row, column); got an array of shape {band.shape}")
+    if form not in FORMS:
+        raise InputError(f"form must be one of {', '.join(FORMS)}; got {form!r}")
+    if iterations not in range(21):
+        raise InputError(f"iterations must be a whole number, 0 to 20, got {iterations}. 2 to 4 are usual.")
+    if rank not in (1, 2, 3):
+        raise InputError(f"rank must be 1, 2 or 3, got {rank}. 2 is usual.")
+
+
+def _local_filters(psf: PSF, rank: int, halo: int) -> Filters:
+    """P and its transpose by OpenCV; rank 0 is the kernel itself."""
+    if rank:
+        factors = psf.factors(rank)
+        blur, back = separable([(down[::-1], across[::-1]) for down, across in factors]), separable(factors)
+    else:
+        blur, back = fir(flipped(psf.kernel)), fir(psf.kernel.astype(np.float32))
+    return Filters(blur, back, psf.radius, halo)
+
+
+def separable(factors: Sequence[tuple[Float64Array, Float64Array]]) -> Blur:
+    """Correlation with columns times rows, summed; not for several threads.
+
+    Exact at all but the outer pixels where widths are multiples of VECTOR.
+    """
+    import cv2
+
+    pairs = [tuple(np.ascontiguousarray(k, dtype=np.float32) for k in pair) for pair in factors]
+    spare: list[Float32Array] = []  # memory that is new at every call costs more than the sums
+
+    def correlate(image: Float32Array, out: Float32Array | None = None) -> Float32Array:
+        (down, across), *rest = pairs
+        total: Float32Array = np.asarray(cv2.sepFilter2D(image, cv2.CV_32F, across, down, dst=out), np.float32)
+        if rest and not (spare and spare[0].shape == image.shape):
+            spare[:] = [np.empty_like(image)]
+        for down, across in rest:
+            cv2.add(total, cv2.sepFilter2D(image, cv2.CV_32F, across, down, dst=spare[0]), dst=total)
+        return total
+
+    return correlate
+
+
+def fir(kernel: Float32Array) -> Blur:
+    """Correlation with a kernel, in strips of it that OpenCV sums pixel by pixel."""
+    import cv2
+
+    side = len(kernel)
+    rows = max(MOST_TAPS // side, 1)
+    strips = [(first, np.ascontiguousarray(kernel[first : first + rows])) for first in range(0, side, rows)]
+
+    def correlate(image: Float32Array, out: Float32Array | None = None) -> Float32Array:
+        if len(strips) == 1:
+            return np.asarray(cv2.filter2D(image, cv2.CV_32F, strips[0][1], dst=out))
+        total = np.zeros_like(image) if out is None else out
+        total[...] = 0.0
+        for first, strip in strips:
+            _add_strip(image, strip, first - side // 2, total)
+        return total
+
+    return correlate
+
+
+def _add_strip(image: Float32Array, strip: Float32Array, offset: int, total: Float32Array) -> None:
+    """Add the correlation with some rows of a kernel, the first of which lies `offset` rows below the middle."""
+    import cv2
+
+    middle = min(max(-offset, 0), len(strip) - 1)  # the row of the strip that OpenCV is to take for the kernel's middle
+    part = cv2.filter2D(image, cv2.CV_32F, strip, anchor=(-1, middle))
+    away = offset + middle  # and how far below the middle it really lies
+    if abs(away) >= len(part):
+        return
+    if away >= 0:
+        total[: len(part) - away] += part[away:]
+    else:
+        total[-away:] += part[:away]
+
+
+def _fft_filters(shape: tuple[int, ...], psf: PSF, iterations: int) -> Filters:
+    """P and its transpose by Fourier transform of all of the PSF."""
+    from scipy import fft
+
+    half = len(psf.wide) // 2
+    halo = 2 * iterations * half
+    rows, columns = shape[0] + 2 * halo, fft.next_fast_len(shape[1] + 2 * halo, real=True)
+    padded = np.zeros((rows, columns), np.float32)
+    padded[: len(psf.wide), : len(psf.wide)] = psf.wide
+    otf = fft.rfft2(np.roll(padded, (-half, -half), axis=(0, 1)))
+
+    def by(transfer: npt.NDArray[np.complexfloating[Any, Any]]) -> Blur:
+        def convolve(image: Float32Array, out: Float32Array | None = None) -> Float32Array:
+            blurred = fft.irfft2(fft.rfft2(image) * transfer, s=image.shape)
+            if out is not None:
+                out[...] = blurred
+            return np.asarray(blurred)
+
+        return convolve
+
+    return Filters(by(otf), by(otf.conj()), half, halo, columns)
+
+
+def _sharpened(
+    band: npt.NDArray[Any], rows: tuple[int, int], filters: Filters, iterations: int, pedestal: float, out: Float32Array
+) -> None:
+    """Put the given rows of a band, sharpened, into `out`."""
+    y = mirrored(band, rows, filters.halo, filters.columns)
+    inner = slice(filters.halo, filters.halo + rows[1] - rows[0]), slice(filters.halo, filters.halo + band.shape[1])
+    valid = np.isfinite(y)
+    everywhere = bool(valid.all())
+    original = None if everywhere else y[inner].copy()
+    if pedestal:
+        y += np.float32(pedestal)
+    a = _iterate(y, None if everywhere else valid, filters, iterations)[inner]
+    np.subtract(a, np.float32(pedestal), out=out)
+    if original is not None:
+        np.copyto(out, original, where=~valid[inner])
+
+
+def _iterate(y: Float32Array, valid: BoolArray | None, filters: Filters, iterations: int) -> Float32Array:
+    """Richardson-Lucy on an array that has its margins; `y` is overwritten."""
+    import cv2
+
+    keep: Any = cv2.max  # with numbers these are three times as fast as numpy's, but not typed
+    cap: Any = cv2.min
+    shares = None
+    if valid is not None:
+        y[~valid] = 0.0
+        shares = [np.nan_to_num(share_of(valid, f, filters.radius), nan=1.0) for f in (filters.blur, filters.back)]
+    keep(y, NEXT_TO_NOTHING, dst=y)
+    a = y.copy()
+    if valid is not None:
+        a[~valid] = 0.0
+    ratio, change = np.empty_like(a), np.empty_like(a)
+    for _ in range(iterations):
+        filters.blur(a, ratio)
+        if shares is not None:
+            ratio /= shares[0]
+        keep(ratio, NEXT_TO_NOTHING, dst=ratio)
+        cv2.divide(y, ratio, dst=ratio)
+        keep(ratio, LEAST_RATIO, dst=ratio)
+        cap(ratio, MOST_RATIO, dst=ratio)
+        if valid is not None:
+            ratio[~valid] = 0.0
+        filters.back(ratio, change)
+        if shares is not None:
+            change /= shares[1]
+        keep(change, LEAST_RATIO, dst=change)  # products and transforms may have negative weights
+        cv2.multiply(a, change, dst=a)
+    return a
+
+
+def mirrored(band: npt.NDArray[Any], rows: tuple[int, int], halo: int, columns: int | None = None) -> Float32Array:
+    """Some rows of a band with `halo` pixels around them, mirrored where the band ends, as float32.
+
+    There are more columns on the right, for OpenCV's sake.
+    """
+    import cv2
+
+    first, last = rows
+    top, bottom = max(first - halo, 0), min(last + halo, len(band))
+    part = np.ascontiguousarray(band[top:bottom], dtype=np.float32)
+    wanted = columns or -(-(band.shape[1] + 2 * halo) // VECTOR) * VECTOR
+    margins = halo - (first - top), halo - (bottom - last), halo, wanted - band.shape[1] - halo
+    return np.asarray(cv2.copyMakeBorder(part, *margins, cv2.BORDER_REFLECT_101))
+
+
+def share_of(valid: BoolArray, blur: Blur, radius: int, least: float = LEAST_RATIO) -> Float32Array:
+    """Share of the kernel that lies on valid pixels: exactly 1 where all do, NaN where it is below `least`."""
+    import cv2
+
+    share = blur(valid.astype(np.float32), None)
+    square = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+    touched = cv2.dilate((~valid).view(np.uint8), square).view(np.bool_)
+    share[~touched] = 1.0
+    share[share < least] = np.nan
+    return share
+
+
+def flipped(kernel: Float64Array) -> Float32Array:
+    """A kernel turned round, as float32, so that correlation with it is convolution."""
+    return np.ascontiguousarray(kernel[::-1, ::-1], dtype=np.float32)

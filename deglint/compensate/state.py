@@ -1,0 +1,73 @@
+"""What passes from stage to stage of a compensation: the image so far, and what the stages have found out about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from ..scene import FloatArray
+from .psf import PSF
+
+Float32Array = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(eq=False)
+class State:
+    """A block of a scene on its way through a chain.
+
+    Attributes
+    ----------
+    image : (band, row, column) float32 ndarray
+        The image so far, NaN where not valid; stages write into it.
+    where : (row, column) bool ndarray, optional
+        Pixels that may be changed; all where None.
+    units : (band,) float64 ndarray
+        What `image` is to be multiplied with to be in the scene's unit again.
+    sharp : callable, optional
+        Gives a sharpened band by its number, for the level alone.
+    psfs : sequence of PSF, optional
+        What the bands were sharpened with, so that a level of sharpened bands can be blurred again.
+    level : (band, row, column) float32 ndarray, optional
+        What the bands would be without glint, where that is known.
+    water : (band, row, column) float32 ndarray, optional
+        The last level that glint was replaced by: of the water beside the sparkle.
+    hit : (band, row, column) bool ndarray, optional
+        Identified glint that is not replaced yet.
+    replaced : (band, row, column) bool ndarray
+        What has been replaced.
+    """
+
+    image: Float32Array
+    where: Mask | None = None
+    units: npt.NDArray[np.float64] = field(default_factory=lambda: np.ones(0))
+    sharp: Callable[[int], Float32Array] | None = None
+    psfs: tuple[PSF, ...] | None = None
+    level: Float32Array | None = None
+    water: Float32Array | None = None
+    hit: Mask | None = None
+    replaced: Mask = field(default_factory=lambda: np.zeros((0, 0, 0), np.bool_))
+
+    def __post_init__(self) -> None:
+        if not self.units.size:
+            self.units = np.ones(len(self.image))
+        if not self.replaced.size:
+            self.replaced = np.zeros(self.image.shape, np.bool_)
+
+    @classmethod
+    def of(cls, block: FloatArray, where: Mask | None = None) -> State:
+        """A state for a block, which is copied."""
+        return cls(np.array(block, np.float32), where)
+
+    @classmethod
+    def own(cls, block: FloatArray) -> State:
+        """A state that works on the block itself where that is float32, and on a copy elsewhere."""
+        return cls(block if block.dtype == np.float32 and block.flags.writeable else np.array(block, np.float32))
+
+    def replace(self, hit: Mask, values: Float32Array) -> None:
+        """Put values where there is glint."""
+        np.copyto(self.image, values, where=hit)
+        self.replaced |= hit

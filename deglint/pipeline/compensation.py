@@ -1,0 +1,347 @@
+"""Decide how a scene is compensated, and fit it: a look at some tiles, the needs, the chain."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import tiles as tiling
+from ..compensate import THESIS, Chain, Sample, Setting, State, Step, finish, fit_stages, parse, protect, system_psf
+from ..compensate.chain import NO_STAGES, Sharpen
+from ..compensate.evidence import Protection
+from ..compensate.identify import IdentifyLevel
+from ..compensate.level import SMALLEST, level_halo
+from ..compensate.median import Median
+from ..compensate.psf import PSF
+from ..compensate.reference import SIZE, ReferenceRule, fit_reference
+from ..errors import FitError, InputError
+from ..masks import water
+from ..needs import (
+    LITTLE_COVER,
+    PSF_COVER,
+    SMALLEST_OBJECT,
+    UNKNOWN_OBJECT,
+    Needs,
+    StageNeed,
+    coherence,
+    element_for,
+)
+from ..raster.environment import enter_thread
+from ..readers.optics import optics_of, pixel_size
+from ..remove import FitRequest, GlintModel, apply
+from ..scene import Scene
+from ..tiles import Tile
+from .look import LOOK_PIXELS, Look, core_of, raster_of, role_bands
+from .recipe import Recipe
+from .sample import Sampler
+
+Mask = npt.NDArray[np.bool_]
+
+DARK_NOISE = 0.2
+"""Share of the variance over water that does not grow with the signal, where nothing more is known of the noise."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What compensation a scene gets: the stages, what they need to be fitted, and why."""
+
+    needs: Needs
+    steps: tuple[Step, ...] = ()
+    setting: Setting | None = None
+    tiles: tuple[Tile, ...] = ()
+    sampler: Sampler | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def runs(self) -> bool:
+        """There are stages to run."""
+        return any(step.name != "remove" for step in self.steps)
+
+    @property
+    def before(self) -> tuple[Step, ...]:
+        """Stages before the removal."""
+        return self.steps[: self._place]
+
+    @property
+    def after(self) -> tuple[Step, ...]:
+        """Stages after it."""
+        return self.steps[self._place + 1 :]
+
+    @property
+    def _place(self) -> int:
+        return [s.name for s in self.steps].index("remove")
+
+
+def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler: Sampler | None, threads: int) -> Plan:
+    """Look at some tiles and decide which stages run.
+
+    Raises
+    ------
+    InputError
+        A recipe that cannot be met.
+    """
+    pixel = pixel_size(scene)
+    smallest = smallest_object(recipe.smallest_object, pixel)
+    needs = Needs(pixel, smallest, element_for(smallest))
+    if recipe.compensate == "off":
+        return Plan(needs)
+    wanted = (
+        None if recipe.compensate == "auto" else parse(THESIS if recipe.compensate == "thesis" else recipe.compensate)
+    )
+    if wanted is None and not needs.element:
+        why = f"things {smallest:.3g} pixels wide are to be kept, and an opening has {SMALLEST} or more"
+        return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
+    tiles = _some(look.tiles if sampler is None or recipe.sample == "auto" else sampler.tiles)
+    setting = Setting(scene.bands, _psfs(scene, wanted), floor=_steps_of(scene))
+    steps = wanted or parse(f"identify-level:{needs.element}, replace-level")
+    found = Plan(needs, steps, setting, tuple(tiles), sampler)
+    sample = read_sample(scene, recipe, look, found, threads)
+    nir = request.indexes[0].bands[0]
+    alike = coherence([s.image for s in sample.states], sample.inside, scene.bands, nir)
+    needs = replace(needs, coherence=alike, offsets=_offsets(scene, nir), optics="known" if setting.psfs else "unknown")
+    setting = replace(setting, detail=alike is not None and not needs.simultaneous)
+    if wanted is not None:
+        stages = tuple(StageNeed(s.name, True, "asked for") for s in wanted if s.name != "remove")
+        return replace(found, needs=replace(needs, stages=stages), setting=setting)
+    return _automatic(replace(found, needs=needs, setting=setting), sample)
+
+
+def _automatic(found: Plan, sample: Sample) -> Plan:
+    """The default chain, without what this scene does not need."""
+    needs, setting = found.needs, found.setting
+    assert setting is not None
+    try:
+        (stage,) = fit_stages([Step("identify-level", needs.element)], sample, setting)
+    except FitError as error:
+        return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
+    cover = stage.cover
+    most = max(cover)
+    needs = replace(needs, cover=cover)
+    if most < LITTLE_COVER:
+        why = f"glint covers at most {most:.2%} of a band (threshold {LITTLE_COVER:.1%})"
+        return Plan(replace(needs, stages=(StageNeed("compensation", False, why, "all of its time"),)))
+    text, stages = [], []
+    middle = float(np.median(cover))
+    if setting.psfs is None:
+        stages.append(
+            StageNeed("psf", False, "the optics are not known: sparkle is cut out less exactly", "a third of the time")
+        )
+    elif middle < PSF_COVER:
+        stages.append(
+            StageNeed(
+                "psf",
+                False,
+                f"glint covers {middle:.1%} of the middlemost band (threshold {PSF_COVER:.0%})",
+                "a third of the time",
+            )
+        )
+    elif needs.simultaneous:
+        stages.append(StageNeed("psf", False, "the bands see the sea at one instant", "a third of the time"))
+    else:
+        text.append("psf:2")
+        stages.append(
+            StageNeed("psf", True, f"glint covers {middle:.0%} of the middlemost band (threshold {PSF_COVER:.0%})")
+        )
+    text += [f"identify-level:{needs.element}", "replace-level", "remove"]
+    stages.append(StageNeed("opening", True, f"glint covers up to {most:.1%} of a band (threshold {LITTLE_COVER:.1%})"))
+    if needs.element - 2 >= SMALLEST:
+        text += [f"identify-level:{needs.element - 2}", "replace-level"]
+        stages.append(StageNeed("second opening", True, "what removal leaves is opened again"))
+    return replace(found, needs=replace(needs, stages=tuple(stages)), steps=parse(", ".join(text)))
+
+
+def fit_before(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: int) -> Chain:
+    """Fit the stages before the removal."""
+    sample = read_sample(scene, recipe, look, found, threads)
+    assert found.setting is not None
+    raw = [s.image.copy() for s in sample.states]
+    stages = fit_stages(found.before, sample, found.setting)
+    text = ", ".join(s.name + (f":{s.number:g}" if s.number else "") for s in found.steps)
+    return Chain(stages, (), text, (), _protection(raw, sample, stages, found))
+
+
+def _protection(raw: list[Any], sample: Sample, stages: Sequence[Any], found: Plan) -> Protection:
+    """How small things are told from sparkle, where an opening would erase them and the bands' instants can tell."""
+    levels = [s for s in stages if isinstance(s, IdentifyLevel)]
+    assert found.setting is not None
+    if not levels or any(s.water is None for s in sample.states) or len(levels[-1].bands) < len(found.setting.bands):
+        return Protection(reason=NO_STAGES)
+    if not found.setting.detail:
+        return Protection(reason="the bands see the sea at one instant, as sparkle does")
+    looks, noise = [], []
+    for block, state, mask in zip(raw, sample.states, sample.inside, strict=True):
+        keep = mask & (state.units == 1).all()
+        assert state.water is not None
+        looks.append((np.where(keep, block, np.nan), np.where(keep, state.water, np.nan)))
+    for b, sigma in enumerate(levels[-1].sigmas):
+        level = max(float(np.nanmedian(np.concatenate([m[b][np.isfinite(m[b])] for _, m in looks]))), 1e-30)
+        noise.append((DARK_NOISE * sigma**2, (1 - DARK_NOISE) * sigma**2 / level))
+    try:
+        return protect.fit(looks, found.setting.bands, noise=noise)
+    except FitError as error:
+        return Protection(reason=str(error))
+
+
+def fit_after(
+    scene: Scene, recipe: Recipe, look: Look, found: Plan, chain: Chain, model: GlintModel, threads: int
+) -> Chain:
+    """Fit the stages after the removal, on what it leaves."""
+    if not found.after or not model.fits:
+        return chain
+    assert found.setting is not None
+    sample = read_sample(scene, recipe, look, found, threads)
+    levels = [s for s in chain.before if isinstance(s, IdentifyLevel)]
+    setting = found.setting
+    if levels:
+        known = dict(zip(levels[-1].bands, levels[-1].sigmas, strict=True))
+        setting = replace(setting, floor=tuple(known.get(b, 0.0) for b in range(len(scene.bands))))
+    left = Sample([State(compensated(s, chain, model)) for s in sample.states], sample.inside)
+    bands = sorted(f.band for f in model.fits)
+    after = fit_stages(found.after, left, setting, bands=bands)
+    return replace(chain, after=after)
+
+
+def fit_references(
+    scene: Scene, model: GlintModel, sampler: Sampler, look: Look, threads: int
+) -> tuple[tuple[int, ReferenceRule], ...]:
+    """How far the NIR of glint stands out from the water around, over the sample; what exceeds it is not followed."""
+    bands = list(model.index_bands)
+    columns = sorted({*bands, *sampler.bands})
+    halo = max(sampler.halo, SIZE // 2)
+
+    def work(tile: Tile) -> tuple[Any, Mask]:
+        outer = tile.grown(halo, scene.height, scene.width)
+        block = scene.source.read(outer.window, columns)
+        mask = np.asarray(sampler.mask(block, columns, outer))
+        core = np.zeros_like(mask)
+        core[core_of(tile.crop_of(outer), outer.shape)] = True
+        return block[[columns.index(b) for b in bands]], mask & core
+
+    tiles = _some(sampler.tiles)
+    looks = [p for _t, p in tiling.run(tiles, work, threads=threads, start=enter_thread)]
+    water_nir = look.water.threshold if look.water is not None and look.water.window == 1 else np.inf
+    found = []
+    for i, band in enumerate(bands):
+        most = water_nir if look.water is not None and band == look.roles.nir else np.inf
+        try:
+            found.append((band, fit_reference([(b[i], m) for b, m in looks], most=most)))
+        except FitError:  # too little water in one piece to tell: every pixel follows its own NIR
+            continue
+    return tuple(found)
+
+
+def compensated(state: State, chain: Chain, model: GlintModel) -> npt.NDArray[np.float32]:
+    """A block after the stages before the removal, and the removal."""
+    block = state.image.copy()
+    for stage in chain.before:
+        stage.apply(state)
+    out = finish(state, block)
+    return np.asarray(apply(out, model, out=out))
+
+
+def read_sample(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: int) -> Sample:
+    """Some tiles with their halos, and which of their pixels are water (or in the sample that was named)."""
+    halo = halo_of(found.steps, found.setting.psfs if found.setting else None)
+    margin = 0 if look.water is None else look.water.halo
+    everything = list(range(len(scene.bands)))
+
+    def work(tile: Tile) -> tuple[State, Mask]:
+        outer = tile.grown(max(halo, margin), scene.height, scene.width)
+        block = scene.source.read(outer.window, everything)
+        top, bottom, left, right = tile.crop_of(outer)
+        core = np.zeros(outer.shape, np.bool_)
+        core[top : outer.shape[0] - bottom, left : outer.shape[1] - right] = True
+        return State.of(block), core & _wanted(block, tile, outer, recipe, look, found.sampler)
+
+    at_once = tiling.affordable(threads, (512, 512), 4 * len(everything))
+    parts = [p for _t, p in tiling.run(found.tiles, work, threads=at_once, start=enter_thread)]
+    return Sample([s for s, _ in parts], [m for _, m in parts])
+
+
+def _wanted(block: Any, tile: Tile, outer: Tile, recipe: Recipe, look: Look, sampler: Sampler | None) -> Mask:
+    valid = np.asarray(np.isfinite(block).all(axis=0))
+    if sampler is not None and recipe.sample != "auto":
+        mask = np.zeros(outer.shape, np.bool_)
+        top, bottom, left, right = tile.crop_of(outer)
+        inner = slice(top, outer.shape[0] - bottom), slice(left, outer.shape[1] - right)
+        mask[inner] = sampler.mask(block[(slice(None), *inner)], list(range(len(block))), tile)
+        return mask & valid
+    if look.water is None or not look.water.has_water:
+        return valid
+    return valid & water([block[b] for b in role_bands(look.roles)], look.water)
+
+
+def halo_of(steps: Sequence[Step], psfs: tuple[PSF, ...] | None) -> int:
+    """Pixels around a tile that a chain will look at, once it is fitted."""
+    total = 0
+    for step in steps:
+        size = int(step.number or 0)
+        if step.name in ("psf", "psf-image") and psfs:
+            total += Sharpen(psfs, size or 2, step.name == "psf-image").halo
+        elif step.name == "identify-level":
+            total += level_halo(size or 13, max((size or 13) - 2, 0))
+        elif step.name == "median":
+            total += Median(size or 25).halo
+    return total
+
+
+def smallest_object(text: str | None, pixel: float | None) -> float:
+    """Width of the smallest thing to keep [pixel], from "4m", "16px" or nothing.
+
+    Raises
+    ------
+    InputError
+        Not a length, or metres where the size of a pixel is not known.
+    """
+    if not text:
+        return UNKNOWN_OBJECT if pixel is None else SMALLEST_OBJECT / pixel
+    match = re.fullmatch(r"\s*([0-9.]+)\s*(px|pixels?|m|metres?|meters?)?\s*", text)
+    try:
+        value = float(match[1]) if match else float("nan")
+    except ValueError:
+        value = float("nan")
+    if not (match and 0 < value < 1e6):
+        raise InputError(f"--smallest-object {text!r} is not a width such as 4m or 16px.")
+    if (match[2] or "m").startswith("p"):
+        return value
+    if pixel is None:
+        raise InputError(f"--smallest-object {text}: the size of a pixel is not known; give pixels, such as 16px.")
+    return value / pixel
+
+
+def _some(tiles: Sequence[Tile]) -> list[Tile]:
+    """So many of the tiles as a look may hold."""
+    return (
+        list(tiles)
+        if sum(t.shape[0] * t.shape[1] for t in tiles) <= 2 * LOOK_PIXELS
+        else tiling.spread(tiles, LOOK_PIXELS)
+    )
+
+
+def _psfs(scene: Scene, wanted: Sequence[Step] | None) -> tuple[PSF, ...] | None:
+    """PSF of every band, where optics and wavelengths are known and a stage may want them."""
+    if wanted is not None and not any(s.name.startswith("psf") for s in wanted):
+        return None
+    optics = optics_of(scene)
+    wavelengths = [b.wavelength for b in scene.bands if b.wavelength is not None]
+    if optics is None or len(wavelengths) < len(scene.bands):
+        return None
+    return tuple(system_psf(w, f_number=optics.f_number, pitch=optics.pitch, smear=optics.smear) for w in wavelengths)
+
+
+def _steps_of(scene: Scene) -> tuple[float, ...] | None:
+    """Three quarters of the step of each band's numbers: whole numbers cannot show a smaller spread."""
+    info = raster_of(scene).info
+    return tuple(0.75 * abs(s) for s in info.scales) if info.dtype.kind in "iu" else None
+
+
+def _offsets(scene: Scene, nir: int) -> float | None:
+    """Longest time between the NIR and another band, as the file or sensor says [s]."""
+    own = scene.bands[nir].time_offset
+    others = [b.time_offset for i, b in enumerate(scene.bands) if i != nir and b.time_offset is not None]
+    return None if own is None or not others else max(abs(t - own) for t in others)

@@ -1,0 +1,82 @@
+"""What is known of the optics that took a scene: from its tags, or from the sensor's preset."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, cast
+
+from ..raster import RasterSource
+from ..scene import Scene
+from ..sensors import find
+
+METRES_PER_DEGREE = 111_320.0
+
+
+@dataclass(frozen=True, slots=True)
+class KnownOptics:
+    """What a system PSF is made of.
+
+    Attributes
+    ----------
+    f_number : float
+        Focal length over aperture.
+    pitch : float
+        Of the detector [m].
+    smear : float
+        Motion during the exposure, along the columns [pixel].
+    source : str
+        Where it was read.
+    """
+
+    f_number: float
+    pitch: float
+    smear: float
+    source: str
+
+
+def optics_of(scene: Scene) -> KnownOptics | None:
+    """Optics from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, or from the preset; None where unknown."""
+    tags: dict[str, Any] = {}
+    info = getattr(scene.source, "info", None)
+    if info is not None:
+        tags = {k.upper(): v for part in cast(RasterSource, scene.source).info.tags.values() for k, v in part.items()}
+    f_number, pitch = _number(tags.get("F_NUMBER")), _number(tags.get("PIXEL_PITCH_UM"))
+    if f_number and pitch:
+        smear = _number(tags.get("SMEAR_PIXELS"))
+        return KnownOptics(f_number, 1e-6 * pitch, 0.5 if smear is None else smear, "the file's tags")
+    sensor = find(scene.sensor) if scene.sensor else None
+    if sensor is None or sensor.optics is None or sensor.optics.pixel_pitch is None:
+        return None
+    optics = sensor.optics
+    ratio = optics.f_number
+    if ratio is None and optics.focal_length and optics.aperture:
+        ratio = optics.focal_length / optics.aperture
+    if ratio is None:
+        return None
+    return KnownOptics(ratio, 1e-6 * cast(float, optics.pixel_pitch), 0.5, f"preset {sensor.name} ({optics.status})")
+
+
+def pixel_size(scene: Scene) -> float | None:
+    """Mean side of a pixel [m]; None where the scene does not say."""
+    info = getattr(scene.source, "info", None)
+    if scene.transform is None or scene.transform.is_identity:
+        tags = info.tags.get("", {}) if info is not None else {}
+        return _number(tags.get("GSD_M"))
+    across = math.hypot(scene.transform.a, scene.transform.d)
+    down = math.hypot(scene.transform.b, scene.transform.e)
+    if scene.crs is None:
+        return None
+    if scene.crs.is_geographic:
+        latitude = scene.transform.f + scene.transform.e * scene.height / 2
+        return METRES_PER_DEGREE * math.sqrt(across * down * max(math.cos(math.radians(latitude)), 0.0))
+    factor = scene.crs.linear_units_factor[1] if scene.crs.is_projected else 1.0
+    return float(factor * math.sqrt(across * down))
+
+
+def _number(text: Any) -> float | None:
+    try:
+        value = float(text)
+    except (TypeError, ValueError):
+        return None
+    return value if math.isfinite(value) and value >= 0 else None

@@ -1,0 +1,89 @@
+"""Multiband: every band on all longer bands at once, level at a low percentile.
+
+One NIR band carries its own noise and its own blur. Several longer bands together follow the glint better: least
+squares finds the mixture of them that explains each band best in the sample,
+
+    L'_i = L_i - (p_i - p_i0),    p_i = sum_r w_ir L_r,    w_i = (C_rr + ridge diag C_rr)^-1 C_ri
+
+with r over the bands from 640 nm on that are longer than i (the NIR alone where wavelengths are not known), C the
+covariance over the sample, and p_i0 the 5th percentile of the mixture there. With one reference, no ridge and
+percentile 0 it is Hedley's method.
+
+Assumes that deep water is black, or even, in the references; over shoals the red ones see the bottom, and bright
+bottoms are darkened. The ridge keeps collinear references from cancelling each other. Fails, like all linear methods,
+where bands see the sea at different instants. Costs one pass over the sample and one multiplication a pixel, band and
+reference.
+
+References
+----------
+Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086
+(one reference); Hoerl, Kennard (1970), Technometrics 12, 55-67, doi:10.1080/00401706.1970.10488634 (ridge
+regression)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..moments import Float64
+from .model import BandFit, GlintIndex, GlintModel
+from .request import FitRequest, check_sample, r2_warning, sample_warnings
+from .statistics import SamplePlan, SampleStatistics
+
+RIDGE = 1e-4
+"""Share of its own variance that is added to each reference's."""
+PERCENTILE = 5.0
+"""Of the mixture, as its level, where the request names none [%]."""
+SHORTEST = 640.0
+"""Shortest wavelength of a reference [nm]."""
+
+
+def references(request: FitRequest, band: int) -> tuple[int, ...]:
+    """0-based bands that a band is regressed on: all from 640 nm on that are longer than it."""
+    own = request.bands[band].wavelength
+    nir = {b for index in request.indexes for b in index.bands}
+    if own is None or any(request.bands[b].wavelength is None for b in nir):
+        return tuple(sorted(nir - {band}))
+    longest = max(request.bands[b].wavelength or 0.0 for b in nir)
+    found = [
+        i for i, b in enumerate(request.bands)
+        if b.wavelength and max(own, SHORTEST - 1e-9) < b.wavelength <= max(longest, 1050.0)
+    ]  # fmt: skip
+    return tuple(found) or tuple(sorted(nir - {band}))
+
+
+def plan(request: FitRequest) -> SamplePlan:
+    """What to gather: moments of all bands involved, and single pixels for the percentile."""
+    used = {r for b in request.correct for r in references(request, b)}
+    indexes = tuple(GlintIndex((r,), (1.0,)) for r in sorted(used))
+    return SamplePlan(request.correct, indexes, keep="index")
+
+
+def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
+    """L'_i = L_i - (p_i - p_i0), p_i the ridge regression of L_i on all longer bands."""
+    check_sample(request, stats)
+    place = {index.bands[0]: k for k, index in enumerate(stats.plan.indexes)}
+    first = len(stats.plan.bands)
+    indexes, fits, warnings = [], [], sample_warnings(stats)
+    for i, band in enumerate(request.correct):
+        chosen = references(request, band)
+        rows = [place[r] for r in chosen]
+        weights, r2 = _ridge(stats, i, [first + k for k in rows])
+        mixture = np.asarray(weights) @ stats.values[rows].astype(np.float64)
+        level = float(np.percentile(mixture, request.floor_percentile or PERCENTILE))
+        indexes.append(GlintIndex(chosen, tuple(map(float, weights)), level))
+        fitted = BandFit(band, request.bands[band].name, i, 1.0, None, r2, stats.regressed.n)
+        fits.append(fitted)
+        warnings += r2_warning(fitted)
+    return GlintModel("multiband", tuple(indexes), tuple(fits), request.names, None, tuple(warnings))
+
+
+def _ridge(stats: SampleStatistics, band: int, references: list[int]) -> tuple[Float64, float]:
+    """Weights of the references for a band, and the share of its variance that they explain."""
+    comoment = stats.regressed.comoment
+    power = comoment[np.ix_(references, references)]
+    cross, total = comoment[references, band], float(comoment[band, band])
+    scale = np.sqrt(np.maximum(np.diag(power), np.finfo(np.float64).tiny))
+    ridged = power / np.outer(scale, scale) + RIDGE * np.eye(len(references))
+    weights = np.linalg.solve(ridged, cross / scale) / scale
+    rest = total - 2 * float(weights @ cross) + float(weights @ power @ weights)
+    return weights, 1 - rest / total if total > 0 else 0.0

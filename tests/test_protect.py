@@ -1,0 +1,246 @@
+"""Things are kept, sparkle is not; likelihoods against brute force; tiles against the whole."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from deglint.compensate import _protect_kernels as kernels
+from deglint.compensate import protect
+from deglint.compensate.evidence import BINS, HIGH, LOW, UNIT, tables
+from deglint.compensate.shapes import shapes
+from deglint.errors import FitError, InputError
+from deglint.scene import Band
+
+CENTRES = (425.0, 480.0, 545.0, 605.0, 660.0, 725.0, 832.5, 950.0)
+BANDS = [Band(f"band {i}", wavelength=w, width=50.0, time_offset=0.06 * i) for i, w in enumerate(CENTRES)]
+WATER = np.array([0.033, 0.026, 0.015, 0.007, 0.004, 0.003, 0.0014, 0.0012])
+NOISE = np.column_stack([np.full(8, 1e-7), np.full(8, 1e-5)])
+RED = np.array([0.03, 0.03, 0.03, 0.2, 0.45, 0.47, 0.47, 0.47])
+BLUE = np.array([0.37, 0.32, 0.05, 0.03, 0.03, 0.03, 0.03, 0.03])
+
+
+def sea(seed=0, size=128, lasting=False):
+    """Reflectance of water under sparkle that each band draws anew (or that lasts), with noise; and the level."""
+    rng = np.random.default_rng(seed)
+    flashes = np.zeros((8, size, size))
+    shape = (size, size)
+    drawn = [rng.gamma(0.4, 0.15, shape) * (rng.random(shape) < 0.08) for _ in range(1 if lasting else 8)]
+    for b in range(8):
+        one = drawn[b % len(drawn)]
+        flashes[b] = one + 0.1 * sum(np.roll(one, s, a) for s in (-1, 1) for a in (0, 1))
+    level = np.broadcast_to(WATER[:, None, None], flashes.shape).copy()
+    clean = level + flashes
+    noise = np.sqrt(NOISE[:, :1, None] + NOISE[:, 1:, None] * clean) * rng.standard_normal(clean.shape)
+    return clean + noise, level
+
+
+def place(raw, row, column, size, reflectance):
+    """A thing of size x size pixels over whatever was there."""
+    raw[:, row : row + size, column : column + size] = np.asarray(reflectance)[:, None, None]
+
+
+@pytest.fixture(scope="module")
+def learnt():
+    return protect.fit([sea(1)], BANDS, noise=NOISE, irradiance=np.ones(8))
+
+
+def test_likelihood_is_the_normal_density_integrated_over_brightness():
+    rng = np.random.default_rng(3)
+    shape, d, u = rng.random(8) + 0.1, rng.random(8) * 1e-3 + 1e-4, rng.standard_normal((3, 8)) * 0.02
+    x = 0.2 * shape + 0.02 * rng.standard_normal(8)
+    part = np.empty(3)
+    found, best = kernels.likelihood(x, shape, d, u, part)
+    covariance = np.diag(d) + u.T @ u
+    a = np.linspace(best - 1.0, best + 1.0, 20001)
+    density = [multivariate_normal.logpdf(x - v * shape, cov=covariance) for v in a]
+    assert found == pytest.approx(np.log(np.trapezoid(np.exp(density), a)), abs=1e-9)
+    inverse = np.linalg.inv(covariance)
+    assert best == pytest.approx(shape @ inverse @ x / (shape @ inverse @ shape), rel=1e-9)
+    assert part == pytest.approx(u @ inverse @ (x - best * shape), rel=1e-8)
+
+
+def test_chain_is_the_sum_of_its_steps_and_a_density():
+    rng = np.random.default_rng(4)
+    y = rng.gamma(0.5, 0.05, (3, 4000))
+    first, following = tables(y)
+    step = (HIGH - LOW) / BINS
+    assert np.exp(first).sum() * step == pytest.approx(1)
+    assert (np.exp(following).sum(axis=2) * step) == pytest.approx(np.ones((2, BINS)))
+    out = np.empty(50)
+    kernels.chain(np.ascontiguousarray(y[:, :50].T), first, following, LOW, step, UNIT, out)
+    for i in range(50):
+        z = np.arcsinh(y[:, i] / UNIT)
+        at = ((z - LOW) / step).astype(int)
+        wanted = first[at[0]] + following[0, at[0], at[1]] + following[1, at[1], at[2]]
+        assert out[i] == pytest.approx(wanted - np.log(UNIT * np.cosh(z)).sum(), abs=1e-9)
+
+
+def test_shapes_are_scaled_and_shared_out():
+    found = shapes(CENTRES, [50.0] * 8)
+    assert found.values.max(axis=1) == pytest.approx(np.ones(len(found.values)))
+    assert found.weight.sum() == pytest.approx(1)
+    assert (found.values > 0).all()
+    assert sorted(found.odd[found.odd >= 0]) == list(range(8))
+    with pytest.raises(InputError, match="positive"):
+        shapes([450.0], [0.0])
+
+
+def test_sparkle_alone_is_never_a_thing(learnt):
+    for seed in (1, 2, 3):
+        raw, level = sea(seed)
+        found = protect.things(raw, level, learnt)
+        assert not found.mask.any()
+        compensated = np.minimum(raw, level).astype(np.float32)
+        assert np.array_equal(protect.put_back(compensated, level, found), compensated)
+
+
+@pytest.mark.parametrize("size", [2, 3, 5])
+@pytest.mark.parametrize("reflectance", [0.3, 0.1, 0.05, RED, BLUE], ids=["white", "white 10", "grey", "red", "blue"])
+def test_things_keep_their_contrast(learnt, size, reflectance):
+    raw, level = sea(7)
+    thing = np.broadcast_to(reflectance, 8)
+    corners = [(20, 20), (60, 40), (90, 90), (30, 100)]
+    for row, column in corners:
+        place(raw, row, column, size, thing)
+    found = protect.things(raw, level, learnt)
+    kept = protect.put_back(np.minimum(raw, level), level, found)
+    strongest = int(np.argmax(thing - WATER))
+    for row, column in corners:
+        inside = kept[strongest, row : row + size, column : column + size] - WATER[strongest]
+        assert 0.8 <= inside.mean() / (thing - WATER)[strongest] <= 1.25
+
+
+def test_white_single_pixels_are_kept_and_dark_things_left_alone(learnt):
+    raw, level = sea(8)
+    place(raw, 50, 50, 1, np.full(8, 0.3))
+    raw[:, 49:52:2, 50] = raw[:, 50, 49:52:2] = (WATER + 0.05)[:, None]  # its blurred edge
+    place(raw, 90, 30, 3, np.full(8, 0.0005))
+    found = protect.things(raw, level, learnt)
+    assert found.mask[50, 50]
+    assert not found.mask[85:98, 25:38].any()
+    assert found.score[50, 50] > 10
+    assert found.residual[50, 50] < 0.05
+
+
+def test_sparkle_of_one_band_does_not_come_along(learnt):
+    raw, level = sea(9)
+    place(raw, 60, 60, 3, np.full(8, 0.1))
+    raw[3, 60:63, 63] = 0.4
+    kept = protect.put_back(np.minimum(raw, level), level, protect.things(raw, level, learnt))
+    assert kept[3, 60:63, 63].max() < 0.02
+    assert kept[3, 61, 61] == pytest.approx(0.1, rel=0.1)
+
+
+@settings(max_examples=8)
+@given(st.integers(10, 100), st.integers(10, 100))
+def test_tiles_are_the_whole(row, column):
+    raw, level = sea(10)
+    rule = protect.fit([(raw, level)], BANDS, noise=NOISE, irradiance=np.ones(8))
+    for r, c in ((row, column), (row - 3, column + 5), (40, 40)):
+        place(raw, r, c, 2, np.full(8, 0.2))
+    whole, h = protect.things(raw, level, rule), rule.halo
+    for top in (0, row):
+        for left in (0, column):
+            bottom, right = (row if top == 0 else 128), (column if left == 0 else 128)
+            a, b = max(top - h, 0), max(left - h, 0)
+            window = (slice(None), slice(a, bottom + h), slice(b, right + h))
+            part = protect.things(raw[window], level[window], rule)
+            core = (slice(top - a, bottom - a), slice(left - b, right - b))
+            for name in ("mask", "edge", "score", "residual"):
+                wanted = getattr(whole, name)[top:bottom, left:right]
+                assert np.array_equal(getattr(part, name)[core], wanted, equal_nan=wanted.dtype.kind == "f")
+            assert np.array_equal(part.excess[(slice(None), *core)], whole.excess[:, top:bottom, left:right])
+
+
+def test_missing_pixels_are_left_out_and_stay_missing(learnt):
+    raw, level = sea(11)
+    place(raw, 40, 40, 3, np.full(8, 0.2))
+    raw[2, 41, 41] = raw[:, 80, 80] = np.nan
+    before = raw.copy()
+    found = protect.things(raw, level, learnt)
+    kept = protect.put_back(raw, level, found)
+    assert np.isnan(found.score[41, 41])
+    assert not found.mask[41, 41]
+    assert found.mask[40, 40]
+    assert np.isnan(kept[:, 80, 80]).all()
+    assert np.array_equal(raw, before, equal_nan=True)
+    assert not protect.things(np.full((8, 1, 1), np.nan), np.ones((8, 1, 1)), learnt).mask.any()
+    assert protect.things(np.ones((8, 1, 1)), np.ones((8, 1, 1)), learnt).mask.shape == (1, 1)
+
+
+def test_the_light_is_measured_by_the_glint_where_it_is_not_given():
+    gain = np.linspace(2000.0, 300.0, 8)
+    raw, level = (x * gain[:, None, None] for x in sea(12))
+    noise = NOISE * np.column_stack([gain**2, gain])
+    rule = protect.fit([(raw, level)], BANDS, noise=noise)
+    assert np.ptp(np.array(rule.irradiance) / gain) < 0.2 * np.mean(np.array(rule.irradiance) / gain)
+    place(raw, 60, 60, 3, 0.2 * gain)
+    assert protect.things(raw, level, rule).mask[61, 61]
+
+
+def test_where_there_is_no_test_nothing_is_protected_and_the_reason_is_said():
+    raw, level = sea(13)
+    at_once = [Band(b.name, wavelength=b.wavelength, time_offset=0.0) for b in BANDS]
+    unknown = [Band(b.name, wavelength=b.wavelength) for b in BANDS]
+    for bands, words in ((at_once, "1 different instant"), (unknown, "got 0"), (BANDS[:3], "got 3")):
+        rule = protect.fit([(raw[: len(bands)], level[: len(bands)])], bands, noise=NOISE[: len(bands)])
+        assert not rule.possible
+        assert words in rule.reason
+        assert rule.halo == 0
+        found = protect.things(raw, level, rule)
+        assert not found.mask.any()
+        assert not found.excess.any()
+
+
+def test_bands_that_see_the_same_sparkle_are_found_out():
+    rule = protect.fit([sea(14, lasting=True)], BANDS, noise=NOISE, irradiance=np.ones(8))
+    raw, level = sea(14, lasting=True)
+    assert not rule.possible or protect.things(raw, level, rule).mask.mean() < 0.03
+
+
+def test_bands_may_stand_in_any_order(learnt):
+    raw, level = sea(1)
+    turned = [4, 2, 7, 0, 1, 6, 3, 5]
+    rule = protect.fit([(raw[turned], level[turned])], [BANDS[i] for i in turned], noise=NOISE, irradiance=np.ones(8))
+    assert [turned[i] for i in rule.bands] == list(range(8))
+    assert rule.threshold == learnt.threshold
+    place(raw, 60, 60, 3, RED)
+    ours, theirs = protect.things(raw[turned], level[turned], rule), protect.things(raw, level, learnt)
+    assert np.array_equal(ours.mask, theirs.mask)
+    assert np.array_equal(ours.excess, theirs.excess[turned])
+
+
+def test_integers_are_rounded(learnt):
+    raw, level = sea(1)
+    place(raw, 60, 60, 3, np.full(8, 0.2))
+    found = protect.things(raw, level, learnt)
+    out = protect.put_back(np.zeros(raw.shape, np.int16), np.full(raw.shape, 100.0), found)
+    assert out.dtype == np.int16
+    assert (out[:, 61, 61] == 100).all()
+
+
+def test_daylight_is_that_of_the_sun():
+    light = protect.daylight([*BANDS, Band("SWIR", wavelength=1600.0)], 40.0)
+    assert light[8] == 1
+    assert 0.1 < light[:8].min() < light[:8].max() < 0.7
+    assert light[1] > light[7]
+
+
+def test_what_cannot_be_used_is_refused(learnt):
+    raw, level = sea(1, size=16)
+    with pytest.raises(InputError, match="looks must be"):
+        protect.fit([(raw, level[:, :8])], BANDS, noise=NOISE)
+    with pytest.raises(InputError, match="noise must be"):
+        protect.fit([(raw, level)], BANDS, noise=np.zeros((8, 2)))
+    with pytest.raises(InputError, match="8 positive numbers"):
+        protect.fit([(raw, level)], BANDS, noise=NOISE, irradiance=np.zeros(8))
+    with pytest.raises(FitError, match="no valid pixel"):
+        protect.fit([(raw * np.nan, level)], BANDS, noise=NOISE)
+    with pytest.raises(FitError, match="no glint"):
+        protect.fit([(level, level)], BANDS, noise=NOISE)
+    with pytest.raises(InputError, match="alike"):
+        protect.things(raw, level[:, :8], learnt)
+    with pytest.raises(InputError, match="band 8 is to be judged"):
+        protect.things(raw[:5], level[:5], learnt)
