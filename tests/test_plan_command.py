@@ -127,6 +127,9 @@ def test_what_is_assumed_is_said(deglint):
     assert "slopes were measured up to 14 m/s" in strong.err
     zone = deglint("plan", "--lat", "0", "--lon", "0", "--time", "2026-06-21T14:00+02:00", *WIND, "--step", "10")
     assert zone.err == ""
+    span = ("--from", "2026-06-21T15:00", "--to", "2026-06-21T16:00Z", "--every", "1h")
+    swept = deglint("plan", *PLACE[:4], *WIND, *span)
+    assert swept.err == "time 2026-06-21T15:00 names no zone: taken as UTC.\n"
 
 
 def test_a_mission_file_and_options_over_it(deglint, tmp_path):
@@ -144,6 +147,8 @@ def test_a_mission_file_and_options_over_it(deglint, tmp_path):
     assert found["object"]["depth"] == 8.0
     assert found["air"]["pressure"] == pytest.approx(1013.2, abs=0.1)
     assert [b["name"] for b in found["sensor"]["band"]] == ["BLUE", "GREEN"]
+    file.write_text("[sun]\nzenith = 30\nazimuth = 100\n[look]\nstep = 10\n")
+    assert "wind: 5 m/s from 0 degrees assumed" in deglint("plan", "--mission", file).err
     file.write_text("[wind\n")
     assert "is not TOML" in deglint("plan", "--mission", file).err
 

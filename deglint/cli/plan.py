@@ -146,7 +146,7 @@ def plan(**given: Any) -> None:
     mode.check(given)
     tables = merged(_file(given["mission"]), _tables(given))
     mission = mission_from(mode.prepared(given, tables), given["mission"] or "the options")
-    for line in _assumed(given, mission) if mode is not planning.SERVE else []:
+    for line in _assumed(given, tables, mission) if mode is not planning.SERVE else []:
         talk.say(line)
     mode.run(given, mission, talk)
 
@@ -207,16 +207,18 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {name: values for name, values in kept.items() if values}
 
 
-def _assumed(given: dict[str, Any], mission: Any) -> list[str]:
+def _assumed(given: dict[str, Any], tables: dict[str, dict[str, Any]], mission: Any) -> list[str]:
     """What was taken for granted, and what to be careful of."""
     out = []
-    text = str(mission.time or "")
     if mission.sun_zenith is None and mission.time is None:
         out.append(f"time: now, {mission.moment}Z.")
-    elif mission.sun_zenith is None and text and not re.search(r"(Z|[+-]\d\d:?\d\d)$", text.strip(), re.IGNORECASE):
-        out.append(f"time {text} names no zone: taken as UTC.")
-    if given["wind"] is None and given["mission"] is None:
-        out.append(f"wind: {mission.wind:g} m/s from {mission.wind_from:g} degrees assumed; give --wind SPEED@FROM.")
-    elif given["wind"] is not None and "from" not in given["wind"] and given["mission"] is None:
-        out.append(f"wind: from {mission.wind_from:g} degrees assumed; give --wind SPEED@FROM.")
+    spans = [given["start"], given["end"]] if given["start"] else [mission.time]
+    texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]
+    bare = [text for text in texts if not re.search(r"(Z|[+-]\d\d:?\d\d)$", text, re.IGNORECASE)]
+    out += [f"time {text} names no zone: taken as UTC." for text in bare]
+    wind, way = tables.get("wind", {}), "give --wind SPEED@FROM."
+    if "speed" not in wind:
+        out.append(f"wind: {mission.wind:g} m/s from {mission.wind_from:g} degrees assumed; {way}")
+    elif "from" not in wind:
+        out.append(f"wind: from {mission.wind_from:g} degrees assumed; {way}")
     return out + list(mission.cautions)

@@ -115,10 +115,11 @@ def sentence(look: Look | None) -> str:
 
 def quality(look: Look) -> str:
     """What to expect of a look, in words."""
+    stand = "" if look.zenith < 1.0 else f"Stand off {np.tan(np.radians(look.zenith)):.2f} x your height. "
     edge = "" if look.margin else f" Keep-out looks lie within {MARGIN:g} degrees of it."
     return (
-        f"Stand off {np.tan(np.radians(look.zenith)):.2f} x your height. Contrast {look.contrast:.3g} x noise in"
-        f" {', '.join(look.bands[:4])}. Sun glint on {one_in(look.glint_probability)} of the sea.{edge}"
+        f"{stand}Contrast {look.contrast:.3g} x noise in {', '.join(look.bands[:4])}."
+        f" Sun glint on {one_in(look.glint_probability)} of the sea.{edge}"
     )
 
 

@@ -261,7 +261,7 @@ class Mission:
         return tuple(out)
 
     def at(self, time: Any) -> Mission:
-        """The same mission at another time, its ozone kept."""
+        """The same mission at another time, with the sun of that time."""
         return replace(self, time=time, sun_zenith=None, sun_azimuth=None)
 
 
