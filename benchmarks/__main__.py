@@ -12,6 +12,7 @@ BENCHMARKS = {
     "error": ("error", ("quick",)),
     "digits": ("digits", ("quick",)),
     "targets": ("targets", ("quick",)),
+    "plan": ("plan_speed", ("quick", "rounds")),
     "detect": ("detect_speed", ("quick", "directory", "rounds")),
 }
 """Module of each, and the options that its `main` takes."""
@@ -22,7 +23,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Measure deglint.")
     parser.add_argument("what", choices=list(BENCHMARKS))
     parser.add_argument("--quick", action="store_true", help="less of everything")
-    parser.add_argument("--rounds", type=int, help="speed, detect: runs of every command")
+    parser.add_argument("--rounds", type=int, help="speed, plan, detect: runs of everything")
     parser.add_argument("--directory", type=Path, help="speed, detect: where scratch files go")
     parser.add_argument("--peers", default=sys.executable, metavar="PYTHON",
                         help="speed: interpreter of an environment in which sensingpy is installed")  # fmt: skip

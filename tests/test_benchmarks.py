@@ -74,3 +74,8 @@ def test_children_are_measured_and_failures_told(monkeypatch):
     assert table(["a", "b", "c", "d", "e"], rows_of(found, "one")).count("\n") == 3
     with pytest.raises(FailedError, match="gone"):
         run_once([sys.executable, "-c", "raise SystemExit('gone')"])
+
+
+def test_plan():
+    table = rows(printed("benchmarks", "plan", "--quick"))
+    assert {"reticle", "answer of the page", "deglint plan -o plan.png"} <= set(table)

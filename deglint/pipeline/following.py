@@ -27,6 +27,8 @@ from ..tiles import Tile
 from .look import Look, core_of, role_bands
 from .sample import Sampler
 
+LEAST_GAIN = 0.005
+"""Share of a band's variance that moving the NIR must explain more: it costs a second look at the NIR."""
 Mask = npt.NDArray[np.bool_]
 Planes = dict[int, npt.NDArray[Any]]
 
@@ -59,7 +61,7 @@ def find_moves(
         return (), []
     for i, (band, nir) in enumerate(pairs):
         found = shift_from(ShiftStatistics.merge([p[i] for p in parts]))
-        if found.useful:
+        if found.useful and found.r2_shifted - found.r2 >= LEAST_GAIN:
             move = Move(band, nir, found.row, found.column)
             moves.append(move)
             names = f"{scene.bands[band].name} follows {scene.bands[nir].name}"
