@@ -225,15 +225,15 @@ def _write_tiles(
     dtype = np.dtype(targets.dtype) if targets.dtype else info.dtype
     nodata, masked = _marking(scene, dtype)
     shape = tile_shape_of(scene)
-    if fitted.chain.before:
+    if fitted.chain.runs:
         shape = tiling.compact(shape, block_of(scene))
     image = Layout(info, every, dtype.name, nodata, targets.options, masked=masked, tile=shape)
     everything = tiling.tiles(scene.height, scene.width, shape)
-    at_once = tiling.affordable(threads, shape, len(scene.bands) * (CHAIN_COPIES if fitted.chain.before else 1))
+    at_once = tiling.affordable(threads, shape, len(scene.bands) * (CHAIN_COPIES if fitted.chain.runs else 1))
     rule, bands = None if area else fitted.water, fitted.water_bands
     beyond = (
         Surroundings(scene, rule, bands[rule.roles.nir], everything)
-        if rule and rule.halo and not fitted.chain.before
+        if rule and rule.halo and not fitted.chain.runs
         else None
     )
     work = Correction(scene, fitted.model, bool(targets.flags), bool(targets.amount), image, area, rule, bands, beyond,
@@ -241,7 +241,7 @@ def _write_tiles(
     tally = Tally(len(scene.bands))
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     with ExitStack() as stack:
-        stack.enter_context(one_thread_each(bool(fitted.chain.before)))
+        stack.enter_context(one_thread_each(bool(fitted.chain.runs)))
         writers: list[tuple[RasterWriter, str]] = [(stack.enter_context(writing(scratch, targets.image, image)), "raw")]
         if targets.flags:
             layout = Layout(info, (0,), "uint8", None, targets.options, scaled=False, names=("flags",), tile=shape)
@@ -290,7 +290,7 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     """
     if (
         chain is not None
-        and chain.before
+        and chain.runs
         and tuple(n.casefold() for n in scene.names) != tuple(n.casefold() for n in model.band_names)
     ):
         raise InputError(

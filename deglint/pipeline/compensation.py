@@ -39,6 +39,8 @@ from .recipe import Recipe
 from .sample import Sampler
 
 Mask = npt.NDArray[np.bool_]
+LEAST_SPREAD = 0.75
+"""Of the step of a band's numbers: whole numbers cannot show a smaller standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,9 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
         why = f"things {smallest:.3g} pixels wide are to be kept, and an opening has {SMALLEST} or more"
         return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
     tiles = _some(look.tiles if sampler is None or recipe.sample == "auto" else sampler.tiles)
-    setting = Setting(scene.bands, _psfs(scene, wanted), floor=_steps_of(scene))
+    whole = _steps_of(scene)
+    floor = None if whole is None else tuple(LEAST_SPREAD * step for step in whole)
+    setting = Setting(scene.bands, _psfs(scene, wanted), floor=floor, steps=whole)
     steps = wanted or parse(f"identify-level:{needs.element}, replace-level")
     found = Plan(needs, steps, setting, tuple(tiles), sampler)
     sample = read_sample(scene, recipe, look, found, threads)
@@ -115,10 +119,10 @@ def _automatic(found: Plan, sample: Sample) -> Plan:
     except FitError as error:
         return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
     cover = stage.cover
-    most = max(cover)
-    needs = replace(needs, cover=cover)
+    most = max(stage.certain)
+    needs = replace(needs, cover=cover, certain=stage.certain)
     if most < LITTLE_COVER:
-        why = f"glint covers at most {most:.2%} of a band (threshold {LITTLE_COVER:.1%})"
+        why = f"at most {most:.3%} of a band is too bright for noise (threshold {LITTLE_COVER:.2%})"
         return Plan(replace(needs, stages=(StageNeed("compensation", False, why, "all of its time"),)))
     text, stages = [], []
     middle = float(np.median(cover))
@@ -143,7 +147,8 @@ def _automatic(found: Plan, sample: Sample) -> Plan:
             StageNeed("psf", True, f"glint covers {middle:.0%} of the middlemost band (threshold {PSF_COVER:.0%})")
         )
     text += [f"identify-level:{needs.element}", "replace-level", "remove"]
-    stages.append(StageNeed("opening", True, f"glint covers up to {most:.1%} of a band (threshold {LITTLE_COVER:.1%})"))
+    why = f"up to {most:.2%} of a band is too bright for noise (threshold {LITTLE_COVER:.2%})"
+    stages.append(StageNeed("opening", True, why))
     if needs.element - 2 >= SMALLEST:
         text += [f"identify-level:{needs.element - 2}", "replace-level"]
         stages.append(StageNeed("second opening", True, "what removal leaves is opened again"))
@@ -161,18 +166,18 @@ def fit_before(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: i
 def fit_after(
     scene: Scene, recipe: Recipe, look: Look, found: Plan, chain: Chain, model: GlintModel, threads: int
 ) -> Chain:
-    """Fit the stages after the removal, on what it leaves."""
-    if not found.after or not model.fits:
+    """Fit the stages after the removal, on what it leaves; none unasked where it changed no band."""
+    if not found.after or (not model.fits and recipe.compensate == "auto"):
         return chain
     assert found.setting is not None
     sample = read_sample(scene, recipe, look, found, threads)
     levels = [s for s in chain.before if isinstance(s, IdentifyLevel)]
-    setting = found.setting
+    setting = replace(found.setting, steps=None)  # what removal leaves is no whole number
     if levels:
         known = dict(zip(levels[-1].bands, levels[-1].sigmas, strict=True))
         setting = replace(setting, floor=tuple(known.get(b, 0.0) for b in range(len(scene.bands))))
     left = Sample([State(compensated(s, chain, model)) for s in sample.states], sample.inside)
-    bands = sorted(f.band for f in model.fits)
+    bands = sorted(f.band for f in model.fits) or None
     after = fit_stages(found.after, left, setting, bands=bands)
     return replace(chain, after=after)
 
@@ -277,9 +282,9 @@ def _psfs(scene: Scene, wanted: Sequence[Step] | None) -> tuple[PSF, ...] | None
 
 
 def _steps_of(scene: Scene) -> tuple[float, ...] | None:
-    """Three quarters of the step of each band's numbers: whole numbers cannot show a smaller spread."""
+    """Steps of each band's numbers, where those are whole numbers in the file."""
     info = raster_of(scene).info
-    return tuple(0.75 * abs(s) for s in info.scales) if info.dtype.kind in "iu" else None
+    return tuple(abs(s) for s in info.scales) if info.dtype.kind in "iu" else None
 
 
 def _offsets(scene: Scene, nir: int) -> float | None:

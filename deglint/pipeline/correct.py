@@ -101,7 +101,7 @@ class Correction:
         physical = source.to_physical(raw, valid)
         inner = core_of(tile.crop_of(outer), outer.shape)
         after = None
-        if self.chain.before:
+        if self.chain.runs:
             around, place = physical, (slice(None), *inner)
             physical, raw = around[place].copy(), raw[place].copy()
             valid = None if valid is None else valid[place]
@@ -173,7 +173,7 @@ class Correction:
     @property
     def _halo(self) -> int:
         """Pixels around a tile that are read with it."""
-        return self.chain.halo_before + max(self.chain.halo_after, self._water_halo) if self.chain.before else 0
+        return self.chain.halo_before + max(self.chain.halo_after, self._water_halo) if self.chain.runs else 0
 
     def _compensated(self, around: Any, tile: Tile, outer: Tile) -> Compensated:
         """The tile after the chain; `around`, the block with its halo, is worked on in place.
@@ -264,7 +264,7 @@ class Correction:
 def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int, ...] = ()) -> list[int]:
     """0-based bands that may change: those that removal corrects, and with compensation all, or those asked for."""
     removed = [f.band for f in model.fits]
-    if not chain.before:
+    if not chain.runs:
         return removed
     return sorted(only) if only else list(range(len(scene.bands)))
 
