@@ -34,9 +34,9 @@ from ..readers.optics import optics_of, pixel_size
 from ..remove import FitRequest, GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
-from .look import LOOK_PIXELS, Look, raster_of, role_bands
+from .look import LOOK_PIXELS, LOOK_SIDE, Look, raster_of, role_bands
 from .recipe import Recipe
-from .sample import Sampler
+from .sample import Sampler, tiles_over
 
 Mask = npt.NDArray[np.bool_]
 LEAST_SPREAD = 0.75
@@ -93,7 +93,9 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     if wanted is None and not needs.element:
         why = f"things {smallest:.3g} pixels wide are to be kept, and an opening has {SMALLEST} or more"
         return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
-    tiles = _some(look.tiles if sampler is None or recipe.sample == "auto" else sampler.tiles)
+    tiles = _some(look.tiles)
+    if sampler is not None and sampler.bounds is not None:  # tiles that do not depend on how the file is stored
+        tiles = _some(tiles_over(scene, sampler.bounds, (LOOK_SIDE, LOOK_SIDE)))
     whole = _steps_of(scene)
     floor = None if whole is None else tuple(LEAST_SPREAD * step for step in whole)
     setting = Setting(scene.bands, _psfs(scene, wanted), floor=floor, steps=whole)
