@@ -10,7 +10,7 @@ from pathlib import Path
 def main() -> None:
     """Run one benchmark and print its tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Measure deglint.")
-    parser.add_argument("what", choices=["speed", "error", "digits", "targets"])
+    parser.add_argument("what", choices=["speed", "error", "digits", "targets", "compensation"])
     parser.add_argument("--quick", action="store_true", help="less of everything")
     parser.add_argument("--rounds", type=int, help="speed: runs of every command")
     parser.add_argument("--directory", type=Path, help="speed: where scratch files go")
@@ -29,6 +29,10 @@ def main() -> None:
         from .targets import main as targets
 
         targets(given.quick)
+    elif given.what == "compensation":
+        from .compensation import main as compensation
+
+        compensation(given.quick)
     else:
         from .digits import main as digits
 

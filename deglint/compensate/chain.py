@@ -109,6 +109,11 @@ class Chain:
         return bool(self.before or self.after)
 
     @property
+    def in_place(self) -> bool:
+        """The stages before the removal keep the scene's unit, so that they may work on the block itself."""
+        return not any(isinstance(stage, Normalise) for stage in self.before)
+
+    @property
     def halo(self) -> int:
         """Pixels around a tile that the chain looks at."""
         return self.halo_before + self.halo_after

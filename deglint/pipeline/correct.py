@@ -176,11 +176,12 @@ class Correction:
         return self.chain.halo_before + max(self.chain.halo_after, self._water_halo) if self.chain.runs else 0
 
     def _compensated(self, around: Any, tile: Tile, outer: Tile) -> Compensated:
-        """The tile after the chain; `around`, the block with its halo, is worked on in place.
+        """The tile after the chain; `around`, the block with its halo, is worked on in place where that can be.
 
         Each stage sees no more of the halo than the stages after it need.
         """
-        state = apply_stages(State.own(around), self.chain.before)
+        state = State.own(around) if self.chain.in_place else State.of(around)
+        apply_stages(state, self.chain.before)
         middle = tile.grown(max(self.chain.halo_after, self._water_halo), self.scene.height, self.scene.width)
         place = (slice(None), *core_of(middle.crop_of(outer), outer.shape))
         clean, replaced = finish(state, around)[place], state.replaced[place]
