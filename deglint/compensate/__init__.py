@@ -17,13 +17,13 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from ..scene import FloatArray
-from .chain import STAGES, THESIS, Chain, Sample, Setting, Step, apply_stages, finish, fit_stages, parse, stage_from
+from .chain import STAGES, THESIS, Chain, Sample, Setting, Step, apply_stages, chain_from, finish, fit_stages, parse
 from .psf import PSF, system_psf
 from .state import State
 
 __all__ = [
-    "PSF", "STAGES", "THESIS", "Chain", "Sample", "Setting", "State", "Step", "apply", "apply_stages", "finish", "fit",
-    "fit_stages", "parse", "stage_from", "system_psf",
+    "PSF", "STAGES", "THESIS", "Chain", "Sample", "Setting", "State", "Step", "apply", "apply_stages", "chain_from",
+    "finish", "fit", "fit_stages", "parse", "system_psf",
 ]  # fmt: skip
 
 

@@ -33,14 +33,23 @@ def explain(y, variance, water, values, spread, odd, weight, bends, share, least
     count = y.shape[1]
     x, u, part = np.empty(count), np.empty((3, count)), np.empty(3)
     d = np.empty(count)
+    kinds = values.shape[0]
+    side, down, wide = np.empty((count, kinds)), np.zeros(kinds), np.empty(kinds)
+    first, chi = np.empty(kinds), np.empty(kinds)
+    for k in range(kinds):
+        wide[k] = spread[k, 0] ** 2 + spread[k, 1] ** 2 + spread[k, 2] ** 2
+        for b in range(count):
+            side[b, k] = 0.0 if b == odd[k] else values[k, b]
+            down[k] += side[b, k] ** 2
     for i in range(y.shape[0]):
         out[i] = -np.inf
         for b in range(count):
             x[b] = y[i, b] + share[0] * water[b]
-        for k in range(values.shape[0]):
+        start(x, variance[i], water, side, down, wide, share[1], first, chi)
+        for k in range(kinds):
+            a = first[k]
             hope = least[i] - math.log(weight[k])
-            a = start(x, variance[i], water, values[k], spread[k], odd[k], share[1], hope)
-            if not LEAST < a < MOST:
+            if not reaches(x, variance[i], values[k], a, chi[k], spread[k, 2], odd[k], hope):
                 continue
             for _ in range(2):
                 for b in range(count):
@@ -65,36 +74,49 @@ def explain(y, variance, water, values, spread, odd, weight, bends, share, least
                     fit[i, b] = a * values[k, b] + bent - share[0] * water[b]
 
 
+@nb.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def start(x, variance, water, shapes, down, wide, hidden, a, chi):  # type: ignore[no-untyped-def]
+    """A first brightness of every shape, and its plain chi-square; shapes side by side, for the processor's sake.
+
+    shapes : (band, shape), 0 where a band says nothing of a shape; down, wide : (shape,) their squares summed, and
+    the variance of slope, bend and roughness together; a, chi : (shape,)
+    """
+    kinds, count = a.size, x.size
+    for k in range(kinds):
+        a[k] = 0.0
+        chi[k] = 0.0
+    for b in range(count):
+        for k in range(kinds):
+            a[k] += shapes[b, k] * x[b]
+    for k in range(kinds):
+        a[k] /= down[k]
+    for b in range(count):
+        fixed = variance[b] + (hidden * water[b]) ** 2
+        for k in range(kinds):
+            bright = a[k] * shapes[b, k]
+            away = x[b] - bright
+            narrow = fixed + (FLOOR * a[k]) ** 2 + bright * bright * wide[k]
+            chi[k] += away * away / narrow if shapes[b, k] != 0.0 else 0.0
+
+
 @nb.njit(cache=True, nogil=True)
-def start(x, variance, water, shape, spread, odd, hidden, least):  # type: ignore[no-untyped-def]
-    """A first brightness, or 0 where the shape cannot reach the log-likelihood `least`.
+def reaches(x, variance, shape, a, chi, rough, odd, least):  # type: ignore[no-untyped-def]
+    """Whether a shape can reach the log-likelihood `least`.
 
     It cannot where the noise and roughness alone give less: bends only make the density lower. Bends may follow what
     is amiss, so that of the plain chi-square only a part is held against the shape; the few pixels lost have S near
     its least.
     """
-    up = down = 0.0
-    for b in range(x.size):
-        if b != odd:
-            up += shape[b] * x[b]
-            down += shape[b] * shape[b]
-    a = up / down
-    if not LEAST < a < MOST:
-        return 0.0
-    total = spread[0] ** 2 + spread[1] ** 2 + spread[2] ** 2
-    chi, product = 0.0, 1.0
+    if not LEAST < a < MOST or chi > HOPELESS:
+        return False
+    product = 1.0
     for b in range(x.size):
         if b == odd:
             product *= a * a * 1e5
-            continue
-        away, bright = x[b] - a * shape[b], (a * shape[b]) ** 2
-        narrow = variance[b] + (FLOOR * a) ** 2
-        chi += away * away / (narrow + bright * total + (hidden * water[b]) ** 2)
-        if chi > HOPELESS:
-            return 0.0
-        product *= (narrow + bright * spread[2] ** 2) * 1e5
+        else:
+            product *= (variance[b] + (FLOOR * a) ** 2 + (a * shape[b] * rough) ** 2) * 1e5
     best = -0.5 * (math.log(product) + x.size * (math.log(2 * math.pi) - math.log(1e5))) + ROOM - SPREAD
-    return a if best - PART * chi > least else 0.0
+    return best - PART * chi > least
 
 
 @nb.njit(cache=True, nogil=True)

@@ -8,17 +8,19 @@ made of the sample, and is then a frozen value of plain numbers."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ..errors import FitError, InputError
 from ..scene import Band, FloatArray
+from .evidence import Protection, protection_from
 from .identify import FEWEST, THESIS_K, IdentifyLevel, IdentifyMedian, fit_identify_level, fit_identify_median
 from .median import Median
 from .normalise import Normalise, fit_normalise
 from .psf import PSF
+from .reference import ReferenceRule
 from .replace import ReplaceBands, ReplaceLevel, neighbours
 from .sharpen import richardson_lucy, sharpen_halo
 from .state import Mask, State
@@ -45,6 +47,7 @@ RANGES: dict[str, tuple[float, float]] = {
 """What the numbers of the stages may be; stages that are not named take none."""
 WHOLE = ("psf", "psf-image", "identify-level", "median")
 """Stages that take whole numbers."""
+NO_STAGES = "no opening, so no small thing is erased"
 ITERATIONS = 2
 """Richardson-Lucy iterations; more dig pits beside sparkle, which the opening then spreads."""
 
@@ -97,11 +100,17 @@ class Chain:
         Before and after the removal.
     text : str
         How it is written.
+    references : tuple of (int, ReferenceRule)
+        0-based NIR bands that the removal is not to follow where they stand out from the water around, and how far.
+    protection : Protection
+        How small things are told from sparkle, and put back.
     """
 
     before: tuple[Stage, ...] = ()
     after: tuple[Stage, ...] = ()
     text: str = ""
+    references: tuple[tuple[int, ReferenceRule], ...] = ()
+    protection: Protection = field(default_factory=lambda: Protection(reason=NO_STAGES))
 
     @property
     def runs(self) -> bool:
@@ -134,7 +143,13 @@ class Chain:
             "chain": self.text,
             "before": [_plain(s) for s in self.before],
             "after": [_plain(s) for s in self.after],
+            "references": [{"band": band, **asdict(rule)} for band, rule in self.references],
+            "protection": self.protection.numbers(),
         }
+
+    def saved(self) -> dict[str, Any]:
+        """The same with the tables of the protection, to be read back by `chain_from`."""
+        return self.numbers() | {"protection": self.protection.saved()}
 
 
 @dataclass(frozen=True)
@@ -388,6 +403,23 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
         return kinds[name](**rest)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved stage of a compensation ({error}); fit and save it again.") from error
+
+
+def chain_from(data: Mapping[str, Any]) -> Chain:
+    """Read back what `Chain.numbers` says.
+
+    Raises
+    ------
+    InputError
+        Not a chain of this version.
+    """
+    try:
+        before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
+        rules = [dict(r) for r in data["references"]]
+        references = tuple((int(r.pop("band")), ReferenceRule(**r)) for r in rules)
+        return Chain(before, after, str(data["chain"]), references, protection_from(data["protection"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"not a saved compensation ({error}); fit and save it again.") from error
 
 
 def _tuples(value: Any) -> Any:

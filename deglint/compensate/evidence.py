@@ -11,7 +11,8 @@ the scene's own sparkle does from one instant to the next: a Markov chain in the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -91,6 +92,28 @@ class Protection:
         """What goes into a sidecar: all but the tables."""
         names = "bands", "irradiance", "noise", "water", "wavelength", "threshold", "reason"
         return {name: getattr(self, name) for name in names} | {"halo": self.halo}
+
+    def saved(self) -> dict[str, Any]:
+        """Everything as plain numbers, tables and all, to be read back by `protection_from`."""
+        data = {k: v for k, v in self.numbers().items() if k != "halo"}
+        if self.shapes is None or self.first is None or self.following is None:
+            return data
+        kinds = {k: v.tolist() for k, v in asdict(self.shapes).items()}
+        return data | {"shapes": kinds, "first": self.first.tolist(), "following": self.following.tolist()}
+
+
+def protection_from(data: Mapping[str, Any]) -> Protection:
+    """Read back what `Protection.saved` says."""
+    plain = {k: v for k, v in data.items() if k not in ("shapes", "first", "following", "halo")}
+    for name in ("bands", "irradiance", "water", "wavelength"):
+        plain[name] = tuple(plain[name])
+    plain["noise"] = tuple((float(a), float(b)) for a, b in plain["noise"])
+    if "shapes" not in data:
+        return Protection(**plain) if plain["reason"] else Protection(reason="saved without its tables")
+    arrays: dict[str, Any] = {k: np.array(v, np.int64 if k == "odd" else np.float64) for k, v in data["shapes"].items()}
+    return Protection(
+        **plain, shapes=Shapes(**arrays), first=np.array(data["first"]), following=np.array(data["following"])
+    )
 
 
 def variance(raw: Float64, protection: Protection) -> Float64:

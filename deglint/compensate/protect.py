@@ -39,9 +39,9 @@ WIDTH = 40.0
 """Width of a band where it is not known [nm]."""
 USUAL_SUM = 25.0
 """Threshold on the 3 x 3 sum of S."""
-USUAL_RATE, SUM_RISES = 1e-3, 8.0
+USUAL_RATE, SUM_RISES = 1e-3, 14.0
 """Share of pixels of sparkle above `LEAST_SCORE` up to which it holds, and its rise where they are e times as many."""
-MOST_THINGS = 0.03
+MOST_THINGS = 0.05
 """Where more pixels than this share would be things the bands see the same sparkle, whatever their times are."""
 BRIGHTEST = 0.9999
 """Share of pixels that are darker than white in every band, where the light is measured by the glint."""

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ..errors import FitError, InputError
 from ..scene import FloatArray
@@ -31,6 +32,8 @@ DEVIATIONS = 8.0
 """Glint does not stand out by more than this many standard deviations."""
 LEAST_WATER = 8
 """Water pixels that a mean needs; with fewer the NIR is left as it is."""
+AT_ONCE = 1 << 14
+"""Squares that are looked at together."""
 ENOUGH = 64
 """Pixels of deep water that a standard deviation needs."""
 
@@ -49,12 +52,18 @@ class ReferenceRule:
         Of deep water that it was measured on.
     size : int
         Side of the square [pixel].
+    least : float
+        Nothing below this stands out, whatever is around it: the lowest such mean over deep water, and the limit.
+    most : float
+        Above this the NIR is not that of water, and is in no mean.
     """
 
     limit: float
     deviation: float
     pixels: int
     size: int = SIZE
+    least: float = -np.inf
+    most: float = np.inf
 
     @property
     def halo(self) -> int:
@@ -67,7 +76,11 @@ class ReferenceRule:
 
 
 def fit_reference(
-    looks: Sequence[tuple[FloatArray, BoolArray]], *, deviations: float = DEVIATIONS, size: int = SIZE
+    looks: Sequence[tuple[FloatArray, BoolArray]],
+    *,
+    deviations: float = DEVIATIONS,
+    size: int = SIZE,
+    most: float = np.inf,
 ) -> ReferenceRule:
     """Measure over deep water how far glint makes the NIR differ from its surroundings.
 
@@ -79,6 +92,8 @@ def fit_reference(
         Of these, what glint never exceeds.
     size : int
         Side of the square, odd, 3 or more [pixel].
+    most : float
+        Above this the NIR is not that of water.
 
     Returns
     -------
@@ -95,19 +110,21 @@ def fit_reference(
         raise InputError(f"size of the square must be odd and at least 3; got {size}")
     if not deviations > 0:
         raise InputError(f"deviations must be above 0, got {deviations}")
-    squares, pixels = 0.0, 0
+    squares, pixels, lowest = 0.0, 0, np.inf
     for nir, deep in looks:
         _check(nir, deep)
         kept = deep & np.isfinite(nir)
         mean, count = _around(nir, kept, size)
         kept &= count >= LEAST_WATER
+        lowest = min(lowest, float(mean[kept].min(initial=np.inf)))
         away = np.asarray(nir[kept], np.float64) - mean[kept]
         squares += float((away**2).sum())
         pixels += away.size
     if pixels < ENOUGH:
         raise FitError(f"deep water holds {pixels} pixels, need at least {ENOUGH} to know its glint. Widen the sample.")
     deviation = float(np.sqrt(squares / pixels))
-    return ReferenceRule(limit=deviations * deviation, deviation=deviation, pixels=pixels, size=size)
+    limit = deviations * deviation
+    return ReferenceRule(limit, deviation, pixels, size, lowest + limit, most)
 
 
 def reference(nir: FloatArray, water: BoolArray, rule: ReferenceRule) -> FloatArray:
@@ -134,7 +151,8 @@ def reference(nir: FloatArray, water: BoolArray, rule: ReferenceRule) -> FloatAr
     Notes
     -----
     What stands out from a first mean is left out of a second one, so that a ship does not raise its own
-    surroundings. Integers are rounded. Cost: some 100 ns per pixel.
+    surroundings. Integers are rounded. Cost: one comparison a pixel, and a microsecond for each that is bright
+    enough to be looked at.
 
     Fails: beside land that the mask takes for water, for foam and glint alike weaker than the limit, and for ships
     longer and wider than the square.
@@ -146,25 +164,70 @@ def reference(nir: FloatArray, water: BoolArray, rule: ReferenceRule) -> FloatAr
     >>> float(reference(sea, np.ones((20, 20), bool), ReferenceRule(limit=8.0, deviation=1.0, pixels=64))[10, 10])
     5.0
     """
-    _check(nir, water)
     out = nir.copy()
-    valid = np.isfinite(nir)
-    kept = water & valid
-    if not kept.any():
-        return out
-    for _ in range(2):
-        mean, count = _around(nir, kept, rule.size)
-        with np.errstate(invalid="ignore"):
-            stands_out = valid & (count >= LEAST_WATER) & (nir > mean + rule.limit)
-        kept &= ~stands_out
-    where = np.nonzero(stands_out)
-    out[where] = np.rint(mean[where]) if nir.dtype.kind in "iu" else mean[where]
+    found, values = standing_out(nir, water, rule)
+    out[found] = np.rint(values) if nir.dtype.kind in "iu" else values
     return out
+
+
+def standing_out(
+    nir: FloatArray, water: BoolArray, rule: ReferenceRule, where: BoolArray | None = None
+) -> tuple[BoolArray, Float64]:
+    """What stands out from the water around it, and the mean of that water.
+
+    Parameters
+    ----------
+    nir, water, rule
+        As for `reference`.
+    where : (row, column) ndarray of bool, optional
+        Pixels that are asked about; all by default.
+
+    Returns
+    -------
+    (row, column) ndarray of bool, (pixels,) float64 ndarray
+    """
+    _check(nir, water)
+    with np.errstate(invalid="ignore"):
+        bright = np.isfinite(nir) & (nir > rule.least)
+        kept = water & np.isfinite(nir) & (nir <= rule.most)
+    asked = np.ones_like(bright) if where is None else where
+    found, values = np.zeros_like(bright), np.zeros(0)
+    if not (bright & asked).any():
+        return found, values
+    for _ in range(2):
+        rows, columns = np.nonzero(bright)
+        mean, count = _means_at(nir, kept, rows, columns, rule.size)
+        with np.errstate(invalid="ignore"):
+            over = (count >= LEAST_WATER) & (nir[rows, columns] > mean + rule.limit)
+        found[...] = False
+        found[rows[over], columns[over]] = True
+        kept &= ~found
+    values = np.zeros(nir.shape)
+    values[rows[over], columns[over]] = mean[over]
+    found &= asked
+    return found, values[found]
 
 
 def _check(nir: FloatArray, mask: BoolArray) -> None:
     if nir.ndim != 2 or mask.shape != nir.shape:
         raise InputError(f"the NIR and its mask must be (row, column) and alike, got {nir.shape} and {mask.shape}")
+
+
+def _means_at(
+    nir: FloatArray, kept: BoolArray, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp], size: int
+) -> tuple[Float64, Float64]:
+    """Mean over the kept pixels in the squares around some pixels (NaN: none), and their number."""
+    half = size // 2
+    values = sliding_window_view(np.pad(np.where(kept, nir, 0.0).astype(np.float64, copy=False), half), (size, size))
+    there = sliding_window_view(np.pad(kept, half), (size, size))
+    total, count = np.empty(rows.size), np.empty(rows.size)
+    for first in range(0, rows.size, AT_ONCE):
+        part = slice(first, first + AT_ONCE)
+        at = rows[part], columns[part]
+        total[part] = values[at].reshape(-1, size * size).sum(axis=1)
+        count[part] = there[at].reshape(-1, size * size).sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return total / np.where(count > 0, count, np.nan), count
 
 
 def _around(nir: FloatArray, kept: BoolArray, size: int) -> tuple[Float64, Float64]:

@@ -39,6 +39,7 @@ class ReplaceLevel:
         if state.hit is None or state.level is None:
             raise InputError("replace-level needs a level: name identify-level before it.")
         state.replace(state.hit, state.level)
+        state.water = state.level
         state.hit = state.level = state.sharp = state.psfs = None
 
 

@@ -33,6 +33,8 @@ class State:
         What the bands were sharpened with, so that a level of sharpened bands can be blurred again.
     level : (band, row, column) float32 ndarray, optional
         What the bands would be without glint, where that is known.
+    water : (band, row, column) float32 ndarray, optional
+        The last level that glint was replaced by: of the water beside the sparkle.
     hit : (band, row, column) bool ndarray, optional
         Identified glint that is not replaced yet.
     replaced : (band, row, column) bool ndarray
@@ -45,6 +47,7 @@ class State:
     sharp: Callable[[int], Float32Array] | None = None
     psfs: tuple[PSF, ...] | None = None
     level: Float32Array | None = None
+    water: Float32Array | None = None
     hit: Mask | None = None
     replaced: Mask = field(default_factory=lambda: np.zeros((0, 0, 0), np.bool_))
 

@@ -35,6 +35,11 @@ class Things:
     score: FloatArray
     residual: FloatArray
 
+    def cropped(self, inner: tuple[slice, slice]) -> Things:
+        """Without the halo."""
+        at = (..., *inner)
+        return Things(self.mask[at], self.edge[at], self.excess[at], self.score[at], self.residual[at])
+
 
 def things(raw: FloatArray, level: FloatArray, protection: Protection) -> Things:
     """Find things.
@@ -61,8 +66,8 @@ def things(raw: FloatArray, level: FloatArray, protection: Protection) -> Things
     within 2 pixels the part of the nearest thing's spectrum that nearly all bands show.
 
     Fails: for sparkle that stays as bright over all instants as a thing does (near the mirror point, short delays;
-    then the threshold rises and single pixels are lost); for things that move more than their size from the first
-    band to the last, and for single coloured pixels.
+    then the threshold rises and single pixels are lost); for things that move more than half their size from the
+    first band to the last, and for single coloured pixels.
 
     Examples
     --------

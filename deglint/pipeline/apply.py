@@ -290,7 +290,7 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     """
     if (
         chain is not None
-        and chain.runs
+        and (chain.runs or chain.references)
         and tuple(n.casefold() for n in scene.names) != tuple(n.casefold() for n in model.band_names)
     ):
         raise InputError(

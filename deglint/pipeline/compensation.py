@@ -11,12 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..compensate import THESIS, Chain, Sample, Setting, State, Step, finish, fit_stages, parse, system_psf
-from ..compensate.chain import Sharpen
+from ..compensate import THESIS, Chain, Sample, Setting, State, Step, finish, fit_stages, parse, protect, system_psf
+from ..compensate.chain import NO_STAGES, Sharpen
+from ..compensate.evidence import Protection
 from ..compensate.identify import IdentifyLevel
 from ..compensate.level import SMALLEST, level_halo
 from ..compensate.median import Median
 from ..compensate.psf import PSF
+from ..compensate.reference import SIZE, ReferenceRule, fit_reference
 from ..errors import FitError, InputError
 from ..masks import water
 from ..needs import (
@@ -34,13 +36,16 @@ from ..readers.optics import optics_of, pixel_size
 from ..remove import FitRequest, GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
-from .look import LOOK_PIXELS, LOOK_SIDE, Look, raster_of, role_bands
+from .look import LOOK_PIXELS, LOOK_SIDE, Look, core_of, raster_of, role_bands
 from .recipe import Recipe
 from .sample import Sampler, tiles_over
 
 Mask = npt.NDArray[np.bool_]
 LEAST_SPREAD = 0.75
 """Of the step of a band's numbers: whole numbers cannot show a smaller standard deviation."""
+
+DARK_NOISE = 0.2
+"""Share of the variance over water that does not grow with the signal, where nothing more is known of the noise."""
 
 
 @dataclass(frozen=True)
@@ -161,8 +166,33 @@ def fit_before(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: i
     """Fit the stages before the removal."""
     sample = read_sample(scene, recipe, look, found, threads)
     assert found.setting is not None
+    raw = [s.image.copy() for s in sample.states]
     stages = fit_stages(found.before, sample, found.setting)
-    return Chain(stages, (), ", ".join(s.name + (f":{s.number:g}" if s.number else "") for s in found.steps))
+    text = ", ".join(s.name + (f":{s.number:g}" if s.number else "") for s in found.steps)
+    return Chain(stages, (), text, (), _protection(raw, sample, stages, found))
+
+
+def _protection(raw: list[Any], sample: Sample, stages: Sequence[Any], found: Plan) -> Protection:
+    """How small things are told from sparkle, where an opening would erase them and the bands' instants can tell."""
+    levels = [s for s in stages if isinstance(s, IdentifyLevel)]
+    assert found.setting is not None
+    if not levels or any(s.water is None for s in sample.states) or len(levels[-1].bands) < len(found.setting.bands):
+        return Protection(reason=NO_STAGES)
+    if any((s.units != 1).any() for s in sample.states):
+        return Protection(reason="the bands were normalised")
+    if not found.setting.detail:
+        return Protection(reason="the bands see the sea at one instant, as sparkle does")
+    looks, noise = [], []
+    for block, state, mask in zip(raw, sample.states, sample.inside, strict=True):
+        assert state.water is not None
+        looks.append((np.where(mask, block, np.nan), np.where(mask, state.water, np.nan)))
+    for b, sigma in enumerate(levels[-1].sigmas):
+        level = max(float(np.nanmedian(np.concatenate([m[b][np.isfinite(m[b])] for _, m in looks]))), 1e-30)
+        noise.append((DARK_NOISE * sigma**2, (1 - DARK_NOISE) * sigma**2 / level))
+    try:
+        return protect.fit(looks, found.setting.bands, noise=noise)
+    except FitError as error:
+        return Protection(reason=str(error))
 
 
 def fit_after(
@@ -182,6 +212,35 @@ def fit_after(
     bands = sorted(f.band for f in model.fits) or None
     after = fit_stages(found.after, left, setting, bands=bands)
     return replace(chain, after=after)
+
+
+def fit_references(
+    scene: Scene, model: GlintModel, sampler: Sampler, look: Look, threads: int
+) -> tuple[tuple[int, ReferenceRule], ...]:
+    """How far the NIR of glint stands out from the water around, over the sample; what exceeds it is not followed."""
+    bands = list(model.index_bands)
+    columns = sorted({*bands, *sampler.bands})
+    halo = max(sampler.halo, SIZE // 2)
+
+    def work(tile: Tile) -> tuple[Any, Mask]:
+        outer = tile.grown(halo, scene.height, scene.width)
+        block = scene.source.read(outer.window, columns)
+        mask = np.asarray(sampler.mask(block, columns, outer))
+        core = np.zeros_like(mask)
+        core[core_of(tile.crop_of(outer), outer.shape)] = True
+        return block[[columns.index(b) for b in bands]], mask & core
+
+    tiles = _some(sampler.tiles)
+    looks = [p for _t, p in tiling.run(tiles, work, threads=threads, start=enter_thread)]
+    water_nir = look.water.threshold if look.water is not None and look.water.window == 1 else np.inf
+    found = []
+    for i, band in enumerate(bands):
+        most = water_nir if look.water is not None and band == look.roles.nir else np.inf
+        try:
+            found.append((band, fit_reference([(b[i], m) for b, m in looks], most=most)))
+        except FitError:  # too little water in one piece to tell: every pixel follows its own NIR
+            continue
+    return tuple(found)
 
 
 def compensated(state: State, chain: Chain, model: GlintModel) -> npt.NDArray[np.float32]:

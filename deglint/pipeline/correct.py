@@ -9,6 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..compensate import Chain, State, apply_stages, finish
+from ..compensate.evidence import REACH, grown
+from ..compensate.protect import put_back, things
+from ..compensate.reference import standing_out
 from ..masks import WaterRule, opened, valid_for, water
 from ..raster.convert import is_valid
 from ..raster.encode import encode, retype
@@ -123,7 +126,7 @@ class Correction:
         raw, lost = self._retyped(raw, valid)
         if not physical.flags.writeable:
             physical = physical.copy()
-        for bands, place in self._work(physical, after, where, usable, tally, flags):
+        for bands, place in self._work(tile, physical, after, where, usable, tally, flags):
             counts = encode(
                 physical, raw, bands=bands, scales=source.info.scales, offsets=source.info.offsets,
                 where=place, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
@@ -138,15 +141,49 @@ class Correction:
         amount = None if before is None else np.subtract(before, physical[self.changed], dtype=np.float32)
         return Corrected(raw, tally, file_valid, flags, amount)
 
+    @staticmethod
+    def _touched(replaced: Any, held: Any) -> Any:
+        """Pixels of a band that differ from the input, or may."""
+        return replaced if held is None else replaced | grown(held, REACH)
+
+    def _follow_the_water(
+        self, tile: Tile, physical: Any, where: Any, tally: Tally, flags: Any
+    ) -> dict[int, npt.NDArray[Any]]:
+        """Give what stands out from the water around the NIR of that water; returns the NIR as it was."""
+        own, held = {}, np.zeros(tile.shape, np.bool_)
+        for band, rule in self.chain.references:
+            bright = physical[band] > rule.least
+            if where is not None:
+                bright &= where
+            if not bright.any():
+                continue
+            outer = tile.grown(rule.halo, self.scene.height, self.scene.width)
+            inner = core_of(tile.crop_of(outer), outer.shape)
+            nir = self.scene.source.read(outer.window, [band])[0]
+            asked = np.zeros(outer.shape, np.bool_)
+            asked[inner] = bright
+            found, values = standing_out(nir, np.ones_like(asked), rule, asked)
+            if values.size:
+                own[band] = physical[band].copy()
+                physical[band][found[inner]] = values
+                held |= found[inner]
+        tally.protected = int(np.count_nonzero(held))
+        if flags is not None:
+            flags[held] |= PROTECTED
+        return own
+
     def _work(
-        self, physical: Any, after: Compensated | None, where: Any, usable: int, tally: Tally, flags: Any
+        self, tile: Tile, physical: Any, after: Compensated | None, where: Any, usable: int, tally: Tally, flags: Any
     ) -> list[tuple[list[int], Any]]:
         """Correct `physical`; which bands changed, and where (None: everywhere)."""
         removed = [f.band for f in self.model.fits]
         if not usable or not (removed or after):
             return []
         if after is None:
+            own = self._follow_the_water(tile, physical, where, tally, flags)
             apply(physical, self.model, where=where, out=physical)
+            for band, nir in own.items():
+                physical[band] = nir
             tally.corrected = usable
             return [(removed, where)]
         changed, replaced = self.changed, after.replaced.copy()
@@ -154,15 +191,21 @@ class Correction:
             replaced &= where
         replaced[[b for b in range(len(replaced)) if b not in changed]] = False
         any_band = replaced.any(axis=0)
+        held = after.held if after.held is None or where is None else after.held & where
+        tally.protected = 0 if held is None else int(np.count_nonzero(held))
         tally.replaced = np.count_nonzero(replaced, axis=(1, 2))
         tally.corrected = usable if removed else int(np.count_nonzero(any_band))
         if flags is not None:
             flags[any_band] |= REPLACED
+            if held is not None:
+                flags[held] |= PROTECTED
             if not removed:
                 flags[~any_band] &= np.uint8(0xFF ^ CORRECTED)
         removed = [b for b in removed if b in changed]
         done: list[tuple[list[int], Any]] = [(removed, where)] if removed else []
-        done += [([b], replaced[b]) for b in changed if b not in removed and replaced[b].any()]
+        done += [
+            ([b], place) for b in changed if b not in removed and (place := self._touched(replaced[b], held)).any()
+        ]
         for bands, place in done:
             for band in bands:
                 np.copyto(
@@ -173,18 +216,22 @@ class Correction:
     @property
     def _halo(self) -> int:
         """Pixels around a tile that are read with it."""
-        return self.chain.halo_before + max(self.chain.halo_after, self._water_halo) if self.chain.runs else 0
+        if not self.chain.runs:
+            return 0
+        return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo)
 
     def _compensated(self, around: Any, tile: Tile, outer: Tile) -> Compensated:
         """The tile after the chain; `around`, the block with its halo, is worked on in place where that can be.
 
         Each stage sees no more of the halo than the stages after it need.
         """
+        middle = tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
+        place = (slice(None), *core_of(middle.crop_of(outer), outer.shape))
+        raw = around[place].copy() if self.chain.protection.possible else None
         state = State.own(around) if self.chain.in_place else State.of(around)
         apply_stages(state, self.chain.before)
-        middle = tile.grown(max(self.chain.halo_after, self._water_halo), self.scene.height, self.scene.width)
-        place = (slice(None), *core_of(middle.crop_of(outer), outer.shape))
         clean, replaced = finish(state, around)[place], state.replaced[place]
+        level = None if state.water is None else state.water[place]
         inner = core_of(tile.crop_of(middle), middle.shape)
         inside = self._water_of(clean, inner, tile)
         if self.model.fits:
@@ -193,7 +240,12 @@ class Correction:
             state = apply_stages(State.of(clean), self.chain.after)
             clean = finish(state, clean)
             replaced = replaced | state.replaced
-        return Compensated(inside, clean[(slice(None), *inner)], replaced[(slice(None), *inner)])
+        within = (slice(None), *inner)
+        if raw is None or level is None:
+            return Compensated(inside, clean[within], replaced[within])
+        found = things(raw, level, self.chain.protection).cropped(inner)
+        clean = put_back(clean[within], level[within], found)
+        return Compensated(inside, clean, replaced[within] & ~found.mask, found.mask)
 
     def _water_of(self, block: Any, inner: tuple[slice, slice], tile: Tile) -> npt.NDArray[np.bool_] | None:
         """Where correction is wanted, told by compensated bands: sparkle is no boat there."""
@@ -272,11 +324,13 @@ def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int
 
 @dataclass(frozen=True, eq=False)
 class Compensated:
-    """A tile after the chain: where it is to be corrected (None: everywhere), its bands, what was replaced in each."""
+    """A tile after the chain: where it is to be corrected (None: everywhere), its bands, what was replaced in each, and
+    which pixels are things that were put back."""
 
     inside: npt.NDArray[np.bool_] | None
     clean: Any
     replaced: npt.NDArray[np.bool_]
+    held: npt.NDArray[np.bool_] | None = None
 
 
 def _saturated(scene: Scene, physical: Any, flags: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.int64]:

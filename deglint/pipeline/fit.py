@@ -21,7 +21,7 @@ from ..remove import METHODS, FitRequest, GlintModel, SampleStatistics, gather, 
 from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
-from .compensation import Plan, fit_after, fit_before, plan
+from .compensation import Plan, fit_after, fit_before, fit_references, plan
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
 from .sample import Sampler, sampler_of
@@ -177,6 +177,8 @@ def _fit_look(
         if todo.after and not chain.after:
             needs = todo.needs.without("second opening", "removal changed no band")
             todo = replace(todo, needs=needs)
+    elif recipe.compensate != "off" and sampler is not None and model.fits:
+        chain = replace(chain, references=fit_references(scene, model, sampler, look, threads))
     notes[place:place] = todo.needs.lines()
     numbers |= {"needs": todo.needs.numbers(), "compensation": chain.numbers()}
     water = look.water if recipe.mask == "auto" else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from ..compensate import Chain, stage_from
+from ..compensate import Chain, chain_from
 from ..errors import InputError
 from ..readers.text import read_text
 from ..remove import GlintModel
@@ -14,8 +14,8 @@ from .fit import Fitted
 def saved(fitted: Fitted) -> str:
     """A fit as JSON text (what `--save-model` writes)."""
     data = json.loads(fitted.model.to_json())
-    if fitted.chain.runs:
-        data["compensation"] = fitted.chain.numbers()
+    if fitted.chain.runs or fitted.chain.references:
+        data["compensation"] = fitted.chain.saved()
     return json.dumps(data, indent=2)
 
 
@@ -47,7 +47,6 @@ def load_chain(path: str) -> Chain:
         found = json.loads(text).get("compensation")
         if not found:
             return Chain()
-        before, after = (tuple(stage_from(s) for s in found[k]) for k in ("before", "after"))
-        return Chain(before, after, str(found["chain"]))
-    except (InputError, json.JSONDecodeError, AttributeError, KeyError, TypeError) as error:
+        return chain_from(found)
+    except (InputError, json.JSONDecodeError, AttributeError) as error:
         raise InputError(f"{path}: {error}") from error

@@ -1,0 +1,109 @@
+"""`rxdetect roc`: scores and truth in, a ROC report out."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from deglint.cli.options import Talk
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("scores", nargs=-1, required=True, metavar="SCORES [SCORES ...]")
+@click.argument("truth", metavar="TRUTH")
+@click.option("--report", metavar="FILE.html", help="Write the report, one file; FILE.html.json beside it.")
+@click.option("--per-object", is_flag=True, help="Count objects found and false alarms (connected parts), too.")
+@click.option("--connected", is_flag=True, help="Connected pixels of TRUTH are an object, whatever their numbers.")
+@click.option("--mask", metavar="FILE|WINDOW", help="Judge only here: a raster (not 0), GeoJSON or window of pixels.")
+@click.option(
+    "--pfa-max",
+    type=click.FloatRange(0, 1, min_open=True),
+    default=0.1,
+    show_default=True,
+    metavar="PFA",
+    help="Partial areas and object counts go up to this false-alarm rate.",
+)
+@click.option(
+    "--bootstrap",
+    "draws",
+    type=click.IntRange(0, 100_000),
+    default=1000,
+    show_default=True,
+    metavar="N",
+    help="Draws of objects and blocks for the intervals; 0: none.",
+)
+@click.option("--block", type=click.IntRange(1), metavar="PIXELS", help="Side of those blocks. [default: 1/24 of the "
+              "scene, at least 16]")  # fmt: skip
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
+@click.option("--lower-is-anomalous", "lower", is_flag=True, help="Low scores are anomalous, not high ones.")
+@click.option("--json", "as_json", is_flag=True, help="Print every number as JSON on stdout, and nothing else there.")
+@click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
+@click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
+def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
+    """Judge SCORES, one raster a detector, against TRUTH.
+
+    SCORES are rasters on one grid; higher is more anomalous, nodata is left out. TRUTH is a raster on the same grid,
+    0 or an object's number (1 for all will do: connected pixels are an object), or polygons in GeoJSON.
+
+    \b
+    rxdetect roc scores.tif truth.tif
+    rxdetect roc global.tif local.tif truth.tif --per-object --report roc.html
+    """  # fmt: skip
+    from deglint.raster.environment import environment
+    from deglint.raster.output import Scratch, check_target, plain, write_json, write_text
+
+    from ..report import Request, evaluate, page
+    from ..report.provenance import provenance
+    from ..report.words import table
+
+    report = None if given["report"] is None else Path(given["report"])
+    beside = None if report is None else Path(f"{report}.json")
+    for target in (report, beside):
+        if target is not None:
+            check_target(target, overwrite=given["overwrite"])
+    talk = Talk(quiet=given["quiet"])
+    request = Request(
+        scores=scores, truth=truth, mask=given["mask"], pfa_max=given["pfa_max"], draws=given["draws"],
+        seed=given["seed"], block=given["block"], per_object=given["per_object"], lower=given["lower"],
+        connected=given["connected"],
+    )  # fmt: skip
+    start = time.perf_counter()
+    try:
+        with environment():
+            found = evaluate(request, talk.progress)
+            made = provenance(request, _command(scores, truth, given), time.perf_counter() - start)
+            numbers = plain(found.numbers | {"made": made})
+            if report is not None and beside is not None:
+                with Scratch() as scratch:
+                    write_text(scratch, report, page(found, made))
+                    write_json(scratch, beside, numbers)
+    finally:
+        talk.clear()
+    for note in numbers["notes"]:
+        talk.say(f"note: {note}")
+    if report is not None:
+        talk.say(f"{report} and {beside}: written in {time.perf_counter() - start:.2f} s")
+    if given["as_json"]:
+        click.echo(json.dumps(numbers, indent=2))
+    elif not given["quiet"]:
+        for line in table(numbers):
+            click.echo(line)
+
+
+def _command(scores: tuple[str, ...], truth: str, given: dict[str, Any]) -> str:
+    """The command line that does the same again, with every number that matters spelled out."""
+    words = ["rxdetect", "roc", *scores, truth, "--pfa-max", f"{given['pfa_max']:g}"]
+    words += ["--bootstrap", str(given["draws"]), "--seed", str(given["seed"])]
+    for name in ("report", "mask", "block"):
+        if given[name] is not None:
+            words += [f"--{name}", str(given[name])]
+    flags = {"per_object": "--per-object", "connected": "--connected", "lower": "--lower-is-anomalous"}
+    for key, flag in (flags | {"overwrite": "--overwrite"}).items():
+        words += [flag] * bool(given[key])
+    return shlex.join(words)

@@ -1,0 +1,269 @@
+"""From detected pixels to objects: connected parts of a mask, each with its score, size, place and outline.
+
+Arrays only; places on Earth come in with a transform and a CRS as rasterio gives them, and are only read. Pixels are
+counted from the array's upper left; outlines run along the edges of pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import InputError
+
+from .outlines import Ring, polygons
+
+Mask = npt.NDArray[np.bool_]
+_EARTH = 6_371_008.8
+"""Mean radius of the Earth [m], for pixels in degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class Object:
+    """A detected object.
+
+    Attributes
+    ----------
+    label : int
+        From 1, the highest maximum score first.
+    score_max, score_mean : float
+        Over its detected pixels.
+    size : int
+        Detected pixels [pixel].
+    area : float or None
+        [m2]; None where the pixels' size is not known.
+    centroid : (float, float)
+        Mean row and column of its pixels' centres, each pixel alike [pixel].
+    bounds : ((row0, row1), (col0, col1))
+        Half-open ranges that hold it.
+    footprint : (rows, columns) ndarray of bool
+        Its pixels within `bounds`.
+    """
+
+    label: int
+    score_max: float
+    score_mean: float
+    size: int
+    area: float | None
+    centroid: tuple[float, float]
+    bounds: tuple[tuple[int, int], tuple[int, int]]
+    footprint: Mask = field(repr=False)
+
+    @cached_property
+    def outline(self) -> tuple[tuple[Ring, ...], ...]:
+        """Polygons along pixel edges, each an outer ring and its holes, of (column, row) corners.
+
+        Rings are closed and never touch themselves; parts that touch at a corner only are polygons of their own. The
+        first corner is (0, 0) where the array begins: a pixel (row, column) covers column to column + 1.
+        """
+        (top, _), (left, _) = self.bounds
+        return tuple(
+            tuple(tuple((float(x + left), float(y + top)) for x, y in ring) for ring in polygon)
+            for polygon in polygons(self.footprint)
+        )
+
+
+def find(
+    mask: Mask,
+    scores: npt.NDArray[Any],
+    *,
+    min_size: int = 1,
+    merge_distance: float = 0.0,
+    connectivity: int = 8,
+    pixel_area: float | None = None,
+) -> list[Object]:
+    """Objects of a detection mask, the highest score first.
+
+    Parameters
+    ----------
+    mask : (row, column) ndarray of bool
+        Detected pixels; where the score is NaN it does not count.
+    scores : (row, column) ndarray
+    min_size : int
+        Objects of fewer pixels are dropped, after merging.
+    merge_distance : float
+        Parts whose nearest pixels are at most this far apart, centre to centre, are one object [pixel].
+    connectivity : {4, 8}
+        Whether pixels that touch at a corner only are connected.
+    pixel_area : float, optional
+        Area of a pixel [m2].
+
+    Raises
+    ------
+    InputError
+        Shapes differ, or an option is out of range.
+
+    Examples
+    --------
+    >>> scores = np.array([[9.0, 1, 1, 1], [7, 1, 1, 8]])
+    >>> [(o.size, o.score_max, o.centroid) for o in find(scores > 2, scores)]
+    [(2, 9.0, (0.5, 0.0)), (1, 8.0, (1.0, 3.0))]
+    """
+    mask, scores = np.asarray(mask), np.asarray(scores)
+    _check(mask, scores, min_size, merge_distance, connectivity)
+    found = label(mask.astype(np.bool_, copy=False) & ~np.isnan(scores), merge_distance, connectivity)
+    return _described(found, scores, min_size, pixel_area)
+
+
+def label(mask: Mask, merge_distance: float = 0.0, connectivity: int = 8) -> npt.NDArray[np.int32]:
+    """Number the connected parts of a mask from 1, 0 elsewhere; see `find`."""
+    import cv2
+
+    if mask.size == 0:  # OpenCV crashes
+        return np.zeros(mask.shape, np.int32)
+    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=connectivity, ltype=cv2.CV_32S)
+    if merge_distance <= 1 or count <= 2:
+        return np.asarray(labels)
+    return _merged(np.asarray(labels), count, merge_distance)
+
+
+def _merged(labels: npt.NDArray[np.int32], count: int, distance: float) -> npt.NDArray[np.int32]:
+    """Join parts by looking from every rim pixel at every offset within the distance."""
+    from scipy.ndimage import binary_erosion
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    inside = labels > 0
+    rows, columns = np.nonzero(inside & ~binary_erosion(inside))
+    own = labels[rows, columns]
+    reach = math.floor(distance)
+    pairs = []
+    for down in range(reach + 1):
+        for right in range(-reach, reach + 1):
+            if not (down, right) > (0, 0) or down * down + right * right > distance * distance:
+                continue
+            r, c = rows + down, columns + right
+            ok = (r < labels.shape[0]) & (c >= 0) & (c < labels.shape[1])
+            other = labels[r[ok], c[ok]]
+            meets = (other > 0) & (other != own[ok])
+            pairs.append(np.unique(np.stack([own[ok][meets], other[meets]]), axis=1))
+    a, b = np.concatenate(pairs, axis=1)
+    graph = coo_array((np.ones(len(a), np.bool_), (a, b)), shape=(count, count))
+    _, groups = connected_components(graph, directed=False)  # 0, the background, has no pair and comes first
+    return np.asarray(groups.astype(np.int32)[labels])
+
+
+def _described(
+    labels: npt.NDArray[np.int32], scores: npt.NDArray[Any], min_size: int, pixel_area: float | None
+) -> list[Object]:
+    from scipy.ndimage import find_objects
+
+    rows, columns = np.nonzero(labels)
+    at, values = labels[rows, columns], scores[rows, columns].astype(np.float64)
+    sizes = np.bincount(at)
+    length = len(sizes)
+    highest = np.full(length, -np.inf)
+    np.maximum.at(highest, at, values)
+    order = sorted(np.flatnonzero(sizes >= min_size), key=lambda i: (-highest[i], i))
+    with np.errstate(invalid="ignore"):
+        means = np.bincount(at, values, length) / sizes
+        row_means, column_means = (np.bincount(at, x, length) / sizes for x in (rows, columns))
+    boxes = find_objects(labels) if order else []
+    out: list[Object] = []
+    for i in order:
+        down, across = boxes[i - 1]
+        size = int(sizes[i])
+        out.append(
+            Object(
+                label=len(out) + 1,
+                score_max=float(highest[i]),
+                score_mean=float(means[i]),
+                size=size,
+                area=None if pixel_area is None else size * pixel_area,
+                centroid=(float(row_means[i]), float(column_means[i])),
+                bounds=((down.start, down.stop), (across.start, across.stop)),
+                footprint=labels[down, across] == i,
+            )
+        )
+    return out
+
+
+def _check(mask: Mask, scores: npt.NDArray[Any], min_size: int, merge_distance: float, connectivity: int) -> None:
+    if mask.ndim != 2 or mask.shape != scores.shape:
+        raise InputError(f"mask and scores must be of one shape (row, column), got {mask.shape} and {scores.shape}.")
+    if min_size < 1:
+        raise InputError(f"min_size: allowed is 1 pixel or more, got {min_size}.")
+    if not 0 <= merge_distance < math.inf:
+        raise InputError(f"merge_distance: allowed is 0 pixels or more, got {merge_distance}.")
+    if connectivity not in (4, 8):
+        raise InputError(f"connectivity: allowed are 4 and 8, got {connectivity}.")
+
+
+def pixel_area(transform: Any, crs: Any, shape: tuple[int, int]) -> float | None:
+    """Area of a pixel in the middle of a scene [m2]; None without a transform or a CRS.
+
+    Parameters
+    ----------
+    transform, crs
+        As rasterio gives them. Degrees are measured on a sphere, at the middle of the scene.
+    shape : (rows, columns)
+    """
+    if transform is None or crs is None:
+        return None
+    area = abs(transform.a * transform.e - transform.b * transform.d)
+    if crs.is_geographic:
+        row, column = shape[0] / 2, shape[1] / 2
+        latitude = math.radians(transform.d * column + transform.e * row + transform.f)
+        return area * (math.radians(1) * _EARTH) ** 2 * max(math.cos(latitude), 0.0)
+    factor = float(getattr(crs, "linear_units_factor", (None, 1.0))[1])
+    return area * factor * factor
+
+
+def to_geojson(objects: Sequence[Object], transform: Any = None, crs: Any = None, **members: Any) -> dict[str, Any]:
+    """A GeoJSON FeatureCollection of objects' outlines and numbers.
+
+    Parameters
+    ----------
+    objects : sequence of Object
+    transform : affine, optional
+        From (column, row) to the CRS; pixel corners as they stand where it is None.
+    crs : optional
+        As rasterio gives it; named in a `crs` member as GDAL and QGIS do, where an authority knows it.
+    **members
+        Further properties of every feature, such as the threshold.
+
+    Returns
+    -------
+    dict
+        Outer rings are counter-clockwise in the CRS, as RFC 7946 asks.
+    """
+    document: dict[str, Any] = {
+        "type": "FeatureCollection",
+        "features": [_feature(o, transform, members) for o in objects],
+    }
+    authority = crs.to_authority() if crs is not None else None
+    if authority:
+        document["crs"] = {"type": "name", "properties": {"name": f"urn:ogc:def:crs:{authority[0]}::{authority[1]}"}}
+    return document
+
+
+def _feature(found: Object, transform: Any, members: dict[str, Any]) -> dict[str, Any]:
+    north_up = transform is not None and transform.a * transform.e - transform.b * transform.d < 0
+    shapes = [
+        [[_at(transform, *p) for p in (ring[::-1] if north_up else ring)] for ring in polygon]
+        for polygon in found.outline
+    ]
+    single = len(shapes) == 1
+    (row0, row1), (col0, col1) = found.bounds
+    properties = {
+        "label": found.label, "score_max": found.score_max, "score_mean": found.score_mean, "pixels": found.size,
+        "area_m2": found.area, "row": found.centroid[0], "column": found.centroid[1],
+        "window": [col0, row0, col1 - col0, row1 - row0], **members,
+    }  # fmt: skip
+    geometry = {"type": "Polygon", "coordinates": shapes[0]} if single else {
+        "type": "MultiPolygon", "coordinates": shapes}  # fmt: skip
+    return {"type": "Feature", "id": found.label, "properties": properties, "geometry": geometry}
+
+
+def _at(transform: Any, x: float, y: float) -> list[float]:
+    """Affine transform of a corner, written out: versions of affine differ in the operator for it."""
+    if transform is None:
+        return [x, y]
+    t = transform
+    return [t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f]

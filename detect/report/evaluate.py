@@ -1,0 +1,278 @@
+"""Judge score rasters against truth: every number of the report, as plain numbers and words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import InputError
+
+from ..objects import Object, pixel_area
+from ..roc import (
+    Bands,
+    ObjectCurve,
+    Roc,
+    auc_interval,
+    bootstrap,
+    compare,
+    count_false_alarms,
+    false_alarms,
+    object_curve,
+)
+from ..roc.bootstrap import default_grid
+from .inputs import Inputs, read_inputs
+
+RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
+"""Pfa at which detectors are read off, where the scene has pixels enough."""
+_WORST = 8
+_CURVE_POINTS = 400
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be judged, and how.
+
+    Attributes
+    ----------
+    scores : tuple of str
+        Score rasters.
+    truth : str
+        Raster of 0 or an object's number, or GeoJSON.
+    mask : str or None
+        Raster, GeoJSON or window; what lies outside is left out.
+    pfa_max : float
+        Partial areas and objects are judged up to here.
+    draws, seed : int
+        Of the bootstrap; 0 draws leave it out.
+    block : int or None
+        Side of its blocks [pixel].
+    per_object : bool
+        Count objects and false alarms, too.
+    lower : bool
+        Lower scores are more anomalous.
+    connected : bool
+        Connected parts of the truth are objects, whatever their numbers.
+    """
+
+    scores: tuple[str, ...]
+    truth: str
+    mask: str | None = None
+    pfa_max: float = 0.1
+    draws: int = 1000
+    seed: int = 0
+    block: int | None = None
+    per_object: bool = False
+    lower: bool = False
+    connected: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One detector: its curve, and what was found out about it."""
+
+    name: str
+    scores: npt.NDArray[Any]
+    roc: Roc
+    numbers: dict[str, Any]
+    bands: Bands | None
+    objects: ObjectCurve | None
+    worst: tuple[Object, ...]
+    worst_threshold: float
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Everything that the report shows.
+
+    Attributes
+    ----------
+    request : Request
+    inputs : Inputs
+    detectors : tuple of Judged
+    numbers : dict
+        All of it as plain numbers and words, for JSON.
+    """
+
+    request: Request
+    inputs: Inputs
+    detectors: tuple[Judged, ...]
+    numbers: dict[str, Any]
+
+
+def evaluate(request: Request, progress: Any = None) -> Evaluation:
+    """Read, judge and compare.
+
+    Parameters
+    ----------
+    request : Request
+    progress : callable, optional
+        Called with a stage, how many detectors are done, and of how many.
+
+    Raises
+    ------
+    InputError
+        Something does not fit: grids differ, no target, no background, all scores equal.
+    ReadError
+        A file cannot be read.
+    """
+    inputs = read_inputs(request.scores, request.truth, request.mask, lower=request.lower, connected=request.connected)
+    area = pixel_area(inputs.grid.transform, inputs.grid.crs, inputs.valid.shape)
+    judged = []
+    for done, (name, scores) in enumerate(zip(inputs.names, inputs.scores, strict=True)):
+        if progress is not None:
+            progress("judge", done, len(inputs.names))
+        try:
+            judged.append(_judge(name, scores, inputs, request, area))
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from error
+    if progress is not None:
+        progress("judge", len(judged), len(judged))
+    numbers = _scene_numbers(inputs, judged[0].roc, area)
+    numbers["detectors"] = [j.numbers for j in judged]
+    numbers["comparisons"] = _comparisons(judged, inputs)
+    numbers["notes"] = [*inputs.notes, *_notes(judged)]
+    return Evaluation(request, inputs, tuple(judged), numbers)
+
+
+def _judge(name: str, scores: npt.NDArray[Any], inputs: Inputs, request: Request, area: float | None) -> Judged:
+    roc = Roc.of(scores, inputs.objects, inputs.valid)
+    rates = [r for r in RATES if r * len(roc.background) >= 1]
+    bands = None
+    if request.draws:
+        at = np.unique(np.concatenate([default_grid(len(roc.background)), rates]))
+        bands = bootstrap(scores, inputs.objects, inputs.valid, draws=request.draws, seed=request.seed,
+                          block=request.block, pfa=at)  # fmt: skip
+    found = None
+    if request.per_object:
+        found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=request.pfa_max)
+    sign = -1.0 if request.lower else 1.0
+    square_km = None if area is None else np.count_nonzero(inputs.valid) * area / 1e6
+    threshold = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0)).threshold
+    worst = false_alarms(scores, inputs.objects, threshold, inputs.valid)[:_WORST]
+    numbers = _figures(name, roc, request, bands)
+    numbers["operating_points"] = [_point(roc, r, bands, sign) for r in rates]
+    numbers["worst_false_alarms"] = [_alarm(o, inputs, sign) for o in worst]
+    if found is not None:
+        for point in numbers["operating_points"]:
+            point |= _called(sign * point["threshold"], scores, found, inputs, square_km)
+        numbers["objects"] = _objects(found, sign, square_km)
+    return Judged(name, scores, roc, numbers, bands, found, tuple(worst), threshold)
+
+
+def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, Any]:
+    delong = auc_interval(roc)
+    pfa, pd = roc.vertices
+    keep = np.unique(np.linspace(0, len(pfa) - 1, _CURVE_POINTS).astype(int))
+    out: dict[str, Any] = {
+        "name": name,
+        "auc": roc.auc,
+        "delong": {k: v for k, v in asdict(delong).items() if k != "auc"},
+        "bootstrap": None,
+        "partial_auc": {"pfa_max": request.pfa_max, "raw": roc.partial_auc(request.pfa_max),
+                        "mcclish": roc.mcclish(request.pfa_max) if request.pfa_max < 1 else roc.auc},
+        "average_precision": roc.average_precision,
+        "three_d": roc.three_d(),
+        "curve": {"pfa": pfa[keep], "pd": pd[keep]},
+    }  # fmt: skip
+    if bands is not None:
+        out["bootstrap"] = {
+            "low": bands.auc[0], "high": bands.auc[1], "standard_error": bands.auc_error, "level": bands.level,
+            "draws": bands.draws, "seed": bands.seed, "block": bands.block, "objects": bands.objects,
+            "blocks": bands.blocks, "pfa": bands.pfa, "pd_low": bands.low, "pd_high": bands.high,
+        }  # fmt: skip
+    return out
+
+
+def _point(roc: Roc, rate: float, bands: Bands | None, sign: float) -> dict[str, Any]:
+    """What a false-alarm rate gives in pixels."""
+    point = roc.point(rate)
+    out: dict[str, Any] = asdict(point) | {"threshold": sign * point.threshold, "pd_low": None, "pd_high": None}
+    if bands is not None:
+        at = int(np.argmin(np.abs(bands.pfa - rate)))
+        out |= {"pd_low": bands.low[at], "pd_high": bands.high[at]}
+    return out
+
+
+def _called(
+    threshold: float, scores: npt.NDArray[Any], found: ObjectCurve, inputs: Inputs, square_km: float | None
+) -> dict[str, Any]:
+    """What a threshold gives in objects and false alarms."""
+    alarms = count_false_alarms(scores > threshold, inputs.objects, inputs.valid)
+    return {
+        "objects_found": sum(o.score_max > threshold for o in found.objects), "objects": len(found.objects),
+        "false_alarms": alarms, "false_alarms_per_km2": None if square_km is None else alarms / square_km,
+    }  # fmt: skip
+
+
+def _objects(found: ObjectCurve, sign: float, square_km: float | None) -> dict[str, Any]:
+    return {
+        "curve": {
+            "threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found,
+            "false_alarms": found.false_alarms,
+            "false_alarms_per_km2": None if square_km is None else found.false_alarms / square_km,
+        },
+        "unseen": list(found.unseen),
+        "table": [
+            asdict(replace(o, score_max=sign * o.score_max, score_mean=sign * o.score_mean)) for o in found.objects
+        ],
+    }  # fmt: skip
+
+
+def _alarm(found: Object, inputs: Inputs, sign: float) -> dict[str, Any]:
+    row, column = found.centroid
+    out = {"score_max": sign * found.score_max, "pixels": found.size, "row": row, "column": column}
+    t = inputs.grid.transform
+    if t is not None:
+        x, y = column + 0.5, row + 0.5
+        out |= {"x": t.a * x + t.b * y + t.c, "y": t.d * x + t.e * y + t.f}
+    return out
+
+
+def _comparisons(judged: Sequence[Judged], inputs: Inputs) -> list[dict[str, Any]]:
+    """Every pair: DeLong's test, and the bootstrap's interval of the difference from the same draws."""
+    out = []
+    for a, b in combinations(judged, 2):
+        test = compare(a.scores, b.scores, inputs.objects, inputs.valid)
+        row = asdict(test) | {"first": a.name, "second": b.name, "bootstrap_low": None, "bootstrap_high": None}
+        if a.bands is not None and b.bands is not None:
+            low, high = np.percentile(a.bands.areas - b.bands.areas, [2.5, 97.5])
+            row |= {"bootstrap_low": float(low), "bootstrap_high": float(high)}
+        out.append(row)
+    return out
+
+
+def _scene_numbers(inputs: Inputs, roc: Roc, area: float | None) -> dict[str, Any]:
+    grid = inputs.grid
+    n = len(roc.targets) + len(roc.background)
+    return {
+        "scene": {
+            "rows": grid.height, "columns": grid.width, "crs": None if grid.crs is None else grid.crs.to_string(),
+            "pixel_area_m2": area, "area_km2": None if area is None else n * area / 1e6,
+        },
+        "pixels": {
+            "total": inputs.valid.size, "judged": n, "targets": len(roc.targets), "background": len(roc.background),
+            "left_out": dict(inputs.left_out),
+            "objects": len(np.unique(inputs.objects[inputs.valid & (inputs.objects != 0)])),
+        },
+    }  # fmt: skip
+
+
+def _notes(judged: Sequence[Judged]) -> list[str]:
+    """What a reader must know, said once."""
+    out: dict[str, None] = {}
+    for j in judged:
+        for note in j.bands.notes if j.bands is not None else ():
+            out[note] = None
+        if j.objects is not None and j.objects.unseen:
+            many = len(j.objects.unseen)
+            out[
+                f"{many} object{'s have' if many > 1 else ' has'} no valid pixel, and count{'s' * (many == 1)} neither "
+                "as found nor as missed"
+            ] = None
+    return list(out)

@@ -1,0 +1,191 @@
+"""Read scores, truth and mask as arrays on one grid, or say in one line why they do not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import InputError
+from deglint.raster import RasterSource
+from deglint.readers import open_scene
+from deglint.readers.areas import open_area, polygons
+from deglint.readers.text import read_json
+from deglint.scene import Scene
+
+from ..objects import label
+from ..roc import number_objects
+
+_OFF = 0.01
+"""Corners that lie further apart than this are of different grids [pixel]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """Everything that is judged.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What each detector is called.
+    scores : tuple of (row, column) ndarray
+        Higher is more anomalous; NaN is not valid.
+    objects : (row, column) ndarray of int
+        0, or the number of an object.
+    valid : (row, column) ndarray of bool
+        Valid in every score raster and in the truth, and inside the mask.
+    left_out : dict
+        Pixels that are not, by reason; a pixel may count for several.
+    grid : Scene
+        Where the pixels lie.
+    notes : tuple of str
+    """
+
+    names: tuple[str, ...]
+    scores: tuple[npt.NDArray[Any], ...]
+    objects: npt.NDArray[np.int32]
+    valid: npt.NDArray[np.bool_]
+    left_out: dict[str, int]
+    grid: Scene
+    notes: tuple[str, ...]
+
+
+def read_inputs(
+    scores: Sequence[str], truth: str, mask: str | None = None, *, lower: bool = False, connected: bool = False
+) -> Inputs:
+    """Read score rasters, and truth from a raster or a GeoJSON file.
+
+    Raises
+    ------
+    InputError
+        The rasters are not on one grid, or the truth cannot be used.
+    ReadError
+        A file cannot be read.
+    """
+    notes: list[str] = []
+    scenes = [open_scene(path) for path in scores]
+    for path, scene in zip(scores[1:], scenes[1:], strict=True):
+        _check_grid(scene, f"SCORES {path}", scenes[0], f"SCORES {scores[0]}")
+    marks, known = _truth(truth, scenes[0], scores[0], notes)
+    arrays = [_first_band(scene, path, notes) for scene, path in zip(scenes, scores, strict=True)]
+    left_out = {}
+    valid = known
+    if not known.all():
+        left_out["not valid in the truth"] = int(np.count_nonzero(~known))
+    names = _names(scores)
+    for array, name in zip(arrays, names, strict=True):
+        ok = ~np.isnan(array)
+        if not ok.all():
+            left_out[f"not valid, or not finite, in {name}"] = int(np.count_nonzero(~ok))
+            valid = valid & ok
+    if mask is not None:
+        inside = open_area(mask, scenes[0], "--mask").read(((0, scenes[0].height), (0, scenes[0].width)))
+        left_out["outside the mask"] = int(np.count_nonzero(~inside))
+        valid = valid & inside
+    turned = tuple(-array for array in arrays) if lower else tuple(arrays)
+    objects = number_objects(marks, connected=connected)
+    _note_parts(objects, truth, notes)
+    return Inputs(names, turned, objects, valid, left_out, scenes[0], tuple(notes))
+
+
+def _note_parts(objects: npt.NDArray[np.int32], truth: str, notes: list[str]) -> None:
+    """Say where a number stands for several separate things: it may be a class."""
+    inside = objects != 0
+    parts = int(label(inside).max(initial=0))
+    many = len(np.unique(objects[inside]))
+    if parts > many:
+        notes.append(f"{many} numbers of {truth} lie in {parts} separate parts; what has one number is judged as one "
+                     "object (--connected: each part is one)")  # fmt: skip
+
+
+def _first_band(scene: Scene, path: str, notes: list[str]) -> npt.NDArray[Any]:
+    if len(scene.bands) > 1:
+        notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
+    assert isinstance(scene.source, RasterSource)
+    with scene.source as source:
+        return np.asarray(source.read(((0, scene.height), (0, scene.width)), [0])[0])
+
+
+def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
+    """0 or an object's mark, and where it is known."""
+    if Path(path).suffix.lower() in (".geojson", ".json"):
+        marks = _drawn(path, grid, notes)
+        return marks, np.ones(marks.shape, np.bool_)
+    scene = open_scene(path)
+    _check_grid(scene, f"TRUTH {path}", grid, f"SCORES {scores}")
+    if len(scene.bands) > 1:
+        raise InputError(f"TRUTH {path} has {len(scene.bands)} bands; want one, of 0 or an object's number.")
+    source = scene.source
+    assert isinstance(source, RasterSource)
+    if source.info.nodatas[0] == 0:
+        notes.append(f"{path} declares 0 as nodata; 0 is taken as background")
+        files = [replace(file, nodatas=(None,)) for file in source.files]
+        source = RasterSource(files, replace(source.info, nodatas=(None,)))
+    with source:
+        marks = source.read(((0, scene.height), (0, scene.width)), [0])[0]
+    known = np.isfinite(marks)
+    return np.where(known, marks, 0), known
+
+
+def _drawn(path: str, grid: Scene, notes: list[str]) -> npt.NDArray[np.int32]:
+    """Features of a GeoJSON file drawn with their numbers, from 1; a pixel is in where its centre is."""
+    document = read_json(path, "TRUTH")
+    given = document.get("features")
+    features = given if isinstance(given, list) and given else [document]
+    out = np.zeros((grid.height, grid.width), np.int32)
+    empty = 0
+    for number, feature in enumerate(features, start=1):
+        one = {"type": "FeatureCollection", "features": [feature]} | {k: document[k] for k in ("crs",) if k in document}
+        area = polygons(one, grid, path)
+        rows, columns = (
+            (min(max(low, 0), size), min(max(high, 0), size))
+            for (low, high), size in zip(area.bounds, (grid.height, grid.width), strict=True)
+        )
+        touches = rows[0] < rows[1] and columns[0] < columns[1]
+        inside = area.read((rows, columns)) if touches else np.zeros((0, 0), np.bool_)
+        if not inside.any():
+            empty += 1
+            continue
+        out[rows[0] : rows[1], columns[0] : columns[1]][inside] = number
+    if empty:
+        notes.append(f"{empty} of {len(features)} features of {path} hold no pixel's centre in the scene: left out")
+    return out
+
+
+def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
+    if scene.shape[1:] != grid.shape[1:]:
+        raise InputError(
+            f"{name} has {scene.height} x {scene.width} pixels, {reference} has {grid.height} x {grid.width}: they "
+            "must lie on one grid. Warp one to the other, for example with rio warp --like."
+        )
+    if scene.crs is not None and grid.crs is not None and scene.crs != grid.crs:
+        raise InputError(
+            f"{name} and {reference} have different CRS: they must lie on one grid. Warp one to the other."
+        )
+    a, b = scene.transform, grid.transform
+    if a is None or b is None:
+        return
+    size = abs(b.a) + abs(b.b)
+    corners = [(0, 0), (scene.width, 0), (0, scene.height)]
+    off = max(
+        max(abs((a.a - b.a) * x + (a.b - b.b) * y + a.c - b.c), abs((a.d - b.d) * x + (a.e - b.e) * y + a.f - b.f))
+        for x, y in corners
+    )
+    if off > _OFF * size:
+        raise InputError(
+            f"{name} lies {off / size:.3g} pixels beside {reference}: they must lie on one grid. Warp one to the other."
+        )
+
+
+def _names(paths: Sequence[str]) -> tuple[str, ...]:
+    """Short names: the files' stems, or their paths where stems repeat."""
+    stems = [Path(p).stem for p in paths]
+    names = [stem if stems.count(stem) == 1 else path for stem, path in zip(stems, paths, strict=True)]
+    if len(set(names)) < len(names):
+        twice = next(n for n in names if names.count(n) > 1)
+        raise InputError(f"SCORES {twice} is given twice: leave one out.")
+    return tuple(names)

@@ -1,0 +1,44 @@
+"""With what a report was made: versions, machine, command, inputs with their checksums."""
+
+from __future__ import annotations
+
+import os
+import platform
+from datetime import UTC, datetime
+from typing import Any
+
+from deglint import __version__
+from deglint.pipeline.sidecar import Checksum, versions
+
+from .evaluate import Request
+
+
+def provenance(request: Request, command: str, seconds: float) -> dict[str, Any]:
+    """Everything that another needs to make the report again.
+
+    Parameters
+    ----------
+    request : Request
+    command : str
+    seconds : float
+        That judging took [s].
+    """
+    import cv2
+    import scipy
+
+    files = [*request.scores, request.truth, *([request.mask] if request.mask else [])]
+    inputs = [
+        {"path": f["path"], "bytes": f["bytes"], "crc32": f["crc32"]}
+        for f in Checksum(files).result()
+        if f["bytes"] is not None
+    ]
+    return {
+        "command": command,
+        "rxdetect": __version__,
+        "versions": versions() | {"scipy": scipy.__version__, "opencv": cv2.__version__},
+        "machine": {"system": platform.platform(), "processor": platform.machine(), "processors": os.cpu_count()},
+        "seed": request.seed,
+        "seconds": round(seconds, 2),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "inputs": inputs,
+    }

@@ -1,0 +1,27 @@
+"""How well scores tell targets from background: ROC curves, what is read off them, and how sure it is.
+
+Arrays only; opens no files. A pixel is a target where truth is not 0, and is detected where its score is greater than
+a threshold: higher is more anomalous. What is not finite, or not valid, is left out and counted.
+"""
+
+from .bootstrap import Bands, bootstrap
+from .curve import OperatingPoint, Roc
+from .delong import AucInterval, Comparison, auc_interval, compare
+from .per_object import ObjectCurve, ObjectScore, count_false_alarms, false_alarms, number_objects, object_curve
+
+__all__ = [
+    "AucInterval",
+    "Bands",
+    "Comparison",
+    "ObjectCurve",
+    "ObjectScore",
+    "OperatingPoint",
+    "Roc",
+    "auc_interval",
+    "bootstrap",
+    "compare",
+    "count_false_alarms",
+    "false_alarms",
+    "number_objects",
+    "object_curve",
+]

@@ -1,0 +1,217 @@
+"""How far a ROC curve would move had other objects and other water been seen: resampling of what is independent.
+
+Pixels of an object share its fate, and neighbouring background shares glint and clutter; drawing pixels would count
+the same evidence many times. Here whole objects are drawn for the targets and whole square blocks for the background,
+each with replacement (a block, or cluster, bootstrap). Blocks should be wider than the clutter is correlated.
+
+Each object and block is reduced once to counts of its scores between fixed levels, so a draw is a sum of counts. Up to
+1024 distinct target scores are levels themselves, and ties are kept apart: then areas are those of the pixels, exactly.
+
+References
+----------
+Efron, Tibshirani (1993), "An Introduction to the Bootstrap", doi:10.1007/978-1-4899-4541-9 (ch. 13, percentiles).
+Obuchowski (1997), "Nonparametric analysis of clustered ROC curve data", Biometrics 53, 567-578, doi:10.2307/2533958.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import InputError
+
+from .curve import Float64, Mask, Roc, Scores, usable
+
+_LEVELS = 1024
+_FEW = 10
+_DRAWS_AT_A_TIME = 100
+_DENSE = 1 << 23
+
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """What resampling gave: percentile intervals.
+
+    Attributes
+    ----------
+    pfa : (points,) ndarray
+        Where the curve was looked at.
+    low, high : (points,) ndarray
+        Interval of Pd there, each point by itself.
+    auc : (float, float)
+        Interval of the area.
+    auc_error : float
+        Standard deviation of the area over the draws.
+    areas : (draws,) ndarray
+        The area of every draw. Detectors scored on the same pixels are drawn alike by one seed, so the differences
+        of their areas are paired.
+    level : float
+    draws, seed, block : int
+    objects, blocks : int
+        Independent pieces that were drawn from.
+    notes : tuple of str
+    """
+
+    pfa: Float64
+    low: Float64
+    high: Float64
+    auc: tuple[float, float]
+    auc_error: float
+    areas: Float64
+    level: float
+    draws: int
+    seed: int
+    block: int
+    objects: int
+    blocks: int
+    notes: tuple[str, ...]
+
+
+def default_block(height: int, width: int) -> int:
+    """Side of the blocks [pixel]: some hundreds of them in a scene, none smaller than 16."""
+    return max(16, -(-max(height, width) // 24))
+
+
+def bootstrap(
+    scores: Scores,
+    objects: npt.NDArray[Any],
+    valid: Mask | None = None,
+    *,
+    draws: int = 1000,
+    seed: int = 0,
+    block: int | None = None,
+    pfa: npt.ArrayLike | None = None,
+    level: float = 0.95,
+) -> Bands:
+    """Intervals of Pd at given Pfa, and of the area, by drawing objects and blocks.
+
+    Parameters
+    ----------
+    scores : (row, column) ndarray
+    objects : (row, column) ndarray
+        0, or the number of the object that a pixel belongs to.
+    valid : (row, column) ndarray of bool, optional
+    draws : int
+    seed : int
+        The same seed gives the same numbers.
+    block : int, optional
+        Side of the background's blocks [pixel]; see `default_block`.
+    pfa : array_like, optional
+        Where to look at the curve; see `default_grid`.
+    level : float
+
+    Raises
+    ------
+    InputError
+        As `Roc.of`; fewer than 2 draws; block less than 1.
+    """
+    scores, objects = np.asarray(scores), np.asarray(objects)
+    if scores.ndim != 2:
+        raise InputError(f"scores must be (row, column) to be cut into blocks, got shape {scores.shape}.")
+    if draws < 2:
+        raise InputError(f"draws: allowed is 2 or more, got {draws}. 1000 are usual.")
+    block = default_block(*scores.shape) if block is None else block
+    if block < 1:
+        raise InputError(f"block: allowed is 1 pixel or more, got {block}.")
+    ok = usable(scores, objects, valid)
+    roc = Roc.of(scores, objects, ok)
+    at = default_grid(len(roc.background)) if pfa is None else np.asarray(pfa, np.float64)
+    levels = _levels(roc)
+    targets, background = _count(scores, objects, ok, levels, block)
+    areas, pds = _draw(targets, background, at, draws, seed)
+    tails = [100 * (1 - level) / 2, 100 * (1 + level) / 2]
+    low, high = np.percentile(pds, tails, axis=0)
+    auc = np.percentile(areas, tails)
+    objects_drawn, blocks_drawn = targets.shape[0], background.shape[0]
+    return Bands(
+        pfa=at, low=low, high=high, auc=(float(auc[0]), float(auc[1])), auc_error=float(areas.std(ddof=1)),
+        areas=areas, level=level, draws=draws, seed=seed, block=block, objects=objects_drawn, blocks=blocks_drawn,
+        notes=_notes(objects_drawn, blocks_drawn),
+    )  # fmt: skip
+
+
+def default_grid(background: int) -> Float64:
+    """Values of Pfa: one that allows no background pixel, then 61 even in logarithm from one pixel to all."""
+    return np.append(0.5 / background, np.geomspace(1 / background, 1, 61))
+
+
+def _notes(objects: int, blocks: int) -> tuple[str, ...]:
+    out = []
+    if objects == 1:
+        out.append("one object: how much another would differ cannot be known; intervals hold for this object alone")
+    elif objects < _FEW:
+        out.append(f"only {objects} objects: percentile intervals are too narrow")
+    if blocks < _FEW:
+        out.append(f"only {blocks} block{'s' * (blocks > 1)} of background: intervals are too narrow")
+    return tuple(out)
+
+
+def _levels(roc: Roc) -> Scores:
+    """Ascending edges between which scores are counted.
+
+    Target scores, each followed by the next number so that what is equal to it is counted apart, and background
+    scores at ranks even in logarithm from the highest.
+    """
+    distinct = roc._steps[0]
+    if len(distinct) > _LEVELS:
+        distinct = distinct[np.linspace(0, len(distinct) - 1, _LEVELS).astype(np.int64)]
+    n = len(roc.background)
+    ranks = np.unique(np.concatenate([np.geomspace(1, n, _LEVELS), np.linspace(1, n, _LEVELS // 4)]).astype(np.int64))
+    chosen = roc.background[n - ranks]
+    up = distinct.dtype.type(np.inf)
+    return np.unique(np.concatenate([distinct, np.nextafter(distinct, up), chosen, np.nextafter(chosen, up)]))
+
+
+def _count(scores: Scores, objects: npt.NDArray[Any], ok: Mask, levels: Scores, block: int) -> tuple[Any, Any]:
+    """Scores of each object, and of each block's background, between the levels: (pieces, bins)."""
+    from scipy.sparse import coo_array, csr_array, vstack
+
+    bins = len(levels) + 1
+    height, width = scores.shape
+    across = -(-width // block)
+    columns = np.arange(width) // block
+    background = []
+    for top in range(0, height, block):
+        rows = slice(top, top + block)
+        use = ok[rows] & (objects[rows] == 0)
+        place = np.broadcast_to(columns, use.shape)[use]
+        at = np.searchsorted(levels, scores[rows][use], side="right")
+        counts = np.bincount(place * bins + at, minlength=across * bins).reshape(across, bins)
+        background.append(csr_array(counts[counts.any(axis=1)]))
+    target = ok & (objects != 0)
+    names, which = np.unique(objects[target], return_inverse=True)
+    at = np.searchsorted(levels, scores[target], side="right")
+    targets = coo_array((np.ones(len(at), np.int64), (which, at)), shape=(len(names), bins)).tocsr()
+    return _dense(targets), _dense(vstack(background, format="csr"))
+
+
+def _dense(counts: Any) -> Any:
+    """Few pieces as a plain array, which is multiplied faster; many stay sparse, for memory."""
+    counts = counts.astype(np.float64)
+    return counts.toarray() if counts.shape[0] * counts.shape[1] <= _DENSE else counts
+
+
+def _draw(targets: Float64, background: Float64, at: Float64, draws: int, seed: int) -> tuple[Float64, Float64]:
+    """Area and Pd at each Pfa for every draw."""
+    rng = np.random.default_rng(seed)
+    areas, pds = np.empty(draws), np.empty((draws, len(at)))
+    for start in range(0, draws, _DRAWS_AT_A_TIME):
+        some = slice(start, min(start + _DRAWS_AT_A_TIME, draws))
+        size = some.stop - some.start
+        t, b = (_times(rng, pieces.shape[0], size) @ pieces for pieces in (targets, background))
+        m, n = t.sum(axis=1, keepdims=True), b.sum(axis=1, keepdims=True)
+        below = np.cumsum(b, axis=1) - b / 2
+        areas[some] = (t * below).sum(axis=1) / (m * n)[:, 0]
+        found, false = (np.cumsum(x[:, ::-1], axis=1) for x in (t, b))
+        for i in range(size):  # the highest Pd whose Pfa is allowed; both rise as the threshold falls
+            last = np.searchsorted(false[i], at * n[i] * (1 + 1e-12), side="right")
+            pds[start + i] = np.append(0, found[i])[last] / m[i]
+    return areas, pds
+
+
+def _times(rng: np.random.Generator, pieces: int, size: int) -> Float64:
+    """How often each piece is drawn, (size, pieces): as many draws as pieces, with replacement."""
+    return rng.multinomial(pieces, np.full(pieces, 1 / pieces), size).astype(np.float64)

@@ -1,0 +1,232 @@
+"""The ROC curve of a scene and every figure that is read off it.
+
+The scores of targets and of background are sorted by themselves, and every figure follows from where target scores
+fall among background scores: no pixel is paired with another, and none is left out for speed.
+
+References
+----------
+Hanley, McNeil (1982), Radiology 143, 29-36, doi:10.1148/radiology.143.1.7063747 (area). McClish (1989), "Analyzing a
+portion of the ROC curve", Medical Decision Making 9, 190-195, doi:10.1177/0272989X8900900307. Chang (2021), "An
+effective evaluation tool for hyperspectral target detection: 3D receiver operating characteristic curve analysis",
+IEEE TGRS 59, 5131-5153, doi:10.1109/TGRS.2020.3021671.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import InputError
+
+Scores = npt.NDArray[Any]
+Float64 = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """What a threshold gives: detected is what is greater than it.
+
+    Attributes
+    ----------
+    pfa_designed : float
+        The most that was allowed.
+    threshold : float
+    pfa, pd : float
+        Fractions of background and target pixels that are detected.
+    """
+
+    pfa_designed: float
+    threshold: float
+    pfa: float
+    pd: float
+
+
+@dataclass(frozen=True, eq=False)
+class Roc:
+    """Sorted scores of targets and of background.
+
+    Attributes
+    ----------
+    targets, background : (n,) ndarray
+        Ascending, in the scores' own type.
+    left_out : int
+        Pixels that were not valid.
+
+    Examples
+    --------
+    >>> roc = Roc.of(np.array([1.0, 2, 2, 3, 9]), np.array([0, 0, 1, 0, 1]))
+    >>> round(roc.auc, 4), roc.point(0.4).pd
+    (0.75, 0.5)
+    """
+
+    targets: Scores
+    background: Scores
+    left_out: int = 0
+
+    @classmethod
+    def of(cls, scores: Scores, truth: npt.NDArray[Any], valid: Mask | None = None) -> Roc:
+        """The curve of scores against truth.
+
+        Parameters
+        ----------
+        scores : ndarray
+            Any shape; NaN is not valid.
+        truth : ndarray of the same shape
+            A target where it is not 0; NaN is not valid.
+        valid : ndarray of bool, optional
+            Which pixels count.
+
+        Raises
+        ------
+        InputError
+            Shapes differ; no valid pixel, no target, no background; an infinite score; all scores equal.
+        """
+        scores, truth = np.asarray(scores), np.asarray(truth)
+        ok = usable(scores, truth, valid)
+        target = truth != 0
+        kept = scores.astype(np.float64) if scores.dtype.kind in "iub" else scores
+        targets, background = (np.sort(kept[part]) for part in (ok & target, ok & ~target))
+        left_out = scores.size - targets.size - background.size
+        _check(targets, background, left_out)
+        return cls(targets, background, left_out)
+
+    @cached_property
+    def _steps(self) -> tuple[Scores, npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Distinct target scores ascending, how often each is, and background below and up to it."""
+        distinct, counts = np.unique(self.targets, return_counts=True)
+        below, upto = (np.searchsorted(self.background, distinct, side) for side in ("left", "right"))
+        return distinct, counts.astype(np.int64), below.astype(np.int64), upto.astype(np.int64)
+
+    @cached_property
+    def vertices(self) -> tuple[Float64, Float64]:
+        """Pfa and Pd of the curve's corners, from (0, 0) to (1, 1); straight between them, as ties are drawn."""
+        _, counts, below, upto = self._steps
+        n, m = len(self.background), len(self.targets)
+        reached = np.cumsum(counts[::-1])
+        false = np.empty(2 * len(counts) + 2, np.int64)
+        found = np.empty_like(false)
+        false[0] = found[0] = 0
+        false[1:-1:2], false[2:-1:2] = n - upto[::-1], n - below[::-1]
+        found[1:-1:2], found[2:-1:2] = reached - counts[::-1], reached
+        false[-1], found[-1] = n, m
+        return false / n, found / m
+
+    @cached_property
+    def auc(self) -> float:
+        """Area under the curve: P(target > background) + P(equal)/2, counted exactly (Mann-Whitney)."""
+        _, counts, below, upto = self._steps
+        return int((counts * (below + upto)).sum()) / 2 / (len(self.targets) * len(self.background))
+
+    def partial_auc(self, pfa_max: float) -> float:
+        """Area under the curve up to a Pfa; `pfa_max` itself is the most it can be."""
+        pfa_max = check_pfa(pfa_max)
+        pfa, pd = self.vertices
+        stop = int(np.searchsorted(pfa, pfa_max, side="right"))
+        if stop == len(pfa):
+            return self.auc
+        last = pd[stop - 1] + (pd[stop] - pd[stop - 1]) * (pfa_max - pfa[stop - 1]) / (pfa[stop] - pfa[stop - 1])
+        x, y = np.append(pfa[:stop], pfa_max), np.append(pd[:stop], last)
+        return float(((y[1:] + y[:-1]) / 2 * np.diff(x)).sum())
+
+    def mcclish(self, pfa_max: float) -> float:
+        """Partial area brought to 0.5 for chance and 1 for perfection (McClish 1989, eq. 4)."""
+        least = pfa_max * pfa_max / 2
+        return (1 + (self.partial_auc(pfa_max) - least) / (pfa_max - least)) / 2
+
+    def point(self, pfa: float) -> OperatingPoint:
+        """The highest Pd with at most this Pfa, by the least threshold that keeps it; nothing is interpolated."""
+        check_pfa(pfa)
+        n = len(self.background)
+        allowed = min(math.floor(pfa * n * (1 + 1e-12)), n - 1)
+        threshold = self.background[n - 1 - allowed]
+        false = n - int(np.searchsorted(self.background, threshold, side="right"))
+        found = len(self.targets) - int(np.searchsorted(self.targets, threshold, side="right"))
+        return OperatingPoint(pfa, float(threshold), false / n, found / len(self.targets))
+
+    @cached_property
+    def precision_recall(self) -> tuple[Float64, Float64]:
+        """Precision and recall (Pd) where the threshold falls just below each target score, the highest first."""
+        _, counts, below, _ = self._steps
+        found = np.cumsum(counts[::-1])
+        return found / (found + len(self.background) - below[::-1]), found / len(self.targets)
+
+    @cached_property
+    def average_precision(self) -> float:
+        """Sum of precision over steps of recall, not interpolated; it depends on how rare targets are."""
+        precision, recall = self.precision_recall
+        return float((precision * np.diff(recall, prepend=0)).sum())
+
+    def three_d(self) -> dict[str, float]:
+        """Chang's measures of the 3-D ROC curve, over thresholds tau of scores brought to 0..1.
+
+        Returns
+        -------
+        dict
+            d_tau, f_tau: areas of Pd and Pfa over tau (eq. 18, 19), which are the mean scores of targets and of
+            background; d_tau_trapezoid, f_tau_trapezoid: the same by the trapezoid rule over the distinct scores;
+            td = auc + d_tau, bs = auc - f_tau, tdbs = d_tau - f_tau, od = auc + d_tau - f_tau, snpr = d_tau / f_tau.
+            They depend on the extremes of the scores: compare detectors of one scene by them, not scenes.
+        """
+        low = float(min(self.targets[0], self.background[0]))
+        span = float(max(self.targets[-1], self.background[-1])) - low
+        d, f = ((float(part.mean(dtype=np.float64)) - low) / span for part in (self.targets, self.background))
+        d_more, f_more = (more / span for more in self._trapezoid_excess())
+        out = {"d_tau": d, "f_tau": f, "d_tau_trapezoid": d + d_more, "f_tau_trapezoid": f + f_more}
+        out |= {"td": self.auc + d, "bs": self.auc - f, "tdbs": d - f, "od": self.auc + d - f}
+        return out | {"snpr": d / f if f > 0 else math.inf}
+
+    def _trapezoid_excess(self) -> tuple[float, float]:
+        """What the trapezoid rule adds to the areas of Pd and Pfa: half the mean step to the next higher score."""
+        every = np.sort(np.concatenate([self.targets, self.background]))
+        last = np.flatnonzero(every[1:] != every[:-1])  # of each run of equal scores
+        runs = np.diff(last, prepend=-1)
+        steps = np.append(every[last + 1].astype(np.float64) - every[last], 0.0)
+        own = float(steps[np.searchsorted(every[last], self.targets)].sum())
+        rest = float(runs @ steps[:-1]) - own
+        return own / len(self.targets) / 2, max(rest, 0.0) / len(self.background) / 2
+
+
+def usable(scores: Scores, truth: npt.NDArray[Any], valid: Mask | None = None) -> Mask:
+    """Which pixels count: neither score nor truth is NaN, and `valid` allows them.
+
+    Raises
+    ------
+    InputError
+        Shapes differ.
+    """
+    if scores.shape != truth.shape or (valid is not None and valid.shape != scores.shape):
+        shapes = ", ".join(str(a.shape) for a in (scores, truth, valid) if a is not None)
+        raise InputError(f"scores, truth and valid must be of one shape, got {shapes}.")
+    ok = np.ones(scores.shape, np.bool_) if valid is None else valid.astype(np.bool_)
+    for array in (scores, truth):
+        if array.dtype.kind == "f":
+            ok &= ~np.isnan(array)
+    return ok
+
+
+def check_pfa(pfa: float) -> float:
+    """A false-alarm rate, or an error that says what is allowed."""
+    if not 0 < pfa <= 1:
+        raise InputError(f"Pfa: allowed is above 0 and up to 1, got {pfa}.")
+    return pfa
+
+
+def _check(targets: Scores, background: Scores, left_out: int) -> None:
+    aside = f" ({left_out} pixels that are not valid were left out)" if left_out else ""
+    if not len(targets) + len(background):
+        raise InputError(f"no valid pixel to score{aside}. Check nodata, the mask and the truth.")
+    if not len(targets):
+        raise InputError(f"truth marks no target among {len(background)} valid pixels{aside}. Mark targets by not 0.")
+    if not len(background):
+        raise InputError(f"truth marks all {len(targets)} valid pixels as targets{aside}. Mark background by 0.")
+    low, high = min(targets[0], background[0]), max(targets[-1], background[-1])
+    if not (np.isfinite(low) and np.isfinite(high)):
+        raise InputError("scores hold infinity; allowed are finite numbers, and NaN where a pixel is not valid.")
+    if low == high:
+        raise InputError(f"all {len(targets) + len(background)} scores are {low:g}: they tell nothing apart.")

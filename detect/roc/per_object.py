@@ -1,0 +1,207 @@
+"""Detection counted by objects: an object is found when one of its pixels is, a false alarm is a connected part.
+
+An operator asks "how many boats were found, and how many times was I called for nothing?", not for pixels. A detected
+part that touches an object belongs to it; every other part is one false alarm, however large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import InputError
+
+from ..objects import Object, find, label
+from .curve import Float64, Mask, Roc, Scores, usable
+
+_MOST_THRESHOLDS = 40
+
+
+@dataclass(frozen=True)
+class ObjectScore:
+    """How an object of the truth was scored.
+
+    Attributes
+    ----------
+    number : int
+        In the truth.
+    size : int
+        Valid pixels.
+    left_out : int
+        Its pixels that are not valid.
+    score_max, score_mean : float
+    pfa : float
+        The least pixel Pfa at which it is found: background that scores at least as high.
+    bounds : ((row0, row1), (col0, col1))
+    """
+
+    number: int
+    size: int
+    left_out: int
+    score_max: float
+    score_mean: float
+    pfa: float
+    bounds: tuple[tuple[int, int], tuple[int, int]]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectCurve:
+    """Objects found against false alarms, as the threshold falls.
+
+    Attributes
+    ----------
+    objects : tuple of ObjectScore
+        The highest score first; those without a valid pixel are not among them.
+    unseen : tuple of int
+        Numbers of the objects without a valid pixel: nobody could have found them, and they are not counted.
+    thresholds : (steps,) ndarray
+        Descending; detected is what is not less.
+    found : (steps,) ndarray of int
+        Objects.
+    false_alarms : (steps,) ndarray of int
+        Connected parts that touch no object.
+    pfa : (steps,) ndarray
+        Pixel Pfa.
+    """
+
+    objects: tuple[ObjectScore, ...]
+    unseen: tuple[int, ...]
+    thresholds: Float64
+    found: npt.NDArray[np.int64]
+    false_alarms: npt.NDArray[np.int64]
+    pfa: Float64
+
+    @property
+    def pd(self) -> Float64:
+        """Fraction of the objects found."""
+        return np.asarray(self.found / len(self.objects))
+
+
+def number_objects(truth: npt.NDArray[Any], connectivity: int = 8, *, connected: bool = False) -> npt.NDArray[np.int32]:
+    """Object numbers, 0 elsewhere: those of the truth where it holds several, else its connected parts.
+
+    Parameters
+    ----------
+    truth : (row, column) ndarray
+        0, or an object's number; NaN is no object.
+    connectivity : {4, 8}
+    connected : bool
+        Take connected parts whatever their numbers, as of a map of classes.
+
+    Raises
+    ------
+    InputError
+        Numbers are not whole, or have more than 32 bits.
+    """
+    truth = np.asarray(truth)
+    values = truth[np.isfinite(truth) & (truth != 0)] if truth.dtype.kind == "f" else truth[truth != 0]
+    names = np.unique(values)
+    if len(names) <= 1 or connected:
+        return label(np.isin(truth, names), connectivity=connectivity)
+    if truth.dtype.kind == "f" and (names != np.rint(names)).any():
+        raise InputError(f"truth: allowed are 0 and whole object numbers, got {names[names != np.rint(names)][0]:g}.")
+    out = np.zeros(truth.shape, np.int32)
+    inside = np.isin(truth, names)
+    low, high = float(names[0]), float(names[-1])
+    if low < -(2**31) or high >= 2**31:
+        raise InputError(f"truth: allowed are object numbers of 32 bits, got {low:g} to {high:g}.")
+    out[inside] = truth[inside].astype(np.int32)
+    return out
+
+
+def object_curve(
+    scores: Scores, objects: npt.NDArray[Any], roc: Roc, valid: Mask | None = None, *, pfa_max: float = 0.1
+) -> ObjectCurve:
+    """How each object is scored, and how many are found at what cost.
+
+    Parameters
+    ----------
+    scores : (row, column) ndarray
+    objects : (row, column) ndarray of int
+        From `number_objects`.
+    roc : Roc
+        Of the same pixels.
+    valid : (row, column) ndarray of bool, optional
+    pfa_max : float
+        Thresholds of a higher pixel Pfa are not looked at: false alarms run into one another there.
+
+    Raises
+    ------
+    InputError
+        No object has a valid pixel.
+    """
+    ok = usable(scores, objects, valid)
+    scored = tuple(sorted(_scored(scores, objects, ok, roc), key=lambda o: (-o.score_max, o.number)))
+    if not scored:
+        raise InputError("truth marks no object with a valid pixel: mark each by a number of its own, or by 1.")
+    unseen = np.setdiff1d(objects[objects != 0], [o.number for o in scored])
+    every = np.array([o.score_max for o in scored])
+    levels = np.unique(every[np.array([o.pfa for o in scored]) <= pfa_max])[::-1]
+    if len(levels) > _MOST_THRESHOLDS:
+        levels = levels[np.linspace(0, len(levels) - 1, _MOST_THRESHOLDS).astype(int)]
+    levels = np.append(levels, _limits(roc, pfa_max))
+    levels = np.unique(levels)[::-1]
+    n = len(roc.background)
+    low = roc.background.dtype.type
+    false = [n - int(np.searchsorted(roc.background, low(t), "left")) for t in levels]
+    return ObjectCurve(
+        objects=scored,
+        unseen=tuple(int(i) for i in unseen),
+        thresholds=levels,
+        found=np.array([np.count_nonzero(every >= t) for t in levels], np.int64),
+        false_alarms=np.array([count_false_alarms(scores >= low(t), objects, ok) for t in levels], np.int64),
+        pfa=np.array(false) / n,
+    )
+
+
+def false_alarms(
+    scores: Scores, objects: npt.NDArray[Any], threshold: float, valid: Mask | None = None
+) -> list[Object]:
+    """Connected parts above a threshold that touch no object, the highest score first."""
+    ok = usable(scores, objects, valid)
+    mask = (scores > threshold) & ok
+    labels = label(mask)
+    touched = np.unique(labels[(objects != 0) & mask])
+    return find(mask & ~np.isin(labels, touched), scores)
+
+
+def _limits(roc: Roc, pfa_max: float) -> Float64:
+    """Thresholds at round values of Pfa, so that the curve goes on where no object is found."""
+    rates = [r for r in (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1) if 1 / len(roc.background) <= r <= pfa_max]
+    limits = np.array([roc.point(r).threshold for r in rates], roc.background.dtype)
+    return np.nextafter(limits, limits.dtype.type(np.inf)).astype(np.float64)
+
+
+def count_false_alarms(mask: Mask, objects: npt.NDArray[Any], valid: Mask) -> int:
+    """Connected parts of a detection mask that touch no object."""
+    mask = mask & valid
+    labels = label(mask)
+    hits = np.unique(labels[mask & (objects != 0)])
+    return int(labels.max(initial=0)) - len(hits)
+
+
+def _scored(scores: Scores, objects: npt.NDArray[Any], ok: Mask, roc: Roc) -> Sequence[ObjectScore]:
+    rows, columns = np.nonzero(objects)
+    names, which = np.unique(objects[rows, columns], return_inverse=True)
+    order = np.argsort(which, kind="stable")
+    cuts = np.cumsum(np.bincount(which, minlength=len(names)))[:-1]
+    out: list[ObjectScore] = []
+    if not len(names):
+        return out
+    for name, at in zip(names, np.split(order, cuts), strict=True):
+        r, c = rows[at], columns[at]
+        values = scores[r, c][ok[r, c]]
+        size = len(values)
+        if not size:
+            continue
+        highest = values.max()
+        n = len(roc.background)
+        pfa = (n - int(np.searchsorted(roc.background, highest, "left"))) / n
+        box = ((int(r.min()), int(r.max()) + 1), (int(c.min()), int(c.max()) + 1))
+        mean = float(values.mean(dtype=np.float64))
+        out.append(ObjectScore(int(name), size, len(at) - size, float(highest), mean, pfa, box))
+    return out

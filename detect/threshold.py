@@ -1,0 +1,303 @@
+"""Where to cut: thresholds on anomaly scores for a wanted false-alarm rate, each printed beside the rate it gave.
+
+Four ways: the chi-squared law (Gaussian background, statistics known), Hotelling's F (statistics estimated from n
+pixels), the scores' own quantile, and a generalised Pareto law fitted to their tail, which reaches beyond the last
+pixel. Real backgrounds are no Gaussians, so the first two are designs, not promises: look at the rate achieved.
+
+A pixel is detected where its score is greater than the threshold. NaN is not valid and left out. A scene need not be
+held in memory: `Tail` keeps its highest scores, exact and mergeable over tiles in any order. Opens no files.
+
+References
+----------
+Hosking, Wallis (1987), "Parameter and quantile estimation for the generalized Pareto distribution", Technometrics 29,
+339-349, doi:10.1080/00401706.1987.10488243. Grimshaw (1993), "Computing maximum likelihood estimates for the
+generalized Pareto distribution", Technometrics 35, 185-191, doi:10.1080/00401706.1993.10485040. Coles (2001), "An
+Introduction to Statistical Modeling of Extreme Values", ch. 4, doi:10.1007/978-1-4471-3675-0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import FitError, InputError
+
+from . import pareto
+
+Scores = npt.NDArray[Any]
+KEEP = 1 << 18
+"""Highest scores that a `Tail` keeps where nothing else is said."""
+_LEAST_EXCEEDANCES = 50
+_POOR_FIT = 0.05
+"""Kolmogorov distance from which a fitted tail is called poor."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tail:
+    """How many scores there are, and the highest of them: all that a threshold at a low false-alarm rate needs.
+
+    Attributes
+    ----------
+    n : int
+        Valid scores seen.
+    values : (kept,) ndarray
+        The highest, descending: all n of them where n <= keep.
+    keep : int
+    """
+
+    n: int
+    values: Scores
+    keep: int = KEEP
+
+    @classmethod
+    def of(cls, scores: Scores, keep: int = KEEP) -> Tail:
+        """The tail of an array of scores of any shape; NaN is left out.
+
+        Raises
+        ------
+        InputError
+            A score is infinite, or keep is less than 1.
+        """
+        if keep < 1:
+            raise InputError(f"keep: allowed is 1 or more, got {keep}.")
+        valid = np.asarray(scores).ravel()
+        if valid.dtype.kind == "f":
+            missing = np.isnan(valid)
+            valid = valid[~missing] if missing.any() else valid
+        n = valid.size
+        if n > keep:
+            valid = np.partition(valid, n - keep)[n - keep :]
+        values = np.sort(valid)[::-1]
+        if n and not (np.isfinite(values[0]) and np.isfinite(values[-1])):
+            raise InputError("scores hold infinity; allowed are finite numbers, and NaN where a pixel is not valid.")
+        return cls(n, values, keep)
+
+    @classmethod
+    def merge(cls, parts: Iterable[Tail]) -> Tail:
+        """The tail of all parts together, the same to the bit in whatever order and cut they come."""
+        parts = list(parts)
+        if not parts:
+            raise InputError("no tails to merge: give at least one part.")
+        keep = min(part.keep for part in parts)
+        whole = cls.of(np.concatenate([part.values for part in parts]), keep)
+        return cls(sum(part.n for part in parts), whole.values, keep)
+
+    @staticmethod
+    def keep_for(pfa: float, pixels: int) -> int:
+        """Scores to keep so that a scene of this many pixels can be cut at `pfa`, by quantile or by fit."""
+        return max(KEEP, math.ceil(2 * pfa * pixels) + 1)
+
+    def above(self, value: float) -> int | None:
+        """How many scores are greater than a value; None where it lies below all that was kept."""
+        if len(self.values) < self.n and not (len(self.values) and value >= self.values[-1]):
+            return None
+        return int(np.count_nonzero(self.values > value))
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """A threshold on scores: detected is what is greater than `value`.
+
+    Attributes
+    ----------
+    value : float
+        In the scores' own unit (squared Mahalanobis distance for RX).
+    method : str
+        "chi2", "f", "quantile" or "gpd".
+    pfa_designed : float
+        False alarms wanted per background pixel.
+    pfa_achieved : float or None
+        Fraction of the scores that are greater than `value`; None where no scores were looked at. Targets, where
+        there are any, are among them.
+    n : int
+        Scores looked at, or for "f" the pixels that the statistics come from; 0 for "chi2".
+    standard_error : float or None
+        Of `value` ("gpd"), were all scores independent; neighbouring pixels are not, so it is a lower bound.
+    numbers : mapping
+        What else was fitted.
+    notes : tuple of str
+    """
+
+    value: float
+    method: str
+    pfa_designed: float
+    pfa_achieved: float | None = None
+    n: int = 0
+    standard_error: float | None = None
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def exceeded(self, scores: Scores) -> npt.NDArray[np.bool_]:
+        """True where a score is greater than the threshold; False where it is NaN."""
+        return np.asarray(np.asarray(scores) > self.value)
+
+    def measured(self, above: int, n: int) -> Threshold:
+        """The same with the rate that it gave: `above` of `n` valid scores were greater."""
+        return replace(self, pfa_achieved=above / n if n else None)
+
+    def __str__(self) -> str:
+        error = "" if self.standard_error is None else f" +- {self.standard_error:.2g}"
+        got = "not measured" if self.pfa_achieved is None else f"{self.pfa_achieved:.3g}"
+        return (
+            f"threshold {self.value:.6g}{error} ({self.method}): Pfa designed {self.pfa_designed:.3g}, achieved {got}"
+        )
+
+
+def from_chi2(pfa: float, bands: int) -> Threshold:
+    """Threshold for squared Mahalanobis distances of a Gaussian background whose statistics are known.
+
+    D ~ chi2(bands): the upper `pfa` quantile (Reed and Yu 1990, eq. 46-47, doi:10.1109/29.60107).
+
+    Examples
+    --------
+    >>> print(from_chi2(1e-3, 8))
+    threshold 26.1245 (chi2): Pfa designed 0.001, achieved not measured
+    """
+    from scipy.special import chdtri
+
+    _check(pfa, bands)
+    return Threshold(float(chdtri(bands, pfa)), "chi2", pfa)
+
+
+def from_f(pfa: float, bands: int, n: int) -> Threshold:
+    """Threshold for squared Mahalanobis distances of pixels to statistics of n other Gaussian pixels.
+
+    With the covariance divided by n - 1, D n (n - bands) / ((n^2 - 1) bands) ~ F(bands, n - bands): Hotelling's T^2
+    of one new observation (Anderson 2003, "An Introduction to Multivariate Statistical Analysis", sec. 5.2).
+    It becomes chi2 as n grows.
+    """
+    from scipy.special import betainccinv
+
+    _check(pfa, bands, n)
+    z = betainccinv(bands / 2, (n - bands) / 2, pfa)  # z/(1-z) = F bands/(n-bands), without loss at small pfa
+    return Threshold(float((n * n - 1) / n * z / (1 - z)), "f", pfa, n=n)
+
+
+def p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArray[np.float64]:
+    """Probability that a Gaussian background pixel scores at least so high: chi2, or Hotelling's F given n.
+
+    Returns
+    -------
+    ndarray
+        float64 of the scores' shape; NaN where a score is NaN.
+    """
+    from scipy.special import betaincc, chdtrc
+
+    _check(0.5, bands, n)
+    distance = np.maximum(np.asarray(scores, np.float64), 0)
+    if n is None:
+        return np.asarray(chdtrc(bands, distance))
+    w = distance * (n / (n * n - 1))
+    return np.asarray(betaincc(bands / 2, (n - bands) / 2, w / (1 + w)))
+
+
+def from_quantile(scores: Scores | Tail, pfa: float) -> Threshold:
+    """Threshold that the fraction `pfa` of the scores exceeds: the least score with at most pfa n above it.
+
+    Parameters
+    ----------
+    scores : ndarray or Tail
+        Of the scene, or of a sample of it; NaN is left out.
+    pfa : float
+
+    Raises
+    ------
+    InputError
+        No valid score, fewer than 1 / pfa of them, or a tail that keeps too few.
+    """
+    _check(pfa)
+    tail = _tail(scores, pfa)
+    allowed = math.floor(pfa * tail.n * (1 + 1e-12))
+    if allowed < 1:
+        raise InputError(
+            f"pfa: {pfa:g} of {tail.n} valid scores is less than one. Give {1 / tail.n:.2g} or more, "
+            "or fit the tail (gpd), which reaches further."
+        )
+    if allowed >= len(tail.values):
+        raise InputError(
+            f"pfa: {pfa:g} of {tail.n} scores is {allowed}, and the tail keeps {len(tail.values)}. Keep more of it."
+        )
+    value = float(tail.values[allowed])
+    notes = () if allowed >= 10 else (f"only {allowed} scores lie above the threshold: it is uncertain",)
+    found = Threshold(value, "quantile", pfa, n=tail.n, notes=notes)
+    return found.measured(tail.above(value) or 0, tail.n)
+
+
+def from_gpd(scores: Scores | Tail, pfa: float, *, tail_fraction: float = 0.01) -> Threshold:
+    """Threshold from a generalised Pareto law fitted to the highest scores, for rates that no pixel reaches.
+
+    The k exceedances of u follow P(x > u + y) = (k/n) (1 + shape y / scale)^(-1/shape); shape and scale are of
+    maximum likelihood (Grimshaw 1993), the threshold is u + scale/shape ((n pfa / k)^(-shape) - 1) and its standard
+    error is by the delta method (Coles 2001, eq. 4.12-4.15). As a check, `numbers` holds the moments' answer
+    (probability-weighted, Hosking and Wallis 1987, shape only) and the Kolmogorov distance of fit and scores.
+
+    Parameters
+    ----------
+    scores : ndarray or Tail
+        Of the scene, or of a sample of it; NaN is left out.
+    pfa : float
+    tail_fraction : float
+        Fraction of the scores that are fitted; more where pfa, or few scores, ask for it.
+
+    Raises
+    ------
+    InputError
+        No valid score, or pfa or tail_fraction out of range.
+    FitError
+        Too few exceedances that differ, or the tail is too short of finite variance to be fitted.
+    """
+    _check(pfa)
+    if not 0 < tail_fraction <= 0.5:
+        raise InputError(f"tail_fraction: allowed is above 0 and up to 0.5, got {tail_fraction}.")
+    tail = _tail(scores, pfa)
+    wanted = math.ceil(tail.n * max(tail_fraction, 2 * pfa))
+    k = min(max(wanted, _LEAST_EXCEEDANCES), len(tail.values) - 1, tail.n // 2)
+    u = float(tail.values[k]) if k > 0 else math.nan
+    excess = tail.values[: max(k, 0)].astype(np.float64) - u
+    excess = excess[excess > 0][::-1]
+    k = len(excess)
+    if k < _LEAST_EXCEEDANCES or excess[0] == excess[-1]:
+        raise FitError(
+            f"the tail of {tail.n} scores has {k} different enough to be fitted, need {_LEAST_EXCEEDANCES}. "
+            "Take more pixels, or a threshold by quantile."
+        )
+    if k / tail.n < pfa:
+        raise InputError(f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile.")
+    shape, scale, moments = pareto.fit(excess)
+    value = u + pareto.excess_at(k / tail.n / pfa, shape, scale)
+    error = pareto.standard_error(tail.n, k, pfa, shape, scale)
+    distance = pareto.kolmogorov(excess, shape, scale)
+    notes = [] if distance < _POOR_FIT else [f"the fitted tail is poor: it is off by up to {distance:.0%} of the tail"]
+    if shape >= 0.5:
+        notes.append(f"the tail is heavy (shape {shape:.2f}): a few objects or stray pixels may have set it")
+    numbers = {
+        "start": u, "exceedances": k, "shape": shape, "shape_error": (1 + shape) / math.sqrt(k), "scale": scale,
+        "shape_by_moments": moments, "kolmogorov": distance,
+    }  # fmt: skip
+    found = Threshold(value, "gpd", pfa, n=tail.n, standard_error=error, numbers=numbers, notes=tuple(notes))
+    above = tail.above(value)
+    return found if above is None else found.measured(above, tail.n)
+
+
+def _tail(scores: Scores | Tail, pfa: float) -> Tail:
+    """The tail of scores, however they come."""
+    if not isinstance(scores, Tail):
+        size = np.asarray(scores).size
+        scores = Tail.of(scores, Tail.keep_for(pfa, size))
+    if scores.n == 0:
+        raise InputError("scores hold no valid pixel: all are NaN or masked.")
+    return scores
+
+
+def _check(pfa: float, bands: int = 1, n: int | None = None) -> None:
+    if not 0 < pfa < 1:
+        raise InputError(f"pfa: allowed is above 0 and below 1, got {pfa}. 1e-3 is one false alarm in 1000 pixels.")
+    if bands < 1:
+        raise InputError(f"bands: allowed is 1 or more, got {bands}.")
+    if n is not None and n <= bands:
+        raise InputError(f"n: allowed is more than the {bands} bands, got {n}. Take statistics from more pixels.")

@@ -1,0 +1,193 @@
+"""Objects: counts and places against brute force, outlines drawn back to the same pixels, GeoJSON as others read it."""
+
+import json
+from collections import deque
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import rasterio
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from rasterio.crs import CRS
+from rasterio.features import rasterize
+from rasterio.transform import from_origin
+
+from deglint.errors import InputError
+from detect import outlines
+from detect.objects import find, pixel_area, to_geojson
+
+MASKS = arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9)))
+
+
+def brute_parts(mask, reach2):
+    """Sets of pixels that are joined by steps of squared length up to reach2."""
+    left = {tuple(p) for p in np.argwhere(mask).tolist()}
+    parts = []
+    while left:
+        start = left.pop()
+        part, waiting = {start}, deque([start])
+        while waiting:
+            r, c = waiting.popleft()
+            near = {p for p in left if (p[0] - r) ** 2 + (p[1] - c) ** 2 <= reach2}
+            left -= near
+            part |= near
+            waiting.extend(near)
+        parts.append(frozenset(part))
+    return set(parts)
+
+
+def pixels(found):
+    (top, _), (left, _) = found.bounds
+    return frozenset((int(r) + top, int(c) + left) for r, c in np.argwhere(found.footprint))
+
+
+@given(MASKS, st.sampled_from([(4, 0.0, 1), (8, 0.0, 2), (8, 2.0, 4), (8, 2.9, 8), (4, 1.5, 2), (8, 4.2, 17)]))
+def test_parts_are_those_of_brute_force(mask, case):
+    connectivity, distance, reach2 = case
+    scores = np.random.default_rng(mask.size).random(mask.shape)
+    found = find(mask, scores, connectivity=connectivity, merge_distance=distance)
+    assert {pixels(o) for o in found} == brute_parts(mask, reach2)
+
+
+@given(MASKS)
+def test_numbers_are_those_of_the_pixels(mask):
+    scores = np.random.default_rng(mask.size).integers(0, 5, mask.shape).astype(np.float32)
+    found = find(mask, scores, pixel_area=4.0)
+    assert [o.label for o in found] == list(range(1, len(found) + 1))
+    assert all(a.score_max >= b.score_max for a, b in pairwise(found))
+    for o in found:
+        at = np.array(sorted(pixels(o)))
+        values = scores[at[:, 0], at[:, 1]]
+        assert (o.size, o.area, o.score_max) == (len(at), 4.0 * len(at), values.max())
+        assert o.score_mean == pytest.approx(values.mean())
+        assert o.centroid == pytest.approx(at.mean(axis=0))
+        assert o.bounds == tuple(zip(at.min(axis=0).tolist(), (at.max(axis=0) + 1).tolist(), strict=True))
+
+
+@settings(max_examples=300)
+@given(arrays(np.bool_, st.tuples(st.integers(1, 12), st.integers(1, 12))))
+def test_outlines_are_simple_rings_that_draw_back_to_the_pixels(mask):
+    drawn = np.zeros(mask.shape, int)
+    for polygon in outlines.polygons(mask):
+        areas = [outlines.signed_area(ring) for ring in polygon]
+        assert areas[0] > 0
+        assert all(a < 0 for a in areas[1:])
+        for ring in polygon:
+            assert ring[0] == ring[-1]
+            assert len(set(ring)) == len(ring) - 1 >= 4
+        drawn += rasterize([{"type": "Polygon", "coordinates": polygon}], mask.shape)
+        inside = rasterize([{"type": "Polygon", "coordinates": polygon}], mask.shape).sum()
+        assert sum(areas) == 2 * inside
+    np.testing.assert_array_equal(drawn, mask)
+
+
+def test_outlines_are_valid_to_shapely():
+    shapely = pytest.importorskip("shapely.geometry")
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        for polygon in outlines.polygons(rng.random((15, 15)) < 0.55):
+            assert shapely.Polygon(polygon[0], polygon[1:]).is_valid
+
+
+def test_small_objects_are_dropped_after_merging():
+    mask = np.array([[1, 0, 1, 0, 0, 0, 1]], bool)
+    scores = np.arange(7.0)[None]
+    assert [o.size for o in find(mask, scores, min_size=2)] == []
+    assert [o.size for o in find(mask, scores, min_size=2, merge_distance=2)] == [2]
+    assert [o.label for o in find(mask, scores, min_size=1)] == [1, 2, 3]
+
+
+def test_nan_and_nothing_are_no_objects():
+    mask = np.ones((2, 3), bool)
+    scores = np.full((2, 3), np.nan)
+    assert find(mask, scores) == []
+    scores[0, 0] = 5
+    assert [o.size for o in find(mask, scores)] == [1]
+    assert find(~mask, scores) == []
+    assert find(np.zeros((0, 4), bool), np.zeros((0, 4))) == []
+
+
+def test_inputs_are_left_alone():
+    mask = np.ones((3, 3), np.uint8)
+    scores = np.eye(3)
+    mask.flags.writeable = scores.flags.writeable = False
+    assert len(find(mask, scores)) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"min_size": 0}, "min_size: allowed is 1"),
+        ({"merge_distance": -1}, "merge_distance: allowed is 0"),
+        ({"merge_distance": float("nan")}, "merge_distance: allowed is 0"),
+        ({"connectivity": 6}, "connectivity: allowed are 4 and 8"),
+    ],
+)
+def test_options_out_of_range(options, said):
+    with pytest.raises(InputError, match=said):
+        find(np.ones((2, 2), bool), np.ones((2, 2)), **options)
+
+
+def test_shapes_must_agree():
+    with pytest.raises(InputError, match="one shape"):
+        find(np.ones((2, 2), bool), np.ones((2, 3)))
+
+
+def test_pixel_areas():
+    utm, us_feet, degrees = CRS.from_epsg(32653), CRS.from_epsg(2263), CRS.from_epsg(4326)
+    assert pixel_area(from_origin(4e5, 8e5, 10, 5), utm, (9, 9)) == 50
+    assert pixel_area(from_origin(0, 0, 1, 1), us_feet, (9, 9)) == pytest.approx(0.3048006**2, rel=1e-6)
+    at_60 = pixel_area(from_origin(10, 60.005, 0.001, 0.001), degrees, (10, 10))
+    assert at_60 == pytest.approx(111.195**2 / 2, rel=1e-3)
+    assert pixel_area(None, utm, (9, 9)) is None
+    assert pixel_area(from_origin(0, 0, 1, 1), None, (9, 9)) is None
+
+
+def test_geojson_lies_where_the_pixels_lie(tmp_path):
+    mask = np.zeros((40, 50), bool)
+    mask[3:9, 4:12] = True
+    mask[5:7, 6:8] = False  # a hole
+    mask[9, 12] = True  # touches at a corner: a second polygon
+    mask[30, 40] = True
+    scores = np.random.default_rng(0).random(mask.shape).astype(np.float32)
+    transform, crs = from_origin(400_000, 800_000, 10, 10), CRS.from_epsg(32653)
+    found = find(mask, scores, pixel_area=pixel_area(transform, crs, mask.shape))
+    document = to_geojson(found, transform, crs, threshold=0.5)
+    path = tmp_path / "found.geojson"
+    path.write_text(json.dumps(document, allow_nan=False))
+    assert document["crs"]["properties"]["name"] == "urn:ogc:def:crs:EPSG::32653"
+    kinds = sorted(f["geometry"]["type"] for f in document["features"])
+    assert kinds == ["MultiPolygon", "Polygon"]
+    properties = document["features"][0]["properties"]
+    assert properties["threshold"] == 0.5
+    assert properties["area_m2"] == 100 * properties["pixels"]
+    back = rasterize([f["geometry"] for f in document["features"]], mask.shape, transform=transform)
+    np.testing.assert_array_equal(back, mask)
+    ring = next(f for f in document["features"] if f["geometry"]["type"] == "Polygon")["geometry"]["coordinates"][0]
+    turn = sum(a[0] * b[1] - b[0] * a[1] for a, b in pairwise(ring))
+    assert turn > 0  # counter-clockwise
+    assert (min(p[0] for p in ring), max(p[1] for p in ring)) == (400_400, 799_700)
+
+
+def test_the_project_reads_its_own_outlines(tmp_path, write):
+    import deglint
+    from deglint.readers.areas import open_area
+
+    mask = np.random.default_rng(8).random((30, 40)) < 0.3
+    path = write(tmp_path / "scene.tif", np.ones((4, 30, 40), np.uint16))
+    scene = deglint.open_scene(path)
+    found = find(mask, mask.astype(np.float32))
+    outlines = tmp_path / "found.geojson"
+    outlines.write_text(json.dumps(to_geojson(found, scene.transform, scene.crs)))
+    area = open_area(str(outlines), scene, "--mask")
+    np.testing.assert_array_equal(area.read(((0, 30), (0, 40))), mask)
+
+
+def test_no_crs_keeps_pixel_corners():
+    document = to_geojson(find(np.ones((1, 2), bool), np.ones((1, 2))))
+    assert "crs" not in document
+    ring = document["features"][0]["geometry"]["coordinates"][0]
+    assert sorted({tuple(p) for p in ring}) == [(0, 0), (0, 1), (2, 0), (2, 1)]
+    assert rasterio.features.bounds(document) == (0, 0, 2, 1)
