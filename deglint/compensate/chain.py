@@ -85,9 +85,10 @@ class Sharpen:
             state.sharp = lambda b: richardson_lucy(source[b], psfs[b], iterations=iterations)
             state.psfs = self.psfs
             return
-        sharp = [richardson_lucy(b, p, iterations=self.iterations) for b, p in zip(state.image, self.psfs, strict=True)]
-        state.image[...] = np.stack(sharp)
-        state.replaced[...] = True if state.where is None else state.where
+        for b, (band, psf) in enumerate(zip(state.image, self.psfs, strict=True)):
+            may = np.isfinite(band) if state.where is None else np.isfinite(band) & state.where
+            np.copyto(band, richardson_lucy(band, psf, iterations=self.iterations), where=may)
+            state.replaced[b] |= may
 
 
 @dataclass(frozen=True)
@@ -209,6 +210,8 @@ def _check(steps: Sequence[Step]) -> None:
         after = [s.name for s in steps[place + 1 :]]
         if step.name == "psf" and "identify-level" not in after[: after.index("remove") if "remove" in after else None]:
             raise InputError("psf serves identify-level: name that after it, or psf-image to sharpen the image itself.")
+        if step.name == "replace-bands" and "normalise" not in [s.name for s in steps[:place]]:
+            raise InputError("replace-bands needs bands of one scale: name normalise at the beginning.")
         if step.name in ("replace-bands", "median") and "hit" not in ready:
             raise InputError(
                 f"{step.name} needs glint to be identified: name identify-median or identify-level before it."

@@ -223,7 +223,8 @@ def lower_spread(values: npt.NDArray[np.floating[Any]], middle: float, step: flo
         m.
     step : float
         Where values come in whole steps, each is taken to be spread evenly over its step: else the median jumps by
-        steps, and the spread of noise of one or two steps comes out anywhere from half to twice what it is.
+        steps, and the spread of noise of one or two steps comes out anywhere from half to twice what it is. (This
+        adds a twelfth of the step squared to the variance.)
 
     Examples
     --------

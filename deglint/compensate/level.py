@@ -123,7 +123,7 @@ def detail_of(band: Float32Array, base: Float32Array, size: int) -> Float32Array
     found = keep(found, grown)
     np.subtract(found, base, out=found)
     np.nan_to_num(found, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-    return np.asarray(keep(found, 0.0))
+    return np.maximum(found, np.float32(0.0), out=found)  # with a number, OpenCV stumbles over a single pixel
 
 
 def agreeing(details: Sequence[Float32Array], spectrum: Sequence[float], slack: float = SLACK) -> None:
