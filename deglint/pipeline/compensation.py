@@ -98,9 +98,7 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     if wanted is None and not needs.element:
         why = f"things {smallest:.3g} pixels wide are to be kept, and an opening has {SMALLEST} or more"
         return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
-    tiles = _some(look.tiles)
-    if sampler is not None and sampler.bounds is not None:  # tiles that do not depend on how the file is stored
-        tiles = _some(tiles_over(scene, sampler.bounds, (LOOK_SIDE, LOOK_SIDE)))
+    tiles = some(look.tiles) if sampler is None else tiles_of(scene, sampler)
     whole = _steps_of(scene)
     floor = None if whole is None else tuple(LEAST_SPREAD * step for step in whole)
     setting = Setting(scene.bands, _psfs(scene, wanted), floor=floor, steps=whole)
@@ -169,7 +167,7 @@ def fit_before(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: i
     raw = [s.image.copy() for s in sample.states]
     stages = fit_stages(found.before, sample, found.setting)
     text = ", ".join(s.name + (f":{s.number:g}" if s.number else "") for s in found.steps)
-    return Chain(stages, (), text, (), _protection(raw, sample, stages, found))
+    return Chain(stages, (), text, protection=_protection(raw, sample, stages, found))
 
 
 def _protection(raw: list[Any], sample: Sample, stages: Sequence[Any], found: Plan) -> Protection:
@@ -218,7 +216,7 @@ def fit_references(
     scene: Scene, model: GlintModel, sampler: Sampler, look: Look, threads: int
 ) -> tuple[tuple[int, ReferenceRule], ...]:
     """How far the NIR of glint stands out from the water around, over the sample; what exceeds it is not followed."""
-    bands = list(model.index_bands)
+    bands = [b for b in model.index_bands if b < len(scene.bands)]
     columns = sorted({*bands, *sampler.bands})
     halo = max(sampler.halo, SIZE // 2)
 
@@ -230,7 +228,7 @@ def fit_references(
         core[core_of(tile.crop_of(outer), outer.shape)] = True
         return block[[columns.index(b) for b in bands]], mask & core
 
-    tiles = _some(sampler.tiles)
+    tiles = tiles_of(scene, sampler)
     looks = [p for _t, p in tiling.run(tiles, work, threads=threads, start=enter_thread)]
     water_nir = look.water.threshold if look.water is not None and look.water.window == 1 else np.inf
     found = []
@@ -322,7 +320,14 @@ def smallest_object(text: str | None, pixel: float | None) -> float:
     return value / pixel
 
 
-def _some(tiles: Sequence[Tile]) -> list[Tile]:
+def tiles_of(scene: Scene, sampler: Sampler) -> list[Tile]:
+    """So many tiles of a sample as a look may hold; the same ones however the file is stored."""
+    if sampler.bounds is None:
+        return some(sampler.tiles)
+    return some(tiles_over(scene, sampler.bounds, (LOOK_SIDE, LOOK_SIDE)))
+
+
+def some(tiles: Sequence[Tile]) -> list[Tile]:
     """So many of the tiles as a look may hold."""
     return (
         list(tiles)
