@@ -90,8 +90,9 @@ class Protection:
 
     def numbers(self) -> dict[str, Any]:
         """What goes into a sidecar: all but the tables."""
-        names = "bands", "irradiance", "noise", "water", "wavelength", "threshold", "reason"
-        return {name: getattr(self, name) for name in names} | {"halo": self.halo}
+        names = "bands", "irradiance", "noise", "water", "wavelength", "reason"
+        threshold = self.threshold if np.isfinite(self.threshold) else None  # JSON knows no infinity
+        return {name: getattr(self, name) for name in names} | {"threshold": threshold, "halo": self.halo}
 
     def saved(self) -> dict[str, Any]:
         """Everything as plain numbers, tables and all, to be read back by `protection_from`."""
@@ -107,6 +108,7 @@ def protection_from(data: Mapping[str, Any]) -> Protection:
     plain = {k: v for k, v in data.items() if k not in ("shapes", "first", "following", "halo")}
     for name in ("bands", "irradiance", "water", "wavelength"):
         plain[name] = tuple(plain[name])
+    plain["threshold"] = np.inf if plain["threshold"] is None else plain["threshold"]
     plain["noise"] = tuple((float(a), float(b)) for a, b in plain["noise"])
     if "shapes" not in data:
         return Protection(**plain) if plain["reason"] else Protection(reason="saved without its tables")
