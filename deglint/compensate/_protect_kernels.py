@@ -23,7 +23,8 @@ class Steps(NamedTuple):
     """What `glance` adds up, in units of 1 / `QUARTERS`; see `deglint.compensate.glance`.
 
     cell, edge : of the search for the bin of a number, by the leading bits of it as float32
-    start, first, step : (shape,), (bin,) and (band - 1, bin, bin, shape) whole numbers; shapes padded to `LANES`
+    start, first, step : (shape,), (bin,) and (step, shape) whole numbers, a step for every (band - 1, bin, bin); shapes
+    are padded to a multiple of `LANES`
     """
 
     cell: npt.NDArray[np.uint8]
@@ -34,28 +35,25 @@ class Steps(NamedTuple):
 
 
 @nb.njit(cache=True, nogil=True)
-def weigh(z, bits, steps, total):  # type: ignore[no-untyped-def]
+def weigh(z, bits, steps, rows, total):  # type: ignore[no-untyped-def]
     """Sum of the steps of every shape for reflectances z (band,) in the unit of the bins; `bits` is z seen as integers.
 
-    Whole numbers, so that it does not matter in which order they are added.
+    Whole numbers, so that it does not matter in which order they are added; whole rows in loops without an `if`, so
+    that many are added at once. rows : (band,) of int64, for scratch
     """
-    kinds = total.size
-    for k in range(kinds):
-        total[k] = steps.start[k]
-    before = 0
-    for b in range(z.size):
-        place = nb.int64(steps.cell[(bits[b] >> 20) & 4095])
-        if place < steps.edge.size and z[b] >= steps.edge[place]:
-            place += 1
-        if b == 0:
-            for k in range(kinds):
-                total[k] += steps.first[place]
-        else:
-            row = steps.step[b - 1, before, place]
-            for block in range(0, kinds, LANES):
-                for lane in range(LANES):
-                    total[block + lane] += row[block + lane]
+    before, bins, count, kinds = 0, steps.first.size, z.size, nb.uint64(total.size)
+    for b in range(count):
+        place = nb.int64(steps.cell[nb.uint64((bits[b] >> 20) & 4095)])
+        place += z[b] >= steps.edge[nb.uint64(place)]
+        rows[b] = place if b == 0 else ((b - 1) * bins + before) * bins + place
         before = place
+    begin, start, step = steps.first[rows[0]], steps.start, steps.step
+    for k in range(kinds):
+        total[k] = start[k] + begin
+    for b in range(1, count):
+        row = nb.uint64(rows[b])
+        for k in range(kinds):
+            total[k] += step[row, k]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -67,7 +65,7 @@ def glance(raw, level, bands, scale, noise, away, steps, out):  # type: ignore[n
     """
     count, width = bands.size, raw.shape[2]
     high, sound = np.empty(width, np.int32), np.empty(width, np.bool_)
-    z, total = np.empty(count, np.float32), np.empty(steps.start.size, np.int16)
+    z, rows, total = np.empty(count, np.float32), np.empty(count, np.int64), np.empty(steps.start.size, np.int16)
     bits, limit = z.view(np.int32), away * away
     for i in range(raw.shape[1]):
         high[:] = 0
@@ -86,7 +84,7 @@ def glance(raw, level, bands, scale, noise, away, steps, out):  # type: ignore[n
             else:
                 for b in range(count):
                     z[b] = (raw[bands[b], i, j] - level[bands[b], i, j]) * scale[b]
-                weigh(z, bits, steps, total)
+                weigh(z, bits, steps, rows, total)
                 most = total[0]
                 for k in range(total.size):
                     most = max(most, total[k])
@@ -123,14 +121,14 @@ def explain(y, variance, water, kinds, bends, share, steps, scale, room, sparkle
     """
     count, weight = y.shape[1], kinds[3]
     x, d, u, part = np.empty(count), np.empty(count), np.empty((3, count)), np.empty(3)
-    z, total = np.empty(count, np.float32), np.empty(steps.start.size, np.int16)
+    z, rows, total = np.empty(count, np.float32), np.empty(count, np.int64), np.empty(steps.start.size, np.int16)
     bits = z.view(np.int32)
     for i in range(y.shape[0]):
         out[i] = -np.inf
         for b in range(count):
             x[b] = y[i, b] + share[0] * water[b]
             z[b] = y[i, b] / scale[1]
-        weigh(z, bits, steps, total)
+        weigh(z, bits, steps, rows, total)
         likely = np.argmax(total)
         for n in range(weight.size):
             k = (n + likely) % weight.size

@@ -57,7 +57,7 @@ def steps(protection: Protection) -> Steps:
         gain = QUARTERS * (_followed(protection, i) - following[i][:, :, None])
         step[i, :, :, :kinds] = np.rint(np.clip(gain, -128, 127))
     edges = np.sinh(LOW + np.arange(1, BINS) * (HIGH - LOW) / BINS).astype(np.float32)
-    return Steps(cells(edges.astype(np.float64)), edges, start, np.rint(-QUARTERS * first).astype(np.int16), step)
+    return Steps(cells(edges.astype(np.float64)), np.append(edges, np.float32(np.inf)), start, np.rint(-QUARTERS * first).astype(np.int16), step.reshape(-1, lanes))
 
 
 def _followed(protection: Protection, i: int) -> Float64:
