@@ -179,7 +179,7 @@ def score(
     in it, and for the threshold in a square around it; elsewhere S is minus infinity.
     """
     from ._protect_kernels import chain, explain, glance
-    from .glance import QUARTERS, ROOM
+    from .glance import QUARTERS, ROOM, ROOM_OF_SHAPE
 
     dtype, steps = raw.dtype, protection.steps
     white, water, chosen = np.array(protection.irradiance), np.array(protection.water), list(protection.bands)
@@ -200,7 +200,7 @@ def score(
     kinds = s.values, np.stack([s.slope, s.bend, s.rough], axis=1), s.odd, np.log(s.weight)
     rule = np.array([1 / QUARTERS, UNIT, LEAST_SCORE])
     shares = np.array(WATER_HIDDEN)
-    explain(y, spread, water, kinds, bends(protection.wavelength), shares, steps, rule, ROOM, sparkle, best, fitted)
+    explain(y, spread, water, kinds, bends(protection.wavelength), shares, steps, rule, ROOM_OF_SHAPE, sparkle, best, fitted)
     score = np.where(seen == INVALID, np.nan, -np.inf)
     score.ravel()[places] = best
     return score, fitted.T, places

@@ -21,8 +21,10 @@ Float64 = npt.NDArray[np.float64]
 
 QUARTERS = 4
 """Steps are rounded to one by this [ln]."""
-ROOM = 4.0
+ROOM = 4.5
 """S is above the sum of steps by no more than this: of pixels in things, by more in fewer than one in a thousand."""
+ROOM_OF_SHAPE = 6.0
+"""The same for one shape, which need not be the one with the largest sum."""
 BLOCKED = -30000
 """Sum to start from for a shape that does not exist."""
 
