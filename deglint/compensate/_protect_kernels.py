@@ -145,7 +145,7 @@ def explain(y, variance, water, kinds, bends, share, steps, scale, room, sparkle
 
 @nb.njit(cache=True, nogil=True)
 def shaped(x, variance, water, kinds, k, bends, hidden, d, u, part):  # type: ignore[no-untyped-def]
-    """Log-likelihood of x by shape k, and its brightness, found in two rounds; minus infinity where it is no thing's."""
+    """Log-likelihood of x by shape k, and its brightness, in two rounds; minus infinity where it is no thing's."""
     values, spread, odd = kinds[0][k], kinds[1][k], kinds[2][k]
     up = down = 0.0
     for b in range(x.size):

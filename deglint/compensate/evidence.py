@@ -212,7 +212,7 @@ def score(
 
 def excess(raw: FloatArray, level: FloatArray, protection: Protection, places: Places) -> tuple[Float64, Float64]:
     """Of some pixels the excess over the level and the standard deviation of the noise [reflectance], (band, pixel)."""
-    at = np.ix_(protection.bands, places)
+    at = np.ix_(np.array(protection.bands), places)
     here = raw.reshape(len(raw), -1)[at].astype(np.float64)
     white = np.array(protection.irradiance)[:, None]
     with np.errstate(invalid="ignore"):

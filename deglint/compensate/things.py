@@ -135,7 +135,7 @@ def _keep(
     to = out.reshape(len(out), -1)
     bright = np.maximum(spectra, 0.0)
     y, sigma = excess(raw, level, protection, places)
-    to[np.ix_(protection.bands, places)] = np.minimum(y, 1.1 * bright + 2 * sigma) * white
+    to[np.ix_(np.array(protection.bands), places)] = np.minimum(y, 1.1 * bright + 2 * sigma) * white
     share = np.zeros(mask.size)
     rows, columns = np.divmod(places, mask.shape[1])
     strong = bright > 0.3 * bright.max(axis=0, initial=0.0)
