@@ -88,8 +88,10 @@ for test in (test_default_on_recorded_scenes, test_thesis_chain_is_what_another_
     test.pytestmark = [*test.pytestmark, *shared]
 
 
-@pytest.mark.parametrize(("wind", "delay"), [(2.0, 0.06), (5.0, 0.06), (9.0, 0.06), (12.0, 0.06), (9.0, 0.0)])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    ("wind", "delay", "seed"),
+    [(2.0, 0.06, 1), (5.0, 0.06, 2), (9.0, 0.06, 1), (9.0, 0.06, 2), (12.0, 0.06, 1), (9.0, 0.0, 2)],
+)
 def test_no_band_that_is_changed_gets_worse(made, tmp_path, wind, delay, seed):
     source, scene = made(wind, delay, seed)
     remove_glint(source, tmp_path / "out.tif")
