@@ -29,7 +29,7 @@ BLOCKED = -30000
 """Sum to start from for a shape that does not exist."""
 
 
-def cells(edges: Float64) -> npt.NDArray[np.uint8]:
+def cells(edges: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
     """How many edges lie at or below all float32 numbers that begin with the same 12 bits: sign, exponent, 3 more.
 
     Examples
@@ -59,7 +59,8 @@ def steps(protection: Protection) -> Steps:
         gain = QUARTERS * (_followed(protection, i) - following[i][:, :, None])
         step[i, :, :, :kinds] = np.rint(np.clip(gain, -128, 127))
     edges = np.sinh(LOW + np.arange(1, BINS) * (HIGH - LOW) / BINS).astype(np.float32)
-    return Steps(cells(edges.astype(np.float64)), np.append(edges, np.float32(np.inf)), start, np.rint(-QUARTERS * first).astype(np.int16), step.reshape(-1, lanes))
+    alone = np.rint(-QUARTERS * first).astype(np.int16)
+    return Steps(cells(edges), np.append(edges, np.float32(np.inf)), start, alone, step.reshape(-1, lanes))
 
 
 def _followed(protection: Protection, i: int) -> Float64:
