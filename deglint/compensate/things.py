@@ -69,6 +69,9 @@ def things(raw: FloatArray, level: FloatArray, protection: Protection) -> Things
     then the threshold rises and single pixels are lost); for things that move more than half their size from the
     first band to the last, and for single coloured pixels.
 
+    Cost for each band of each pixel, on one core: 7 ns at 5 m/s of wind, 11 at 9 and 14 at 12, where 24, 63 and 94 %
+    of the pixels stand out; more where there are many things (60 where they are 8 % of the pixels).
+
     Examples
     --------
     >>> from deglint.compensate.evidence import Protection
