@@ -90,16 +90,21 @@ def keep_memory() -> None:
         mallopt(_MMAP_THRESHOLD, 64 << 20)
 
 
+def printable(text: str) -> str:
+    """Text as one line without what a terminal would take for commands: names in files are other people's."""
+    return "".join(c if c.isprintable() else " " if c in "\n\t" else f"\\x{ord(c):02x}" for c in text)
+
+
 def _explained(error: BaseException) -> tuple[int, str]:
     """Exit code and line for an error."""
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
         return 130, "interrupted: nothing was written."
     if isinstance(error, DeglintError):
-        return (3 if isinstance(error, NoWaterError) else 1), "Error: " + " ".join(str(error).splitlines())
+        return (3 if isinstance(error, NoWaterError) else 1), "Error: " + printable(" ".join(str(error).splitlines()))
     if isinstance(error, MemoryError):
         return 1, "Error: out of memory. Use fewer --threads, or a machine with more."
     line = (str(error).splitlines() or [""])[0]
-    return 1, f"Error: {type(error).__name__}: {line} (a fault of deglint's own; -vv shows where)"
+    return 1, f"Error: {type(error).__name__}: {printable(line)} (a fault of deglint's own; -vv shows where)"
 
 
 def _verbosity(arguments: list[str]) -> int:

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..errors import InputError, ReadError
 from .convert import physical_dtype
+from .limits import check_size
 
 Tags = Mapping[str, Mapping[str, str]]
 """Tags by namespace; the default namespace is ""."""
@@ -138,15 +139,23 @@ def open_dataset(path: str) -> Any:
     ------
     ReadError
         No such file, or not a raster that GDAL can read.
+    InputError
+        It declares more than `deglint.raster.limits` allow.
     """
     import rasterio
     from rasterio.errors import RasterioError
 
     try:
         with unplaced():
-            return rasterio.open(path, sharing=False)
+            dataset = rasterio.open(path, sharing=False)
     except (RasterioError, OSError, ValueError) as error:
         raise ReadError(_why_not_opened(path, error)) from error
+    try:
+        check_size(dataset, path)
+    except BaseException:
+        dataset.close()
+        raise
+    return dataset
 
 
 def _why_not_opened(path: str, error: Exception) -> str:
