@@ -11,7 +11,6 @@ import numpy.typing as npt
 from ..compensate import Chain, State, apply_stages, finish
 from ..compensate.evidence import REACH, grown
 from ..compensate.protect import put_back, things
-from ..compensate.reference import standing_out
 from ..masks import WaterRule, opened, valid_for, water
 from ..raster.convert import is_valid
 from ..raster.encode import encode, retype
@@ -21,6 +20,7 @@ from ..readers.areas import Area
 from ..remove import GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
+from .following import nir_to_follow, remove_following
 from .look import core_of, raster_of
 from .surroundings import Surroundings
 
@@ -48,6 +48,7 @@ class Tally:
     not_water: int = 0
     corrected: int = 0
     protected: int = 0
+    usable: int = 0
     replaced: npt.NDArray[np.int64] = field(init=False)
     negative: npt.NDArray[np.int64] = field(init=False)
     clipped: npt.NDArray[np.int64] = field(init=False)
@@ -59,7 +60,7 @@ class Tally:
 
     def add(self, other: Tally) -> None:
         """Add a tile's counts."""
-        counts = ("total", "nodata", "not_water", "corrected", "protected")
+        counts = ("total", "nodata", "not_water", "usable", "corrected", "protected")
         for name in (*counts, "replaced", "negative", "clipped", "saturated"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
@@ -73,6 +74,19 @@ class Corrected:
     valid: npt.NDArray[np.bool_] | None = None
     flags: npt.NDArray[np.uint8] | None = None
     amount: npt.NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """A tile before it is corrected."""
+
+    raw: Any
+    valid: Any
+    physical: Any
+    after: Compensated | None
+    known: npt.NDArray[np.bool_] | None
+    where: npt.NDArray[np.bool_] | None
+    tally: Tally
 
 
 @dataclass(frozen=True)
@@ -98,35 +112,15 @@ class Correction:
 
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and bring it into the output's type."""
-        source = raster_of(self.scene)
-        outer = tile.grown(self._halo, self.scene.height, self.scene.width)
-        raw, valid = source.read_raw(outer.window)
-        physical = source.to_physical(raw, valid)
-        inner = core_of(tile.crop_of(outer), outer.shape)
-        after = None
-        if self.chain.before:
-            around, place = physical, (slice(None), *inner)
-            physical, raw = around[place].copy(), raw[place].copy()
-            valid = None if valid is None else valid[place]
-            after = self._compensated(around, tile, outer)
-            inside = after.inside
-        else:
-            inside = self._inside(tile, physical)
-        tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
-        known = self._known(physical, valid)
-        where = known if inside is None else inside if known is None else known & inside
-        usable = tally.total if where is None else int(np.count_nonzero(where))
-        where = None if usable == tally.total else where
-        tally.nodata = 0 if known is None else tally.total - int(np.count_nonzero(known))
-        tally.not_water = tally.total - usable - tally.nodata
+        read = self._read(tile)
+        raw, valid, physical, where, known = read.raw, read.valid, read.physical, read.where, read.known
+        tally, source = read.tally, raster_of(self.scene)
         flags = self._flags(known, where, tile.shape) if self.want_flags else None
         tally.saturated = _saturated(self.scene, physical, flags)
         before = physical[self.changed].copy() if self.want_amount else None
         file_valid = self._file_valid(raw, valid)
         raw, lost = self._retyped(raw, valid)
-        if not physical.flags.writeable:
-            physical = physical.copy()
-        for bands, place in self._work(tile, physical, after, where, usable, tally, flags):
+        for bands, place in self._work(tile, physical, read.after, where, tally, flags):
             counts = encode(
                 physical, raw, bands=bands, scales=source.info.scales, offsets=source.info.offsets,
                 where=place, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
@@ -141,49 +135,60 @@ class Correction:
         amount = None if before is None else np.subtract(before, physical[self.changed], dtype=np.float32)
         return Corrected(raw, tally, file_valid, flags, amount)
 
+    def physical(self, tile: Tile) -> npt.NDArray[Any]:
+        """Read a tile and correct it: physical values of all bands."""
+        read = self._read(tile)
+        self._work(tile, read.physical, read.after, read.where, read.tally, None)
+        return read.physical
+
+    def _read(self, tile: Tile) -> _Read:
+        """A tile as it is, what compensation makes of it, and where it is to be corrected."""
+        source = raster_of(self.scene)
+        outer = tile.grown(self._halo, self.scene.height, self.scene.width)
+        raw, valid = source.read_raw(outer.window)
+        physical = source.to_physical(raw, valid)
+        after = None
+        if self.chain.before:
+            around, place = physical, (slice(None), *core_of(tile.crop_of(outer), outer.shape))
+            physical, raw = around[place].copy(), raw[place].copy()
+            valid = None if valid is None else valid[place]
+            after = self._compensated(around, tile, outer)
+            inside = after.inside
+        else:
+            inside = self._inside(tile, physical)
+        known = self._known(physical, valid)
+        where = known if inside is None else inside if known is None else known & inside
+        tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
+        tally.usable = tally.total if where is None else int(np.count_nonzero(where))
+        tally.nodata = 0 if known is None else tally.total - int(np.count_nonzero(known))
+        tally.not_water = tally.total - tally.usable - tally.nodata
+        if not physical.flags.writeable:
+            physical = physical.copy()
+        where = None if tally.usable == tally.total else where
+        return _Read(raw, valid, physical, after, known, where, tally)
+
     @staticmethod
     def _touched(replaced: Any, held: Any) -> Any:
         """Pixels of a band that differ from the input, or may."""
         return replaced if held is None else replaced | grown(held, REACH)
 
-    def _follow_the_water(
-        self, tile: Tile, physical: Any, where: Any, tally: Tally, flags: Any
-    ) -> dict[int, npt.NDArray[Any]]:
-        """Give what stands out from the water around the NIR of that water; returns the NIR as it was."""
-        own, held = {}, np.zeros(tile.shape, np.bool_)
-        for band, rule in self.chain.references:
-            bright = physical[band] > rule.least
-            if where is not None:
-                bright &= where
-            if not bright.any():
-                continue
-            outer = tile.grown(rule.halo, self.scene.height, self.scene.width)
-            inner = core_of(tile.crop_of(outer), outer.shape)
-            nir = self.scene.source.read(outer.window, [band])[0]
-            asked = np.zeros(outer.shape, np.bool_)
-            asked[inner] = bright
-            found, values = standing_out(nir, np.ones_like(asked), rule, asked)
-            if values.size:
-                own[band] = physical[band].copy()
-                physical[band][found[inner]] = values
-                held |= found[inner]
-        tally.protected = int(np.count_nonzero(held))
-        if flags is not None:
-            flags[held] |= PROTECTED
-        return own
-
     def _work(
-        self, tile: Tile, physical: Any, after: Compensated | None, where: Any, usable: int, tally: Tally, flags: Any
+        self, tile: Tile, physical: Any, after: Compensated | None, where: Any, tally: Tally, flags: Any
     ) -> list[tuple[list[int], Any]]:
         """Correct `physical`; which bands changed, and where (None: everywhere)."""
         removed = [f.band for f in self.model.fits]
+        usable = tally.usable
         if not usable or not (removed or after):
             return []
         if after is None:
-            own = self._follow_the_water(tile, physical, where, tally, flags)
-            apply(physical, self.model, where=where, out=physical)
-            for band, nir in own.items():
-                physical[band] = nir
+            if self.chain.references or self.chain.moves:
+                planes, aside = nir_to_follow(self.scene, self.chain, tile, physical, where)
+                remove_following(physical, self.model, where, planes)
+                tally.protected = int(np.count_nonzero(aside))
+                if flags is not None:
+                    flags[aside] |= PROTECTED
+            else:
+                apply(physical, self.model, where=where, out=physical)
             tally.corrected = usable
             return [(removed, where)]
         changed, replaced = self.changed, after.replaced.copy()
@@ -283,8 +288,10 @@ class Correction:
         """Where every index can be computed; None where it can everywhere."""
         if valid is None and raster_of(self.scene).info.dtype.kind in "iu":
             return None
-        finite = np.isfinite(physical[self.model.index_bands[0]])
-        for band in self.model.index_bands[1:]:
+        bands = sorted({*self.model.index_bands, *(m.nir for m in self.chain.moves)})
+        bands = [b for b in bands if b < len(physical)]
+        finite = np.isfinite(physical[bands[0]])
+        for band in bands[1:]:
             finite &= np.isfinite(physical[band])
         return None if finite.all() else finite
 
