@@ -70,7 +70,7 @@ class Needs:
     offsets : float or None
         Longest time between the NIR and another band that the file or sensor says [s].
     optics : str
-        "known", "estimated" or "unknown".
+        "known", or "estimated" or "unknown" and why.
     stages : tuple of StageNeed
     """
 
@@ -104,6 +104,8 @@ class Needs:
         if self.cover:
             covers = " ".join(f"{100 * c:.0f}" for c in self.cover)
             out.append(f"glint stands above the water beside it in, by band, {covers} % of the pixels")
+        if self.optics != "known" and self.stages:
+            out.append(f"optics: {self.optics}")
         return out + [str(stage) for stage in self.stages]
 
     def numbers(self) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ..errors import InputError
 from ..scene import Band, FloatArray
 from .evidence import Protection, protection_from
 from .identify import THESIS_K, IdentifyLevel, IdentifyMedian, fit_identify_level, fit_identify_median
+from .match import Matching, apply_match, fit_match
 from .median import Median
 from .normalise import Normalise, fit_normalise
 from .psf import PSF, kernel_psf
@@ -32,6 +33,7 @@ STAGES: dict[str, str] = {
     "normalise": "divide by the median of deep water; by its mode where glint covers more than N %",
     "psf": "N iterations of Richardson-Lucy, to build the level only",
     "psf-image": "N iterations of Richardson-Lucy, as the image itself",
+    "match": "blur every band as the longest is blurred, for bands of one instant",
     "identify-median": "glint is above median + K lower-side deviations",
     "identify-level": "glint is above the opened level (element of N pixels)",
     "replace-bands": "from the spectrally nearest clean band",
@@ -81,6 +83,30 @@ class Sharpen:
             return
         sharp = [richardson_lucy(b, p, iterations=self.iterations) for b, p in zip(state.image, self.psfs, strict=True)]
         state.image[...] = np.stack(sharp)
+        state.replaced[...] = True if state.where is None else state.where
+
+
+@dataclass(frozen=True)
+class Match:
+    """OTF matching: every band is blurred as the longest is, so that removal sees the same sparkle in all.
+
+    Attributes
+    ----------
+    matching : Matching
+        Kernels; see `deglint.compensate.match`.
+    """
+
+    matching: Matching
+    name: ClassVar[str] = "match"
+
+    @property
+    def halo(self) -> int:
+        """Radius of the kernels."""
+        return self.matching.halo
+
+    def apply(self, state: State) -> None:
+        """Blur the bands."""
+        state.image[...] = apply_match(state.image, self.matching)
         state.replaced[...] = True if state.where is None else state.where
 
 
@@ -292,6 +318,10 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any) -> Stag
                 f"{step.name} needs the sensor's optics, which are not known. Name a --sensor, or leave it out."
             )
         return Sharpen(setting.psfs, size or ITERATIONS, step.name == "psf-image")
+    if step.name == "match":
+        if setting.psfs is None:
+            raise InputError("match needs the sensor's optics, which are not known. Name a --sensor, or leave it out.")
+        return Match(fit_match(setting.psfs, setting.order[-1]))
     if step.name == "identify-median":
         return fit_identify_median(sample.values(), setting.saturation, k=step.number or THESIS_K, floor=floor)
     if step.name == "identify-level":
@@ -342,6 +372,10 @@ def _plain(stage: Stage) -> dict[str, Any]:
     if isinstance(stage, Sharpen):
         kernels = [p.kernel.tolist() for p in stage.psfs]
         return {"stage": stage.name, "iterations": stage.iterations, "kernels": kernels}
+    if isinstance(stage, Match):
+        kernels = [None if k is None else k.tolist() for k in stage.matching.kernels]
+        residual = list(stage.matching.residual)
+        return {"stage": stage.name, "kernels": kernels, "reference": stage.matching.reference, "residual": residual}
     return {"stage": stage.name, **asdict(stage)}
 
 
@@ -360,6 +394,9 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
         if name in ("psf", "psf-image"):
             psfs = tuple(kernel_psf(np.array(k)) for k in data["kernels"])
             return Sharpen(psfs, int(data["iterations"]), name == "psf-image")
+        if name == "match":
+            matched = tuple(None if k is None else np.array(k) for k in data["kernels"])
+            return Match(Matching(matched, int(data["reference"]), tuple(data["residual"])))
         return kinds[name](**rest)
     except (KeyError, TypeError) as error:
         raise InputError(f"not a saved stage of a compensation ({error}); fit and save it again.") from error

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from .. import tiles as tiling
 from ..compensate import THESIS, Chain, Sample, Setting, State, Step, finish, fit_stages, parse, protect, system_psf
 from ..compensate.chain import NO_STAGES, Sharpen
+from ..compensate.estimate import Spectra, estimate_optics, glint_spectra
 from ..compensate.evidence import Protection
 from ..compensate.identify import IdentifyLevel
 from ..compensate.level import SMALLEST, level_halo
@@ -42,6 +43,10 @@ from .sample import Sampler
 
 Mask = npt.NDArray[np.bool_]
 
+NOMINAL_PITCH = 8e-6
+"""Pitch that an f-number is estimated for [m]; the PSF in pixels does not depend on it."""
+BLURRED = 0.2
+"""Share of a point's light in its pixel, in the band that is blurred most, below which bands are matched."""
 DARK_NOISE = 0.2
 """Share of the variance over water that does not grow with the signal, where nothing more is known of the noise."""
 
@@ -97,13 +102,18 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
         why = f"things {smallest:.3g} pixels wide are to be kept, and an opening has {SMALLEST} or more"
         return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
     tiles = some(look.tiles if sampler is None or recipe.sample == "auto" else sampler.tiles)
-    setting = Setting(scene.bands, _psfs(scene, wanted), floor=_steps_of(scene))
+    psfs, optics = _psfs(scene, wanted), "known"
+    setting = Setting(scene.bands, psfs, floor=_steps_of(scene))
     steps = wanted or parse(f"identify-level:{needs.element}, replace-level")
     found = Plan(needs, steps, setting, tuple(tiles), sampler)
     sample = read_sample(scene, recipe, look, found, threads)
     nir = request.indexes[0].bands[0]
     alike = coherence([s.image for s in sample.states], sample.inside, scene.bands, nir)
-    needs = replace(needs, coherence=alike, offsets=_offsets(scene, nir), optics="known" if setting.psfs else "unknown")
+    if psfs is None and _wants_psf(wanted):
+        psfs, optics = estimated_psfs(scene, sample)
+        setting = replace(setting, psfs=psfs)
+        found = replace(found, setting=setting)
+    needs = replace(needs, coherence=alike, offsets=_offsets(scene, nir), optics=optics)
     setting = replace(setting, detail=alike is not None and not needs.simultaneous)
     if wanted is not None:
         stages = tuple(StageNeed(s.name, True, "asked for") for s in wanted if s.name != "remove")
@@ -125,6 +135,11 @@ def _automatic(found: Plan, sample: Sample) -> Plan:
     if most < LITTLE_COVER:
         why = f"glint covers at most {most:.2%} of a band (threshold {LITTLE_COVER:.1%})"
         return Plan(replace(needs, stages=(StageNeed("compensation", False, why, "all of its time"),)))
+    if needs.simultaneous and setting.psfs is not None and min(p.centre for p in setting.psfs) < BLURRED:
+        why = "the bands see the sea at one instant, and are blurred over several pixels, each by its own wavelength"
+        taken = "matched bands share their sparkle, and the removal takes it"
+        both = (StageNeed("match", True, why), StageNeed("opening", False, taken, "half of its time"))
+        return replace(found, needs=replace(needs, stages=both), steps=parse("match, remove"))
     text, stages = [], []
     middle = float(np.median(cover))
     if setting.psfs is None:
@@ -173,6 +188,9 @@ def _protection(raw: list[Any], sample: Sample, stages: Sequence[Any], found: Pl
         return Protection(reason=NO_STAGES)
     if not found.setting.detail:
         return Protection(reason="the bands see the sea at one instant, as sparkle does")
+    if not levels[-1].detail:
+        cover = float(np.median(levels[-1].cover))
+        return Protection(reason=f"glint covers {cover:.0%} of the middlemost band, and clumps of it look like things")
     looks, noise = [], []
     for block, state, mask in zip(raw, sample.states, sample.inside, strict=True):
         keep = mask & (state.units == 1).all()
@@ -285,6 +303,8 @@ def halo_of(steps: Sequence[Step], psfs: tuple[PSF, ...] | None) -> int:
             total += Sharpen(psfs, size or 2, step.name == "psf-image").halo
         elif step.name == "identify-level":
             total += level_halo(size or 13, max((size or 13) - 2, 0))
+        elif step.name == "match" and psfs:
+            total += max(p.radius for p in psfs)
         elif step.name == "median":
             total += Median(size or 25).halo
     return total
@@ -325,13 +345,30 @@ def some(tiles: Sequence[Tile]) -> list[Tile]:
 
 def _psfs(scene: Scene, wanted: Sequence[Step] | None) -> tuple[PSF, ...] | None:
     """PSF of every band, where optics and wavelengths are known and a stage may want them."""
-    if wanted is not None and not any(s.name.startswith("psf") for s in wanted):
+    if not _wants_psf(wanted):
         return None
     optics = optics_of(scene)
     wavelengths = [b.wavelength for b in scene.bands if b.wavelength is not None]
     if optics is None or len(wavelengths) < len(scene.bands):
         return None
     return tuple(system_psf(w, f_number=optics.f_number, pitch=optics.pitch, smear=optics.smear) for w in wavelengths)
+
+
+def _wants_psf(wanted: Sequence[Step] | None) -> bool:
+    return wanted is None or any(s.name.startswith(("psf", "match")) for s in wanted)
+
+
+def estimated_psfs(scene: Scene, sample: Sample) -> tuple[tuple[PSF, ...] | None, str]:
+    """PSF of every band from the sparkle in the image, where its optics are not known; and what to say of it."""
+    wavelengths = [b.wavelength for b in scene.bands if b.wavelength is not None]
+    if len(wavelengths) < len(scene.bands):
+        return None, "unknown, and wavelengths are too"
+    parts = [glint_spectra(np.where(m, s.image, np.nan)) for s, m in zip(sample.states, sample.inside, strict=True)]
+    found = estimate_optics(Spectra.merge(parts), wavelengths, pitch=NOMINAL_PITCH)
+    if found.f_number is None:
+        return None, f"unknown: {found.reason}"
+    psfs = tuple(system_psf(w, f_number=found.f_number, pitch=NOMINAL_PITCH) for w in wavelengths)
+    return psfs, f"estimated: {found.reason}"
 
 
 def _steps_of(scene: Scene) -> tuple[float, ...] | None:
