@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import textwrap
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -59,8 +58,8 @@ def test_all_scenes_are_done_as_one_by_one_and_then_never_again(deglint, place, 
     assert said.count("\n") == 3
     assert "[3/3]" in said
     for name in "abc":
-        alone = deglint("remove", place / "in" / f"{name}.tif", place / "one.tif", "--method", "hedley", "--sample", "all",
-                        "--mask", "none", "--overwrite")  # fmt: skip
+        alone = deglint("remove", place / "in" / f"{name}.tif", place / "one.tif", "--overwrite", "--method", "hedley",
+                        "--sample", "all", "--mask", "none")  # fmt: skip
         assert alone.code == 0
         np.testing.assert_array_equal(read(place / "one.tif"), read(place / "out" / f"{name}_clean.tif"))
     before = made(place)
@@ -167,7 +166,7 @@ def test_names_that_clash_are_told_before_anything_is_done(place, write, sea):
     order = read_order(str(place / "r.toml"))
     (place / "in2").mkdir()
     write(place / "in2" / "a.tif", sea())
-    with pytest.raises(InputError, match="several scenes would be written to .*a_clean.tif: .*in/a.tif, .*in2/a.tif"):
+    with pytest.raises(InputError, match=r"several scenes would be written to .*a_clean.tif: .*in/a.tif, .*in2/a.tif"):
         run_batch(order, list_scenes([str(place / "in" / "a.tif"), str(place / "in2" / "a.tif")]))
     assert not (place / "out").exists()
     text = (place / "r.toml").read_text().replace(str(place / "out"), str(place / "in")).replace("_clean", "")

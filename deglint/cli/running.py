@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import signal
 import sys
@@ -103,6 +104,8 @@ def _explained(error: BaseException) -> tuple[int, str]:
         return (3 if isinstance(error, NoWaterError) else 1), "Error: " + printable(" ".join(str(error).splitlines()))
     if isinstance(error, MemoryError):
         return 1, "Error: out of memory. Use fewer --threads, or a machine with more."
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return 1, "Error: too many open files. Use fewer --threads or inputs, or raise the limit (ulimit -n)."
     line = (str(error).splitlines() or [""])[0]
     return 1, f"Error: {type(error).__name__}: {printable(line)} (a fault of deglint's own; -vv shows where)"
 

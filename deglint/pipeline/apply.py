@@ -218,7 +218,7 @@ def _run(
         said = plain(sidecar(scene, fitted, targets, tally, checksum, time.perf_counter() - begun))
         if targets.request:
             made = {p.name: fingerprint(scratch.file(p)) for p in targets.every() if p != targets.sidecar}
-            said["batch"] = {"request": targets.request, "outputs": made}
+            said["batch"] = {"request": targets.request, "inputs": checksum.fingerprints(), "outputs": made}
         write_json(scratch, targets.sidecar, said)
     return Result(fitted, tally, said, tuple(said["warnings"]))
 

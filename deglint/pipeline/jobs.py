@@ -112,7 +112,7 @@ def state_of(job: Job, request: str) -> tuple[str, str]:
     try:
         said = read_json(str(job.sidecar), "sidecar")
         batch = said.get("batch") or {}
-        inputs = {i["path"]: i for i in said["input"]}
+        inputs = {i["path"]: i for i in batch.get("inputs") or []}
         outputs = dict(batch.get("outputs") or {})
     except (DeglintError, KeyError, TypeError, ValueError, AttributeError):
         return FAILED, f"{job.sidecar} exists and is no sidecar of deglint"

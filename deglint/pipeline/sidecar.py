@@ -38,7 +38,7 @@ class Checksum:
         self._thread.start()
 
     def result(self) -> list[dict[str, Any]]:
-        """For each file its name, and what `fingerprint` says of it.
+        """For each file its name, size [byte] and checksum (8 hexadecimal digits), or None.
 
         Raises
         ------
@@ -49,6 +49,11 @@ class Checksum:
         for path, before in zip(self._paths, self._before, strict=True):
             if _stamp(path) != before:
                 raise ReadError(f"{path} was changed while it was read. Run again when it is whole.")
+        return [{k: v for k, v in file.items() if k != "modified_ns"} for file in self._found]
+
+    def fingerprints(self) -> list[dict[str, Any]]:
+        """The same, with the times of the last change."""
+        self._thread.join()
         return self._found
 
     def _work(self) -> None:

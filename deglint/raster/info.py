@@ -162,6 +162,10 @@ def _why_not_opened(path: str, error: Exception) -> str:
     said = one_line(error)
     if "No such file" in said or "does not exist" in said:
         return f"no such file: {path}. Check the name (GDAL names such as /vsizip/ and zip:// will do)."
+    if "Too many open files" in said:
+        return f"cannot open {path}: too many open files. Use fewer --threads, or raise the limit (ulimit -n)."
+            f"cannot open {path}: too many open files. Use fewer --threads or inputs, or raise the limit (ulimit -n)."
+        )
     if "not recognized as being in a supported file format" in said:
         return f"{path} is not a raster GDAL can read. Convert it to GeoTIFF, or name the raster itself."
     return f"cannot open {path}: {said}. The file is truncated or damaged, or cannot be reached."

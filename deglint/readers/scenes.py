@@ -26,7 +26,7 @@ LONGEST_NAME = 150
 """Bytes of a scene's name: what is added for its outputs has to fit, too."""
 _MAGIC = re.compile(r"[*?\[]")
 _REMOTE = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
-_SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
+_SCHEME = re.compile(r"[A-Za-z][\w+.-]*:")
 _RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf", re.IGNORECASE)
 
 

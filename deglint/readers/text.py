@@ -13,8 +13,8 @@ MOST_BYTES = 64 << 20
 """Largest file that is read [byte]."""
 
 
-def read_text(path: str, option: str, most: int = MOST_BYTES) -> str:
-    """Text of a file that an option names, of at most so many bytes.
+def read_text(path: str, option: str, most: int | None = None) -> str:
+    """Text of a file that an option names, of at most so many bytes (`MOST_BYTES` by default).
 
     Raises
     ------
@@ -23,6 +23,7 @@ def read_text(path: str, option: str, most: int = MOST_BYTES) -> str:
     InputError
         It is too large, or not text.
     """
+    most = MOST_BYTES if most is None else most
     try:
         with Path(path).open("rb") as file:
             data = file.read(most + 1)
