@@ -159,10 +159,13 @@ def _own_stderr() -> Iterator[_Aside]:
     with tempfile.TemporaryFile() as file, open(real, "w", buffering=1, errors="replace") as own:  # noqa: PTH123
         ours = _writes_to(python_stderr, 2)
         sys.stderr = own if ours else python_stderr
+        hooks = sys.excepthook, sys.unraisablehook
+        sys.excepthook = sys.unraisablehook = lambda *_: None  # rasterio prints so what it cannot decode in messages
         os.dup2(file.fileno(), 2)
         try:
             yield _Aside(file)
         finally:
+            sys.excepthook, sys.unraisablehook = hooks
             own.flush()
             os.dup2(real, 2)
             sys.stderr = python_stderr

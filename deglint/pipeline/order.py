@@ -90,9 +90,10 @@ def read_order(path: str) -> Order:
     InputError
         Not TOML, or a name or value that is not allowed.
     """
+    text = read_text(path, "recipe", MOST_BYTES)
     try:
-        document = tomllib.loads(read_text(path, "recipe", MOST_BYTES))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        document = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # numbers of thousands of digits are no TOMLDecodeError
         raise InputError(f"{path} is not TOML: {str(error) or 'it is nested too deep'}.") from error
     allowed = {
         "recipe": {f.name for f in fields(Recipe)},

@@ -72,12 +72,24 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
     """
     found: list[ListedScene] = []
     for text in given:
-        found.extend(_of_argument(text, assets))
+        new = list(_of_argument(text, assets))
+        _check_paths(text, new)
+        found.extend(new)
         if len(found) > MOST_SCENES:
             raise InputError(f"{text} brings the scenes to more than {MOST_SCENES}. Give a part of them at a time.")
     if not found:
         raise InputError(f"no scene is named in {', '.join(given) or 'nothing'}. Name rasters, a CSV or a STAC file.")
     return found
+
+
+def _check_paths(origin: str, scenes: Sequence[ListedScene]) -> None:
+    for path in (p for scene in scenes for p in scene.paths):
+        try:
+            fit = b"\0" not in os.fsencode(path)
+        except UnicodeEncodeError:
+            fit = False
+        if not fit:
+            raise InputError(f"{origin} names a file {path[:80]!r}, which no file can be called. Correct the name.")
 
 
 def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:

@@ -148,7 +148,9 @@ class GlintModel:
                 regression=data["regression"],
                 warnings=tuple(data["warnings"]),
             )
-        except (KeyError, TypeError, json.JSONDecodeError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+            if isinstance(error, InputError):
+                raise
             raise InputError(f"not a saved deglint model ({error}); make one with --save-model.") from error
 
     def for_bands(self, names: tuple[str, ...]) -> GlintModel:
