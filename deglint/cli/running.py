@@ -160,7 +160,8 @@ def _own_stderr() -> Iterator[_Aside]:
         ours = _writes_to(python_stderr, 2)
         sys.stderr = own if ours else python_stderr
         hooks = sys.excepthook, sys.unraisablehook
-        sys.excepthook = sys.unraisablehook = lambda *_: None  # rasterio prints so what it cannot decode in messages
+        # rasterio would print here what it cannot decode in GDAL's messages
+        sys.excepthook, sys.unraisablehook = (lambda *_: None), (lambda _: None)
         os.dup2(file.fileno(), 2)
         try:
             yield _Aside(file)
