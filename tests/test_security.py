@@ -67,10 +67,13 @@ def test_the_same_number_is_the_same_mutant(tmp_path, monkeypatch):
 
 
 def test_absurd_sizes_are_refused_at_once(deglint, tmp_path):
-    for path in (vrt(tmp_path / "a.vrt", 2_000_000_000, 2_000_000_000), sparse(tmp_path / "a.tif", 600_000)):
+    for path in (
+        vrt(tmp_path / "a.vrt", 2_000_000_000, 2_000_000_000),
+        sparse(tmp_path / "a.tif", 2_000_000, blockxsize=16_384, blockysize=16_384),
+    ):
         ran = deglint("remove", path, tmp_path / "out.tif", *RUN)
         assert ran.code == 1
-        assert re.match(r"Error: \S+ declares \d+ x \d+ pixels; allowed are 274,877,906,944", ran.err)
+        assert re.match(r"Error: \S+ declares \d+ x \d+ pixels; allowed are 1,099,511,627,776", ran.err)
         assert "DEGLINT_MAX_PIXELS" in ran.err
 
 
@@ -169,6 +172,15 @@ def test_lists_and_recipes_have_limits(tmp_path, monkeypatch):
     (tmp_path / "l.csv").write_text("path\n" + "a.tif\n" * 11)
     with pytest.raises(InputError, match="more than 10"):
         list_scenes([str(tmp_path / "l.csv")])
+
+
+@pytest.mark.parametrize("text", ["a = " + "1" * 5000, "a = " + "[" * 100_000, "[" * 3])
+def test_a_mission_that_is_no_toml_is_one_line(deglint, tmp_path, text):
+    (tmp_path / "m.toml").write_text(text)
+    ran = deglint("plan", "--mission", tmp_path / "m.toml", "-o", tmp_path / "o.json")
+    assert ran.code == 1
+    assert "is not TOML" in ran.err
+    assert ran.err.count("\n") == 1
 
 
 def test_names_do_not_command_the_terminal(deglint, sea, write, tmp_path):

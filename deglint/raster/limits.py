@@ -13,8 +13,8 @@ import numpy as np
 
 from ..errors import InputError
 
-MOST_PIXELS = 1 << 38
-"""Rows times columns of a raster: 524 288 x 524 288."""
+MOST_PIXELS = 1 << 40
+"""Rows times columns of a raster: 1 048 576 x 1 048 576."""
 MOST_BLOCK_MB = 1024
 """Memory of one block, all bands of it where they are interleaved by pixel [MB of 2^20 byte]."""
 MOST_BANDS = 8192
