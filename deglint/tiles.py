@@ -104,23 +104,24 @@ def tiles(height: int, width: int, shape: tuple[int, int]) -> list[Tile]:
 def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
     """Some of the tiles, evenly spread over the scene, that hold about `pixels` pixels (all where they fit).
 
-    A regular lattice in row-major order, shifted from row to row, always the same for the same scene.
+    A regular lattice in row-major order, shifted from row to row, always the same for the same tiles.
     """
     area = max(t.shape[0] * t.shape[1] for t in everything)
     wanted = max(pixels // area, 1)
     if len(everything) <= wanted:
         return list(everything)
-    rows = sorted({t.row0 for t in everything})
-    columns = sorted({t.col0 for t in everything})
-    aspect = len(rows) / len(columns)
-    down = min(max(round(math.sqrt(wanted * aspect)), 1), len(rows), wanted)
-    across = min(max(wanted // down, 1), len(columns))
-    place = {(t.row0, t.col0): t for t in everything}
+    lines: dict[int, list[Tile]] = {}
+    for tile in everything:
+        lines.setdefault(tile.row0, []).append(tile)
+    rows = sorted(lines)
+    columns = max(map(len, lines.values()))
+    down = min(max(round(math.sqrt(wanted * len(rows) / columns)), 1), len(rows), wanted)
+    across = min(max(wanted // down, 1), columns)
     chosen = []
     for i in range(down):
-        row = rows[int((i + 0.5) * len(rows) / down)]
+        line = lines[rows[int((i + 0.5) * len(rows) / down)]]
         shift = 0.25 if i % 2 else 0.75
-        chosen += [place[row, columns[int((j + shift) * len(columns) / across)]] for j in range(across)]
+        chosen += [line[int((j + shift) * len(line) / across)] for j in range(across)]
     return sorted(set(chosen), key=lambda t: (t.row0, t.col0))
 
 

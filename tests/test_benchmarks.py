@@ -79,3 +79,23 @@ def test_children_are_measured_and_failures_told(monkeypatch):
 def test_plan():
     table = rows(printed("benchmarks", "plan", "--quick"))
     assert {"reticle", "answer of the page", "deglint plan -o plan.png"} <= set(table)
+
+
+def test_the_model_of_scale_is_a_line_through_what_was_measured(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT))
+    from benchmarks import scale
+
+    def run(side):
+        values = 8 * side**2 / 1e6
+        return {"cpu": 2 + 0.03 * values, "wall": 1, "peak": 200, "read": 1.5e6 * values, "size": 0.5e6 * values}
+
+    runs = {f"{what} {side}": run(side) for what in scale.COMMANDS for side in (1024, 8192)}
+    runs["score 16384"] = {"stopped": "the disk has 1 GB left"}
+    found = {"machine": "a machine.", "disk": 1e8, "runs": runs}
+    line = scale.line_of(found, "score")
+    assert line["slope"] == pytest.approx(0.03)
+    assert line["start"] == pytest.approx(2)
+    text = "\n\n".join(scale.tables(found))
+    assert "the disk has 1 GB left" in text
+    hours = (73 * 2 + 73 * 10980**2 * 4 / 1e6 * 0.03) / 60
+    assert f"{hours:.3g} min" in text

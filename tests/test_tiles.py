@@ -71,6 +71,14 @@ def test_a_spread_of_tiles_holds_about_what_was_asked_for(height, width, rows, c
     assert len(chosen) * largest <= max(pixels, largest) or len(chosen) == len(everything)
 
 
+def test_some_of_some_tiles_can_be_taken():
+    """A look is spread already: its rows hold other columns each."""
+    look = tiles.spread(tiles.tiles(20_000, 20_000, (192, 192)), 4_800_000)
+    some = tiles.spread(look, 300_000)
+    assert set(some) <= set(look)
+    assert 200_000 <= sum(t.shape[0] * t.shape[1] for t in some) <= 400_000
+
+
 def test_results_come_in_order_and_few_wait():
     everything = tiles.tiles(640, 64, (64, 64))
     rng = np.random.default_rng(0)

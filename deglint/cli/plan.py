@@ -160,10 +160,11 @@ def _file(path: str | None) -> dict[str, Any]:
     from ..errors import InputError
     from ..readers.text import read_text
 
+    text = read_text(path, "--mission", 1 << 20)
     try:
-        return tomllib.loads(read_text(path, "--mission"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path} (--mission) is not TOML: {error}.") from error
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # numbers of thousands of digits are no TOMLDecodeError
+        raise InputError(f"{path} (--mission) is not TOML: {str(error) or 'it is nested too deep'}.") from error
 
 
 def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:

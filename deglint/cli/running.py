@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import signal
 import sys
@@ -90,16 +91,23 @@ def keep_memory() -> None:
         mallopt(_MMAP_THRESHOLD, 64 << 20)
 
 
+def printable(text: str) -> str:
+    """Text as one line without what a terminal would take for commands: names in files are other people's."""
+    return "".join(c if c.isprintable() else " " if c in "\n\t" else f"\\x{ord(c):02x}" for c in text)
+
+
 def _explained(error: BaseException) -> tuple[int, str]:
     """Exit code and line for an error."""
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
         return 130, "interrupted: nothing was written."
     if isinstance(error, DeglintError):
-        return (3 if isinstance(error, NoWaterError) else 1), "Error: " + " ".join(str(error).splitlines())
+        return (3 if isinstance(error, NoWaterError) else 1), "Error: " + printable(" ".join(str(error).splitlines()))
     if isinstance(error, MemoryError):
         return 1, "Error: out of memory. Use fewer --threads, or a machine with more."
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return 1, "Error: too many open files. Use fewer --threads or inputs, or raise the limit (ulimit -n)."
     line = (str(error).splitlines() or [""])[0]
-    return 1, f"Error: {type(error).__name__}: {line} (a fault of deglint's own; -vv shows where)"
+    return 1, f"Error: {type(error).__name__}: {printable(line)} (a fault of deglint's own; -vv shows where)"
 
 
 def _verbosity(arguments: list[str]) -> int:
@@ -151,10 +159,14 @@ def _own_stderr() -> Iterator[_Aside]:
     with tempfile.TemporaryFile() as file, open(real, "w", buffering=1, errors="replace") as own:  # noqa: PTH123
         ours = _writes_to(python_stderr, 2)
         sys.stderr = own if ours else python_stderr
+        hooks = sys.excepthook, sys.unraisablehook
+        # rasterio would print here what it cannot decode in GDAL's messages
+        sys.excepthook, sys.unraisablehook = (lambda *_: None), (lambda _: None)
         os.dup2(file.fileno(), 2)
         try:
             yield _Aside(file)
         finally:
+            sys.excepthook, sys.unraisablehook = hooks
             own.flush()
             os.dup2(real, 2)
             sys.stderr = python_stderr

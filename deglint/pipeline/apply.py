@@ -39,7 +39,7 @@ from .following import for_scene, without_moves
 from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .saved import saved
-from .sidecar import Checksum, sidecar
+from .sidecar import Checksum, fingerprint, sidecar
 from .surroundings import Surroundings
 
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
@@ -64,6 +64,8 @@ class Outputs:
         Type of the image; the input's by default.
     options : mapping
         GDAL creation options.
+    request : str, optional
+        What a batch calls this work; the sidecar then says it, and what the outputs are like, to know them again.
     """
 
     image: Path
@@ -75,6 +77,7 @@ class Outputs:
     overwrite: bool = False
     dtype: str | None = None
     options: Mapping[str, str] = field(default_factory=dict)
+    request: str | None = None
 
     def __post_init__(self) -> None:
         if self.dtype is not None and self.dtype not in DTYPES:
@@ -201,7 +204,7 @@ def _run(
         raise InputError(
             "no band is corrected, so there is no amount to write: leave out --amount, or name a --method."
         )
-    with Scratch() as scratch:
+    with Scratch(overwrite=targets.overwrite) as scratch:
         tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress, only)
         if tally.corrected == 0 and fitted.model.fits:
             why = "every pixel is nodata" if tally.nodata == tally.total else "no pixel is water inside the mask"
@@ -213,6 +216,9 @@ def _run(
         if targets.picture:
             write_bytes(scratch, targets.picture, before_after(scene, scratch.file(targets.image), fitted.model))
         said = plain(sidecar(scene, fitted, targets, tally, checksum, time.perf_counter() - begun))
+        if targets.request:
+            made = {p.name: fingerprint(scratch.file(p)) for p in targets.every() if p != targets.sidecar}
+            said["batch"] = {"request": targets.request, "inputs": checksum.fingerprints(), "outputs": made}
         write_json(scratch, targets.sidecar, said)
     return Result(fitted, tally, said, tuple(said["warnings"]))
 

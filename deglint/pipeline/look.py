@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
+import numpy as np
+
 from .. import tiles as tiling
+from ..errors import NoWaterError
 from ..masks import Roles, WaterRule, fit_water
 from ..raster import RasterSource
 from ..raster.environment import enter_thread
@@ -20,6 +24,10 @@ SMALL_PIXELS = 600_000
 """Pixels of a scene that is looked at as a whole from the start."""
 LOOK_SIDE = 192
 """Side of the tiles of a look [pixel]; the same for every file, so that what is found does not depend on its blocks."""
+MOST_PIXELS = 16 << 20
+"""Pixels that are held of the last look: of larger scenes it reads all, and keeps some tiles of what is valid."""
+MOST_TILES = 1 << 18
+"""Tiles of a look that are listed."""
 
 
 @dataclass(frozen=True)
@@ -48,17 +56,50 @@ def looks(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Loo
     """Look at more and more of the scene, the last time at all of it, and say what is water, where that is `wanted`."""
     found = band_roles(scene)
     roles = Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir})
-    everything = tiling.tiles(scene.height, scene.width, (LOOK_SIDE, LOOK_SIDE))
     total = scene.height * scene.width
     for pixels in (LOOK_PIXELS, 16 * LOOK_PIXELS, total) if total > SMALL_PIXELS else (total,):
-        chosen = everything if pixels >= total else tiling.spread(everything, pixels)
+        last = pixels >= total
+        chosen = _everywhere(scene, nir, threads) if last else _lattice(scene, pixels)
         rule = None
-        if wanted and roles.visible:
+        if wanted and roles.visible and chosen:
             rule = fit_water(read_looks(scene, chosen, roles, threads), _compact(roles))
-        whole = len(chosen) == len(everything)
-        yield Look(tuple(chosen), roles, rule, whole)
-        if whole:
-            return
+        elif not chosen:
+            raise NoWaterError(f"{scene.path} holds no valid pixel in band {scene.bands[nir].name}. Check --nodata.")
+        yield Look(tuple(chosen), roles, rule, last)
+
+
+def _lattice(scene: Scene, pixels: int) -> list[Tile]:
+    """Some of the scene's tiles; of a huge scene, of every n-th row and column of tiles."""
+    step = max(1, math.isqrt(scene.height * scene.width // (LOOK_SIDE**2 * MOST_TILES)))
+    side = step * LOOK_SIDE
+    corners = tiling.tiles(scene.height, scene.width, (side, side))
+    cut = [Tile(t.row0, min(t.row0 + LOOK_SIDE, t.row1), t.col0, min(t.col0 + LOOK_SIDE, t.col1)) for t in corners]
+    return tiling.spread(cut, pixels)
+
+
+def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
+    """All tiles of a scene; of one too large to hold, so many as can be held of those with valid pixels."""
+    total = scene.height * scene.width
+    if total <= MOST_PIXELS:
+        return tiling.tiles(scene.height, scene.width, (LOOK_SIDE, LOOK_SIDE))
+    shape = tile_shape_of(scene)
+
+    def work(tile: Tile) -> list[Tile]:
+        valid = np.isfinite(scene.source.read(tile.window, [nir])[0])
+        inside = (Tile(*_moved(t, tile)) for t in tiling.tiles(*tile.shape, (LOOK_SIDE, LOOK_SIDE)))
+        return [t for t in inside if valid[t.row0 - tile.row0 : t.row1 - tile.row0,
+                                           t.col0 - tile.col0 : t.col1 - tile.col0].any()]  # fmt: skip
+
+    at_once = tiling.affordable(threads, shape, len(scene.bands))
+    everything = tiling.tiles(scene.height, scene.width, shape)
+    # a tile in so many is kept from the start: the list itself must not grow with the scene
+    share = max(1, total // (LOOK_SIDE**2 * MOST_TILES))
+    found = [t for _t, part in tiling.run(everything, work, threads=at_once, start=enter_thread) for t in part[::share]]
+    return found[:: max(1, -(-len(found) * LOOK_SIDE**2 // MOST_PIXELS))]
+
+
+def _moved(inner: Tile, outer: Tile) -> tuple[int, int, int, int]:
+    return inner.row0 + outer.row0, inner.row1 + outer.row0, inner.col0 + outer.col0, inner.col1 + outer.col0
 
 
 def look_at(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Look:

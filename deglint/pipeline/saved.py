@@ -48,5 +48,5 @@ def load_chain(path: str) -> Chain:
         if not found:
             return Chain()
         return chain_from(found)
-    except (InputError, json.JSONDecodeError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(f"{path}: {error}") from error

@@ -4,14 +4,16 @@ programs."""
 from __future__ import annotations
 
 import platform
+import stat
 import threading
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import __version__
+from ..errors import ReadError
 from ..scene import Scene
 from .fit import Fitted
 
@@ -31,25 +33,65 @@ class Checksum:
     def __init__(self, paths: Sequence[str]) -> None:
         self._paths = tuple(paths)
         self._found: list[dict[str, Any]] = []
+        self._before = [_stamp(path) for path in self._paths]
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
     def result(self) -> list[dict[str, Any]]:
-        """For each file its name, size [byte] and checksum (8 hexadecimal digits), or None."""
+        """For each file its name, size [byte] and checksum (8 hexadecimal digits), or None.
+
+        Raises
+        ------
+        ReadError
+            A file was changed while it was read: what was made of it is of no one state of it.
+        """
+        self._thread.join()
+        for path, before in zip(self._paths, self._before, strict=True):
+            if _stamp(path) != before:
+                raise ReadError(f"{path} was changed while it was read. Run again when it is whole.")
+        return [{k: v for k, v in file.items() if k != "modified_ns"} for file in self._found]
+
+    def fingerprints(self) -> list[dict[str, Any]]:
+        """The same, with the times of the last change."""
         self._thread.join()
         return self._found
 
     def _work(self) -> None:
-        for path in self._paths:
-            size: int | None = 0
-            crc: int | None = 0
-            try:
-                with Path(path).open("rb", buffering=0) as file:
-                    while chunk := file.read(_CHUNK):
-                        size, crc = (size or 0) + len(chunk), zlib.crc32(chunk, crc or 0)
-            except OSError:
-                size = crc = None
-            self._found.append({"path": path, "bytes": size, "crc32": None if crc is None else f"{crc:08x}"})
+        self._found = [{"path": path, **fingerprint(path)} for path in self._paths]
+
+
+def fingerprint(path: str | Path) -> dict[str, Any]:
+    """Size [byte], time of the last change [ns] and CRC-32 (8 hexadecimal digits) of a file; None where it has none."""
+    stamp = _stamp(path)
+    try:
+        with Path(path).open("rb", buffering=0) as file:
+            crc = 0
+            while chunk := file.read(_CHUNK):
+                crc = zlib.crc32(chunk, crc)
+    except (OSError, ValueError):
+        stamp = None
+    if stamp is None:
+        return {"bytes": None, "crc32": None, "modified_ns": None}
+    return {"bytes": stamp[0], "crc32": f"{crc:08x}", "modified_ns": stamp[1]}
+
+
+def is_as(path: str | Path, said: Mapping[str, Any]) -> bool:
+    """Whether a file is the one that `fingerprint` said this of: read only where size or time do not tell."""
+    stamp = _stamp(path)
+    if stamp is None:
+        return said.get("bytes") is None
+    if stamp[0] != said.get("bytes"):
+        return False
+    return stamp[1] == said.get("modified_ns") or fingerprint(path)["crc32"] == said.get("crc32")
+
+
+def _stamp(path: str | Path) -> tuple[int, int] | None:
+    """Size and time of the last change of a local file."""
+    try:
+        found = Path(path).stat()
+    except (OSError, ValueError):
+        return None
+    return (found.st_size, found.st_mtime_ns) if stat.S_ISREG(found.st_mode) else None
 
 
 def sidecar(

@@ -15,7 +15,9 @@ def environment() -> Any:
     """A rasterio environment with deglint's settings, for one thread."""
     import rasterio
 
-    return rasterio.Env(GDAL_CACHEMAX=CACHE, GDAL_PAM_ENABLED="YES", GDAL_TIFF_INTERNAL_MASK="YES")
+    return rasterio.Env(
+        GDAL_CACHEMAX=CACHE, GDAL_PAM_ENABLED="YES", GDAL_TIFF_INTERNAL_MASK="YES", GDAL_VRT_ENABLE_PYTHON="NO"
+    )
 
 
 def enter_thread() -> None:

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..errors import InputError, ReadError
 from .convert import physical_dtype
+from .limits import check_size
 
 Tags = Mapping[str, Mapping[str, str]]
 """Tags by namespace; the default namespace is ""."""
@@ -138,21 +139,31 @@ def open_dataset(path: str) -> Any:
     ------
     ReadError
         No such file, or not a raster that GDAL can read.
+    InputError
+        It declares more than `deglint.raster.limits` allow.
     """
     import rasterio
     from rasterio.errors import RasterioError
 
     try:
         with unplaced():
-            return rasterio.open(path, sharing=False)
+            dataset = rasterio.open(path, sharing=False)
     except (RasterioError, OSError, ValueError) as error:
         raise ReadError(_why_not_opened(path, error)) from error
+    try:
+        check_size(dataset, path)
+    except BaseException:
+        dataset.close()
+        raise
+    return dataset
 
 
 def _why_not_opened(path: str, error: Exception) -> str:
     said = one_line(error)
     if "No such file" in said or "does not exist" in said:
         return f"no such file: {path}. Check the name (GDAL names such as /vsizip/ and zip:// will do)."
+    if "Too many open files" in said:
+        return f"cannot open {path}: too many open files. Use fewer --threads, or raise the limit (ulimit -n)."
     if "not recognized as being in a supported file format" in said:
         return f"{path} is not a raster GDAL can read. Convert it to GeoTIFF, or name the raster itself."
     return f"cannot open {path}: {said}. The file is truncated or damaged, or cannot be reached."
@@ -173,8 +184,30 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     Raises
     ------
     InputError
-        No band to work on, or complex numbers.
+        No band to work on, complex numbers, or a place that pixels cannot be put on.
+    ReadError
+        The header contradicts itself.
     """
+    from rasterio._err import CPLE_BaseError
+    from rasterio.errors import RasterioError
+
+    try:
+        info = _described(dataset, path, alpha_is_band)
+    except (InputError, ReadError):
+        raise
+    except (RasterioError, CPLE_BaseError, ValueError, ArithmeticError, LookupError) as error:
+        said = one_line(error)
+        raise ReadError(f"cannot read the header of {path}: {said}. The file is truncated or damaged.") from error
+    place = info.transform
+    if place is not None and not (np.isfinite(place[:6]).all() and abs(place.determinant) > 0):
+        raise InputError(
+            f"{path} puts its pixels on a transform that cannot be inverted: {tuple(place[:6])}. Give it another, or "
+            "none: gdal_edit.py -unsetgt."
+        )
+    return info
+
+
+def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
     interp = _colorinterp(dataset)
     alpha = next((i for i, name in enumerate(interp, start=1) if name == "alpha"), None)
     if alpha and (alpha_is_band or _is_named(dataset.descriptions[alpha - 1])):

@@ -12,7 +12,6 @@ import json
 import logging
 import os
 import re
-import secrets
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,12 +24,11 @@ import numpy.typing as npt
 from ..errors import InputError, ReadError, WriteError
 from ..scene import Window
 from .info import RasterInfo, one_line, open_dataset, unplaced
+from .scratch import Scratch, real
 
 BLOCK = 512
 """Side of the output's blocks [pixel] where the input's do not serve."""
 _SIDES = (64, 128, 256, BLOCK)
-_COMPANIONS = (".aux.xml", ".msk", ".ovr")
-"""What GDAL may put beside a raster."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +97,7 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
         raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
     if path.is_dir():
         raise WriteError(f"{path} is a directory; name a file in it, such as {path / 'out.tif'}.")
-    directory = _real(path).parent
+    directory = real(path).parent
     if not directory.is_dir():
         raise WriteError(f"the directory {directory} does not exist. Make it first: mkdir -p {directory}")
     if not os.access(directory, os.W_OK | os.X_OK):
@@ -108,64 +106,6 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
         raise WriteError(f"{path} is not a regular file, and would be replaced by one. Name another output.")
     if path.exists() and not overwrite:
         raise WriteError(f"{path} exists already. Give --overwrite to replace it, or another name.")
-
-
-def _real(path: Path) -> Path:
-    """The file that a name stands for, symbolic links followed; it need not exist."""
-    return Path(os.path.realpath(path))
-
-
-class Scratch:
-    """Files that come into being together, or not at all.
-
-    Use as a context manager: leaving the block normally moves every file into place, leaving it by an error removes
-    them all. The first file added is moved last: where it stands, the others do too.
-    """
-
-    def __init__(self) -> None:
-        self._files: list[tuple[Path, Path]] = []
-
-    def __enter__(self) -> Scratch:
-        return self
-
-    def add(self, target: Path) -> Path:
-        """Name of a scratch file beside `target`."""
-        place = _real(target)
-        scratch = place.with_name(f".{place.name[:200]}.{secrets.token_hex(4)}.part{place.suffix[:8]}")
-        self._files.append((scratch, target))
-        return scratch
-
-    def file(self, target: Path) -> Path:
-        """Where a file that was added is written for now."""
-        return next(scratch for scratch, known in self._files if known == target)
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            if kind is None:
-                self._commit()
-        finally:
-            for scratch, _target in self._files:
-                for ending in ("", *_COMPANIONS):
-                    _discard(Path(f"{scratch}{ending}"))
-
-    def _commit(self) -> None:
-        umask = os.umask(0)
-        os.umask(umask)
-        try:
-            for scratch, target in reversed(self._files):
-                if not scratch.exists():
-                    continue
-                scratch.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
-                for ending in _COMPANIONS:  # of an old file: they do not hold for the new one
-                    _discard(Path(f"{_real(target)}{ending}"))
-                scratch.replace(_real(target))
-        except OSError as error:
-            raise WriteError(f"cannot move the result into place: {error}") from error
-
-
-def _discard(path: Path) -> None:
-    with contextlib.suppress(OSError):
-        path.unlink(missing_ok=True)
 
 
 class RasterWriter:

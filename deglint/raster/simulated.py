@@ -70,7 +70,7 @@ def write_scene(scene: Simulated, stem: str | Path, *, overwrite: bool = False) 
     sidecar = base.with_name(f"{base.name}.json")
     for target in (*targets.values(), sidecar):
         check_target(target, overwrite=overwrite)
-    with Scratch() as scratch:
+    with Scratch(overwrite=overwrite) as scratch:
         try:
             for part, layer in layers.items():
                 _write(scratch.add(targets[part]), layer, scene.setup.sensor.gsd)

@@ -146,11 +146,12 @@ class RasterSource:
             if self._closed:
                 raise ReadError(f"{self.info.paths[0]} was closed. Open the scene again.")
             handle = self._idle.pop() if self._idle else None
-        handle = handle or Handle(self.files)
         try:
+            handle = handle or Handle(self.files)
             yield handle
         except BaseException as error:
-            handle.close()
+            if handle is not None:
+                handle.close()
             refusal = self._explain(error, place)
             if refusal is None:
                 raise

@@ -13,8 +13,8 @@ MOST_BYTES = 64 << 20
 """Largest file that is read [byte]."""
 
 
-def read_text(path: str, option: str) -> str:
-    """Text of a file that an option names.
+def read_text(path: str, option: str, most: int | None = None) -> str:
+    """Text of a file that an option names, of at most so many bytes (`MOST_BYTES` by default).
 
     Raises
     ------
@@ -23,16 +23,17 @@ def read_text(path: str, option: str) -> str:
     InputError
         It is too large, or not text.
     """
+    most = MOST_BYTES if most is None else most
     try:
         with Path(path).open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
+            data = file.read(most + 1)
     except FileNotFoundError as error:
         raise ReadError(f"no such file: {path} ({option}). Check the name.") from error
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise ReadError(f"cannot read {path} ({option}): {why}. Name a file that can be read.") from error
-    if len(data) > MOST_BYTES:
-        raise InputError(f"{path} ({option}) is larger than {MOST_BYTES >> 20} MB; give a smaller file.")
+    if len(data) > most:
+        raise InputError(f"{path} ({option}) is larger than {most >> 20} MB; give a smaller file.")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -143,12 +143,14 @@ class GlintModel:
             return cls(
                 method=str(data["method"]),
                 indexes=tuple(_index_from(i) for i in data["indexes"]),
-                fits=tuple(BandFit(**f) for f in data["fits"]),
+                fits=tuple(_fit_from(f) for f in data["fits"]),
                 band_names=tuple(map(str, data["band_names"])),
                 regression=data["regression"],
                 warnings=tuple(data["warnings"]),
             )
-        except (KeyError, TypeError, json.JSONDecodeError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+            if isinstance(error, InputError):
+                raise
             raise InputError(f"not a saved deglint model ({error}); make one with --save-model.") from error
 
     def for_bands(self, names: tuple[str, ...]) -> GlintModel:
@@ -185,7 +187,17 @@ class GlintModel:
 
 
 def _index_from(data: Mapping[str, Any]) -> GlintIndex:
-    return GlintIndex(tuple(data["bands"]), tuple(data["weights"]), float(data["level"]))
+    return GlintIndex(tuple(map(int, data["bands"])), tuple(map(float, data["weights"])), float(data["level"]))
+
+
+def _fit_from(data: Mapping[str, Any]) -> BandFit:
+    fit = BandFit(**data)
+    known = (fit.slope, fit.n, *(x for x in (fit.stderr, fit.r2) if x is not None))
+    if not isinstance(fit.band, int) or not isinstance(fit.index, int) or not isinstance(fit.name, str):
+        raise TypeError("a fit whose band, index or name is of another kind")
+    if not np.isfinite(float(fit.slope)) or not all(isinstance(x, (int, float)) for x in known):
+        raise ValueError("a fit whose numbers are none")
+    return fit
 
 
 def apply(

@@ -1,0 +1,219 @@
+"""From one small tile to scenes larger than memory: time, memory and bytes per pixel, and what an archive would cost.
+
+The large scenes are mosaics (VRT) of one synthetic 4096 x 4096 tile of eight uint16 bands, which is larger than GDAL's
+block cache: every block is read and decoded each time that its pixels are wanted. Outputs are compressed (ZSTD 1).
+What was measured stays in scale.json of the directory, so that a run that was stopped goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from .timing import ROOT, machine, table
+
+BANDS = 8
+TILE = 4096
+SIDES = (1024, 2048, 4096, 8192, 16384, 32768)
+COMMANDS = {
+    "remove": ["deglint", "remove", "-q", "--method", "joyce", "--compensate", "off"],
+    "score": ["rxdetect", "score", "-q"],
+    "compensate and remove": ["deglint", "remove", "-q", "--method", "joyce", "--compensate", "thesis"],
+}
+SMALL_ROUNDS = 3
+"""Rounds of scenes up to the tile's size; the best of them counts."""
+WORST = 1.3
+"""Bytes of compressed output a value, at most: what must be free on the disk."""
+MARK = "<!-- measured -->"
+
+TILE_SIDE, TILE_BANDS, PASSES = 10980, 4, 73
+"""A Sentinel-2 tile at 10 m: pixels, bands at 10 m, passes a year at one in five days."""
+COAST_KM, COAST_WIDE_KM = 356_000, 20
+"""Length of the world's coast in the CIA World Factbook, and the strip of sea along it."""
+STORE = 1e9
+"""What shared storage moves in all, assumed [byte/s]."""
+
+
+def mosaic(tile: Path, path: Path, side: int) -> None:
+    """A VRT of side x side pixels that repeats the tile."""
+    import rasterio
+
+    with rasterio.open(tile) as one:
+        names, tags, crs, place = one.descriptions, [one.tags(b) for b in one.indexes], one.crs, one.transform.to_gdal()
+    step = min(side, TILE)
+    lines = [f'<VRTDataset rasterXSize="{side}" rasterYSize="{side}"><SRS>{crs.to_string()}</SRS>']
+    lines.append(f"<GeoTransform>{','.join(map(str, place))}</GeoTransform>")
+    for band, (name, said) in enumerate(zip(names, tags, strict=True), start=1):
+        lines.append(f'<VRTRasterBand dataType="UInt16" band="{band}"><Description>{name}</Description>'
+                     f'<Scale>0.0001</Scale><Metadata><MDI key="wavelength">{said["wavelength"]}</MDI>'
+                     '<MDI key="wavelength_units">nm</MDI></Metadata>')  # fmt: skip
+        for row in range(0, side, step):
+            for column in range(0, side, step):
+                lines.append(  # noqa: PERF401
+                    f'<SimpleSource><SourceFilename relativeToVRT="1">{tile.name}</SourceFilename>'
+                    f'<SourceBand>{band}</SourceBand><SourceProperties RasterXSize="{TILE}" RasterYSize="{TILE}" '
+                    'DataType="UInt16" BlockXSize="512" BlockYSize="512"/>'
+                    f'<SrcRect xOff="0" yOff="0" xSize="{step}" ySize="{step}"/>'
+                    f'<DstRect xOff="{column}" yOff="{row}" xSize="{step}" ySize="{step}"/></SimpleSource>'
+                )
+        lines.append("</VRTRasterBand>")
+    path.write_text("\n".join([*lines, "</VRTDataset>"]))
+
+
+def measure(what: str, side: int, directory: Path) -> dict[str, Any]:
+    """Run a command on a mosaic, and take its output away again."""
+    scene, out = directory / f"{side}.vrt", directory / "out.tif"
+    mosaic(directory / "tile.tif", scene, side)
+    free = shutil.disk_usage(directory).free
+    if side**2 * BANDS * WORST > free - 2e9:
+        return {"stopped": f"the disk has {free / 1e9:.0f} GB left"}
+    call = [sys.executable, "-m", "benchmarks.counted", *COMMANDS[what], str(scene), str(out), "--overwrite",
+            "--co", "COMPRESS=ZSTD", "--co", "ZSTD_LEVEL=1"]  # fmt: skip
+    runs = []
+    for _ in range(SMALL_ROUNDS if side <= TILE else 1):
+        done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=False)
+        size = out.stat().st_size if out.exists() else 0
+        for left in directory.glob("*out.tif*"):
+            left.unlink()
+        if done.returncode:
+            return {"stopped": (done.stderr.strip().splitlines() or ["failed"])[-1]}
+        runs.append(json.loads(done.stdout.splitlines()[-1]) | {"size": size})
+    return min(runs, key=lambda r: r["cpu"])
+
+
+def disk_speed(directory: Path) -> float:
+    """Bytes a second that the disk takes for good."""
+    block, path = os.urandom(16 << 20), directory / "speed.bin"
+    begun = time.perf_counter()
+    with path.open("wb") as file:
+        for _ in range(32):
+            file.write(block)
+        file.flush()
+        os.fsync(file.fileno())
+    took = time.perf_counter() - begun
+    path.unlink()
+    return 32 * len(block) / took
+
+
+def collect(directory: Path, sides: tuple[int, ...]) -> dict[str, Any]:
+    """Measure what is not measured yet."""
+    kept = directory / "scale.json"
+    found: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {"machine": machine(), "runs": {}}
+    if not (directory / "tile.tif").exists():
+        subprocess.run([sys.executable, "-m", "benchmarks.scenes", str(directory / "tile.tif"), "--side", str(TILE),
+                        "--dtype", "uint16", "--compress", "deflate"], cwd=ROOT, check=True)  # fmt: skip
+    found.setdefault("disk", disk_speed(directory))
+    for side in sides:
+        for what in COMMANDS:
+            if f"{what} {side}" not in found["runs"]:
+                found["runs"][f"{what} {side}"] = measure(what, side, directory)
+                kept.write_text(json.dumps(found, indent=1))
+                print(f"{what}, {side}: {found['runs'][f'{what} {side}']}", file=sys.stderr, flush=True)
+    return found
+
+
+def line_of(found: dict[str, Any], what: str) -> dict[str, float]:
+    """Processor time of a run = start + slope x values, from the smallest and the largest scene; bytes per value."""
+    runs = {s: found["runs"].get(f"{what} {s}", {}) for s in SIDES}
+    runs = {s: r for s, r in runs.items() if "cpu" in r}
+    low, high = runs[min(runs)], runs[max(runs)]
+    values = [BANDS * s**2 / 1e6 for s in (min(runs), max(runs))]
+    slope = (high["cpu"] - low["cpu"]) / (values[1] - values[0])
+    return {
+        "side": max(runs), "slope": slope, "start": max(low["cpu"] - slope * values[0], 0.0),
+        "read": high["read"] / values[1] / 1e6, "written": high["size"] / values[1] / 1e6, "peak": high["peak"],
+    }  # fmt: skip
+
+
+def tables(found: dict[str, Any]) -> list[str]:
+    """What was measured, and what follows from it, as markdown."""
+    rows = []
+    for what in COMMANDS:
+        for side in SIDES:
+            run = found["runs"].get(f"{what} {side}")
+            values = BANDS * side**2 / 1e6
+            if run and "cpu" in run:
+                rows.append([what, str(side), f"{values:.0f}", f"{run['cpu']:.2f}", f"{1e3 * run['cpu'] / values:.1f}",
+                             f"{run['wall']:.1f}", f"{run['peak']:.0f}", f"{run['read'] / values / 1e6:.2f}",
+                             f"{run['size'] / values / 1e6:.2f}"])  # fmt: skip
+            elif run:
+                rows.append([what, str(side), f"{values:.0f}", run["stopped"], "", "", "", "", ""])
+    head = ("", "side [pixel]", "Mpx-band", "CPU [s]", "CPU [ms/Mpx-band]", "wall [s]", "peak [MB]",
+            "read [byte/value]", "output [byte/value]")  # fmt: skip
+    lines = {what: line_of(found, what) for what in COMMANDS}
+    model = [[what, str(m["side"]), f"{m['start']:.2f}", f"{1e3 * m['slope']:.1f}", f"{m['read']:.2f}",
+              f"{m['written']:.2f}"] for what, m in lines.items()]  # fmt: skip
+    model_head = ("", "up to side", "start [s]", "ms/Mpx-band", "read [byte/value]", "written [byte/value]")
+    return [found["machine"] + f" The disk took {found['disk'] / 1e6:.0f} MB/s for good.", table(head, rows),
+            table(model_head, model), archive(lines)]  # fmt: skip
+
+
+def archive(lines: dict[str, dict[str, float]]) -> str:
+    """Time of a tile-year and of the world's coast on N workers of one core, and what gives out first."""
+    strip = COAST_KM * COAST_WIDE_KM * 1e4 * TILE_BANDS / 1e6
+    jobs = {
+        f"a Sentinel-2 tile, a year ({PASSES} scenes)": (PASSES, PASSES * TILE_SIDE**2 * TILE_BANDS / 1e6),
+        "the world's coast, once": (strip / (TILE_SIDE**2 * TILE_BANDS / 1e6), strip),
+    }
+    rows = []
+    for name, (scenes, values) in jobs.items():
+        for what, m in lines.items():
+            cpu, moved = scenes * m["start"] + values * m["slope"], values * 1e6 * (m["read"] + m["written"])
+            full = STORE / (moved / cpu)
+            cells = [_time(max(cpu / n, moved / STORE)) + (" *" if n > full else "") for n in (1, 16, 256)]
+            rows.append([name, what, f"{values:.3g}", _time(cpu), f"{moved / 1e9:.3g}", *cells, f"{full:.0f}"])
+    return table(("", "", "Mpx-band", "CPU", "GB moved", "1 worker", "16", "256", "storage full at [workers]"), rows)
+
+
+def _time(seconds: float) -> str:
+    for unit, size in (("d", 86400), ("h", 3600), ("min", 60)):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+def draw(found: dict[str, Any], path: Path) -> None:
+    """Cost per value and peak memory against the scene's side."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, (cost, memory) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
+    for what, colour in zip(COMMANDS, ("#0b6e99", "#c8553d", "#5b8c5a"), strict=True):
+        points = [(s, found["runs"].get(f"{what} {s}", {})) for s in SIDES]
+        points = [(s, r) for s, r in points if "cpu" in r]
+        sides = [s for s, _ in points]
+        cost.plot(sides, [1e9 * r["cpu"] / (BANDS * s**2) for s, r in points], "o-", color=colour, label=what)
+        memory.plot(sides, [r["peak"] for _, r in points], "o-", color=colour, label=what)
+    cost.set(ylabel="processor time [ns / value]", ylim=(0, None))
+    memory.axhline(1000, color="0.6", linestyle=":")
+    memory.set(ylabel="peak memory [MB]", ylim=(0, 1100))
+    for axes in (cost, memory):
+        axes.set_xscale("log", base=2)
+        axes.set(xlabel="side of the scene [pixel], 8 bands", xticks=SIDES, xticklabels=map(str, SIDES))
+        axes.grid(alpha=0.3)
+    cost.legend(frameon=False)
+    figure.savefig(path, dpi=110)
+
+
+def main(quick: bool, directory: Path | None, docs: bool) -> None:
+    """Measure and print; with `docs`, write the picture and the tables into docs/, too."""
+    with tempfile.TemporaryDirectory(dir=directory) as scratch:
+        place = directory or Path(scratch)
+        found = collect(place, SIDES[:3] if quick else SIDES)
+        made = tables(found)
+        print("\n\n".join(["## Scale", *made]))
+        if docs:
+            draw(found, ROOT / "docs" / "scale.png")
+            page = ROOT / "docs" / "scale-model.md"
+            parts = page.read_text().split(MARK)
+            parts[1::2] = [f"\n\n{text}\n\n" for text in made]
+            page.write_text(MARK.join(parts))

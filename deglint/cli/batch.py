@@ -1,0 +1,183 @@
+"""`deglint batch`: one recipe, many scenes."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+import time
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .running import printable
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("recipe", metavar="RECIPE.toml")
+@click.argument("scenes", nargs=-1, required=True, metavar="SCENES...")
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 1024),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Scenes at the same time, each in a process of its own.",
+)
+@click.option(
+    "--threads",
+    type=click.IntRange(1, 1024),
+    metavar="N",
+    help="Threads of each; all processors, shared out, by default.",
+)
+@click.option(
+    "--overwrite",
+    is_flag=True,
+    help="Make again what exists and was made by another recipe or of another input. What is finished is "
+    "never made again.",
+)
+@click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON.")
+@click.option("--table", metavar="FILE.csv", help="Write the summary as CSV, too; an older summary is replaced.")
+@click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
+@click.option("-q", "--quiet", is_flag=True, help="Say nothing but the summary and errors.")
+def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
+    """Remove sun glint from many SCENES as RECIPE.toml says.
+
+    SCENES are rasters, patterns in quotes, a CSV with a column `path` (and `name`), or a STAC ItemCollection.
+    What is finished is known by recipe and checksums, so a batch that was stopped goes on where it was; a scene that
+    fails does not stop the rest. Exit code 1 where one failed.
+
+    \b
+    deglint batch recipe.toml 'tiles/*.tif' --jobs 4
+    deglint batch recipe.toml archive.csv --table done.csv
+    \b
+    # recipe.toml; every line may be left out
+    [recipe]                      # as the options of deglint remove
+    method = "auto"
+    [input]                       # sensor, nodata, grid, assets (of a STAC Item)
+    sensor = "sentinel2"
+    [output]
+    directory = "clean"
+    name = "{name}_deglinted.tif"
+    extras = ["flags"]            # flags, amount, picture, sample, model
+    dtype = "uint16"
+    options = {COMPRESS = "ZSTD"}
+    """  # fmt: skip
+    from ..pipeline.batch import run_batch
+    from ..pipeline.jobs import FAILED
+    from ..pipeline.order import read_order
+    from ..readers.scenes import list_scenes
+
+    order = read_order(recipe)
+    listed = list_scenes(scenes, order.assets)
+    table = Path(given["table"]) if given["table"] else None
+    if table:
+        _check_table(table)
+    watch = _Watch(len(listed), quiet=given["quiet"])
+    try:
+        found = run_batch(order, listed, processes=given["jobs"], threads=given["threads"],
+                          overwrite=given["overwrite"], dry_run=given["dry_run"], say=watch)  # fmt: skip
+    finally:
+        watch.clear()
+    if table:
+        _write_table(table, found)
+    if given["as_json"]:
+        click.echo(json.dumps([asdict(o) for o in found], indent=2))
+    else:
+        click.echo("\n".join(summary(found)))
+    if any(o.status == FAILED for o in found):
+        raise click.exceptions.Exit(1)
+
+
+def summary(found: list[Any]) -> list[str]:
+    """The table, and a line that counts."""
+    rows = [("scene", "status", "seconds", "corrected", "method", "reason")]
+    for o in found:
+        share = "" if o.corrected is None else f"{o.corrected:.1%}"
+        why = o.reason or (f"{o.warnings} warnings, see the sidecar" if o.warnings else "")
+        rows.append((printable(o.name), o.status, f"{o.seconds:.1f}", share, o.method, printable(why)))
+    widths = [max(len(row[i]) for row in rows) for i in range(5)]
+    out = ["  ".join([*(c.ljust(w) for c, w in zip(row[:5], widths, strict=True)), row[5]]).rstrip() for row in rows]
+    counts: dict[str, int] = {}
+    for o in found:
+        counts[o.status] = counts.get(o.status, 0) + 1
+    return [*out, "", f"{len(found)} scenes: " + ", ".join(f"{n} {status}" for status, n in counts.items())]
+
+
+def _columns() -> list[str]:
+    from ..pipeline.jobs import Outcome
+
+    return [f.name for f in fields(Outcome)]
+
+
+def _check_table(path: Path) -> None:
+    """Refuse a table that would replace anything but an older table."""
+    from ..errors import WriteError
+    from ..raster.output import check_target
+
+    check_target(path, overwrite=True)
+    if path.exists():
+        head = ",".join(_columns()).encode()
+        with path.open("rb") as file:
+            if file.read(len(head)) != head:
+                raise WriteError(f"{path} exists and is no summary of a batch. Name another file for --table.")
+
+
+def _write_table(path: Path, found: list[Any]) -> None:
+    from ..raster.output import write_text
+    from ..raster.scratch import Scratch
+
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(_columns())
+    rows.writerows([["" if v is None else v for v in asdict(o).values()] for o in found])
+    with Scratch() as scratch:
+        write_text(scratch, path, text.getvalue())
+
+
+class _Watch:
+    """Says on stderr what happens: a line for each scene that ends; on a terminal, what is under way."""
+
+    def __init__(self, total: int, *, quiet: bool) -> None:
+        self._total, self._done, self._failed = total, 0, 0
+        self._quiet = quiet
+        self._bar = not quiet and sys.stderr is not None and sys.stderr.isatty()
+        self._busy: dict[str, str] = {}
+        self._drawn = 0.0
+
+    def __call__(self, what: str, about: Any) -> None:
+        """Take in what happened."""
+        if what == "begin":
+            self._busy[about] = ""
+        elif what == "progress":
+            name, stage, done, total = about
+            self._busy[name] = f" {stage} {100 * done // max(total, 1)} %"
+        else:
+            self._busy.pop(about.name, None)
+            self._done += 1
+            self._failed += about.status == "failed"
+            if not self._quiet:
+                self.clear()
+                why = f": {printable(about.reason)}" if about.reason else ""
+                took = f" in {about.seconds:.1f} s" if about.status == "done" else ""
+                click.echo(f"[{self._done}/{self._total}] {printable(about.name)} {about.status}{took}{why}", err=True)
+        self._draw()
+
+    def _draw(self) -> None:
+        if self._bar and self._busy and time.monotonic() - self._drawn > 0.1:
+            self._drawn = time.monotonic()
+            each = "; ".join(printable(name) + said for name, said in self._busy.items())
+            filled = 20 * self._done // self._total
+            bar = f"[{'#' * filled}{'.' * (20 - filled)}] {self._done}/{self._total}, {self._failed} failed | {each}"
+            sys.stderr.write(f"\r\x1b[K{bar[:110]}")
+            sys.stderr.flush()
+
+    def clear(self) -> None:
+        """Take the progress line away."""
+        if self._bar:
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()

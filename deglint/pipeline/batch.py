@@ -1,0 +1,88 @@
+"""Many scenes with one recipe: those that are not finished are worked on, and one that fails does not stop the rest.
+
+What is finished is known by recipe and checksums, so a batch that was stopped - however - goes on where it was.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from ..errors import InputError, WriteError
+from ..raster.output import check_target
+from ..raster.scratch import claimed, clear_scratch, real
+from ..readers.scenes import ListedScene
+from .jobs import FAILED, TODO, Job, Outcome, Say, jobs_of, outcome, state_of
+from .order import Order
+from .workers import run_jobs
+
+
+def run_batch(
+    order: Order, scenes: Sequence[ListedScene], *, processes: int = 1, threads: int | None = None,
+    overwrite: bool = False, dry_run: bool = False, say: Say | None = None,
+) -> list[Outcome]:  # fmt: skip
+    """Take the glint off many scenes.
+
+    Parameters
+    ----------
+    order : Order
+    scenes : sequence of ListedScene
+        From `deglint.readers.scenes.list_scenes`.
+    processes : int
+        Scenes that are worked on at the same time, each in a process of its own: what ends one ends no other.
+    threads : int, optional
+        Of each process; all processors, shared out, by default.
+    overwrite : bool
+        Make again what exists and was made by another recipe or of another input. What is finished is never made again.
+    dry_run : bool
+        Only say what would be done.
+    say : callable, optional
+        Told what happens.
+
+    Returns
+    -------
+    list of Outcome
+        One a scene, in their order.
+
+    Raises
+    ------
+    InputError, WriteError
+        Names that clash, a directory that cannot be written to, or another batch at work in it: nothing was begun.
+    """
+    if processes < 1:
+        raise InputError(f"jobs: want at least 1, got {processes}.")
+    jobs, request = jobs_of(order, scenes), order.request()
+    tell = say or (lambda _what, _about: None)
+    with ExitStack() as stack:
+        if not dry_run:
+            _prepare(order.directory)
+            stack.enter_context(claimed(order.directory))
+        found: dict[int, Outcome] = {}
+        todo: dict[int, tuple[Job, bool]] = {}
+        for i, job in enumerate(jobs):
+            begun = time.perf_counter()
+            status, why = state_of(job, request)
+            if status == FAILED and overwrite:
+                status = TODO
+            elif status == FAILED:
+                why += ". Give --overwrite to make it again"
+            if status == TODO and not dry_run:
+                todo[i] = job, overwrite or bool(why)
+                continue
+            found[i] = outcome(job, status, why, time.perf_counter() - begun)
+            tell("end", found[i])
+        for job, _again in todo.values():
+            for path in job.every():
+                clear_scratch(path)
+        found |= run_jobs(todo, order, request, processes, threads, tell)
+    return [found[i] for i in range(len(jobs))]
+
+
+def _prepare(directory: Path) -> None:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WriteError(f"the directory {directory} cannot be made: {error.strerror}. Choose another.") from error
+    check_target(real(directory) / "x.tif", overwrite=True)

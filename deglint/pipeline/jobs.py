@@ -1,0 +1,134 @@
+"""The scenes of a batch: the names of their outputs, what was made of them before, and what came of them.
+
+What was made before is known again by the recipe and by the checksums of input and outputs in the sidecar.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import DeglintError, InputError
+from ..readers.scenes import ListedScene
+from ..readers.text import read_json
+from .order import EXTRAS, Order
+from .sidecar import is_as
+
+TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One scene of a batch, and the names of its outputs."""
+
+    scene: ListedScene
+    image: Path
+    extras: Mapping[str, Path]
+
+    @property
+    def sidecar(self) -> Path:
+        """Name of the sidecar."""
+        return self.image.with_name(self.image.name + ".json")
+
+    def every(self) -> list[Path]:
+        """All outputs."""
+        return [self.image, self.sidecar, *self.extras.values()]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one scene: a row of the summary.
+
+    Attributes
+    ----------
+    name, inputs, output : str
+    status : {"done", "finished before", "to do", "no water", "failed"}
+    reason : str
+        Why, where it failed, has no water, or is to be done again.
+    seconds : float
+    method : str
+    corrected : float, optional
+        Share of the pixels that were corrected.
+    warnings : int
+        How many the sidecar holds.
+    """
+
+    name: str
+    inputs: str
+    output: str
+    status: str
+    reason: str = ""
+    seconds: float = 0.0
+    method: str = ""
+    corrected: float | None = None
+    warnings: int = 0
+
+
+Say = Callable[[str, Any], None]
+"""say("begin", name), say("progress", (name, stage, done, total)), say("end", Outcome)."""
+
+
+def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
+    """The work on each scene.
+
+    Raises
+    ------
+    InputError
+        Two scenes would be written to one file, or a scene would be written over.
+    """
+    jobs = []
+    for scene in scenes:
+        image = order.directory / order.name.replace("{name}", scene.name)
+        stem = image.with_suffix("").name
+        jobs.append(Job(scene, image, {k: image.with_name(f"{stem}_{k}{EXTRAS[k]}") for k in order.extras}))
+    names = Counter(p.name for job in jobs for p in job.every())
+    for job in jobs:
+        twice = next((p for p in job.every() if names[p.name] > 1), None)
+        if twice:
+            them = ", ".join(j.scene.paths[0] for j in jobs if twice in j.every())
+            raise InputError(
+                f"several scenes would be written to {twice}: {them[:300]}. Give them names of their own, in a CSV "
+                "with columns path and name."
+            )
+    made = {os.path.join(os.path.realpath(order.directory), name) for name in names}  # noqa: PTH118
+    for job in jobs:
+        for path in job.scene.paths:
+            if os.path.realpath(path) in made:
+                raise InputError(f"{path} is a scene, and would be written over. Give another [output] directory.")
+    return jobs
+
+
+def state_of(job: Job, request: str) -> tuple[str, str]:
+    """Whether a scene is finished, to do, or in the way of its doing ("failed"), and why."""
+    there = [p for p in job.every() if p.exists()]
+    if not there:
+        return TODO, ""
+    if job.sidecar not in there:
+        return FAILED, f"{there[0]} exists and was not made by this batch"
+    try:
+        said = read_json(str(job.sidecar), "sidecar")
+        batch = said.get("batch") or {}
+        inputs = {i["path"]: i for i in batch.get("inputs") or []}
+        outputs = dict(batch.get("outputs") or {})
+    except (DeglintError, KeyError, TypeError, ValueError, AttributeError):
+        return FAILED, f"{job.sidecar} exists and is no sidecar of deglint"
+    if batch.get("request") != request:
+        return FAILED, f"{job.image} was made by another recipe"
+    if not all(p in inputs and is_as(p, inputs[p]) for p in job.scene.paths):
+        return FAILED, f"{job.image} was made of another state of the scene"
+    if len(there) < len(job.every()):
+        return TODO, "was stopped while it was moved into place"
+    changed = [p for p in job.every() if p != job.sidecar and not is_as(p, outputs.get(p.name, {"bytes": -1}))]
+    if changed:
+        return FAILED, f"{changed[0]} is not as it was made"
+    return FINISHED, ""
+
+
+def outcome(job: Job, status: str, reason: str = "", seconds: float = 0.0, **more: Any) -> Outcome:
+    """A row for a job."""
+    inputs = ";".join(job.scene.paths)
+    return Outcome(job.scene.name, inputs, str(job.image), status, reason, round(seconds, 3), **more)

@@ -1,0 +1,335 @@
+"""Hostile and broken input: `python -m tests.fuzz --seconds 60` tries mutants of small files on the commands.
+
+Case n of a seed is always the same. Each runs in a process that may die without harm, with little memory and time. What
+may come is a result, or one line that says what is wrong; anything else is printed, and the file kept on request.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import random
+import resource
+import select
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+MEMORY = 6 << 30
+"""Address space of a worker [byte]."""
+MOST_RESIDENT = 1500
+"""Resident memory that no case may reach [MB]."""
+PATIENCE = 20.0
+"""Time for one case [s]."""
+OURS = "own; -vv"
+"""What the commands say of an error that nobody foresaw."""
+PIXELS = "3e7"
+"""DEGLINT_MAX_PIXELS for the cases: what lies within the limit must be worked on, which takes its time."""
+ODD = (0, 1, 2, 3, 7, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 1 << 62, (1 << 64) - 1)
+ODD_TEXT = (b"1e400", b"-1", b"0", b"99999999999999999999", b"NaN", b"Infinity", b"null", b"[]", b"{}", b"\x00",
+            b"\xff", b'""', b"../../x", b"/etc/passwd", b"/vsimem/x", b"\x1b[2J", "\u202e".encode(), b"[" * 3000,
+            b"{'a':" * 300, b"true", b"\\ud800", b"1" * 5000)  # fmt: skip
+
+
+def samples(directory: Path) -> dict[str, Path]:
+    """Small valid files of every kind that the commands read, by name."""
+    import numpy as np
+    import rasterio
+    from rasterio.enums import Resampling
+
+    rng = np.random.default_rng(5)
+    glint = rng.gamma(0.5, 120.0, (48, 64))
+    sea = np.array([900.0, 700, 400, 100])[:, None, None] + glint + rng.normal(0, 3, (4, 48, 64))
+    place = rasterio.transform.from_origin(400_000, 800_000, 10, 10)
+    shapes = {
+        "plain.tif": {}, "deflate.tif": {"compress": "deflate", "predictor": 2},
+        "lzw.tif": {"compress": "lzw", "tiled": True, "blockxsize": 16, "blockysize": 16, "interleave": "pixel"},
+        "tiles.tif": {"tiled": True, "blockxsize": 32, "blockysize": 32},
+        "zstd.tif": {"compress": "zstd", "dtype": "float32", "nodata": "nan"}, "big.tif": {"BIGTIFF": "YES"},
+        "jpeg.tif": {"compress": "jpeg", "dtype": "uint8", "tiled": True, "blockxsize": 16, "blockysize": 16},
+        "packbits.tif": {"compress": "packbits", "dtype": "uint8"}, "envi.img": {"driver": "ENVI"},
+        "plain.png": {"driver": "PNG", "dtype": "uint8"},
+    }  # fmt: skip
+    found = {}
+    for name, options in shapes.items():
+        profile = {"driver": "GTiff", "dtype": "uint16", "count": 4, "height": 48, "width": 64, "crs": "EPSG:32653"}
+        profile |= {"transform": place} | options
+        path = found[name] = directory / name
+        with rasterio.open(path, "w", **profile) as out:
+            out.write(np.clip(sea, 0, 255 if profile["dtype"] == "uint8" else 65535).astype(profile["dtype"]))
+            for i, band in enumerate(("blue", "green", "red", "nir"), start=1):
+                out.set_band_description(i, band)
+    with rasterio.open(found["tiles.tif"], "r+") as out:
+        out.build_overviews([2, 4, 8], Resampling.average)
+    found["envi.hdr"] = directory / "envi.hdr"
+    texts = {
+        "mosaic.vrt": _vrt(), "area.geojson": json.dumps(_area()), "recipe.toml": _RECIPE,
+        "list.csv": "path,name\nplain.tif,a\nlzw.tif;big.tif,b\n",
+        "stac.json": json.dumps({"type": "FeatureCollection", "features": [
+            {"type": "Feature", "id": "a", "assets": {"data": {"href": "plain.tif", "type": "image/tiff"}}}]}),
+    }  # fmt: skip
+    for name, text in texts.items():
+        found[name] = directory / name
+        found[name].write_text(text)
+    from deglint.cli import run
+
+    found["model.json"] = directory / "model.json"
+    run(["remove", "-q", str(found["plain.tif"]), str(directory / "o.tif"), *PLAIN, "--overwrite", "--save-model",
+         str(found["model.json"])])  # fmt: skip
+    return found
+
+
+PLAIN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+_RECIPE = """[recipe]
+method = "hedley"
+sample = "all"
+mask = "none"
+nir = ["4"]
+floor_percentile = 1.5
+[input]
+nodata = 0
+[output]
+directory = "out"
+name = "{name}_clean.tif"
+extras = ["flags"]
+dtype = "uint16"
+options = {COMPRESS = "DEFLATE"}
+"""
+
+
+def _vrt() -> str:
+    bands = "".join(
+        f'<VRTRasterBand dataType="UInt16" band="{b}"><NoDataValue>0</NoDataValue><SimpleSource>'
+        f'<SourceFilename relativeToVRT="1">plain.tif</SourceFilename><SourceBand>{b}</SourceBand>'
+        '<SrcRect xOff="0" yOff="0" xSize="64" ySize="48"/><DstRect xOff="0" yOff="0" xSize="64" ySize="48"/>'
+        "</SimpleSource></VRTRasterBand>" for b in (1, 2, 3, 4)
+    )  # fmt: skip
+    return f'<VRTDataset rasterXSize="64" rasterYSize="48"><SRS>EPSG:32653</SRS>{bands}</VRTDataset>'
+
+
+def _area() -> dict[str, object]:
+    ring = [[400_050, 799_900], [400_500, 799_900], [400_500, 799_600], [400_050, 799_600], [400_050, 799_900]]
+    return {"type": "FeatureCollection", "crs": {"type": "name", "properties": {"name": "EPSG:32653"}},
+            "features": [{"type": "Feature", "properties": {},
+                          "geometry": {"type": "Polygon", "coordinates": [ring]}}]}  # fmt: skip
+
+
+def mutant(data: bytes, name: str, dice: random.Random) -> bytes:
+    """A file with some of its bytes changed: mostly in front, where headers are."""
+    out = bytearray(data)
+    text = not name.endswith((".tif", ".img", ".png"))
+    for _ in range(dice.choice((1, 1, 1, 2, 3, 8))):
+        if not out:
+            break
+        reach = len(out) if text or dice.random() < 0.3 else min(len(out), 500)
+        at = dice.randrange(reach)
+        what = dice.randrange(8)
+        if what == 0:
+            out[at] ^= 1 << dice.randrange(8)
+        elif what == 1 and dice.random() < 0.4:
+            del out[at:]
+        elif what == 2:
+            del out[at : at + dice.randrange(1, 20)]
+        elif what == 3:
+            out[at:at] = out[at : at + dice.randrange(1, 200)] * dice.choice((1, 2, 50))
+        elif text:
+            out[at : at + dice.choice((0, 1, 4))] = dice.choice(ODD_TEXT)
+        elif what == 4:
+            out[at : at + 40] = dice.randbytes(40)
+        else:
+            size, code = dice.choice(((2, "H"), (4, "I"), (8, "Q")))
+            at = at // 2 * 2
+            out[at : at + size] = struct.pack(f"<{code}", dice.choice(ODD) % (1 << (8 * size)))
+    return bytes(out)
+
+
+def tiff_mutant(data: bytes, dice: random.Random) -> bytes:
+    """A classic TIFF with the count, type or value of a tag changed."""
+    out = bytearray(data)
+    first = struct.unpack_from("<I", out, 4)[0]
+    if out[:4] != b"II*\x00" or first + 2 > len(out):
+        return mutant(data, "x.tif", dice)
+    for _ in range(dice.choice((1, 1, 2, 4))):
+        entry = first + 2 + 12 * dice.randrange(struct.unpack_from("<H", out, first)[0] + 1)
+        place, size, code = dice.choice(((0, 2, "H"), (2, 2, "H"), (4, 4, "I"), (8, 4, "I"), (8, 4, "I"), (8, 2, "H")))
+        value = dice.choice((*ODD, dice.randrange(1 << 16), first)) % (1 << (8 * size))
+        if entry + 12 <= len(out):
+            struct.pack_into(f"<{code}", out, entry + place, value)
+    return bytes(out)
+
+
+def case(number: int, seed: int, found: dict[str, Path], work: Path) -> list[str]:
+    """Write the files of a case; the arguments of the command to run on them, the program first."""
+    dice = random.Random(f"{seed}:{number}")
+    name = dice.choice([*sorted(found), "plain.tif", "lzw.tif", "deflate.tif", "tiles.tif", "zstd.tif"])
+    data = found[name].read_bytes()
+    changed = tiff_mutant(data, dice) if name.endswith(".tif") and dice.random() < 0.5 else mutant(data, name, dice)
+    for beside in ("plain.tif", "envi.img", "envi.hdr") if name in ("mosaic.vrt", "envi.hdr", "envi.img") else ():
+        (work / beside).write_bytes(found[beside].read_bytes())
+    path = work / name
+    path.write_bytes(changed)
+    plain, out = str(found["plain.tif"]), str(work / "out" / "out.tif")
+    if name == "recipe.toml":
+        return ["deglint", "batch", str(path), plain, "--dry-run", "-q"]
+    if name in ("list.csv", "stac.json"):
+        return ["deglint", "batch", str(found["recipe.toml"]), str(path), "--dry-run", "-q"]
+    if name == "area.geojson":
+        return [
+            "deglint",
+            "remove",
+            "-q",
+            plain,
+            out,
+            "--method",
+            "hedley",
+            dice.choice(("--sample", "--mask")),
+            str(path),
+        ]
+    if name == "model.json":
+        return ["deglint", "remove", "-q", plain, out, "--model", str(path)]
+    scene = str(work / "envi.img") if name.startswith("envi") else str(path)
+    return dice.choice((
+        ["deglint", "remove", "-q", scene, out, *PLAIN], ["deglint", "remove", "-q", scene, out, *PLAIN, "--nir", "1"],
+        ["deglint", "remove", "-q", scene, out], ["deglint", "info", scene],
+        ["deglint", "remove", "-q", plain, out, *PLAIN[:4], "--mask", scene],
+        ["rxdetect", "score", "-q", scene, out],
+    ))  # fmt: skip
+
+
+def serve(directory: Path, seed: int) -> None:
+    """A worker: take numbers of cases from stdin, say on stdout what came of each."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    os.environ["DEGLINT_MAX_PIXELS"] = PIXELS
+    from deglint.cli import run as deglint
+    from detect.cli import run as rxdetect
+
+    found = {p.name: p for p in sorted((directory / "samples").iterdir()) if p.name not in ("o.tif", "o.tif.json")}
+    talk = os.fdopen(os.dup(1), "w")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    for line in sys.stdin:
+        with tempfile.TemporaryDirectory(dir=directory) as name:
+            work = Path(name)
+            (work / "out").mkdir()
+            os.chdir(work)
+            program, *arguments = case(int(line), seed, found, work)
+            sys.stdout, sys.stderr = io.StringIO(), io.StringIO()
+            code = (deglint if program == "deglint" else rxdetect)([*arguments])
+            said = sys.stderr.getvalue()
+            if OURS in said:
+                sys.stderr = io.StringIO()
+                (deglint if program == "deglint" else rxdetect)([*arguments, "-vv"])
+                frames = [line.strip() for line in sys.stderr.getvalue().splitlines() if line.startswith("  File")]
+                said += " <- ".join(frames[:-4:-1])
+            left = sorted(p.name for p in (work / "out").iterdir())
+            os.chdir(directory)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        talk.write(json.dumps({"code": code, "said": said, "left": left, "peak": peak}) + "\n")
+        talk.flush()
+
+
+def verdict(came: dict) -> str:
+    """What is wrong with what came of a case; nothing where all is well."""
+    said, code = came["said"], came["code"]
+    if came["peak"] > MOST_RESIDENT:
+        return f"took {came['peak']:.0f} MB"
+    if "Traceback" in said or OURS in said:
+        return f"is a fault of ours: {said.strip()[-600:]}"
+    if code not in (0, 1, 3):
+        return f"ended with code {code}: {said[:200]}"
+    if code and (not said.startswith("Error: ") or said.count("\n") != 1) and "scenes:" not in said:
+        return f"does not say why in one line: {said[:300]!r}"
+    if any(c < " " and c != "\n" for c in said):
+        return f"writes control characters: {said[:200]!r}"
+    if any(name.startswith(".") for name in came["left"]) or (code and came["left"]):
+        return f"leaves {came['left']}"
+    return ""
+
+
+@dataclass
+class Tried:
+    """What came of a run."""
+
+    inputs: int
+    done: int
+    refused: int
+    findings: list[str]
+
+
+def fuzz(directory: Path, seconds: float, seed: int = 1, first: int = 0, most: int = 1 << 40) -> Tried:
+    """Try cases until the time is over."""
+    (directory / "samples").mkdir(exist_ok=True)
+    samples(directory / "samples")
+    tried, number, until = Tried(0, 0, 0, []), first, time.monotonic() + seconds
+    worker = _start(directory, seed)
+    try:
+        while time.monotonic() < until and tried.inputs < most:
+            worker.stdin.write(f"{number}\n")
+            worker.stdin.flush()
+            wrong = ""
+            if not select.select([worker.stdout], [], [], PATIENCE)[0]:
+                wrong = f"takes more than {PATIENCE:.0f} s"
+            elif line := worker.stdout.readline():
+                came = json.loads(line)
+                wrong = verdict(came)
+                tried.done += came["code"] == 0
+                tried.refused += came["code"] != 0
+            else:
+                wrong = f"ended the process with {worker.wait()}"
+            if wrong:
+                tried.findings.append(f"case {number} of seed {seed} {wrong}")
+                worker.kill()
+                worker.wait()
+                worker = _start(directory, seed)
+            number += 1
+            tried.inputs += 1
+    finally:
+        worker.kill()
+        worker.wait()
+        worker.stdin.close()
+        worker.stdout.close()
+    return tried
+
+
+def _start(directory: Path, seed: int) -> subprocess.Popen:
+    call = [sys.executable, "-W", "ignore", str(Path(__file__)), "--serve", str(directory), "--seed", str(seed)]
+    return subprocess.Popen(call, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                            text=True, env=os.environ | {"PYTHONPATH": str(ROOT)})  # fmt: skip
+
+
+def main() -> int:
+    """Fuzz, or show one case."""
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=60)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="number of the first case")
+    parser.add_argument(
+        "--keep", type=Path, help="write the case --first into this directory, and its command on stdout"
+    )
+    parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.serve:
+        serve(given.serve, given.seed)
+        return 0
+    if given.keep:
+        for name in ("samples", "out"):
+            (given.keep / name).mkdir(parents=True, exist_ok=True)
+        print(*case(given.first, given.seed, samples(given.keep / "samples"), given.keep))  # noqa: T201
+        return 0
+    with tempfile.TemporaryDirectory() as name:
+        tried = fuzz(Path(name), given.seconds, given.seed, given.first)
+    print(f"{tried.inputs} inputs: {tried.done} done, {tried.refused} refused, {len(tried.findings)} found wanting")  # noqa: T201
+    for finding in tried.findings:
+        print(finding)  # noqa: T201
+    return 1 if tried.findings else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

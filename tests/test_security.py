@@ -1,0 +1,242 @@
+"""Hostile and broken input: an error in one line, bounded memory and time; names never lead out of a directory."""
+
+import json
+import re
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from deglint.cli.running import printable
+from deglint.errors import InputError
+from deglint.pipeline.order import read_order
+from deglint.raster.info import open_dataset
+from deglint.readers.scenes import checked_name, list_scenes
+
+ROOT = Path(__file__).parents[1]
+RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+
+
+def sparse(path, side, **options):
+    """A GeoTIFF that declares much and holds nothing."""
+    import rasterio
+
+    profile = {"driver": "GTiff", "dtype": "uint8", "count": 2, "height": side, "width": side, "SPARSE_OK": True,
+               "tiled": True, "blockxsize": 512, "blockysize": 512, "BIGTIFF": "YES"}  # fmt: skip
+    with rasterio.open(path, "w", **{k: v for k, v in (profile | options).items() if v is not None}):
+        pass
+    return str(path)
+
+
+def vrt(path, rows, columns, source="none.tif"):
+    """A mosaic of four bands that declares a size."""
+    bands = "".join(
+        f'<VRTRasterBand dataType="Byte" band="{b}"><SimpleSource><SourceFilename relativeToVRT="1">{source}'
+        f"</SourceFilename><SourceBand>1</SourceBand></SimpleSource></VRTRasterBand>" for b in (1, 2, 3, 4)
+    )  # fmt: skip
+    path.write_text(f'<VRTDataset rasterXSize="{columns}" rasterYSize="{rows}">{bands}</VRTDataset>')
+    return str(path)
+
+
+def test_mutants_are_refused_or_worked_on(tmp_path, monkeypatch):
+    """A short turn of `python -m tests.fuzz`: nothing crashes, hangs, fills the memory or leaves half a file."""
+    monkeypatch.syspath_prepend(str(ROOT / "tests"))
+    import fuzz
+
+    tried = fuzz.fuzz(tmp_path, seconds=8, most=150)
+    print(f"{tried.inputs} inputs: {tried.done} done, {tried.refused} refused")  # noqa: T201
+    assert not tried.findings
+    assert tried.inputs > 5
+    assert tried.done + tried.refused == tried.inputs
+
+
+def test_the_same_number_is_the_same_mutant(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "tests"))
+    import fuzz
+
+    (tmp_path / "s").mkdir()
+    found = fuzz.samples(tmp_path / "s")
+    one, two = tmp_path / "1", tmp_path / "2"
+    for place in (one, two):
+        place.mkdir()
+        for number in range(8):
+            fuzz.case(number, 3, found, place)
+    assert {p.name: p.read_bytes() for p in one.iterdir()} == {p.name: p.read_bytes() for p in two.iterdir()}
+
+
+def test_absurd_sizes_are_refused_at_once(deglint, tmp_path):
+    for path in (
+        vrt(tmp_path / "a.vrt", 2_000_000_000, 2_000_000_000),
+        sparse(tmp_path / "a.tif", 2_000_000, blockxsize=16_384, blockysize=16_384),
+    ):
+        ran = deglint("remove", path, tmp_path / "out.tif", *RUN)
+        assert ran.code == 1
+        assert re.match(r"Error: \S+ declares \d+ x \d+ pixels; allowed are 1,099,511,627,776", ran.err)
+        assert "DEGLINT_MAX_PIXELS" in ran.err
+
+
+def test_mosaics_of_100_gigabytes_pass(tmp_path):
+    with open_dataset(vrt(tmp_path / "a.vrt", 320_000, 320_000)) as dataset:
+        assert dataset.width * dataset.height > 100e9
+    with open_dataset(sparse(tmp_path / "a.tif", 350_000)) as dataset:
+        assert dataset.count == 2
+
+
+def test_blocks_that_do_not_fit_the_memory_are_refused(deglint, tmp_path, monkeypatch):
+    large = sparse(tmp_path / "a.tif", 33_000, blockysize=32_768, blockxsize=32_768, compress="deflate")
+    said = deglint("info", large).err
+    assert "stored in blocks of 32768 x 32768 pixels, 2048 MB each; allowed are 1024 MB" in said
+    assert "TILED=YES" in said
+    monkeypatch.setenv("DEGLINT_MAX_BLOCK_MB", "3000")
+    open_dataset(large).close()
+
+
+def test_the_limits_are_settable(deglint, sea, write, tmp_path, monkeypatch):
+    source = write(tmp_path / "in.tif", sea())
+    monkeypatch.setenv("DEGLINT_MAX_PIXELS", "7999")
+    assert "declares 100 x 80 pixels; allowed are 7,999" in deglint("info", source).err
+    monkeypatch.setenv("DEGLINT_MAX_PIXELS", "8e3")
+    assert deglint("info", source).code == 0
+    monkeypatch.setenv("DEGLINT_MAX_PIXELS", "many")
+    assert "DEGLINT_MAX_PIXELS is 'many'; it must be a whole number" in deglint("info", source).err
+    monkeypatch.delenv("DEGLINT_MAX_PIXELS")
+    monkeypatch.setenv("DEGLINT_MAX_BLOCK_MB", "0")
+    assert "DEGLINT_MAX_BLOCK_MB is '0'" in deglint("info", source).err
+
+
+def test_a_mosaic_that_holds_itself_ends(deglint, tmp_path):
+    ran = deglint("remove", vrt(tmp_path / "a.vrt", 500, 500, source="a.vrt"), tmp_path / "o.tif", *RUN, "--nir", "4")
+    assert ran.code == 1
+    assert ran.err.count("\n") == 1
+
+
+LITTLE = """
+    import sys
+    from deglint.cli import run
+    code = run(sys.argv[1:])
+    import resource
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+    sys.exit(code)
+"""
+
+
+def test_a_large_scene_without_water_is_looked_through_in_bounded_memory(tmp_path):
+    """The last look is at everything; what is held of it must not grow with the scene."""
+    source = sparse(tmp_path / "a.tif", 12_000, count=4)  # 0 everywhere: valid, and no water
+    call = [
+        sys.executable,
+        "-c",
+        textwrap.dedent(LITTLE),
+        "remove",
+        source,
+        str(tmp_path / "o.tif"),
+        "--nir",
+        "4",
+        "-q",
+    ]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert done.returncode in (1, 3), done.stderr
+    assert int(done.stdout) < 1000
+
+
+@pytest.mark.parametrize("name", ["../up", "a/b", "..", ".hidden", "a\\b", "a\nb", "\x00", "", "x" * 151, "\ud800"])
+def test_names_in_lists_cannot_leave_the_directory(tmp_path, name):
+    with pytest.raises(InputError, match="no file name can be made"):
+        checked_name(name, "list")
+    item = {"type": "Feature", "id": name, "assets": {"data": {"href": "a.tif"}}}
+    (tmp_path / "s.json").write_text(json.dumps(item))
+    with pytest.raises(InputError):
+        list_scenes([str(tmp_path / "s.json")])
+
+
+@pytest.mark.parametrize("href", ["/vsicurl/http://x/a.tif", "/vsimem/a", "GTIFF_DIR:1:a.tif", "WMS:http://x", 7, ""])
+def test_assets_are_files_or_on_the_web(tmp_path, href):
+    (tmp_path / "s.json").write_text(json.dumps({"type": "Feature", "id": "a", "assets": {"data": {"href": href}}}))
+    with pytest.raises(InputError, match="asset"):
+        list_scenes([str(tmp_path / "s.json")])
+
+
+def test_lists_and_recipes_have_limits(tmp_path, monkeypatch):
+    (tmp_path / "r.toml").write_text("# " + "x" * (1 << 20))
+    with pytest.raises(InputError, match="larger than 1 MB"):
+        read_order(str(tmp_path / "r.toml"))
+    (tmp_path / "r.toml").write_text("a = " + "[" * 100_000)
+    with pytest.raises(InputError, match="is not TOML"):
+        read_order(str(tmp_path / "r.toml"))
+    (tmp_path / "s.json").write_text("[" * 100_000)
+    with pytest.raises(InputError, match="is not JSON"):
+        list_scenes([str(tmp_path / "s.json")])
+    monkeypatch.setattr("deglint.readers.scenes.MOST_SCENES", 10)
+    (tmp_path / "l.csv").write_text("path\n" + "a.tif\n" * 11)
+    with pytest.raises(InputError, match="more than 10"):
+        list_scenes([str(tmp_path / "l.csv")])
+
+
+@pytest.mark.parametrize("text", ["a = " + "1" * 5000, "a = " + "[" * 100_000, "[" * 3])
+def test_a_mission_that_is_no_toml_is_one_line(deglint, tmp_path, text):
+    (tmp_path / "m.toml").write_text(text)
+    ran = deglint("plan", "--mission", tmp_path / "m.toml", "-o", tmp_path / "o.json")
+    assert ran.code == 1
+    assert "is not TOML" in ran.err
+    assert ran.err.count("\n") == 1
+
+
+def test_names_do_not_command_the_terminal(deglint, sea, write, tmp_path):
+    assert printable("a\x1b[2J\nb\x07") == "a\\x1b[2J b\\x07"
+    source = write(tmp_path / "in.tif", sea(), names=["blue\x1b[2J", "green", "red", "nir"])
+    for command in (["info", source], ["remove", source, tmp_path / "o.tif", *RUN]):
+        ran = deglint(*command)
+        assert ran.code == 0
+        assert "\x1b" not in ran.out + ran.err
+    assert "\x1b" not in deglint("info", "\x1b[2J.tif").err
+
+
+def test_nothing_from_a_disk_is_unpickled():
+    """No room loads pickled objects, nor numpy files that may hold them."""
+    loads = re.compile(
+        r"\b(?:import|from) (?:pickle|marshal|shelve|joblib|dill)\b|\b(?:np|numpy)\.load\(|\beval\(|\bexec\("
+    )
+    for room in ("deglint", "detect"):
+        for path in (ROOT / room).rglob("*.py"):
+            assert not loads.search(path.read_text()), path
+
+
+@pytest.mark.skipif(not Path("/sys/kernel").exists(), reason="this system has no directory that nobody may write to")
+def test_a_directory_that_nobody_may_write_to(deglint, sea, write, tmp_path):
+    ran = deglint("remove", write(tmp_path / "in.tif", sea()), "/sys/kernel/out.tif", *RUN)
+    assert ran.code == 1
+    assert ran.err.startswith("Error: ")
+    assert ran.err.count("\n") == 1
+    assert "/sys/kernel" in ran.err
+
+
+FEW_FILES = """
+    import resource, sys
+    from deglint.cli import run
+    import deglint.pipeline, rasterio, cv2, scipy.ndimage
+    limit = len(__import__("os").listdir("/proc/self/fd")) + int(sys.argv[1])
+    resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
+    sys.exit(run(sys.argv[2:]))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="this system does not list open files")
+@pytest.mark.parametrize("spare", [1, 5])
+def test_a_limit_on_open_files(sea, write, tmp_path, spare):
+    sources = [write(tmp_path / f"{i}.tif", sea()[[i]], names=[name]) for i, name in
+               enumerate(("blue", "green", "red", "nir"))]  # fmt: skip
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "out.tif").write_bytes(b"old")
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(FEW_FILES), str(spare), "remove", *sources,
+         str(tmp_path / "out" / "out.tif"), *RUN, "--overwrite", "-q", "--threads", "8"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr.startswith("Error: ")
+    assert done.stderr.count("\n") == 1
+    assert "open files" in done.stderr
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["out.tif"]
+    assert (tmp_path / "out" / "out.tif").read_bytes() == b"old"
