@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from ..remove import GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
 from .look import core_of, raster_of
-from .surroundings import Surroundings
+from .surroundings import Around, Surroundings
 
 FLAGS = {
     1: "nodata: not valid, passed unchanged",
@@ -87,7 +87,7 @@ class Correction:
     area: Area | None
     water: WaterRule | None
     water_bands: tuple[int, ...]
-    surroundings: Surroundings | None
+    surroundings: Surroundings | Around | None
     chain: Chain = field(default_factory=Chain)
     only: tuple[int, ...] = ()
 
@@ -95,6 +95,19 @@ class Correction:
     def changed(self) -> list[int]:
         """0-based bands that may change."""
         return changed_bands(self.scene, self.model, self.chain, self.only)
+
+    @property
+    def reach(self) -> int:
+        """Pixels around a tile that may be looked at."""
+        return max(self._halo, self._water_halo, *(rule.halo for _, rule in self.chain.references), 0)
+
+    def on(self, scene: Scene) -> Correction:
+        """The same for another source of the scene's pixels."""
+        beside = self.surroundings
+        if beside is not None:
+            assert isinstance(beside, Around)
+            beside = replace(beside, scene=scene)
+        return replace(self, scene=scene, surroundings=beside)
 
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and bring it into the output's type."""
