@@ -1,38 +1,35 @@
-"""`python -m benchmarks speed|error|digits|targets [--quick]`."""
+"""`python -m benchmarks NAME [--quick]`; `--help` lists the names."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from importlib import import_module
 from pathlib import Path
+
+BENCHMARKS = {
+    "speed": ("speed", ("quick", "directory", "rounds", "peers")),
+    "error": ("error", ("quick",)),
+    "digits": ("digits", ("quick",)),
+    "targets": ("targets", ("quick",)),
+    "plan": ("plan_speed", ("quick", "rounds")),
+    "detect": ("detect_speed", ("quick", "directory", "rounds")),
+}
+"""Module of each, and the options that its `main` takes."""
 
 
 def main() -> None:
     """Run one benchmark and print its tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Measure deglint.")
-    parser.add_argument("what", choices=["speed", "error", "digits", "targets"])
+    parser.add_argument("what", choices=list(BENCHMARKS))
     parser.add_argument("--quick", action="store_true", help="less of everything")
-    parser.add_argument("--rounds", type=int, help="speed: runs of every command")
-    parser.add_argument("--directory", type=Path, help="speed: where scratch files go")
+    parser.add_argument("--rounds", type=int, help="speed, plan, detect: runs of everything")
+    parser.add_argument("--directory", type=Path, help="speed, detect: where scratch files go")
     parser.add_argument("--peers", default=sys.executable, metavar="PYTHON",
                         help="speed: interpreter of an environment in which sensingpy is installed")  # fmt: skip
     given = parser.parse_args()
-    if given.what == "speed":
-        from .speed import main as speed
-
-        speed(given.quick, given.directory, given.rounds, given.peers)
-    elif given.what == "error":
-        from .error import main as error
-
-        error(given.quick)
-    elif given.what == "targets":
-        from .targets import main as targets
-
-        targets(given.quick)
-    else:
-        from .digits import main as digits
-
-        digits(given.quick)
+    module, options = BENCHMARKS[given.what]
+    import_module(f"benchmarks.{module}").main(*(getattr(given, option) for option in options))
 
 
 if __name__ == "__main__":

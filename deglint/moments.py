@@ -122,8 +122,11 @@ class CellMoments:
 
     def by_place(self) -> CellMoments:
         """The same cells in row-major order."""
-        order = np.lexsort((self.keys[:, 1], self.keys[:, 0]))
-        return CellMoments(*(getattr(self, name)[order] for name in _FIELDS))
+        return self.where(np.lexsort((self.keys[:, 1], self.keys[:, 0])))
+
+    def where(self, chosen: npt.NDArray[Any]) -> CellMoments:
+        """Some of the cells, by index or by mask."""
+        return CellMoments(*(getattr(self, name)[chosen] for name in _FIELDS))
 
     def total(self) -> Moments:
         """Merge all cells, neighbours in their present order first."""
@@ -197,7 +200,7 @@ def cell_moments(
         reduce = _compiled() if compiled else _reduce_cells
         reduce(block, np.ascontiguousarray(mask), *start, cell, shape[1], *(getattr(cells, f) for f in _FIELDS[1:]))
     used = cells.n > 0
-    return cells if used.all() else CellMoments(*(getattr(cells, f)[used] for f in _FIELDS))
+    return cells if used.all() else cells.where(used)
 
 
 def moments(block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None = None, *, compiled: bool = False) -> Moments:
@@ -222,6 +225,19 @@ def moments(block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None = None, 
         block = block[:, None, :]
         mask = None if mask is None else np.asarray(mask).reshape(1, -1)
     return cell_moments(block, mask, compiled=compiled).total()
+
+
+def thinned(mask: npt.NDArray[np.bool_], origin: tuple[int, int], share: int) -> npt.NDArray[np.bool_]:
+    """One masked pixel in `share`, chosen by a hash of its place in the scene alone: the same in any tiling."""
+    if share <= 1:
+        return mask
+    rows = np.arange(origin[0], origin[0] + mask.shape[0], dtype=np.uint64)[:, None] * np.uint64(0x9E3779B1)
+    columns = np.arange(origin[1], origin[1] + mask.shape[1], dtype=np.uint64) * np.uint64(0x85EBCA77)
+    mixed = rows + columns
+    mixed ^= mixed >> np.uint64(15)
+    mixed *= np.uint64(0x2C1B3C6D)
+    mixed ^= mixed >> np.uint64(12)
+    return np.asarray(mask & (mixed % np.uint64(share) == 0))
 
 
 def _reduce_cells(

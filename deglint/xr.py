@@ -240,10 +240,10 @@ class _Nothing:
 
 def _lazily(bare: Scene, opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], step: int) -> Any:
     from dask.array import map_blocks
-    from dask.array.overlap import ensure_minimum_chunksize, overlap
+    from dask.array.overlap import overlap
 
     values = opened.values.rechunk({0: -1})
-    chunks = [_aligned(ensure_minimum_chunksize(reach, c) if len(c) > 1 else c, step) for c in values.chunks[1:]]
+    chunks = [_aligned(c, step, reach) for c in values.chunks[1:]]
     values = values.rechunk({1: chunks[0], 2: chunks[1]})
     starts = [np.concatenate([[0], np.cumsum(c)]).tolist() for c in values.chunks[1:]]
     padded = overlap(values, {1: reach, 2: reach}, "none", allow_rechunk=False) if reach else values
@@ -270,11 +270,14 @@ class _Chunk:
         return self.work(replace(self.scene, source=source), tile)
 
 
-def _aligned(chunks: tuple[int, ...], step: int) -> tuple[int, ...]:
-    """Chunks that start at multiples of `step`: their edges, moved up to the next."""
-    total = sum(chunks)
-    edges = sorted({min(-(-int(e) // step) * step, total) for e in np.cumsum(chunks)})
-    return tuple(int(n) for n in np.diff([0, *edges]))
+def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
+    """Chunks that start at multiples of `step`, their edges moved up to the next, and hold `least` pixels or more."""
+    total, edges = sum(chunks), [0]
+    for edge in np.cumsum(chunks[:-1]):
+        moved = -(-int(edge) // step) * step
+        if moved - edges[-1] >= max(least, 1) and total - moved >= max(least, 1):
+            edges.append(moved)
+    return tuple(int(n) for n in np.diff([*edges, total]))
 
 
 def _corrected(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:

@@ -7,7 +7,14 @@ from typing import Any
 
 from deglint import __version__
 
-_HOMES: dict[str, str] = {}
+_HOMES: dict[str, str] = {
+    "Background": "background",
+    "local_rx": "local",
+    "residual_rx": "rx",
+    "rx_utd": "rx",
+    "subspace_rx": "rx",
+    "utd": "rx",
+}
 
 __all__ = ["__version__", *sorted(_HOMES)]
 

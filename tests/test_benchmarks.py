@@ -32,6 +32,12 @@ def test_digits():
             assert min(map(int, re.findall(r"\d+", cell))) >= 13
 
 
+def test_detect():
+    table = rows(printed("benchmarks", "detect", "--quick"))
+    assert all(float(cells[-1]) > 0 for name, cells in table.items() if name.startswith("global"))
+    assert "rxdetect score" in table
+
+
 @pytest.mark.shared
 @pytest.mark.skipif(not (SHARED / "simulated").exists(), reason="the shared scenes do not lie beside the project")
 def test_error():
@@ -68,3 +74,8 @@ def test_children_are_measured_and_failures_told(monkeypatch):
     assert table(["a", "b", "c", "d", "e"], rows_of(found, "one")).count("\n") == 3
     with pytest.raises(FailedError, match="gone"):
         run_once([sys.executable, "-c", "raise SystemExit('gone')"])
+
+
+def test_plan():
+    table = rows(printed("benchmarks", "plan", "--quick"))
+    assert {"reticle", "answer of the page", "deglint plan -o plan.png"} <= set(table)

@@ -18,7 +18,7 @@ from deglint import Recipe, remove_glint
 from deglint.pipeline import FLAGS
 from deglint.raster.encode import encode, retype
 
-HEDLEY = Recipe(method="hedley", sample="all", mask="none")
+HEDLEY = Recipe(method="hedley", sample="all", mask="none", compensate="off")
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
 DTYPES = ("uint8", "int16", "uint16", "uint32", "int32", "float32", "float64")
 

@@ -18,7 +18,7 @@ import deglint as library
 from deglint import Recipe, fit_scene, open_scene, remove_glint
 from deglint.errors import InputError
 
-HEDLEY = Recipe(method="hedley", sample="all", mask="none")
+HEDLEY = Recipe(method="hedley", sample="all", mask="none", compensate="off")
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
 SLOPES = (1.1, 1.0, 0.9)
 

@@ -70,6 +70,9 @@ def test_documented_scripts_run():
         "deglint.remove",
         "deglint.remove.detrend",
         "deglint.masks.surface",
+        "detect.background",
+        "detect.rx",
+        "detect.local",
     ]
     code = (
         "import doctest, importlib, sys\n"

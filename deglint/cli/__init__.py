@@ -13,6 +13,7 @@ from . import running
 COMMANDS = {
     "remove": "remove glint from a raster",
     "info": "say what a raster is and what it needs",
+    "plan": "say where to look from, before flying, to avoid glint",
     "simulate": "make a synthetic scene of the sea, with its truth",
 }
 

@@ -145,8 +145,9 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
                 chain=load_chain(given["model_in"]) if given["model_in"] else None,
                 sensor=given["sensor"], nodata=given["nodata"],
                 grid=given["grid"], threads=given["threads"], cluster=cluster, progress=talk.progress,
-                flags=given["flags"], amount=given["amount"], sample=given["save_sample"], model_file=given["save_model"],
-                picture=given["picture"], overwrite=given["overwrite"], dtype=given["dtype"], options=given["options"],
+                flags=given["flags"], amount=given["amount"], sample=given["save_sample"],
+                model_file=given["save_model"], picture=given["picture"], overwrite=given["overwrite"],
+                dtype=given["dtype"], options=given["options"],
             )  # fmt: skip
     finally:
         talk.clear()

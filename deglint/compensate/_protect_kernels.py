@@ -24,7 +24,7 @@ ROOM = 0.5 * math.log(2 * math.pi) + 1.0
 
 
 @nb.njit(cache=True, nogil=True)
-def explain(y, variance, water, values, spread, odd, weight, bends, share, least, out, fit):  # type: ignore[no-untyped-def]
+def explain(y, variance, water, values, spread, odd, weight, bends, share, least, out, fit):  # type: ignore[no-untyped-def]  # noqa: C901
     """Log-likelihood of the best shape for each pixel, where it exceeds `least`, and its spectrum.
 
     y, variance, fit : (pixel, band); spread : (shape, 3) of slope, bend, roughness; bends : (2, band);

@@ -21,6 +21,7 @@ from .median import Median
 from .normalise import Normalise, fit_normalise
 from .psf import PSF, kernel_psf
 from .reference import ReferenceRule
+from .register import Move
 from .replace import ReplaceBands, ReplaceLevel, neighbours
 from .sharpen import richardson_lucy, sharpen_halo
 from .state import Mask, State
@@ -95,6 +96,8 @@ class Chain:
         How it is written.
     references : tuple of (int, ReferenceRule)
         0-based NIR bands that the removal is not to follow where they stand out from the water around, and how far.
+    moves : tuple of Move
+        NIR bands that are moved for a band to follow.
     protection : Protection
         How small things are told from sparkle, and put back.
     """
@@ -103,6 +106,7 @@ class Chain:
     after: tuple[Stage, ...] = ()
     text: str = ""
     references: tuple[tuple[int, ReferenceRule], ...] = ()
+    moves: tuple[Move, ...] = ()
     protection: Protection = field(default_factory=lambda: Protection(reason=NO_STAGES))
 
     @property
@@ -127,6 +131,7 @@ class Chain:
             "before": [_plain(s) for s in self.before],
             "after": [_plain(s) for s in self.after],
             "references": [{"band": band, **asdict(rule)} for band, rule in self.references],
+            "moves": [asdict(m) for m in self.moves],
             "protection": self.protection.numbers(),
         }
 
@@ -372,7 +377,8 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
         before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
         rules = [dict(r) for r in data["references"]]
         references = tuple((int(r.pop("band")), ReferenceRule(**r)) for r in rules)
-        return Chain(before, after, str(data["chain"]), references, protection_from(data["protection"]))
+        moves = tuple(Move(**m) for m in data["moves"])
+        return Chain(before, after, str(data["chain"]), references, moves, protection_from(data["protection"]))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved compensation ({error}); fit and save it again.") from error
 

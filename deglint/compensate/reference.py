@@ -6,7 +6,8 @@ exceeds the water around it by more than glint ever does is something else, and 
 
 .. math:: g_i' = \\bar g_{W(i)} \\quad \\mathrm{where} \\quad g_i > \\bar g_{W(i)} + k s
 
-with the mean over the water in a square, and s the standard deviation of the NIR over deep water about such means.
+with the mean over the water in a square, and s the standard deviation of the NIR over deep water about such means (or
+twice what one deep pixel in a thousand exceeds them by, where that is more than k s).
 Nothing that does not stand out is touched, to the bit. Arrays only.
 """
 
@@ -29,7 +30,9 @@ BoolArray = npt.NDArray[np.bool_]
 SIZE = 15
 """Side of the square in which the water around is looked for [pixel]."""
 DEVIATIONS = 8.0
-"""Glint does not stand out by more than this many standard deviations."""
+"""Glint does not stand out by more than this many standard deviations,"""
+TAIL, TAIL_FACTOR = 99.9, 2.0
+"""nor by more than so many times this percentile of what stands out in deep water: sparkle has a long tail."""
 LEAST_WATER = 8
 """Water pixels that a mean needs; with fewer the NIR is left as it is."""
 AT_ONCE = 1 << 14
@@ -111,6 +114,7 @@ def fit_reference(
     if not deviations > 0:
         raise InputError(f"deviations must be above 0, got {deviations}")
     squares, pixels, lowest = 0.0, 0, np.inf
+    excesses = []
     for nir, deep in looks:
         _check(nir, deep)
         kept = deep & np.isfinite(nir)
@@ -118,12 +122,14 @@ def fit_reference(
         kept &= count >= LEAST_WATER
         lowest = min(lowest, float(mean[kept].min(initial=np.inf)))
         away = np.asarray(nir[kept], np.float64) - mean[kept]
+        excesses.append(away)
         squares += float((away**2).sum())
         pixels += away.size
     if pixels < ENOUGH:
         raise FitError(f"deep water holds {pixels} pixels, need at least {ENOUGH} to know its glint. Widen the sample.")
     deviation = float(np.sqrt(squares / pixels))
-    limit = deviations * deviation
+    tail = float(np.percentile(np.concatenate(excesses), TAIL))
+    limit = max(deviations * deviation, TAIL_FACTOR * tail)
     return ReferenceRule(limit, deviation, pixels, size, lowest + limit, most)
 
 

@@ -124,6 +124,24 @@ class Shift:
         return {**asdict(self), "halo": self.halo}
 
 
+@dataclass(frozen=True, slots=True)
+class Move:
+    """A NIR band, moved for a band to follow.
+
+    Attributes
+    ----------
+    band, nir : int
+        0-based bands of the scene.
+    row, column : float
+        Down and right [pixel].
+    """
+
+    band: int
+    nir: int
+    row: float
+    column: float
+
+
 def shift_halo(row: float, column: float) -> int:
     """Pixels that moving by so much needs around a tile."""
     return int(np.floor(max(abs(row), abs(column)))) + TAPS

@@ -41,12 +41,8 @@ def polarised(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> tuple
     InputError
         An angle or index is out of range.
     """
-    cosine = _cosine(angle)
     index = within("index", index, 1.01, 2.0, "", "Give that of water over that of air, 1.34 for sea water.")
-    inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
-    perpendicular = ((cosine - index * inside) / (cosine + index * inside)) ** 2
-    parallel = ((index * cosine - inside) / (index * cosine + inside)) ** 2
-    return perpendicular, parallel
+    return _both(_cosine(angle), index)
 
 
 def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
@@ -77,6 +73,26 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
     [0.0211, 0.061]
     """
     perpendicular, parallel = polarised(angle, index)
+    return 0.5 * (perpendicular + parallel)
+
+
+def reflectance_of_cosine(cosine: Array, index: float = WATER_INDEX) -> Array:
+    """The same as `reflectance` from the cosine of the incidence, in its own precision and unchecked: for many
+    facets.
+
+    Parameters
+    ----------
+    cosine : ndarray
+        Of the incidence in air [1], 0 to 1.
+    index : float
+        Refractive index of water over that of air [1].
+
+    Examples
+    --------
+    >>> reflectance_of_cosine(np.array([1.0, 0.5])).round(4).tolist()
+    [0.0211, 0.061]
+    """
+    perpendicular, parallel = _both(cosine, index)
     return 0.5 * (perpendicular + parallel)
 
 
@@ -158,6 +174,13 @@ def sea_water_index(wavelength: npt.ArrayLike, *, temperature: float = 20.0, sal
     salt = (1.779e-4 - 1.05e-6 * t + 1.6e-8 * t**2) * s
     colour = (15.868 + 0.01155 * s - 0.00423 * t) / w - 4382.0 / w**2 + 1.1455e6 / w**3
     return np.asarray(1.31405 + salt - 2.02e-6 * t**2 + colour)
+
+
+def _both(cosine: Array, index: Array | float) -> tuple[Array, Array]:
+    inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
+    perpendicular = ((cosine - index * inside) / (cosine + index * inside)) ** 2
+    parallel = ((index * cosine - inside) / (index * cosine + inside)) ** 2
+    return perpendicular, parallel
 
 
 def _cosine(angle: npt.ArrayLike) -> Array:

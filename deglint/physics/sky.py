@@ -87,6 +87,32 @@ def radiance(
     return diffuse * _clear(cosine, sun_cosine, turn) / _clear_total(sun_zenith)
 
 
+def radiance_of_cosines(
+    cosine: Array, towards: Array, sun_zenith: float, *, model: str = "uniform", contrast: float = 2.0
+) -> Array:
+    """The same as `radiance` per unit of diffuse irradiance, from cosines and unchecked: for many facets [1/sr].
+
+    Parameters
+    ----------
+    cosine, towards : ndarray
+        Cosine of the zenith angle of the direction and of its angle from the sun [1].
+    sun_zenith : float
+        [degree]
+    model, contrast
+        See `radiance`.
+
+    Examples
+    --------
+    >>> float(radiance_of_cosines(np.array(1.0), np.cos(np.radians(30.0)), 30.0, model="harrison-coombes").round(4))
+    0.2694
+    """
+    if model == "uniform":
+        return np.full_like(cosine, 1.0 / np.pi)
+    if model == "cardioidal":
+        return (1.0 + contrast * cosine) / (np.pi * (1.0 + 2.0 * contrast / 3.0))
+    return _glow(cosine, towards, float(np.cos(np.radians(sun_zenith)))) / float(_clear_total(np.asarray(sun_zenith)))
+
+
 def reflectance(
     view_zenith: npt.ArrayLike,
     view_azimuth: npt.ArrayLike,
@@ -192,7 +218,12 @@ def _arccos(cosine: Array) -> Array:
 def _clear(cosine: Array, sun_cosine: Array, turn: Array) -> Array:
     """Harrison and Coombes without their last factor, which the normalisation takes out again."""
     sines = np.sqrt((1.0 - cosine**2) * (1.0 - sun_cosine**2))
-    towards = np.clip(cosine * sun_cosine + sines * np.cos(turn), -1.0, 1.0)
+    return _glow(cosine, cosine * sun_cosine + sines * np.cos(turn), sun_cosine)
+
+
+def _glow(cosine: Array, towards: Array, sun_cosine: Array | float) -> Array:
+    """`_clear` from the cosine of the angle from the sun."""
+    towards = np.clip(towards, -1.0, 1.0)
     glow = 1.63 + 53.7 * np.exp(-5.49 * np.arccos(towards)) + 2.04 * towards**2 * sun_cosine
     return glow * (1.0 - np.exp(-0.19 / np.maximum(cosine, 1e-9)))
 

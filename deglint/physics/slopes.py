@@ -17,6 +17,7 @@ of Geophysical Research 111, C06005, doi:10.1029/2005JC003343.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -30,6 +31,7 @@ WIND_RANGE = (0.1, 20.0)
 """Wind that the models accept [m/s]; Cox and Munk measured at 1 to 14."""
 _DRAG = 1.3e-3  # drag coefficient at 10 m, for the logarithmic profile of the wind
 _KARMAN = 0.4
+_FEW = 10_000
 
 
 @dataclass(frozen=True)
@@ -267,13 +269,20 @@ def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
     >>> hidden([40, 80], 0.02).round(4).tolist()
     [0.0, 0.0408]
     """
-    from scipy.special import erfc
-
     zenith = within("zenith", zenith, 0.0, 89.9, "degrees", "At the horizon every wave hides.")
     variance = within("variance", variance, 1e-12, 10.0, "", "Give the variance of slope, not its root.")
     angle = np.radians(np.maximum(zenith, 1e-6))
     v = np.minimum(1.0 / (np.tan(angle) * np.sqrt(2.0 * variance)), 25.0)
-    return (np.exp(-(v**2)) - v * np.sqrt(np.pi) * erfc(v)) / (2.0 * v * np.sqrt(np.pi))
+    return (np.exp(-(v**2)) - v * np.sqrt(np.pi) * _erfc(v)) / (2.0 * v * np.sqrt(np.pi))
+
+
+def _erfc(values: Array) -> Array:
+    """Complementary error function; for a few values without scipy.special, which takes longer to load."""
+    if values.size > _FEW:
+        from scipy.special import erfc
+
+        return np.asarray(erfc(values))
+    return np.reshape([math.erfc(v) for v in values.ravel().tolist()], values.shape)
 
 
 def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at: float = 12.5) -> Array:

@@ -11,7 +11,12 @@ for cloudless maritime atmospheres", Limnology and Oceanography 35, 1657-1675, d
 
 from __future__ import annotations
 
+import sys
 from datetime import UTC, datetime
+from functools import cache
+from importlib import import_module
+from importlib.machinery import PathFinder
+from importlib.util import find_spec, module_from_spec
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,14 +77,12 @@ def position(
     >>> float(zenith.round(1)), float(azimuth.round(1))
     (30.9, 106.4)
     """
-    from pvlib import spa
-
     latitude = within("latitude", latitude, -90.0, 90.0, "degrees", "North is positive.")
     longitude = within("longitude", longitude, -180.0, 360.0, "degrees", "East is positive.")
     pressure = float(within("pressure", pressure, 300.0, 1100.0, "hPa", "One inch of mercury is 33.86 hPa."))
     moments, latitude, longitude = np.broadcast_arrays(_seconds(time), latitude, longitude)
     place = (latitude.ravel(), longitude.ravel(), 0.0, pressure, temperature, _DELTA_T, 0.5667)
-    apparent, geometric, _, _, azimuth, _ = spa.solar_position_numpy(moments.ravel(), *place, 1)
+    apparent, geometric, _, _, azimuth, _ = _spa().solar_position_numpy(moments.ravel(), *place, 1)
     zenith = apparent if refraction else geometric
     return Position(np.reshape(zenith, moments.shape), np.reshape(azimuth, moments.shape))
 
@@ -172,6 +175,42 @@ def day_of_year(time: Any) -> Array:
     seconds = _seconds(time)
     moments = (seconds * 1e3).astype("datetime64[ms]")
     return (moments - moments.astype("datetime64[Y]")) / np.timedelta64(1, "D") + 1.0
+
+
+def moment(time: Any) -> np.datetime64:
+    """A time in UTC to the second.
+
+    Parameters
+    ----------
+    time : datetime, str or numpy.datetime64
+        What names no zone is taken as UTC.
+
+    Raises
+    ------
+    InputError
+        The time cannot be read.
+
+    Examples
+    --------
+    >>> str(moment("2026-06-21T20:00+02:00"))
+    '2026-06-21T18:00:00'
+    """
+    return np.datetime64(int(np.floor(_seconds(time))), "s")
+
+
+@cache
+def _spa() -> Any:
+    """The module pvlib.spa by itself: it needs numpy alone, while pvlib as a whole takes a second to load."""
+    known = sys.modules.get("pvlib.spa")
+    package = find_spec("pvlib")
+    if known is not None or package is None or package.submodule_search_locations is None:
+        return known or import_module("pvlib.spa")
+    found = PathFinder.find_spec("spa", list(package.submodule_search_locations))
+    if found is None or found.loader is None:
+        return import_module("pvlib.spa")
+    module = module_from_spec(found)
+    found.loader.exec_module(module)
+    return module
 
 
 def _seconds(time: Any) -> Array:

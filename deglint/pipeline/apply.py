@@ -36,6 +36,7 @@ from ..scene import Scene
 from .cluster import Cluster
 from .correct import Correction, Tally, changed_bands
 from .fit import Fitted, Progress, default_threads, fit_scene
+from .following import names_with
 from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .saved import saved
@@ -301,14 +302,15 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     """
     if (
         chain is not None
-        and chain.before
-        and tuple(n.casefold() for n in scene.names) != tuple(n.casefold() for n in model.band_names)
+        and (chain.before or chain.moves or chain.references)
+        and tuple(n.casefold() for n in scene.names)
+        != tuple(n.casefold() for n in model.band_names[: len(scene.names)])
     ):
         raise InputError(
             f"the compensation was fitted to bands {', '.join(model.band_names)} in this order; the scene has "
             f"{', '.join(scene.names)}. Fit it to a scene like this one, or pass --compensate off."
         )
-    model = model.for_bands(scene.names)
+    model = model.for_bands(names_with(scene, chain or Chain()))
     notes = [f"model {model.method}, fitted before"]
     rule: WaterRule | None = None
     bands: tuple[int, ...] = ()

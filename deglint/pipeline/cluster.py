@@ -208,8 +208,10 @@ class _Shipped:
         with self._lock:
             if self._work is None:
                 import cv2
+                from threadpoolctl import threadpool_limits
 
                 cv2.setNumThreads(1)  # the worker's threads are all the threads
+                threadpool_limits(1, user_api="blas")
                 self._work = pickle.loads(self._packed)
         return self._work(tile)  # type: ignore[misc]
 

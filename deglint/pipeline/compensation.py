@@ -96,7 +96,7 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     if wanted is None and not needs.element:
         why = f"things {smallest:.3g} pixels wide are to be kept, and an opening has {SMALLEST} or more"
         return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
-    tiles = _some(look.tiles if sampler is None or recipe.sample == "auto" else sampler.tiles)
+    tiles = some(look.tiles if sampler is None or recipe.sample == "auto" else sampler.tiles)
     setting = Setting(scene.bands, _psfs(scene, wanted), floor=_steps_of(scene))
     steps = wanted or parse(f"identify-level:{needs.element}, replace-level")
     found = Plan(needs, steps, setting, tuple(tiles), sampler)
@@ -162,7 +162,7 @@ def fit_before(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: i
     raw = [s.image.copy() for s in sample.states]
     stages = fit_stages(found.before, sample, found.setting)
     text = ", ".join(s.name + (f":{s.number:g}" if s.number else "") for s in found.steps)
-    return Chain(stages, (), text, (), _protection(raw, sample, stages, found))
+    return Chain(stages, (), text, protection=_protection(raw, sample, stages, found))
 
 
 def _protection(raw: list[Any], sample: Sample, stages: Sequence[Any], found: Plan) -> Protection:
@@ -210,7 +210,7 @@ def fit_references(
     scene: Scene, model: GlintModel, sampler: Sampler, look: Look, threads: int
 ) -> tuple[tuple[int, ReferenceRule], ...]:
     """How far the NIR of glint stands out from the water around, over the sample; what exceeds it is not followed."""
-    bands = list(model.index_bands)
+    bands = [b for b in model.index_bands if b < len(scene.bands)]
     columns = sorted({*bands, *sampler.bands})
     halo = max(sampler.halo, SIZE // 2)
 
@@ -222,7 +222,7 @@ def fit_references(
         core[core_of(tile.crop_of(outer), outer.shape)] = True
         return block[[columns.index(b) for b in bands]], mask & core
 
-    tiles = _some(sampler.tiles)
+    tiles = some(sampler.tiles)
     looks = [p for _t, p in tiling.run(tiles, work, threads=threads, start=enter_thread)]
     water_nir = look.water.threshold if look.water is not None and look.water.window == 1 else np.inf
     found = []
@@ -314,7 +314,7 @@ def smallest_object(text: str | None, pixel: float | None) -> float:
     return value / pixel
 
 
-def _some(tiles: Sequence[Tile]) -> list[Tile]:
+def some(tiles: Sequence[Tile]) -> list[Tile]:
     """So many of the tiles as a look may hold."""
     return (
         list(tiles)

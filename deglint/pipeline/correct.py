@@ -11,7 +11,6 @@ import numpy.typing as npt
 from ..compensate import Chain, State, apply_stages, finish
 from ..compensate.evidence import REACH, grown
 from ..compensate.protect import put_back, things
-from ..compensate.reference import standing_out
 from ..masks import WaterRule, opened, valid_for, water
 from ..raster.convert import is_valid
 from ..raster.encode import encode, retype
@@ -21,6 +20,7 @@ from ..readers.areas import Area
 from ..remove import GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
+from .following import nir_to_follow, remove_following
 from .look import core_of, raster_of
 from .surroundings import Around, Surroundings
 
@@ -159,32 +159,6 @@ class Correction:
         """Pixels of a band that differ from the input, or may."""
         return replaced if held is None else replaced | grown(held, REACH)
 
-    def _follow_the_water(
-        self, tile: Tile, physical: Any, where: Any, tally: Tally, flags: Any
-    ) -> dict[int, npt.NDArray[Any]]:
-        """Give what stands out from the water around the NIR of that water; returns the NIR as it was."""
-        own, held = {}, np.zeros(tile.shape, np.bool_)
-        for band, rule in self.chain.references:
-            bright = physical[band] > rule.least
-            if where is not None:
-                bright &= where
-            if not bright.any():
-                continue
-            outer = tile.grown(rule.halo, self.scene.height, self.scene.width)
-            inner = core_of(tile.crop_of(outer), outer.shape)
-            nir = self.scene.source.read(outer.window, [band])[0]
-            asked = np.zeros(outer.shape, np.bool_)
-            asked[inner] = bright
-            found, values = standing_out(nir, np.ones_like(asked), rule, asked)
-            if values.size:
-                own[band] = physical[band].copy()
-                physical[band][found[inner]] = values
-                held |= found[inner]
-        tally.protected = int(np.count_nonzero(held))
-        if flags is not None:
-            flags[held] |= PROTECTED
-        return own
-
     def _work(
         self, tile: Tile, physical: Any, after: Compensated | None, where: Any, usable: int, tally: Tally, flags: Any
     ) -> list[tuple[list[int], Any]]:
@@ -193,10 +167,14 @@ class Correction:
         if not usable or not (removed or after):
             return []
         if after is None:
-            own = self._follow_the_water(tile, physical, where, tally, flags)
-            apply(physical, self.model, where=where, out=physical)
-            for band, nir in own.items():
-                physical[band] = nir
+            if self.chain.references or self.chain.moves:
+                planes, aside = nir_to_follow(self.scene, self.chain, tile, physical, where)
+                remove_following(physical, self.model, where, planes)
+                tally.protected = int(np.count_nonzero(aside))
+                if flags is not None:
+                    flags[aside] |= PROTECTED
+            else:
+                apply(physical, self.model, where=where, out=physical)
             tally.corrected = usable
             return [(removed, where)]
         changed, replaced = self.changed, after.replaced.copy()
@@ -296,8 +274,10 @@ class Correction:
         """Where every index can be computed; None where it can everywhere."""
         if valid is None and raster_of(self.scene).info.dtype.kind in "iu":
             return None
-        finite = np.isfinite(physical[self.model.index_bands[0]])
-        for band in self.model.index_bands[1:]:
+        bands = sorted({*self.model.index_bands, *(m.nir for m in self.chain.moves)})
+        bands = [b for b in bands if b < len(physical)]
+        finite = np.isfinite(physical[bands[0]])
+        for band in bands[1:]:
             finite &= np.isfinite(physical[band])
         return None if finite.all() else finite
 

@@ -21,7 +21,8 @@ from ..remove import METHODS, FitRequest, GlintModel, SampleStatistics, gather, 
 from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
-from .compensation import Plan, fit_after, fit_before, fit_references, plan
+from .compensation import Plan, fit_after, fit_before, fit_references, plan, some
+from .following import find_moves, moved, moved_halo, with_moves
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
 from .sample import Sampler, sampler_of
@@ -164,6 +165,10 @@ def _fit_look(
     notes += todo.needs.lines()
     numbers: dict[str, Any] = {"water": look.water.numbers() if look.water else None, "sample": None}
     name = _compensated_method(request) if todo.runs and recipe.method == "auto" else _method(recipe)
+    if sampler is not None and not todo.runs and recipe.compensate != "off" and METHODS[name].regresses:
+        moves, said_of_moves = find_moves(scene, request, look, sampler, some(sampler.tiles), threads)
+        request, chain = with_moves(request, moves), replace(chain, moves=moves)
+        notes += said_of_moves
     if sampler is None:
         model, outline = METHODS[name].fit(request, None), None
         chosen = replace(recipe, method=model.method, regression="auto")
@@ -222,18 +227,22 @@ def _fit_sampled(
     share = max(1, -(-sampler.pixels // KEPT_PIXELS))
     plan = replace(plan, share=share, compiled=sampler.pixels > COMPILED_PIXELS)
     halo = max(plan.halo, 0)
-    columns = sorted(set(plan.read_bands) | set(sampler.bands))
+    count = len(scene.bands)
+    columns = sorted({b for b in plan.read_bands if b < count} | set(sampler.bands) | {m.nir for m in chain.moves})
     if chain.before:
         columns = list(range(len(scene.bands)))  # a stage may look from band to band
-    rows = [columns.index(b) for b in plan.read_bands]
+    places = columns + list(range(count, count + len(chain.moves)))
+    rows = [places.index(b) for b in plan.read_bands]
 
     def work(tile: Tile) -> Any:
-        outer = tile.grown(halo + sampler.halo + chain.halo_before, scene.height, scene.width)
+        outer = tile.grown(halo + sampler.halo + chain.halo_before + moved_halo(chain), scene.height, scene.width)
         middle = tile.grown(halo, scene.height, scene.width)
         block = scene.source.read(outer.window, columns)
         if chain.before:
             block = finish(apply_stages(State.of(block), chain.before), block)
         mask = sampler.mask(block, columns, outer)
+        if chain.moves:
+            block = np.stack([*block, *(moved(block[columns.index(m.nir)], m) for m in chain.moves)])
         top, bottom, left, right = middle.crop_of(outer)
         inner = (slice(top, mask.shape[0] - bottom), slice(left, mask.shape[1] - right))
         mask, block = mask[inner], block[(slice(None), *inner)][rows]

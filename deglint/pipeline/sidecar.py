@@ -68,7 +68,7 @@ def sidecar(
         "recipe": resolved(fitted),
         "model": asdict(fitted.model),
         **fitted.numbers,
-        "skipped": skipped(fitted),
+        "skipped": skipped(fitted, names),
         "pixels": {
             "total": tally.total,
             "nodata": tally.nodata,
@@ -96,7 +96,7 @@ def resolved(fitted: Fitted) -> dict[str, Any]:
     return recipe
 
 
-def skipped(fitted: Fitted) -> dict[str, str]:
+def skipped(fitted: Fitted, names: Sequence[str]) -> dict[str, str]:
     """What was not done, and why."""
     out = {}
     if fitted.recipe.mask == "none":
@@ -107,7 +107,7 @@ def skipped(fitted: Fitted) -> dict[str, str]:
         out["water mask"] = "no visible band to tell water by: every valid pixel is corrected"
     corrected = {f.band for f in fitted.model.fits}
     alone = (fitted.numbers.get("sample") or {}).get("left_alone", {})
-    for i, name in enumerate(fitted.model.band_names):
+    for i, name in enumerate(names):
         if i not in corrected:
             why = "glint reference" if i in fitted.model.index_bands else "not among the bands to correct"
             why = alone.get(name, why)

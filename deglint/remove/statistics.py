@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
-from ..moments import CellMoments, Float64, Moments, cell_moments
+from ..moments import CellMoments, Float64, Moments, cell_moments, thinned
 from ..scene import FloatArray
 from .detrend import detrend, detrend_halo
 from .model import GlintIndex
@@ -150,7 +150,7 @@ def gather(
         detrended = cell_moments(local, mask[inner], origin=origin, compiled=plan.compiled)
     variables, mask = variables[(slice(None), *inner)], mask[inner]
     first = len(plan.bands)
-    kept = _kept(mask, origin, plan.share) if plan.keep != "nothing" else np.zeros_like(mask)
+    kept = thinned(mask, origin, plan.share) if plan.keep != "nothing" else np.zeros_like(mask)
     rows, columns = np.nonzero(kept)
     number = range(len(plan.indexes))
     return SamplePart(
@@ -212,19 +212,6 @@ def index_of(bands: Sequence[FloatArray], index: GlintIndex) -> FloatArray:
     for weight, band in zip(index.weights, bands, strict=True):
         total += weight * band.astype(np.float64, copy=False)
     return total.astype(bands[0].dtype, copy=False)
-
-
-def _kept(mask: npt.NDArray[np.bool_], origin: tuple[int, int], share: int) -> npt.NDArray[np.bool_]:
-    """One masked pixel in `share`, by a hash of its place in the scene alone."""
-    if share <= 1:
-        return mask
-    rows = np.arange(origin[0], origin[0] + mask.shape[0], dtype=np.uint64)[:, None] * np.uint64(0x9E3779B1)
-    columns = np.arange(origin[1], origin[1] + mask.shape[1], dtype=np.uint64) * np.uint64(0x85EBCA77)
-    mixed = rows + columns
-    mixed ^= mixed >> np.uint64(15)
-    mixed *= np.uint64(0x2C1B3C6D)
-    mixed ^= mixed >> np.uint64(12)
-    return np.asarray(mask & (mixed % np.uint64(share) == 0))
 
 
 def _extreme(

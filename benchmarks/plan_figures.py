@@ -1,0 +1,196 @@
+"""The figures of the thesis' chapter 2, made again with the planner (docs/planning.md).
+
+    python -m benchmarks.plan_figures docs
+
+Sun at 20.5 degrees off the zenith, azimuth 270.2, wind 9 m/s at 12.5 m. The thesis gives neither the wind's
+direction nor the water and the object of these figures: here it blows from the north, chlorophyll is 0.5 mg m-3,
+and the object has a reflectance of 15 % at 10 m.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from deglint.physics import glint, slopes
+from deglint.plan import Limits, Mission, reticle
+from deglint.plan.charts import day_picture, line_picture, shown, spread_picture
+from deglint.plan.draw import GREY, INK, ORANGE, Canvas, disc, palette
+from deglint.plan.picture import layers, marks, picture, scale
+from deglint.plan.swath import View, flight_line
+from deglint.plan.sweep import plans, times
+from deglint.plan.uncertainty import spread
+
+RADIUS = 150
+THESIS = {"sun_zenith": 20.5, "sun_azimuth": 270.2, "wind": 9.0, "wind_height": 12.5, "depth": 10.0}
+
+
+def panel(canvas, column, plan, values, title, *, patterns=(), low="0", high="", name="viridis"):
+    """One disc with its title above and its colours below; values are 0 to 1."""
+    centre = (40 + RADIUS + column * (2 * RADIUS + 70), 76 + RADIUS)
+    for k, line in enumerate(title.split("\n")):
+        canvas.text((centre[0], 22 + 19 * k), line, 15, INK if k == 0 else GREY, anchor="mm")
+    disc(canvas, centre, RADIUS, values, patterns, name)
+    scale(canvas, centre, RADIUS, plan.mission.widest, small=True)
+    marks(canvas, centre, RADIUS, plan, small=True)
+    left, top = round(centre[0] - 100), round(centre[1] + RADIUS + 24)
+    if high:
+        canvas.image[top : top + 12, left : left + 200] = palette(np.linspace(0, 1, 200), name)
+        canvas.text((left, top + 16), low, 13, GREY)
+        canvas.text((left + 200, top + 16), high, 13, GREY, anchor="ra")
+
+
+def sheet(columns):
+    return Canvas(40 + columns * (2 * RADIUS + 70), 76 + 2 * RADIUS + 62)
+
+
+def slopes_2_2():
+    """Fig. 2.2: density of slopes at 2 and 9 m/s."""
+    side = 300
+    canvas = Canvas(2 * (side + 70) + 30, side + 130)
+    axis = np.linspace(-0.6, 0.6, side)
+    for column, wind in enumerate((2.0, 9.0)):
+        density = slopes.cox_munk(-axis[:, None], axis[None, :], wind)  # upwind is up
+        left, top = 50 + column * (side + 70), 60
+        canvas.image[top : top + side, left : left + side] = palette(density / density.max())
+        canvas.text((left + side / 2, 24), f"wind {wind:g} m/s", 16, INK, anchor="mm")
+        canvas.text((left + side / 2, 46), f"largest {density.max():.1f}", 13, GREY, anchor="mm")
+        for share, slope in ((0.0, -0.6), (0.5, 0.0), (1.0, 0.6)):
+            canvas.text((left + share * side, top + side + 12), f"{slope:+.1f}", 13, GREY, anchor="mm")
+            canvas.text((left - 8, top + (1 - share) * side), f"{slope:+.1f}", 13, GREY, anchor="rm")
+        canvas.text((left + side / 2, top + side + 36), "crosswind slope (upwind slope upward)", 13, GREY, anchor="mm")
+    return canvas
+
+
+def facet_sum(plan, step):
+    """The thesis' glint probability (eq. 2.24): density times cell, over the cells that mirror the true disk."""
+    sun_zenith, sun_azimuth = plan.mission.sun
+    facet = glint.facet(sun_zenith, sun_azimuth, plan.zenith[:, None], plan.azimuth)
+    to_sun, to_sensor = unit(sun_zenith, sun_azimuth), unit(plan.zenith[:, None], plan.azimuth)
+    found = np.zeros(facet.east.shape)
+    for i in range(-2, 3):
+        for j in range(-2, 3):
+            east, north = (np.rint(z / step + k) * step for z, k in ((facet.east, i), (facet.north, j)))
+            length = np.sqrt(1 + east**2 + north**2)
+            normal = (-east / length, -north / length, 1 / length)
+            cosine = sum(n * v for n, v in zip(normal, to_sensor, strict=True))
+            ray = [2 * cosine * n - v for n, v in zip(normal, to_sensor, strict=True)]
+            hit = sum(r * s for r, s in zip(ray, to_sun, strict=True)) > np.cos(np.radians(0.2665))
+            density = slopes.cox_munk(*slopes.to_wind_axes(east, north, plan.mission.wind_from), 9.0)
+            found += hit * density * step**2
+    return found
+
+
+def unit(zenith, azimuth):
+    z, a = np.radians(zenith), np.radians(azimuth)
+    return np.sin(z) * np.sin(a), np.sin(z) * np.cos(a), np.cos(z) * np.ones_like(a)
+
+
+def glint_2_10(plan):
+    """Fig. 2.10: probability of glint, and its mask."""
+    canvas = sheet(3)
+    coarse = facet_sum(plan, 0.01)
+    limit = plan.glint_probability.max()
+    panel(
+        canvas,
+        0,
+        plan,
+        coarse / 1e-3,
+        "facet grid, steps of 0.01\nas the thesis: sees the disk or misses it",
+        high="1e-3",
+    )
+    panel(
+        canvas,
+        1,
+        plan,
+        plan.glint_probability / limit,
+        "closed form\nshare of the sea that mirrors the sun",
+        high=f"{limit:.2g}",
+    )
+    contrast, patterns = layers(plan)
+    del contrast
+    mask = [p for p in patterns if p[2] == ORANGE]
+    panel(canvas, 2, plan, np.full_like(coarse, 0.65), "mask\nglint above 1e-3 per sr", patterns=mask)
+    return canvas
+
+
+def sky_2_11(plan, k):
+    """Fig. 2.11: probability of a large ratio of sky to water in the blue band, and its mask."""
+    canvas = sheet(2)
+    share = plan.sky_probability[k]
+    panel(canvas, 0, plan, share, "share of the sea that mirrors sky\nof more than twice the water, blue", high="1")
+    mask = [p for p in layers(plan, "BLUE")[1] if p[1] == "\\"]
+    panel(canvas, 1, plan, np.full_like(share, 0.65), "mask\nmore than 10 % of the sea", patterns=mask)
+    return canvas
+
+
+def noise_2_12(plan, k):
+    """Fig. 2.12: contrast over a noise-equivalent radiance of 5e-4, and its mask."""
+    canvas = sheet(2)
+    top = plan.snr[k].max()
+    panel(canvas, 0, plan, plan.snr[k] / top, "contrast over noise, blue\nNER 5e-4 W m-2 sr-1 nm-1", high=f"{top:.1f}")
+    mask = [p for p in layers(plan, "BLUE")[1] if p[1] == "."]
+    panel(canvas, 1, plan, plan.snr[k] / top, f"mask\ncontrast below {plan.mission.limits.snr:g}", patterns=mask)
+    return canvas
+
+
+def maps_2_13(full, absorbing):
+    """Fig. 2.13: the combined map of the blue band with water that only absorbs, and with water that scatters."""
+    canvas = sheet(2)
+    top = max(p.snr[1].max() for p in (full, absorbing))
+    for column, (plan, title) in enumerate(
+        (
+            (absorbing, "water that only absorbs\nthe thesis' fast tool"),
+            (full, "water that scatters\nthe thesis' HydroLight tool"),
+        )
+    ):
+        contrast, patterns = layers(plan, "BLUE")
+        panel(canvas, column, plan, contrast / top, title, patterns=patterns, high=f"{top:.1f} x noise")
+    return canvas
+
+
+def examples():
+    """Pictures of the four kinds of plans."""
+    bay = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0)
+    found = list(plans(bay, times("2026-06-21T13:00Z", "2026-06-22T02:30Z", 90)))
+    moments = [moment for moment, _ in found]
+    line = flight_line(bay, View(across=30.0, roll=25.0))
+    return {
+        "reticle": picture(reticle(bay)),
+        "day": day_picture(bay, moments, {k: found[k][1] for k in shown(moments)}),
+        "heading": line_picture(bay, line),
+        "wind": spread_picture(spread(bay, speed=2.0, turn=30.0), speed=2.0, turn=30.0),
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("directory", type=Path)
+    given = parser.parse_args()
+    limits = Limits(ner=5e-4, snr=15.0)
+    full = reticle(Mission(**THESIS, sky="uniform", limits=limits))
+    absorbing = reticle(Mission(**THESIS, sky="uniform", limits=limits, water="absorption"))
+    figures = {
+        "slopes": slopes_2_2(),
+        "glint": glint_2_10(full),
+        "sky": sky_2_11(full, 1),
+        "noise": noise_2_12(full, 1),
+        "maps": maps_2_13(full, absorbing),
+    }
+    images = {name: canvas.finished() for name, canvas in figures.items()} | examples()
+    for name, image in images.items():
+        path = given.directory / f"planning_{name}.png"
+        Image.fromarray(image).save(path, optimize=True)
+        print(f"{path} {path.stat().st_size / 1e3:.0f} kB")
+    ratio = absorbing.snr[1] / full.snr[1]
+    print(
+        f"contrast, absorbing over scattering water, blue: {ratio[0, 0]:.3f} at nadir, {ratio[60, 0]:.3f} at 60 degrees"
+    )
+    print(f"facet sum: largest {facet_sum(full, 0.01).max():.2g}, closed form {full.glint_probability.max():.3g}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,224 @@
+"""`deglint plan`: where to look from, before flying."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+# What --help shows without loading the planner; a test holds them equal to it.
+SENSOR_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
+SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
+SLOPE_NAMES = ("cox-munk", "cox-munk-gaussian", "cox-munk-isotropic", "breon-henriot")
+WATER_NAMES = ("scattering", "absorption")
+
+
+def at(first: str, second: str, example: str) -> Callable[..., dict[str, float] | None]:
+    """A callback that reads "A@B" into {first: A, second: B}, or "A" alone."""
+
+    def read(_ctx: click.Context, _param: click.Parameter, value: str | None) -> dict[str, float] | None:
+        if value is None:
+            return None
+        head, sign, tail = value.partition("@")
+        try:
+            return {first: float(head)} | ({second: float(tail)} if sign else {})
+        except ValueError:
+            raise click.BadParameter(f"{value!r} is not like {example}.") from None
+
+    return read
+
+
+def duration(_ctx: click.Context, _param: click.Parameter, value: str | None) -> float | None:
+    """Minutes of "30min", "1h" or "0.5h"; a number alone is minutes."""
+    if value is None:
+        return None
+    found = re.fullmatch(r"\s*([0-9.]+)\s*(min|m|h)?\s*", value)
+    try:
+        minutes = float(found[1]) * (60.0 if found[2] == "h" else 1.0) if found else 0.0
+    except ValueError:
+        minutes = 0.0
+    if not 1.0 <= minutes <= 1440.0:
+        raise click.BadParameter(f"{value!r} is not like 30min or 1h, from 1 minute to a day.")
+    return minutes
+
+
+NUMBERS = (  # option, unit, what it says
+    ("--lat", "DEG", "Latitude, north positive."),
+    ("--lon", "DEG", "Longitude, east positive."),
+    ("--wind-height", "M", "Height of the wind; 10 by default."),
+    ("--wind-mean", "M/S", "Mean wind of 24 hours; that of now by default."),
+    ("--depth", "M", "Of the object; 5 by default."),
+    ("--reflectance", "SHARE", "Of the object; 0.15 by default."),
+    ("--chlorophyll", "MG/M3", "Of the water; 0.5 by default."),
+    ("--visibility", "KM", "Of the air; 40 by default."),
+    ("--humidity", "%", "Relative humidity; 80 by default."),
+    ("--water-vapour", "CM", "Water column; 2.5 by default."),
+    ("--air-mass", "1-10", "1: air of the ocean (default), to 10: of a continent."),
+    ("--ozone", "DU", "By default what is usual for place and day."),
+    ("--max-glint", "1/SR", "Keep out above this glint radiance per sunlight; 1e-3 by default."),
+    ("--max-glint-probability", "SHARE", "... and where a larger share of the sea glints."),
+    ("--tolerance", "DEG", "Around the sun's centre that counts as sun; its disk by default."),
+    ("--max-sky-ratio", "N", "Sky over water that is too much; 2 by default."),
+    ("--max-sky-share", "SHARE", "... where on more than this share of the sea; 0.1 by default."),
+    ("--min-contrast", "N", "Contrast over noise that shows an object; 3 by default."),
+    ("--ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default."),
+    ("--step", "DEG", "Between looks; 1 by default."),
+    ("--widest", "DEG", "Widest look off nadir; 80 by default."),
+)
+
+
+def _options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Options that describe a mission, and what to write."""
+    numbers = [click.option(name, type=float, metavar=unit, help=said) for name, unit, said in NUMBERS]
+    words = [
+        click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE",
+                     help="Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; repeat."),
+        click.option("--mission", metavar="FILE.toml", help="Mission file; options win over it."),
+        click.option("--place", metavar="FILE", help="Raster or GeoJSON whose middle is the place."),
+        click.option("--time", metavar="ISO", help="UTC, such as 2026-06-21T18:00Z; now by default."),
+        click.option("--sun", callback=at("zenith", "azimuth", "20.5@270.2"), metavar="ZENITH@AZIMUTH",
+                     help="The sun's angles, in place of place and time."),
+        click.option("--wind", callback=at("speed", "from", "7@310"), metavar="M/S@FROM",
+                     help="Wind at 10 m, and the azimuth it blows from; 5@0 by default."),
+    ]  # fmt: skip
+    more = [
+        click.option("--pressure", metavar="HPA", help="1013.25 by default; or with its unit, 29.9inHg."),
+        click.option("--sensor", metavar="NAME", help=f"{', '.join(SENSOR_NAMES)}; thesis by default."),
+        click.option("--bands", metavar="NAME,...", help="Bands that count; all by default."),
+        click.option("--slopes", type=click.Choice(SLOPE_NAMES), help="Model of slopes; cox-munk by default."),
+        click.option("--sky", type=click.Choice(SKY_NAMES), help="harrison-coombes, the clear sky, by default."),
+        click.option("--water", type=click.Choice(WATER_NAMES), help="It scatters (default), or only absorbs."),
+        click.option("--show", metavar="BAND", help="Band in the picture; all together by default."),
+        click.option("--overwrite", is_flag=True, help="Replace files that are there."),
+        click.option("--json", "as_json", is_flag=True, help="Print the plan in short as JSON on stdout."),
+        click.option("-v", "--verbose", count=True, help="-vv: a traceback where it fails."),
+        click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors and the plan."),
+    ]
+    for option in reversed([*words[:2], *numbers[:2], *words[2:], *numbers[2:], *more]):
+        command = option(command)
+    return command
+
+
+def _modes(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Options that ask for more than one reticle."""
+    for option in reversed([
+        click.option("--from", "start", metavar="ISO", help="Sweep over time: from when,"),
+        click.option("--to", "end", metavar="ISO", help="until when,"),
+        click.option("--every", callback=duration, metavar="30min", help="and how often; 30min by default."),
+        click.option("--wind-within", callback=at("speed", "turn", "2@30"), metavar="M/S@DEG",
+                     help="The wind is known to plus or minus this: intervals, and looks good under all of them."),
+        click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),
+        click.option("--altitude", type=float, default=300.0, metavar="M", help="--fov: above the sea; 300."),
+        click.option("--pitch", type=float, default=0.0, metavar="DEG", help="--fov: it looks forward by this,"),
+        click.option("--roll", type=float, default=0.0, metavar="DEG", help="and to the right by this."),
+        click.option("--serve", is_flag=True, help="Open a page with sliders on this machine; Ctrl-C ends it."),
+        click.option("--port", type=click.IntRange(0, 65535), default=8765, metavar="N",
+                     help="--serve: 8765 by default; 0 takes a free one."),
+        click.option("--no-browser", is_flag=True, help="--serve: only say the address."),
+    ]):  # fmt: skip
+        command = option(command)
+    return command
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@_options
+@_modes
+def plan(**given: Any) -> None:
+    """Say from where to look at an object under water so that sun glint does not spoil it.
+
+    \b
+    deglint plan --lat 36.8 --lon -122 --time 2026-06-21T18:00Z --wind 7@310 -o plan.png
+    deglint plan --mission survey.toml --depth 8 -o plan.png -o plan.json
+    deglint plan --lat 36.8 --lon -122 --wind 7@310 --from 2026-06-21T13:00Z --to 2026-06-22T03:00Z -o day.png
+    deglint plan --lat 36.8 --lon -122 --wind 7@310 --wind-within 2@30 -o sure.png
+    deglint plan --lat 36.8 --lon -122 --wind 7@310 --fov 40 -o heading.png
+    deglint plan --lat 36.8 --lon -122 --serve
+    """
+    from ..plan.missionfile import merged, mission_from
+    from . import planning
+    from .options import Talk
+
+    talk = Talk(quiet=given["quiet"])
+    mode = planning.mode_of(given)
+    mode.check(given)
+    tables = merged(_file(given["mission"]), _tables(given))
+    mission = mission_from(mode.prepared(given, tables), given["mission"] or "the options")
+    for line in _assumed(given, tables, mission) if mode is not planning.SERVE else []:
+        talk.say(line)
+    mode.run(given, mission, talk)
+
+
+def _file(path: str | None) -> dict[str, Any]:
+    """Tables of a mission file."""
+    if path is None:
+        return {}
+    import tomllib
+
+    from ..errors import InputError
+    from ..readers.text import read_text
+
+    try:
+        return tomllib.loads(read_text(path, "--mission"))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path} (--mission) is not TOML: {error}.") from error
+
+
+def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Options as tables of a mission; only what was given."""
+    latitude, longitude = given["lat"], given["lon"]
+    if given["place"]:
+        if latitude is not None or longitude is not None:
+            raise click.UsageError("give --place, or --lat and --lon, not both.")
+        from ..readers.place import middle_of
+
+        latitude, longitude = middle_of(given["place"])
+    if given["sun"] and (latitude is not None or given["time"]):
+        raise click.UsageError("give --sun, or place and time, not both.")
+    if given["sun"] and len(given["sun"]) < 2:
+        raise click.UsageError("--sun needs zenith angle and azimuth, such as 20.5@270.2.")
+    bands = given["bands"] and [b.strip() for b in given["bands"].split(",")]
+    tables = {
+        "place": {"latitude": latitude, "longitude": longitude, "time": given["time"]},
+        "sun": given["sun"] or {},
+        "wind": (given["wind"] or {}) | {"height": given["wind_height"], "mean": given["wind_mean"]},
+        "air": {
+            "air_mass_type": given["air_mass"],
+            **{name: given[name] for name in ("humidity", "water_vapour", "visibility", "ozone", "pressure")},
+        },
+        "water": {"chlorophyll": given["chlorophyll"], "model": given["water"]},
+        "object": {"depth": given["depth"], "reflectance": given["reflectance"]},
+        "sensor": {"preset": given["sensor"], "bands": bands},
+        "limits": {
+            "glint": given["max_glint"],
+            "glint_probability": given["max_glint_probability"],
+            "tolerance": given["tolerance"],
+            "sky_ratio": given["max_sky_ratio"],
+            "sky_probability": given["max_sky_share"],
+            "snr": given["min_contrast"],
+            "ner": given["ner"],
+        },
+        "look": {"step": given["step"], "widest": given["widest"]},
+        "models": {"slopes": given["slopes"], "sky": given["sky"]},
+    }
+    kept = {name: {k: v for k, v in values.items() if v is not None} for name, values in tables.items()}
+    return {name: values for name, values in kept.items() if values}
+
+
+def _assumed(given: dict[str, Any], tables: dict[str, dict[str, Any]], mission: Any) -> list[str]:
+    """What was taken for granted, and what to be careful of."""
+    out = []
+    if mission.sun_zenith is None and mission.time is None:
+        out.append(f"time: now, {mission.moment}Z.")
+    spans = [given["start"], given["end"]] if given["start"] else [mission.time]
+    texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]
+    bare = [text for text in texts if not re.search(r"(Z|[+-]\d\d:?\d\d)$", text, re.IGNORECASE)]
+    out += [f"time {text} names no zone: taken as UTC." for text in bare]
+    wind, way = tables.get("wind", {}), "give --wind SPEED@FROM."
+    if "speed" not in wind:
+        out.append(f"wind: {mission.wind:g} m/s from {mission.wind_from:g} degrees assumed; {way}")
+    elif "from" not in wind:
+        out.append(f"wind: from {mission.wind_from:g} degrees assumed; {way}")
+    return out + list(mission.cautions)

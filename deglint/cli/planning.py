@@ -1,0 +1,187 @@
+"""What `deglint plan` can be asked for: one reticle, a sweep over time, an uncertain wind, a flight line, a page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+Given = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One thing to ask for.
+
+    Attributes
+    ----------
+    kinds : tuple of str
+        Endings of files that it writes.
+    run : callable
+        Takes the options, the mission and where to talk.
+    prepared : callable
+        Takes the options and the tables of a mission; gives the tables to make the mission of.
+    """
+
+    kinds: tuple[str, ...]
+    run: Callable[[Given, Any, Any], None]
+    prepared: Callable[[Given, Mapping[str, Any]], Mapping[str, Any]] = lambda _given, tables: tables
+
+    def check(self, given: Given) -> None:
+        """Refuse outputs that could not be written before anything is worked out."""
+        from ..raster.planned import check_targets
+
+        check_targets(given["outs"], self.kinds, overwrite=given["overwrite"])
+
+
+def mode_of(given: Given) -> Mode:
+    """What the options ask for."""
+    asked = {
+        "--from": SWEEP if given["start"] or given["end"] or given["every"] else None,
+        "--wind-within": SPREAD if given["wind_within"] else None,
+        "--fov": LINE if given["fov"] else None,
+        "--serve": SERVE if given["serve"] else None,
+    }
+    found = {name: mode for name, mode in asked.items() if mode is not None}
+    if len(found) > 1:
+        raise click.UsageError(f"{' and '.join(found)} are different plans: ask for one at a time.")
+    mode = next(iter(found.values()), RETICLE)
+    if mode is SWEEP and not (given["start"] and given["end"]):
+        raise click.UsageError("a sweep over time needs both --from and --to.")
+    if mode is SWEEP and given["time"]:
+        raise click.UsageError("give --time, or --from and --to, not both.")
+    if mode is not RETICLE and given["show"]:
+        raise click.UsageError("--show is for one reticle: leave it out here.")
+    if mode is SERVE and (given["outs"] or given["as_json"]):
+        raise click.UsageError("--serve writes no files: leave -o and --json out.")
+    return mode
+
+
+def _reticle(given: Given, mission: Any, _talk: Any) -> None:
+    from ..plan import reticle
+    from ..plan.advice import best_look, quality, sentence
+    from ..plan.dataset import summary
+    from ..raster.planned import write_plan
+
+    found = reticle(mission)
+    if given["show"]:
+        found.index(given["show"])
+
+    def picture() -> bytes:
+        from ..plan.draw import png
+        from ..plan.picture import picture as drawn
+
+        return png(drawn(found, band=given["show"]))
+
+    if given["outs"]:
+        write_plan(found, given["outs"], picture, overwrite=given["overwrite"])
+    if given["as_json"]:
+        _print(summary(found))
+        return
+    look = best_look(found, band=given["show"])
+    click.echo(sentence(look) + ("" if look is None else f"\n{quality(look)}"))
+
+
+def _sweep(given: Given, mission: Any, talk: Any) -> None:
+    from ..plan.sweep import numbers, plans, table, times
+
+    when = times(given["start"], given["end"], given["every"] or 30.0)
+    moments, found = [], []
+    for moment, plan in plans(mission, when):
+        moments.append(moment)
+        found.append(plan)
+        talk.progress("sweep", len(moments), len(when))
+
+    def picture() -> bytes:
+        from ..plan.charts import day_picture, shown
+        from ..plan.draw import png
+
+        kept = {k: plan for k in shown(moments) if (plan := found[k]) is not None}
+        return png(day_picture(mission, moments, kept))
+
+    _finish(given, picture, numbers(mission, moments), table(moments))
+
+
+def _day(given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Tables of a sweep: the mission is made for a time with the sun up, if there is one."""
+    from ..plan.sweep import highest_sun, times
+
+    place = dict(tables.get("place", {}))
+    if "latitude" in place and "longitude" in place:
+        when = times(given["start"], given["end"], given["every"] or 30.0)
+        place["time"] = f"{highest_sun(place['latitude'], place['longitude'], when)}Z"
+    return {**tables, "place": place}
+
+
+def _spread(given: Given, mission: Any, _talk: Any) -> None:
+    from ..plan.uncertainty import numbers, spread, words
+
+    within = {"turn": 30.0, **given["wind_within"]}
+    found = spread(mission, **within)
+
+    def picture() -> bytes:
+        from ..plan.charts import spread_picture
+        from ..plan.draw import png
+
+        return png(spread_picture(found, **within))
+
+    _finish(given, picture, numbers(found, **within), words(found))
+
+
+def _line(given: Given, mission: Any, _talk: Any) -> None:
+    from ..plan.swath import View, flight_line, numbers
+
+    across, _, along = given["fov"].lower().partition("x")
+    try:
+        angles = {"across": float(across), "along": float(along or 0.0)}
+    except ValueError:
+        raise click.UsageError(f"--fov {given['fov']!r} is not ACROSS or ACROSSxALONG degrees.") from None
+    view = View(**angles, altitude=given["altitude"], pitch=given["pitch"], roll=given["roll"])
+    found = flight_line(mission, view)
+
+    def picture() -> bytes:
+        from ..plan.charts import line_picture
+        from ..plan.draw import png
+
+        return png(line_picture(mission, found))
+
+    _finish(given, picture, numbers(mission, found), [found.words()])
+
+
+def _serve(given: Given, mission: Any, talk: Any) -> None:
+    from ..plan.serve import serve
+
+    serve(mission, port=given["port"], say=talk.say, browser=not given["no_browser"])
+
+
+def _finish(given: Given, picture: Callable[[], bytes], numbers: Mapping[str, Any], lines: list[str]) -> None:
+    """Write the files that were asked for, and print what was found."""
+    from ..raster.planned import write_numbers
+
+    if given["outs"]:
+        outs: dict[Path, bytes | Mapping[str, Any]] = {}
+        for path in given["outs"]:
+            outs[path] = picture() if path.suffix.lower() == ".png" else numbers
+        write_numbers(outs, overwrite=given["overwrite"])
+    if given["as_json"]:
+        _print(numbers)
+        return
+    for line in lines:
+        click.echo(line)
+
+
+def _print(numbers: Mapping[str, Any]) -> None:
+    from ..raster.output import plain
+
+    click.echo(json.dumps(plain(numbers), indent=2, allow_nan=False))
+
+
+RETICLE = Mode((".png", ".json", ".nc", ".tif"), _reticle)
+SWEEP = Mode((".png", ".json"), _sweep, _day)
+SPREAD = Mode((".png", ".json"), _spread)
+LINE = Mode((".png", ".json"), _line)
+SERVE = Mode((), _serve)

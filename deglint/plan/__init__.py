@@ -1,0 +1,16 @@
+"""Where to look from, before flying: the glint avoidance tool.
+
+    from deglint.plan import Mission, reticle
+
+    plan = reticle(Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0))
+    plan.combined  # contrast over noise from every look, 0 where glint, sky or noise keep out
+
+For every look at an object under water - where the sensor stands in the sky above it - the room works out how
+much of the sea mirrors the sun, how bright glint and sky are against the water, and how the object stands out.
+It opens no files.
+"""
+
+from .mission import Limits, Mission
+from .reticle import Reticle, reticle
+
+__all__ = ["Limits", "Mission", "Reticle", "reticle"]

@@ -1,0 +1,163 @@
+"""The plan in words: the best look, and what to expect of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .reticle import Mask, Reticle
+
+MARGIN = 3.0
+"""A best look stays this far from every keep-out look, where there is such a look [degree]."""
+_POINTS = (
+    "north", "north-north-east", "north-east", "east-north-east", "east", "east-south-east", "south-east",
+    "south-south-east", "south", "south-south-west", "south-west", "west-south-west", "west", "west-north-west",
+    "north-west", "north-north-west",
+)  # fmt: skip
+_AROUND = 16
+
+
+@dataclass(frozen=True)
+class Look:
+    """One look at the object.
+
+    Attributes
+    ----------
+    zenith, azimuth : float
+        Where the sensor stands as seen from the object [degree].
+    contrast : float
+        Contrast over noise of all usable bands together [1].
+    bands : tuple of str
+        Bands that are usable, the one with the highest contrast first.
+    glint, glint_probability : float
+        Glint radiance per irradiance of a plane facing the sun [1/sr]; share of the sea that mirrors the sun [1].
+    margin : bool
+        No keep-out look lies within `MARGIN`.
+    """
+
+    zenith: float
+    azimuth: float
+    contrast: float
+    bands: tuple[str, ...]
+    glint: float
+    glint_probability: float
+    margin: bool
+
+    @property
+    def heading(self) -> float:
+        """Azimuth into which the sensor looks, to the object [degree]."""
+        return (self.azimuth + 180.0) % 360.0
+
+
+def best_look(plan: Reticle, contrast: npt.NDArray[Any] | None = None, *, band: str | None = None) -> Look | None:
+    """The look with the highest contrast, away from the edges of what is to be kept out of.
+
+    Parameters
+    ----------
+    plan : Reticle
+    contrast : (zenith, azimuth) ndarray, optional
+        To judge by, 0 where to keep out; by default that of `band`, or of all bands.
+    band : str, optional
+        The one band that counts.
+
+    Returns
+    -------
+    Look or None
+        None where every look is to be kept out of.
+
+    Raises
+    ------
+    BandError
+        There is no such band.
+    """
+    by_band = plan.by_band if band is None else plan.by_band[[plan.index(band)]]
+    names = plan.bands if band is None else (plan.bands[plan.index(band)],)
+    if contrast is None:
+        contrast = plan.combined if band is None else by_band[0]
+    good = contrast > 0
+    if not good.any():
+        return None
+    safe = good & _with_margin(good, plan.mission.widest)
+    has_margin = bool(safe.any())
+    chosen = np.where(safe if has_margin else good, contrast, -1.0)
+    i, j = np.unravel_index(int(np.argmax(chosen)), chosen.shape)
+    order = [k for k in np.argsort(-by_band[:, i, j]) if by_band[k, i, j] > 0]
+    return Look(
+        zenith=float(plan.zenith[i]),
+        azimuth=float(plan.azimuth[j]) % 360.0 if i else 0.0,
+        contrast=float(contrast[i, j]),
+        bands=tuple(names[k] for k in order),
+        glint=float(plan.glint_strength[i, j]),
+        glint_probability=float(plan.glint_probability[i, j]),
+        margin=has_margin,
+    )
+
+
+def sentence(look: Look | None) -> str:
+    """A look in words.
+
+    Examples
+    --------
+    >>> sentence(Look(24.0, 225.0, 41.2, ("BLUE", "GREEN"), 1e-4, 3.2e-7, True))
+    'Look from the south-west (azimuth 225), 24 degrees off nadir, towards 045.'
+    """
+    if look is None:
+        return "There is no good look: sun glint, sky, noise or saturation spoil every one."
+    if look.zenith < 1.0:
+        return "Look straight down."
+    where = f"{compass(look.azimuth)} (azimuth {look.azimuth:03.0f})"
+    return f"Look from the {where}, {look.zenith:.0f} degrees off nadir, towards {look.heading:03.0f}."
+
+
+def quality(look: Look) -> str:
+    """What to expect of a look, in words."""
+    stand = "" if look.zenith < 1.0 else f"Stand off {np.tan(np.radians(look.zenith)):.2f} x your height. "
+    edge = "" if look.margin else f" Keep-out looks lie within {MARGIN:g} degrees of it."
+    return (
+        f"{stand}Contrast {look.contrast:.3g} x noise in {', '.join(look.bands[:4])}."
+        f" Sun glint on {one_in(look.glint_probability)} of the sea.{edge}"
+    )
+
+
+def one_in(share: float) -> str:
+    """A small share in words: 3.1e-6 is "1 in 320 000"."""
+    if share < 1e-9:
+        return "less than 1 in a billion"
+    if share > 0.05:
+        return f"{100 * share:.0f} %"
+    return f"1 in {float(f'{1 / share:.2g}'):,.0f}".replace(",", " ")
+
+
+def compass(azimuth: float) -> str:
+    """Point of the compass for an azimuth [degree].
+
+    >>> compass(225.0)
+    'south-west'
+    """
+    return _POINTS[round(azimuth / 22.5) % 16]
+
+
+def _with_margin(good: Mask, widest: float) -> Mask:
+    """Looks all around which, at `MARGIN`, looks are good."""
+    i, j = _ring(good.shape, widest)
+    return np.asarray(good[i, j].all(axis=0))
+
+
+@lru_cache(maxsize=4)
+def _ring(shape: tuple[int, int], widest: float) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Indices (point, zenith, azimuth) of the looks at `MARGIN` around every look, kept on the reticle."""
+    zenith = np.radians(np.linspace(0.0, widest, shape[0]))[:, None]
+    azimuth = np.radians(np.linspace(0.0, 360.0, shape[1]))
+    turn = np.arange(_AROUND)[:, None, None] * (2.0 * np.pi / _AROUND)
+    away = np.radians(MARGIN)
+    cosine = np.cos(zenith) * np.cos(away) - np.sin(zenith) * np.sin(away) * np.cos(turn)
+    to = np.arccos(np.clip(cosine, -1.0, 1.0))
+    out = np.cos(away) * np.sin(zenith) + np.sin(away) * np.cos(zenith) * np.cos(turn)
+    side = np.arctan2(np.sin(turn) * np.sin(away), out)
+    i = np.clip(np.rint(np.degrees(to) / widest * (shape[0] - 1)), 0, shape[0] - 1).astype(np.int32)
+    j = np.rint(np.degrees(azimuth + side) % 360.0 / 360.0 * (shape[1] - 1)).astype(np.int32)
+    return i, np.broadcast_to(j, (_AROUND, *shape))

@@ -1,0 +1,213 @@
+"""Pictures of what goes beyond one reticle: a day, a flight line, a wind that is not known exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from . import draw
+from .advice import sentence
+from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, YELLOW, Canvas, Image, Point
+from .mission import Mission
+from .picture import Words, conditions, layers, marks, page, scale, star
+from .reticle import Reticle
+from .swath import Line
+from .sweep import Moment, best_moment
+from .uncertainty import Spread, words
+
+WIDTH = 1240
+_SUNNY = (150, 110, 0)
+_SMALL = 88  # radius of the small reticles
+_ROW = 6  # of them beside each other
+
+
+def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Reticle]) -> Image:
+    """Contrast and keep-out over time, with small reticles of some of the times below.
+
+    Parameters
+    ----------
+    mission : Mission
+    moments : sequence of Moment
+    plans : dict of int to Reticle
+        Reticles to show, by their place in `moments`; see `shown`.
+    """
+    rows = -(-len(plans) // _ROW)
+    canvas = Canvas(WIDTH, 440 + rows * (2 * _SMALL + 74))
+    best = best_moment(list(moments))
+    place = f"{abs(mission.latitude or 0):.2f}° {'NS'[(mission.latitude or 0) < 0]}"
+    place += f"  {abs(mission.longitude or 0):.2f}° {'EW'[(mission.longitude or 0) < 0]}"
+    canvas.text((40, 22), "When to fly", 26)
+    wind = conditions(mission)[-1]
+    canvas.text((40, 60), f"{place}   {str(moments[0].time)[:10]}   {wind}", 15, GREY)
+    if best is None or best.look is None:
+        canvas.text((40, 84), "There is no good look at any of these times.", 20)
+    else:
+        canvas.text((40, 84), f"Best at {str(best.time)[11:16]} UTC. {sentence(best.look)}", 20)
+    _over_time(canvas, moments, best, (96.0, 140.0, 1090.0, 200.0))
+    for n, (k, plan) in enumerate(plans.items()):
+        centre = (40 + _SMALL + 20 + (n % _ROW) * 196.0, 424 + _SMALL + 28 + (n // _ROW) * (2 * _SMALL + 74.0))
+        _small(canvas, centre, plan, moments[k], moments[k] is best)
+    return canvas.finished()
+
+
+def shown(moments: Sequence[Moment]) -> list[int]:
+    """Which of many times get a small reticle: at most twelve, evenly among those with the sun up."""
+    up = [k for k, m in enumerate(moments) if m.sun_zenith <= 89.0]
+    if not up:
+        return []
+    best = best_moment(list(moments))
+    picked = {up[round(float(x))] for x in np.linspace(0, len(up) - 1, min(len(up), 2 * _ROW))}
+    if best is not None:
+        k = next(i for i, m in enumerate(moments) if m is best)
+        picked = picked if k in picked else (picked - {min(picked, key=lambda i: abs(i - k))}) | {k}
+    return sorted(picked)
+
+
+def _over_time(
+    canvas: Canvas, moments: Sequence[Moment], best: Moment | None, box: tuple[float, float, float, float]
+) -> None:
+    left, top, width, height = box
+    count = max(len(moments) - 1, 1)
+    high = max((m.look.contrast for m in moments if m.look), default=1.0)
+
+    def at(k: int, share: float) -> Point:
+        return left + width * k / count, top + height * (1.0 - share)
+
+    _axes(canvas, moments, box, high)
+    sun = [at(k, max(90.0 - m.sun_zenith, 0.0) / 90.0) for k, m in enumerate(moments)]
+    canvas.line(sun, YELLOW, 2)
+    peak = int(np.argmin([m.sun_zenith for m in moments]))
+    high_sun = f"sun {90 - moments[peak].sun_zenith:.0f}°"
+    canvas.text((sun[peak][0], sun[peak][1] - 10), high_sun, 13, _SUNNY, anchor="mm", halo=True)
+    run: list[Point] = []
+    for k, look in enumerate([*(m.look for m in moments), None]):
+        if look is not None:
+            run.append(at(k, look.contrast / high))
+            continue
+        if len(run) > 1:
+            canvas.line(run, BLUE, 3)
+        elif run:
+            canvas.circle(run[0], 3, BLUE, -1)
+        run = []
+    for k, m in enumerate(moments):
+        if m is best and m.look is not None:
+            star(canvas, at(k, m.look.contrast / high), 11.0)
+
+
+def _axes(canvas: Canvas, moments: Sequence[Moment], box: tuple[float, float, float, float], high: float) -> None:
+    """Scales of contrast and time, and bars of the share of looks to keep out of."""
+    left, top, width, height = box
+    count = max(len(moments) - 1, 1)
+    half = 0.5 * width / count
+    every = max(1, -(-len(moments) // 13))
+    for k, m in enumerate(moments):
+        x = left + width * k / count
+        start, end = max(x - half, left), min(x + half, left + width)
+        tall = height * m.keep_out_share
+        canvas.box(start, top + height - tall, end - start, tall, (246, 226, 208))
+        if k % every == 0:
+            canvas.line([(x, top + height), (x, top + height + 6)], INK, 1)
+            canvas.text((x, top + height + 18), str(m.time)[11:16], 13, INK, anchor="mm")
+    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+        y = top + height * (1.0 - share)
+        canvas.line([(left, y), (left + width, y)], PALE, 1)
+        canvas.text((left - 8, y), f"{high * share:.0f}", 13, INK, anchor="rm")
+        canvas.text((left + width + 8, y), f"{100 * share:.0f} %", 13, ORANGE, anchor="lm")
+    canvas.text((left - 56, top - 16), "contrast, x noise", 13, INK, anchor="lm")
+    canvas.text((left + width + 46, top - 16), "looks kept out of", 13, ORANGE, anchor="rm")
+
+
+def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best: bool) -> None:
+    contrast, patterns = layers(plan)
+    good = contrast * np.all([excess <= 0 for excess, _, _ in patterns], axis=0)
+    draw.disc(canvas, centre, _SMALL, contrast / max(float(good.max()), 1e-9), patterns)
+    scale(canvas, centre, _SMALL, plan.mission.widest, small=True)
+    marks(canvas, centre, _SMALL, plan, small=True)
+    if moment.look is not None:
+        star(canvas, draw.polar(centre, _SMALL, moment.look.zenith, moment.look.azimuth, plan.mission.widest), 8.0)
+    colour = MAGENTA if is_best else INK
+    canvas.text((centre[0], centre[1] - _SMALL - 30), str(moment.time)[11:16], 16, colour, anchor="mm")
+    what = "no good look" if moment.look is None else f"contrast {moment.look.contrast:.0f}"
+    canvas.text((centre[0], centre[1] + _SMALL + 16), what, 13, colour, anchor="mm")
+
+
+def line_picture(mission: Mission, line: Line) -> Image:
+    """Share of the view in glint for every heading, and glint across the track at the best and the worst."""
+    canvas = Canvas(WIDTH, 640)
+    canvas.text((40, 22), "Which way to fly", 26)
+    canvas.text((40, 60), "   ".join(conditions(mission)), 15, GREY)
+    canvas.text((40, 86), line.words(), 20)
+    centre, radius = (290.0, 380.0), 180.0
+    for share in (0.25, 0.5, 0.75, 1.0):
+        canvas.circle(centre, radius * share, PALE if share < 1 else INK, 1)
+        at = (centre[0] + 4, centre[1] - radius * share)
+        canvas.text(at, f"{100 * share:.0f} %", 13, GREY, anchor="lm", halo=True)
+    half = 180.0 / line.heading.size
+    for heading, fraction in zip(line.heading, line.fraction, strict=True):
+        tips = [draw.polar(centre, radius, float(fraction), heading + d, 1.0) for d in (-half, 0.0, half)]
+        canvas.area([centre, *tips], (240, 190, 150))
+    for turn in range(0, 360, 30):
+        name = {0: "N", 90: "E", 180: "S", 270: "W"}.get(turn, f"{turn:03d}")
+        canvas.text(draw.polar(centre, radius + 22, 1.0, turn, 1.0), name, 15, INK, anchor="mm")
+    canvas.text(draw.polar(centre, radius + 52, 1.0, mission.sun[1], 1.0), "sun", 14, _SUNNY, anchor="mm")
+    best = float(line.heading[line.best])
+    ends = [draw.polar(centre, radius, 1.0, best + turn, 1.0) for turn in (180.0, 0.0)]
+    canvas.arrow(ends[0], ends[1], MAGENTA, 3, 16.0)
+    canvas.text((centre[0], centre[1] + radius + 56), "share of the view in glint, by heading", 14, GREY, anchor="mm")
+    _profiles(canvas, mission, line, (620.0, 170.0, 560.0, 370.0))
+    return canvas.finished()
+
+
+def _profiles(canvas: Canvas, mission: Mission, line: Line, box: tuple[float, float, float, float]) -> None:
+    left, top, width, height = box
+    low, high = -6.0, 0.0
+    half = max(float(line.across[-1]), 1e-6)
+
+    def at(angle: float, value: float) -> Point:
+        share = (np.clip(np.log10(max(value, 1e-30)), low, high) - low) / (high - low)
+        return left + width * (angle + half) / (2 * half), top + height * (1.0 - float(share))
+
+    limit = at(0, mission.limits.glint)[1]
+    canvas.box(left, top, width, limit - top, (252, 240, 230))
+    for power in range(int(low), int(high) + 1):
+        y = at(0, 10.0**power)[1]
+        canvas.line([(left, y), (left + width, y)], PALE, 1)
+        canvas.text((left - 8, y), f"1e{power}" if power else "1", 13, INK, anchor="rm")
+    for share in (-1.0, -0.5, 0.0, 0.5, 1.0):
+        x = at(share * half, 1.0)[0]
+        canvas.text((x, top + height + 16), f"{share * half:+.0f}°" if share else "0°", 13, INK, anchor="mm")
+    canvas.line([(left, limit), (left + width, limit)], ORANGE, 2)
+    canvas.text((left + 6, limit - 9), "limit", 13, ORANGE, anchor="lm")
+    worst = int(np.argmax(line.fraction + 1e-6 * line.mean))
+    for k, colour, name in ((worst, GREY, "worst"), (line.best, MAGENTA, "best")):
+        values = line.profile[k]
+        points = [at(float(a), float(v)) for a, v in zip(line.across, values, strict=True) if np.isfinite(v)]
+        if points:
+            canvas.line(points, colour, 3)
+        place = (left + (0.0 if name == "best" else 200.0), top - 16)
+        canvas.text(place, f"{name}: heading {line.heading[k]:03.0f}", 15, colour, anchor="lm")
+    canvas.text((left + width, top - 16), "glint [1/sr]", 13, GREY, anchor="rm")
+    below = (left + 0.5 * width, top + height + 40)
+    canvas.text(below, "angle across the track: left of it, and right", 14, GREY, anchor="mm")
+
+
+def spread_picture(spread: Spread, *, speed: float, turn: float) -> Image:
+    """The reticle of the worst case: what is good under every wind, under some, under none."""
+    plan, look = spread.middle, spread.best
+    contrast = layers(plan)[0]
+    good = spread.contrast[0]
+    some = np.where((spread.risk > 0) & (spread.risk < 1), 1.0, -1.0)
+    always = np.where(spread.risk >= 1, 1.0, -1.0)
+    what, *more = words(spread)
+    expects = " ".join(more)
+    count = len(spread.winds[0]) * len(spread.winds[1])
+    blows = f"Wind ± {speed:g} m/s and ± {turn:g}°: the worst of {count} winds"
+    legend = [
+        ("/", ORANGE, "keep out under every wind"),
+        (".", ORANGE, "keep out under some of these winds"),
+    ]
+    top = float(good.max())
+    patterns = [(some, ".", ORANGE), (always, "/", ORANGE)]
+    shades = np.where(good > 0, good, contrast) / max(top, 1e-9)
+    return page(plan, shades, patterns, look, Words("Where to look from", blows, what, expects, tuple(legend), top))

@@ -1,0 +1,169 @@
+"""A plan as an xarray dataset, a list of layers, or plain numbers for JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from .advice import Look, best_look, quality, sentence
+from .missionfile import tables_of
+from .reticle import Reticle
+
+RADIANCE = "W m-2 sr-1 nm-1"
+LAYERS = {  # name: attribute, unit, meaning
+    "glint_probability": ("1", "share of the sea that mirrors the sun"),
+    "glint_strength": ("sr-1", "glint radiance per irradiance of a plane facing the sun"),
+    "combined": ("1", "contrast over noise of all usable bands, 0 where to keep out"),
+    "clear_of_glint": ("1", "1 where sun glint is within its limit"),
+    "keep_out": ("1", "1 where no band is usable"),
+}
+BAND_LAYERS = {
+    "glint_radiance": (RADIANCE, "sun glint"),
+    "sky_radiance": (RADIANCE, "mirrored skylight"),
+    "background_radiance": (RADIANCE, "out of the deep water"),
+    "object_radiance": (RADIANCE, "out of the water over the object"),
+    "sky_probability": ("1", "share of the sea that mirrors more sky than the limit"),
+    "weber": ("1", "Weber contrast of object and deep water"),
+    "snr": ("1", "contrast over noise"),
+    "by_band": ("1", "contrast over noise, 0 where to keep out"),
+    "clear_of_sky": ("1", "1 where mirrored sky is within its limit"),
+    "detectable": ("1", "1 where contrast is above the noise limit and nothing saturates"),
+}
+
+
+_MASKS = ("clear_of_sky", "detectable", "by_band")
+_NUMBERS = tuple(name for name in BAND_LAYERS if name not in _MASKS)
+
+
+def layer(plan: Reticle, name: str) -> npt.NDArray[Any]:
+    """A layer of `LAYERS` (zenith, azimuth) or `BAND_LAYERS` (band, zenith, azimuth) by name."""
+    if name == "background_radiance":
+        return plan.light.background
+    if name == "object_radiance":
+        return plan.light.target
+    return np.asarray(getattr(plan, name))
+
+
+def dataset(plan: Reticle) -> Any:
+    """The plan as an `xarray.Dataset` over band, zenith and azimuth, each layer with unit and meaning.
+
+    Raises
+    ------
+    InputError
+        xarray is not installed.
+    """
+    try:
+        import xarray
+    except ImportError:
+        raise InputError("this needs xarray: pip install 'deglint[xarray]', or write .json or .tif instead.") from None
+    looks = ("zenith", "azimuth")
+    data: dict[str, Any] = {n: (looks, _stored(layer(plan, n)), _said(*v)) for n, v in LAYERS.items()}
+    data |= {n: (("band", *looks), _stored(layer(plan, n)), _said(*v)) for n, v in BAND_LAYERS.items()}
+    where = "of the sensor as seen from the object"
+    coordinates = {
+        "band": ("band", np.array(plan.bands)),
+        "wavelength": ("band", np.array([b.wavelength for b in plan.mission.channels]), _said("nm", "centre")),
+        "zenith": ("zenith", plan.zenith, _said("degrees", f"zenith angle {where}")),
+        "azimuth": ("azimuth", plan.azimuth, _said("degrees", f"azimuth {where}, clockwise from north")),
+    }
+    return xarray.Dataset(data, coordinates, attrs=_attributes(plan))
+
+
+def summary(plan: Reticle) -> dict[str, Any]:
+    """The plan in short: mission, sun, best look, and what each band sees from there."""
+    look = best_look(plan)
+    return {
+        "mission": tables_of(plan.mission),
+        "sun": dict(zip(("zenith", "azimuth"), plan.mission.sun, strict=True)),
+        "keep_out_share": solid_share(plan),
+        "best": None if look is None else look_numbers(plan, look),
+        "words": sentence(look) + ("" if look is None else f" {quality(look)}"),
+        "cautions": list(plan.mission.cautions),
+    }
+
+
+def solid_share(plan: Reticle) -> float:
+    """Share of the sky above the object, out to the widest look, that is to be kept out of [1]."""
+    weight = np.sin(np.radians(plan.zenith))[:, None] + np.zeros(plan.azimuth.size - 1)
+    return float(np.average(plan.keep_out[:, :-1], weights=weight))
+
+
+def look_numbers(plan: Reticle, look: Look) -> dict[str, Any]:
+    """A look, and what each band sees from there."""
+    i = int(np.argmin(np.abs(plan.zenith - look.zenith)))
+    j = int(np.argmin(np.abs(plan.azimuth - look.azimuth)))
+    counts = plan.counts()
+    bands = [
+        {
+            "band": name,
+            "usable": bool(plan.by_band[k, i, j] > 0),
+            **{n: float(layer(plan, n)[k, i, j]) for n in _NUMBERS},
+            "electrons": {part: float(values[k, i, j]) for part, values in counts.items()},
+        }
+        for k, name in enumerate(plan.bands)
+    ]
+    return {
+        "zenith": look.zenith,
+        "azimuth": look.azimuth,
+        "towards": look.heading,
+        "contrast": look.contrast,
+        "glint_strength": look.glint,
+        "glint_probability": look.glint_probability,
+        "away_from_keep_out": look.margin,
+        "bands": bands,
+    }
+
+
+def document(plan: Reticle) -> dict[str, Any]:
+    """Everything for JSON: the summary, and every layer to four digits.
+
+    Radiances are left to the reader: of glint and sky they are `irradiance` times the strengths.
+    """
+    chosen = {**LAYERS, "sky_strength": ("sr-1", "mirrored skylight per diffuse irradiance")}
+    chosen |= {n: said for n, said in BAND_LAYERS.items() if not n.endswith("_radiance") and n != "by_band"}
+    layers = {n: {"unit": u, "meaning": m, "values": _rounded(layer(plan, n))} for n, (u, m) in chosen.items()}
+    light = {"normal": plan.light.normal.tolist(), "diffuse": plan.light.diffuse.tolist(), "unit": "W m-2 nm-1"}
+    axes = {"bands": list(plan.bands), "zenith": plan.zenith.tolist(), "azimuth": plan.azimuth.tolist()}
+    return summary(plan) | axes | {"irradiance": light, "layers": layers}
+
+
+def _rounded(values: npt.NDArray[Any]) -> Any:
+    if values.dtype == bool:
+        return values.astype(np.int8).tolist()
+    values = values.astype(np.float64)
+    digits = 3.0 - np.floor(np.log10(np.maximum(np.abs(values), 1e-30)))
+    scale = 10.0**digits
+    return (np.rint(values * scale) / scale).tolist()
+
+
+def _stored(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return values.astype(np.int8) if values.dtype == bool else values.astype(np.float32)
+
+
+def _said(unit: str, meaning: str) -> dict[str, str]:
+    return {"units": unit, "long_name": meaning}
+
+
+def _attributes(plan: Reticle) -> dict[str, Any]:
+    mission, limits = plan.mission, plan.mission.limits
+    out: dict[str, Any] = {
+        "title": "glint avoidance plan: where to look from",
+        "sun_zenith": mission.sun[0],
+        "sun_azimuth": mission.sun[1],
+        "wind": mission.wind,
+        "wind_from": mission.wind_from,
+        "depth": mission.depth,
+        "reflectance": mission.reflectance,
+        "chlorophyll": mission.chlorophyll,
+        "sensor": mission.sensor.name,
+        "glint_limit": limits.glint,
+        "words": summary(plan)["words"],
+    }
+    if mission.moment is not None:
+        out["time"] = f"{mission.moment}Z"
+    if mission.latitude is not None and mission.longitude is not None:
+        out |= {"latitude": mission.latitude, "longitude": mission.longitude}
+    return out

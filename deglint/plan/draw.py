@@ -1,0 +1,251 @@
+"""Drawing on arrays: lines, text and discs of looks, without a plotting library, so that a picture takes no time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Image = npt.NDArray[np.uint8]
+Colour = tuple[int, int, int]
+Point = tuple[float, float]
+
+INK: Colour = (25, 28, 34)
+GREY: Colour = (105, 112, 122)
+PALE: Colour = (216, 220, 226)
+PAPER: Colour = (255, 255, 255)
+GROUND: Colour = (244, 242, 238)
+ORANGE: Colour = (213, 94, 0)
+BLUE: Colour = (0, 114, 178)
+YELLOW: Colour = (255, 200, 20)
+MAGENTA: Colour = (204, 20, 120)
+_FINE = 2  # discs are drawn at this multiple and averaged down
+_SHADES = 248  # of a scale of colours in a disc, below those of hatchings
+_SHIFT = 4  # cv2 takes coordinates in 1/16 pixel
+
+
+class Canvas:
+    """An RGB picture to draw on. Points are (x, y) [pixel] from the upper left corner.
+
+    Parameters
+    ----------
+    width, height : int
+        [pixel]
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self.image: Image = np.full((height, width, 3), PAPER, np.uint8)
+        self._texts: list[tuple[Point, str, float, Colour, str, bool]] = []
+
+    def line(self, points: Sequence[Point], colour: Colour = INK, width: int = 1, *, closed: bool = False) -> None:
+        """Draw a line through points."""
+        import cv2
+
+        cv2.polylines(self.image, [_fixed(points)], closed, colour, width, cv2.LINE_AA, _SHIFT)
+
+    def area(self, points: Sequence[Point], colour: Colour) -> None:
+        """Fill a polygon."""
+        import cv2
+
+        cv2.fillPoly(self.image, [_fixed(points)], colour, cv2.LINE_AA, _SHIFT)
+
+    def circle(self, centre: Point, radius: float, colour: Colour = INK, width: int = 1) -> None:
+        """Draw a circle; a width of -1 fills it."""
+        import cv2
+
+        (at,) = _fixed([centre])
+        size = round(radius * 2**_SHIFT)
+        cv2.circle(self.image, (int(at[0]), int(at[1])), size, colour, width, cv2.LINE_AA, _SHIFT)
+
+    def box(self, left: float, top: float, width: float, height: float, colour: Colour) -> None:
+        """Fill a rectangle."""
+        self.image[round(top) : round(top + height), round(left) : round(left + width)] = colour
+
+    def arrow(self, start: Point, end: Point, colour: Colour = INK, width: int = 2, head: float = 11.0) -> None:
+        """Draw an arrow with a filled head."""
+        along = np.subtract(end, start)
+        along = along / max(float(np.hypot(*along)), 1e-9)
+        side = np.array([-along[1], along[0]]) * head * 0.45
+        neck = np.subtract(end, along * head)
+        self.line([start, (float(neck[0]), float(neck[1]))], colour, width)
+        self.area([end, tuple(neck + side), tuple(neck - side)], colour)
+
+    def text(
+        self,
+        at: Point,
+        text: str,
+        size: float = 15.0,
+        colour: Colour = INK,
+        *,
+        anchor: str = "la",
+        halo: bool = False,
+    ) -> None:
+        """Write a line when the picture is finished; `anchor` as Pillow has it, `halo` a white rim."""
+        self._texts.append((at, text, size, colour, anchor, halo))
+
+    def finished(self) -> Image:
+        """The picture with its texts."""
+        from PIL import Image as Pictures
+        from PIL import ImageDraw
+
+        picture = Pictures.fromarray(self.image)
+        pen = ImageDraw.Draw(picture)
+        for at, text, size, colour, anchor, halo in self._texts:
+            rim: dict[str, Any] = {"stroke_width": 2, "stroke_fill": PAPER} if halo else {}
+            pen.text(at, text, colour, _font(size), anchor=anchor, **rim)
+        return np.asarray(picture)
+
+
+def width_of(text: str, size: float) -> float:
+    """How wide a text is [pixel]."""
+    return float(_font(size).getlength(text))
+
+
+def wrapped(text: str, size: float, width: float) -> list[str]:
+    """A text broken into lines of a width [pixel]."""
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if width_of(longer, size) > width and lines[-1]:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines
+
+
+def polar(centre: Point, radius: float, zenith: float, azimuth: float, widest: float) -> Point:
+    """Where a look stands on a disc: north up, east right, zenith angle outward."""
+    turn, out = np.radians(azimuth), radius * zenith / widest
+    return centre[0] + out * float(np.sin(turn)), centre[1] - out * float(np.cos(turn))
+
+
+def palette(share: npt.NDArray[Any], name: str = "viridis") -> Image:
+    """Colours (..., 3) of numbers 0 to 1 in a scale that all eyes can read."""
+    return _colours(name)[(np.clip(np.nan_to_num(share), 0.0, 1.0) * 255).astype(np.uint8)]
+
+
+def png(image: Image) -> bytes:
+    """The picture as a PNG file."""
+    import cv2
+
+    _ok, data = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 4])
+    return bytes(data)
+
+
+def disc(
+    canvas: Canvas,
+    centre: Point,
+    radius: int,
+    share: npt.NDArray[Any],
+    patterns: Sequence[tuple[Any, str, Colour]] = (),
+    name: str = "viridis",
+) -> None:
+    """Draw a disc of looks.
+
+    Parameters
+    ----------
+    canvas : Canvas
+    centre : (float, float)
+    radius : int
+        Of the widest look [pixel].
+    share : (zenith, azimuth) ndarray
+        Number 0 to 1 of each look, to be coloured; equal steps, azimuth 0 to 360.
+    patterns : sequence of (excess, pattern, colour)
+        Looks to hatch are those with an excess above 0; patterns are "/", "\\" or ".", over a pale ground.
+    name : str
+        Of the palette.
+    """
+    import cv2
+
+    inside, coverage = _cover(radius)
+    level = cv2.convertScaleAbs(np.clip(_warped(share, radius), 0.0, 1.0), alpha=_SHADES - 1)
+    table = np.empty((256, 3), np.uint8)
+    table[:_SHADES] = _colours(name)[np.linspace(0, 255, _SHADES).astype(int)]
+    table[_SHADES], table[-1] = GROUND, INK
+    hatched = [(_warped(excess, radius) > 0, pattern, colour) for excess, pattern, colour in patterns]
+    if hatched:
+        ground = np.any([here for here, _, _ in hatched], axis=0)
+        level[ground] = _SHADES
+        for n, (here, pattern, colour) in enumerate(hatched, start=_SHADES + 1):
+            table[n] = colour
+            level[here & _pattern(pattern, len(level))] = n
+        edge = cv2.morphologyEx((ground & inside).view(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+        level[edge.view(bool)] = 255
+    fine = cv2.LUT(cv2.merge([level] * 3), table[None])
+    small = cv2.resize(fine, None, fx=1 / _FINE, fy=1 / _FINE, interpolation=cv2.INTER_AREA)
+    left, top = round(centre[0] - radius), round(centre[1] - radius)
+    place = canvas.image[top : top + len(small), left : left + len(small)]
+    np.copyto(place, small, where=coverage)
+
+
+def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour) -> None:
+    """A sample of a hatching for a legend, 28 by 18 pixels."""
+    import cv2
+
+    fine = np.full((36, 56, 3), GROUND, np.uint8)
+    fine[_pattern(pattern, 56)[:36]] = colour
+    x, y = round(left), round(top)
+    canvas.image[y : y + 18, x : x + 28] = cv2.resize(fine, (28, 18), interpolation=cv2.INTER_AREA)
+
+
+def _warped(looks: npt.NDArray[Any], radius: int) -> npt.NDArray[np.float32]:
+    """Looks (zenith, azimuth) on the fine pixels of a disc, linear between them."""
+    import cv2
+
+    places = _places(radius, *looks.shape)
+    return np.asarray(cv2.remap(np.asarray(looks, np.float32), *places, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))
+
+
+@lru_cache(maxsize=16)
+def _pattern(pattern: str, side: int) -> npt.NDArray[np.bool_]:
+    x, y = np.arange(side)[None, :], np.arange(side)[:, None]
+    if pattern == "/":
+        return np.asarray((x + y) % 18 < 5)
+    if pattern == "\\":
+        return np.asarray((x - y) % 18 < 5)
+    return np.asarray(((x % 14) < 4) & (((y + 7 * (x // 14 % 2)) % 14) < 4))
+
+
+@lru_cache(maxsize=8)
+def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Which fine pixels of a disc lie inside, and which pixels (row, column, 1)."""
+    fine, coarse = (np.hypot(a[None, :], a[:, None]) <= radius for a in (_axis(radius, _FINE), _axis(radius, 1)))
+    return fine, coarse[..., None]
+
+
+@lru_cache(maxsize=8)
+def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
+    """Where the fine pixels of a disc lie among the looks, as cv2.remap wants it."""
+    import cv2
+
+    axis = _axis(radius, _FINE)
+    x, y = axis[None, :], -axis[:, None]
+    column = np.mod(np.arctan2(x, y) / np.float32(2 * np.pi), 1.0) * (around - 1)
+    row = np.minimum(np.hypot(x, y) * np.float32((down - 1) / radius), down - 1)
+    return cv2.convertMaps(column.astype(np.float32), row.astype(np.float32), cv2.CV_16SC2)
+
+
+def _axis(radius: int, fine: int) -> npt.NDArray[np.float32]:
+    return ((np.arange(2 * radius * fine) + 0.5) / fine - radius).astype(np.float32)
+
+
+@lru_cache(maxsize=4)
+def _colours(name: str) -> Image:
+    import cv2
+
+    known = {"viridis": cv2.COLORMAP_VIRIDIS, "cividis": cv2.COLORMAP_CIVIDIS, "magma": cv2.COLORMAP_MAGMA}
+    return np.asarray(cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], known[name])[:, 0, ::-1], np.uint8)
+
+
+@lru_cache(maxsize=16)
+def _font(size: float) -> Any:
+    from PIL import ImageFont
+
+    return ImageFont.load_default(size)
+
+
+def _fixed(points: Sequence[Point]) -> npt.NDArray[np.int32]:
+    return np.rint(np.asarray(points, np.float64) * 2**_SHIFT).astype(np.int32)

@@ -1,0 +1,275 @@
+"""What a planner says: place and time, wind, air, water, object, sensor, and what is too much glint.
+
+One frozen value that resolves everything left out, says what it assumed, and refuses what no model holds for.
+This room opens no files; a mission file is read elsewhere and comes in as a mapping (`deglint.plan.missionfile`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from ..errors import InputError
+from ..physics import slopes, sun
+from ..physics._checks import choice, within
+from ..physics.atmosphere import STANDARD_PRESSURE, Air, ozone
+from ..physics.presets import preset
+from ..physics.sensor import Sensor, SensorBand
+from ..physics.sky import MODELS as SKIES
+from .skylight import Wind
+
+WATERS = ("scattering", "absorption")
+"""Models of how an object shines through the water."""
+MEASURED_WIND = 14.0
+"""Wind up to which Cox and Munk measured slopes [m/s]."""
+SUN_LIMIT = 89.0
+"""Zenith angle beyond which the sun is too low to plan with [degree]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """When a look is kept out of.
+
+    Attributes
+    ----------
+    glint : float
+        Glint radiance per irradiance of a plane facing the sun [1/sr]: above it, keep out. Ocean colour calls
+        1e-4 moderate and 5e-3 high glint.
+    glint_probability : float, optional
+        Share of the sea that mirrors the sun: above it, keep out.
+    tolerance : float, optional
+        Angle from the sun's centre that counts as the sun in the probability [degree]; the true disk by default.
+    sky_ratio, sky_probability : float
+        Keep out where a share of the sea above `sky_probability` mirrors more than `sky_ratio` times the
+        radiance of the deep water.
+    snr : float
+        Contrast of the object over the noise that makes it detectable in a band.
+    ner : float, optional
+        Noise-equivalent radiance [W m-2 sr-1 nm-1] in place of the sensor's own.
+    """
+
+    glint: float = 1e-3
+    glint_probability: float | None = None
+    tolerance: float | None = None
+    sky_ratio: float = 2.0
+    sky_probability: float = 0.1
+    snr: float = 3.0
+    ner: float | None = None
+
+    def __post_init__(self) -> None:
+        within("glint", self.glint, 1e-12, 10.0, "1/sr", "1e-3 is the default, 1e-4 strict.")
+        if self.glint_probability is not None:
+            within("glint_probability", self.glint_probability, 0.0, 1.0, "", "Give a share, such as 1e-5.")
+        if self.tolerance is not None:
+            within("tolerance", self.tolerance, 1e-3, 20.0, "degrees", "The solar disk has 0.27.")
+        within("sky_ratio", self.sky_ratio, 1e-3, 1e6, "", "2 means: the sky twice as bright as the water.")
+        within("sky_probability", self.sky_probability, 0.0, 1.0, "", "Give a share, such as 0.1.")
+        within("snr", self.snr, 0.0, 1e6, "", "3 is usual: contrast of three times the noise.")
+        if self.ner is not None:
+            within("ner", self.ner, 1e-9, 10.0, "W m-2 sr-1 nm-1", "5e-4 is usual.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mission:
+    """All that a plan depends on. What is left out is assumed; `assumed` says what.
+
+    Attributes
+    ----------
+    latitude, longitude : float, optional
+        Of the object, north and east positive [degree].
+    time : str, datetime or numpy.datetime64, optional
+        What names no zone is UTC.
+    sun_zenith, sun_azimuth : float, optional
+        In place of place and time [degree].
+    wind : float
+        At `wind_height` [m/s].
+    wind_from : float
+        Azimuth that it blows from [degree].
+    wind_height : float
+        [m]
+    air : Air, optional
+        State of the atmosphere, whose wind of now is always that of the mission; by default also the mean wind,
+        humidity 80 %, 2.5 cm of water vapour, visibility 40 km and the usual ozone of place and day.
+    chlorophyll : float
+        Of the case-1 water [mg m-3].
+    depth, reflectance : float
+        Of the object [m], [1].
+    sensor : Sensor
+    bands : tuple of str
+        Which of its bands; all if empty.
+    slopes : str
+        One of `deglint.physics.slopes.MODELS`.
+    sky : str
+        One of `deglint.physics.sky.MODELS`.
+    water : {"scattering", "absorption"}
+        The object by path lengths in water that scatters (Lee et al. 1999), or in water that only absorbs.
+    limits : Limits
+    step, widest : float
+        Step between looks, and largest zenith angle of a look [degree].
+
+    Raises
+    ------
+    InputError
+        A value is out of the range of its model, or the sun is down.
+    """
+
+    latitude: float | None = None
+    longitude: float | None = None
+    time: Any = None
+    sun_zenith: float | None = None
+    sun_azimuth: float | None = None
+    wind: float = 5.0
+    wind_from: float = 0.0
+    wind_height: float = 10.0
+    air: Air | None = None
+    chlorophyll: float = 0.5
+    depth: float = 5.0
+    reflectance: float = 0.15
+    sensor: Sensor = field(default_factory=lambda: preset("thesis"))
+    bands: tuple[str, ...] = ()
+    slopes: str = "cox-munk"
+    sky: str = "harrison-coombes"
+    water: Literal["scattering", "absorption"] = "scattering"
+    limits: Limits = field(default_factory=Limits)
+    step: float = 1.0
+    widest: float = 80.0
+
+    def __post_init__(self) -> None:
+        choice("slopes", self.slopes, slopes.MODELS)
+        choice("sky", self.sky, SKIES)
+        choice("water", self.water, WATERS)
+        within("wind_height", self.wind_height, 1.0, 100.0, "m", "Give the height of the mast.")
+        within("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
+        within("wind_from", self.wind_from, -360.0, 360.0, "degrees", "Give where it blows from, from north.")
+        within("depth", self.depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
+        within("reflectance", self.reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
+        within("chlorophyll", self.chlorophyll, 0.01, 30.0, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore.")
+        within("step", self.step, 0.25, 10.0, "degrees", "1 is usual; memory grows with its inverse square.")
+        within("widest", self.widest, 10.0, 85.0, "degrees", "Nearer to the horizon waves hide each other.")
+        _finite(self)
+        self._check_sun()
+        for name in self.bands:
+            self.sensor.band(name)
+
+    def _check_sun(self) -> None:
+        if (self.sun_zenith is None) != (self.sun_azimuth is None):
+            raise InputError("sun_zenith and sun_azimuth go together; give both, or place and time.")
+        if self.sun_zenith is not None:
+            within("sun_zenith", self.sun_zenith, 0.0, SUN_LIMIT, "degrees", "The sun is down; choose another time.")
+            return
+        if self.latitude is None or self.longitude is None:
+            raise InputError("where the sun stands is not known: give latitude and longitude, or the sun's angles.")
+        within("latitude", self.latitude, -90.0, 90.0, "degrees", "North is positive.")
+        within("longitude", self.longitude, -180.0, 360.0, "degrees", "East is positive.")
+        if self.sun[0] > SUN_LIMIT:
+            raise InputError(f"{self._down()}{self._rises()}")
+
+    def _down(self) -> str:
+        high = 90.0 - self.sun[0]
+        where = f"below the horizon ({high:.1f} degrees)" if high < 0 else f"too low ({high:.1f} degrees; 1 is needed)"
+        return f"the sun is {where} at {self.moment}Z, latitude {self.latitude:g}, longitude {self.longitude:g}. "
+
+    def _rises(self) -> str:
+        assert self.latitude is not None and self.longitude is not None  # noqa: PT018
+        rise = sun.next_rise(self.latitude, self.longitude, self.moment)
+        if np.isnat(rise):
+            return "It does not rise within a day; choose another date."
+        return f"It rises at {str(rise)[:16]}Z: choose a later time."
+
+    @property
+    def strongest_wind(self) -> float:
+        """Strongest wind at `wind_height` that slope model and atmosphere hold for [m/s]."""
+        wanted = slopes.MODELS[self.slopes].height
+        at_own = slopes.wind_at_height(slopes.WIND_RANGE[1], measured_at=wanted, wanted_at=self.wind_height)
+        at_ten = slopes.wind_at_height(20.0, measured_at=10.0, wanted_at=self.wind_height)
+        return float(np.floor(100.0 * min(at_own, at_ten)) / 100.0)
+
+    @cached_property
+    def moment(self) -> np.datetime64 | None:
+        """Time in UTC, to the second; None where the sun is given by angles alone."""
+        if self.time is None and self.latitude is None:
+            return None
+        if self.time is None:
+            return np.datetime64("now", "s")
+        return sun.moment(self.time)
+
+    @cached_property
+    def sun(self) -> tuple[float, float]:
+        """Zenith angle and azimuth of the sun [degree]."""
+        if self.sun_zenith is not None and self.sun_azimuth is not None:
+            return float(self.sun_zenith), float(self.sun_azimuth) % 360.0
+        assert self.latitude is not None and self.longitude is not None  # noqa: PT018
+        zenith, azimuth = sun.position(self.latitude, self.longitude, self.moment)
+        return float(zenith), float(azimuth)
+
+    @property
+    def day(self) -> float | None:
+        """Day of the year, for the distance of the sun; None where no time is given."""
+        return None if self.moment is None else float(sun.day_of_year(self.moment))
+
+    @cached_property
+    def weather(self) -> Air:
+        """State of the atmosphere."""
+        ten = float(slopes.wind_at_height(self.wind, measured_at=self.wind_height, wanted_at=10.0))
+        ten = min(ten, 20.0)  # but for rounding it is
+        if self.air is not None:
+            return replace(self.air, wind=ten)
+        return Air(
+            humidity=80.0,
+            water_vapour=2.5,
+            visibility=40.0,
+            wind=ten,
+            wind_mean=ten,
+            ozone=self.usual_ozone,
+            pressure=STANDARD_PRESSURE,
+        )
+
+    @property
+    def usual_ozone(self) -> float:
+        """Ozone column of the climatology for place and day; 300 where they are not known [DU]."""
+        if self.latitude is None or self.longitude is None or self.day is None:
+            return 300.0
+        return float(ozone(self.latitude, self.longitude, self.day))
+
+    @property
+    def slope_wind(self) -> Wind:
+        """Wind as the slope model wants it."""
+        height = slopes.MODELS[self.slopes].height
+        speed = slopes.wind_at_height(self.wind, measured_at=self.wind_height, wanted_at=height)
+        return Wind(float(np.clip(speed, *slopes.WIND_RANGE)), float(self.wind_from) % 360.0, self.slopes)
+
+    @property
+    def channels(self) -> tuple[SensorBand, ...]:
+        """The bands of the sensor that count."""
+        return tuple(self.sensor.band(name) for name in self.bands) or self.sensor.bands
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What a planner should know before trusting the plan."""
+        out = []
+        if self.wind > MEASURED_WIND:
+            out.append(f"wind {self.wind:g} m/s: slopes were measured up to {MEASURED_WIND:g} m/s; foam is left out.")
+        if self.wind < 1.0:
+            out.append(f"wind {self.wind:g} m/s: slopes were measured from 1 m/s on; swell is left out.")
+        if self.sun[0] > 75.0:
+            out.append(
+                f"sun {90 - self.sun[0]:.0f} degrees high: the light in the water is that of a sun at 15 degrees."
+            )
+        return tuple(out)
+
+    def at(self, time: Any) -> Mission:
+        """The same mission at another time, with the sun of that time."""
+        return replace(self, time=time, sun_zenith=None, sun_azimuth=None)
+
+
+def _finite(mission: Mission) -> None:
+    """Refuse NaN, which ranges let pass."""
+    groups: list[Any] = [mission, mission.limits] + ([mission.air] if mission.air is not None else [])
+    for group in groups:
+        for item in fields(group):
+            value = getattr(group, item.name)
+            if isinstance(value, float) and not np.isfinite(value):
+                raise InputError(f"{item.name} must be a finite number, got {value}; give one.")

@@ -1,0 +1,199 @@
+"""The reticle: for every look at the object, how much glint, how much sky, how much contrast, and keep-out or not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import BandError
+from ..physics import glint, sun
+from ..physics.sensor import electrons, noise_equivalent_radiance
+from .mission import Mission
+from .radiance import Light, light
+from .skylight import skylight
+
+Array = npt.NDArray[np.floating[Any]]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Reticle:
+    """What a sensor sees from every look. Looks are (zenith, azimuth); layers with bands (band, zenith, azimuth).
+
+    Attributes
+    ----------
+    mission : Mission
+    zenith, azimuth : (zenith,) and (azimuth,) ndarray
+        Of the sensor as seen from the object [degree]; azimuth 0 and 360 are both there.
+    light : Light
+        Irradiances, and radiances out of the water.
+    glint_probability : ndarray
+        Share of the sea that mirrors the sun's disk, or the tolerance around its centre [1].
+    glint_strength : ndarray
+        Glint radiance per irradiance of a plane facing the sun [1/sr].
+    sky_strength : ndarray
+        Mirrored skylight per diffuse irradiance [1/sr].
+    sky_probability : (band, ...) ndarray
+        Share of the sea that mirrors more than the limit's multiple of the deep water's radiance [1].
+    weber : (band, ...) ndarray
+        Contrast of object and deep water, both without surface reflections, (LT - LB) / LB [1].
+    snr : (band, ...) ndarray
+        The same difference over the noise-equivalent radiance, never negative [1].
+    clear_of_glint : bool ndarray
+        Mask of sun glint, True where the look is good.
+    clear_of_sky, detectable : (band, ...) bool ndarray
+        Masks of mirrored sky, and of contrast above the noise (and no saturation); True where the look is good.
+    """
+
+    mission: Mission
+    zenith: Array
+    azimuth: Array
+    light: Light = field(repr=False)
+    glint_probability: Array = field(repr=False)
+    glint_strength: Array = field(repr=False)
+    sky_strength: Array = field(repr=False)
+    sky_probability: Array = field(repr=False)
+    weber: Array = field(repr=False)
+    snr: Array = field(repr=False)
+    clear_of_glint: Mask = field(repr=False)
+    clear_of_sky: Mask = field(repr=False)
+    detectable: Mask = field(repr=False)
+
+    @property
+    def bands(self) -> tuple[str, ...]:
+        """Names of the bands."""
+        return tuple(b.name for b in self.mission.channels)
+
+    def index(self, band: str) -> int:
+        """Place of a band among the layers.
+
+        Raises
+        ------
+        BandError
+            There is no such band, or it does not count in this mission.
+        """
+        name = self.mission.sensor.band(band).name
+        if name not in self.bands:
+            raise BandError(f"band {name} does not count in this plan; add it to the bands, {', '.join(self.bands)}.")
+        return self.bands.index(name)
+
+    @property
+    def glint_radiance(self) -> Array:
+        """Of each band [W m-2 sr-1 nm-1]."""
+        return np.asarray(self.light.normal[:, None, None] * self.glint_strength)
+
+    @property
+    def sky_radiance(self) -> Array:
+        """Mirrored skylight of each band [W m-2 sr-1 nm-1]."""
+        return np.asarray(self.light.diffuse[:, None, None] * self.sky_strength)
+
+    @cached_property
+    def by_band(self) -> Array:
+        """The combined map of each band: contrast over noise, and 0 where any mask keeps out (thesis, 2.7.4)."""
+        return np.asarray(self.snr * (self.clear_of_glint & self.clear_of_sky & self.detectable))
+
+    @cached_property
+    def combined(self) -> Array:
+        """The combined map of all bands: root of the sum of squares of `by_band`, 0 where no band is usable."""
+        return np.sqrt(np.sum(np.square(self.by_band), axis=0))
+
+    @property
+    def keep_out(self) -> Mask:
+        """Looks from which no band is usable."""
+        return np.asarray(~(self.clear_of_glint & (self.clear_of_sky & self.detectable).any(axis=0)))
+
+    def counts(self) -> dict[str, Array]:
+        """Electrons of each component, (band, zenith, azimuth): thesis, eq. 2.23."""
+        parts = {
+            "background": self.light.background,
+            "object": self.light.target,
+            "sky": self.sky_radiance,
+            "glint": self.glint_radiance,
+        }
+        sensor = self.mission.sensor
+        return {
+            name: np.stack([electrons(layer, sensor, b) for layer, b in zip(part, self.mission.channels, strict=True)])
+            for name, part in parts.items()
+        }
+
+
+def reticle(mission: Mission) -> Reticle:
+    """Work out a mission for all looks.
+
+    Parameters
+    ----------
+    mission : Mission
+
+    Returns
+    -------
+    Reticle
+        Zenith angles 0 to `mission.widest`, azimuths 0 to 360, in steps of `mission.step`.
+
+    Raises
+    ------
+    InputError
+        A value is out of the range of a model.
+
+    References
+    ----------
+    Fink (2014), "Glint avoidance and removal in the maritime environment", Rochester Institute of Technology,
+    chapter 2: eq. 2.22 to 2.31, with the sums over facets in closed form.
+
+    Examples
+    --------
+    >>> from deglint.plan import Mission
+    >>> plan = reticle(Mission(sun_zenith=20.5, sun_azimuth=270.2, wind=9.0, wind_height=12.5, step=5.0))
+    >>> float(plan.glint_strength[0, 0].round(5))
+    0.01571
+    """
+    limits, wind = mission.limits, mission.slope_wind
+    zenith, azimuth = looks(mission)
+    seen = light(mission, zenith, azimuth)
+    disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
+    spark = glint.sun_glint(
+        *mission.sun, zenith[:, None], azimuth, wind=wind.speed, wind_from=wind.blows_from, model=wind.model,
+        solid_angle=disk,
+    )  # fmt: skip
+    mirrored = skylight(zenith, azimuth, mission.sun, wind, model=mission.sky)
+    ratio = (limits.sky_ratio / seen.diffuse)[:, None, None] * seen.background
+    sky_probability = mirrored.share_above(ratio)
+    rest = seen.normal[:, None, None] * spark.radiance + seen.diffuse[:, None, None] * mirrored.mean
+    snr = np.abs(seen.target - seen.background) / _noise(mission, seen.background + rest)
+    brightest = np.array([b.full_scale for b in mission.channels])[:, None, None]
+    clear = spark.radiance <= limits.glint
+    if limits.glint_probability is not None:
+        clear &= spark.probability <= limits.glint_probability
+    return Reticle(
+        mission=mission,
+        zenith=zenith,
+        azimuth=azimuth,
+        light=seen,
+        glint_probability=np.minimum(spark.probability, 1.0),
+        glint_strength=spark.radiance,
+        sky_strength=mirrored.mean,
+        sky_probability=sky_probability,
+        weber=seen.target / seen.background - 1.0,
+        snr=snr,
+        clear_of_glint=clear,
+        clear_of_sky=sky_probability <= limits.sky_probability,
+        detectable=(snr > limits.snr) & (np.maximum(seen.background, seen.target) + rest < brightest),
+    )
+
+
+def looks(mission: Mission) -> tuple[Array, Array]:
+    """Zenith angles and azimuths of the looks of a mission [degree]."""
+    down = round(mission.widest / mission.step)
+    around = round(360.0 / mission.step)
+    return np.linspace(0.0, mission.widest, max(down, 1) + 1), np.linspace(0.0, 360.0, around + 1)
+
+
+def _noise(mission: Mission, radiance: Array) -> Array:
+    """Noise-equivalent radiance of each band at its radiance [W m-2 sr-1 nm-1]."""
+    if mission.limits.ner is not None:
+        return np.full((len(radiance), 1, 1), mission.limits.ner)
+    pairs = zip(radiance, mission.channels, strict=True)
+    return np.stack([noise_equivalent_radiance(layer, mission.sensor, band) for layer, band in pairs])

@@ -1,0 +1,232 @@
+"""A page with sliders on this machine alone: the plan, drawn anew as wind, time, place and depth change.
+
+Bound to the loopback address; a request that names another host, as a web page elsewhere could make a browser
+send, is refused. The page holds all it needs and loads nothing from anywhere.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import secrets
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import numpy as np
+
+from ..errors import DeglintError, InputError
+from ..physics.presets import PRESETS
+from .advice import best_look, quality, sentence
+from .draw import png
+from .mission import Mission
+from .missionfile import merged, mission_from, tables_of
+from .picture import _CENTRE, _RADIUS, HEIGHT, WIDTH, picture
+from .reticle import Reticle, reticle
+
+ADDRESS = "127.0.0.1"
+_NUMBERS = {  # name in the page: table and key of the mission
+    "latitude": ("place", "latitude"),
+    "longitude": ("place", "longitude"),
+    "sun_zenith": ("sun", "zenith"),
+    "sun_azimuth": ("sun", "azimuth"),
+    "wind": ("wind", "speed"),
+    "wind_from": ("wind", "from"),
+    "depth": ("object", "depth"),
+    "reflectance": ("object", "reflectance"),
+    "chlorophyll": ("water", "chlorophyll"),
+    "visibility": ("air", "visibility"),
+    "glint": ("limits", "glint"),
+}
+_THIN = 4  # every so many looks are told to the page, for what it says under the pointer
+
+
+def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: bool = True) -> None:
+    """Serve the page until Ctrl-C.
+
+    Parameters
+    ----------
+    mission : Mission
+        Where the sliders start; what they do not show stays as it is.
+    port : int
+        0 takes a free one.
+    say : callable
+        Told the address.
+    browser : bool
+        Open the page in a browser.
+
+    Raises
+    ------
+    InputError
+        The port is taken.
+    """
+    server = make_server(mission, port)
+    answer(mission, {})  # the first drawing loads what draws; no one need wait for it
+    url = f"http://{ADDRESS}:{server.server_address[1]}/"
+    say(f"the plan is at {url}, for this machine only. Ctrl-C ends it.")
+    if browser:
+        import webbrowser
+
+        webbrowser.open(url)
+    try:
+        server.serve_forever()
+    except KeyboardInterrupt:
+        say("ended.")
+    finally:
+        server.server_close()
+
+
+def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
+    """The server, bound to the loopback address and not yet serving.
+
+    Raises
+    ------
+    InputError
+        The port is taken.
+    """
+
+    class Handler(_Handler):
+        base = mission
+
+    try:
+        return ThreadingHTTPServer((ADDRESS, port), Handler)
+    except OSError as error:
+        raise InputError(f"port {port} cannot be had: {error.strerror}. Give another --port, or 0.") from error
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers GET / with the page and GET /plan?... with a plan."""
+
+    base: Mission
+    protocol_version = "HTTP/1.1"
+    server_version = "deglint"
+    sys_version = ""
+    timeout = 60
+
+    def do_GET(self) -> None:
+        """Answer, if the request was meant for this machine."""
+        if not self._is_ours():
+            self._send(HTTPStatus.MISDIRECTED_REQUEST, "text/plain", b"this page is for this machine only\n")
+            return
+        parts = urlsplit(self.path)
+        if parts.path == "/":
+            self._page()
+        elif parts.path == "/plan":
+            self._plan({name: values[-1] for name, values in parse_qs(parts.query).items()})
+        else:
+            self._send(HTTPStatus.NOT_FOUND, "text/plain", b"there is / and /plan\n")
+
+    def _is_ours(self) -> bool:
+        """Host names the loopback address, so that no other site's name can be pointed here."""
+        port = int(getattr(self.server, "server_port", 0))
+        return self.headers.get("Host", "") in {f"{ADDRESS}:{port}", f"localhost:{port}"}
+
+    def _page(self) -> None:
+        nonce = secrets.token_urlsafe(16)
+        text = resources.files(__package__).joinpath("page.html").read_text(encoding="utf-8")
+        start = json.dumps(_start(self.base)).replace("<", "\\u003c")
+        text = text.replace("{{nonce}}", nonce).replace("{{start}}", start)
+        policy = (
+            f"default-src 'none'; img-src data:; connect-src 'self'; style-src 'nonce-{nonce}';"
+            f" script-src 'nonce-{nonce}'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        )
+        self._send(HTTPStatus.OK, "text/html; charset=utf-8", text.encode(), {"Content-Security-Policy": policy})
+
+    def _plan(self, asked: Mapping[str, str]) -> None:
+        try:
+            found, status = answer(self.base, asked), HTTPStatus.OK
+        except DeglintError as error:
+            found, status = {"error": str(error)}, HTTPStatus.BAD_REQUEST
+        self._send(status, "application/json", json.dumps(found).encode())
+
+    def _send(self, status: HTTPStatus, kind: str, body: bytes, headers: Mapping[str, str] | None = None) -> None:
+        self.send_response(status)
+        fixed = {"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store",
+                 "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer",
+                 "Cross-Origin-Resource-Policy": "same-origin"}  # fmt: skip
+        for name, value in {**fixed, **(headers or {})}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  (the name that the base class gives it)
+        """Say nothing of single requests."""
+
+
+def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
+    """The plan for what the page asks: picture, words, and the looks under the pointer.
+
+    Parameters
+    ----------
+    base : Mission
+    asked : mapping of str to str
+        Values of the sliders by name; those not named stay as in `base`.
+
+    Raises
+    ------
+    InputError
+        A value cannot be used, or the sun is down.
+    """
+    tables: dict[str, dict[str, Any]] = {}
+    for name, text in asked.items():
+        if name in _NUMBERS:
+            table, key = _NUMBERS[name]
+            try:
+                tables.setdefault(table, {})[key] = float(text)
+            except ValueError:
+                raise InputError(f"{name} must be a number, got {text[:40]!r}.") from None
+        elif name == "time":
+            tables.setdefault("place", {})["time"] = text
+        elif name not in ("sensor", "band"):
+            raise InputError(f"there is no {name[:40]!r} to set; there are {', '.join(_NUMBERS)}, time, sensor, band.")
+    mission = mission_from(merged(_given(base), tables), "the page")
+    if asked.get("sensor", base.sensor.name) != base.sensor.name:
+        mission = _with_sensor(mission, asked["sensor"])
+    plan = reticle(mission)
+    band = asked.get("band") or None
+    look = best_look(plan, band=band)
+    return {
+        "picture": base64.b64encode(png(picture(plan, band=band))).decode(),
+        "words": sentence(look) + ("" if look is None else f" {quality(look)}"),
+        "bands": list(plan.bands),
+        "pointer": _pointer(plan),
+    }
+
+
+def _given(base: Mission) -> dict[str, dict[str, Any]]:
+    """Tables of a mission without what follows from wind, place and time, so that it follows the sliders."""
+    tables = tables_of(base)
+    if base.air is None:
+        tables.pop("air", None)
+        tables["wind"].pop("mean", None)
+    return tables
+
+
+def _with_sensor(mission: Mission, name: str) -> Mission:
+    if name not in PRESETS:
+        raise InputError(f"sensor must be one of {', '.join(PRESETS)}, got {name[:40]!r}. Choose one of these.")
+    return replace(mission, sensor=PRESETS[name], bands=())
+
+
+def _start(base: Mission) -> dict[str, Any]:
+    """Where the page starts."""
+    tables = tables_of(base)
+    values = {name: tables.get(table, {}).get(key) for name, (table, key) in _NUMBERS.items()}
+    time = None if base.sun_zenith is not None else f"{base.moment}"[:16]
+    sensors = [base.sensor.name, *(name for name in PRESETS if name != base.sensor.name)]
+    frame = {"width": WIDTH, "height": HEIGHT, "x": _CENTRE[0], "y": _CENTRE[1], "radius": _RADIUS}
+    return {"values": values, "time": time, "sensors": sensors, "sensor": base.sensor.name, "frame": frame,
+            "strongest": base.strongest_wind}  # fmt: skip
+
+
+def _pointer(plan: Reticle) -> dict[str, Any]:
+    thin = (slice(None, None, _THIN), slice(None, None, _THIN))
+    return {
+        "widest": plan.mission.widest,
+        "contrast": np.rint(plan.combined[thin]).astype(int).tolist(),
+        "glint": np.log10(np.maximum(plan.glint_probability[thin], 1e-12)).round(1).tolist(),
+    }

@@ -1,0 +1,166 @@
+"""A flight line: how much of the sensor's whole field of view lies in glint, and which heading keeps it out."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..physics import glint
+from ..physics._checks import within
+from .mission import Mission
+from .missionfile import tables_of
+
+Array = npt.NDArray[np.floating[Any]]
+
+EARTH_RADIUS = 6_371_000.0
+"""[m]"""
+_ACROSS, _ALONG = 121, 31
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """What a sensor sees at once, or sweeps over on a line.
+
+    Attributes
+    ----------
+    across, along : float
+        Full angle of the field of view across and along the track [degree]; 0 along is a line scanner.
+    pitch, roll : float
+        How far its middle looks forward, and to the right [degree].
+    altitude : float
+        Above the sea [m]; the Earth is round, which matters to satellites.
+    """
+
+    across: float = 40.0
+    along: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
+    altitude: float = 300.0
+
+    def __post_init__(self) -> None:
+        within("field of view", [self.across, self.along], 0.0, 160.0, "degrees", "Give the full angle.")
+        within("pitch and roll", [self.pitch, self.roll], -80.0, 80.0, "degrees", "0 looks straight down.")
+        within("altitude", self.altitude, 1.0, 4e7, "m", "Give metres above the sea.")
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """Glint on flight lines of every heading.
+
+    Attributes
+    ----------
+    view : View
+    heading : (heading,) ndarray
+        [degree]
+    fraction : (heading,) ndarray
+        Share of the field of view whose glint exceeds the limit, as seen by the detector [1].
+    mean : (heading,) ndarray
+        Mean glint radiance per irradiance of a plane facing the sun [1/sr].
+    across : (across,) ndarray
+        Angles across the track, right positive [degree].
+    profile : (heading, across) ndarray
+        Largest glint along the track at each angle across [1/sr].
+    """
+
+    view: View
+    heading: Array
+    fraction: Array = field(repr=False)
+    mean: Array = field(repr=False)
+    across: Array = field(repr=False)
+    profile: Array = field(repr=False)
+
+    @property
+    def best(self) -> int:
+        """Index of the heading with the least of its view in glint, then the least glint."""
+        return int(np.lexsort((self.mean, self.fraction.round(3)))[0])
+
+    def words(self) -> str:
+        """The best and the worst heading."""
+        best, worst = self.best, int(np.lexsort((-self.mean, -self.fraction.round(3)))[0])
+        where = f"{self.view.across:g} degrees across" + (f" by {self.view.along:g}" if self.view.along else "")
+        if self.fraction[worst] < 5e-4:
+            return f"Any heading will do: no part of the view ({where}) is in glint."
+        return (
+            f"Fly heading {self.heading[best]:03.0f}: {100 * self.fraction[best]:.0f} % of the view ({where}) in glint;"
+            f" worst is {self.heading[worst]:03.0f} with {100 * self.fraction[worst]:.0f} %."
+        )
+
+
+def looks(view: View, heading: npt.ArrayLike) -> tuple[Array, Array]:
+    """Where the sensor stands as seen from each point of its view.
+
+    Parameters
+    ----------
+    view : View
+    heading : array_like
+        Of the flight [degree].
+
+    Returns
+    -------
+    zenith, azimuth : (..., along, across) ndarray
+        [degree]; NaN where a ray misses the Earth.
+    """
+    across = np.radians(np.linspace(-0.5, 0.5, _ACROSS) * view.across)
+    along = np.radians(np.linspace(-0.5, 0.5, _ALONG if view.along else 1) * view.along)[:, None]
+    right, ahead = np.tan(across) + 0.0 * along, np.tan(along) + 0.0 * across
+    down = np.ones_like(right)
+    pitch, roll = np.radians(view.pitch), np.radians(view.roll)
+    right, down = right * np.cos(roll) + down * np.sin(roll), down * np.cos(roll) - right * np.sin(roll)
+    ahead, down = ahead * np.cos(pitch) + down * np.sin(pitch), down * np.cos(pitch) - ahead * np.sin(pitch)
+    level = np.hypot(right, ahead)
+    sine = level / np.hypot(level, down) * (1.0 + view.altitude / EARTH_RADIUS)
+    zenith = np.degrees(np.arcsin(np.where((sine <= 1.0) & (down > 0.0), sine, np.nan)))
+    towards = np.degrees(np.arctan2(right, ahead)) + np.asarray(heading, np.float64)[..., None, None]
+    return np.broadcast_to(zenith, towards.shape), (towards + 180.0) % 360.0
+
+
+def flight_line(mission: Mission, view: View, headings: npt.ArrayLike | None = None) -> Line:
+    """Glint over the field of view for every heading.
+
+    Parameters
+    ----------
+    mission : Mission
+    view : View
+    headings : array_like, optional
+        [degree]; every 5 degrees if left out.
+
+    Returns
+    -------
+    Line
+        Points beyond the widest look of the glint model, 89 degrees, or off the Earth count as in glint.
+    """
+    heading = np.arange(0.0, 360.0, 5.0) if headings is None else np.atleast_1d(np.asarray(headings, np.float64))
+    zenith, azimuth = looks(view, heading)
+    seen = zenith < glint.VIEW_LIMIT
+    wind = mission.slope_wind
+    strength = glint.sun_glint(
+        *mission.sun,
+        np.where(seen, zenith, 0.0),
+        azimuth,
+        wind=wind.speed,
+        wind_from=wind.blows_from,
+        model=wind.model,
+    ).radiance
+    spoilt = ~seen | (strength > mission.limits.glint)
+    kept = np.where(seen, strength, np.nan)
+    with np.errstate(invalid="ignore"):
+        mean = np.nanmean(np.where(seen, strength, 0.0), axis=(1, 2))
+    profile = np.where(np.isnan(kept).all(axis=1), np.nan, np.nan_to_num(kept, nan=0.0).max(axis=1))
+    across = np.linspace(-0.5, 0.5, _ACROSS) * view.across
+    return Line(view, heading, spoilt.mean(axis=(1, 2)), mean, across, profile)
+
+
+def numbers(mission: Mission, line: Line) -> dict[str, Any]:
+    """The flight lines for JSON."""
+    return {
+        "mission": tables_of(mission),
+        "view": asdict(line.view),
+        "best": {"heading": line.heading[line.best], "fraction": line.fraction[line.best]},
+        "words": line.words(),
+        "heading": line.heading,
+        "fraction": line.fraction,
+        "mean_glint": line.mean,
+    }

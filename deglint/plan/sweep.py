@@ -1,0 +1,139 @@
+"""The same mission over a span of time: when to fly, and from where to look then."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..physics import sun
+from .advice import Look, best_look, compass
+from .dataset import solid_share
+from .mission import SUN_LIMIT, Mission
+from .missionfile import tables_of
+from .reticle import Reticle, reticle
+
+MOST = 500
+"""Times in a sweep."""
+COARSE = 2.0
+"""Step between looks in a sweep, where the mission has a finer one [degree]."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What the mission is like at one time.
+
+    Attributes
+    ----------
+    time : numpy.datetime64
+        UTC.
+    sun_zenith, sun_azimuth : float
+        [degree]
+    look : Look or None
+        The best look; None where there is none, or the sun is too low.
+    keep_out_share : float
+        Share of the sky above the object that is to be kept out of [1].
+    """
+
+    time: np.datetime64
+    sun_zenith: float
+    sun_azimuth: float
+    look: Look | None
+    keep_out_share: float
+
+
+def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
+    """Times from start to end, both counted in.
+
+    Raises
+    ------
+    InputError
+        The end lies before the start, or there are more than `MOST`.
+    """
+    first, last = sun.moment(start), sun.moment(end)
+    if last < first:
+        raise InputError(f"--to must not lie before --from, got {first}Z to {last}Z.")
+    step = np.timedelta64(round(60 * minutes), "s")
+    count = int((last - first) / step) + 1
+    if count > MOST:
+        raise InputError(f"a sweep has at most {MOST} times, got {count}: give a longer --every, or a shorter span.")
+    return [first + k * step for k in range(count)]
+
+
+def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) -> np.datetime64:
+    """The time at which the sun stands highest."""
+    zenith = sun.position(latitude, longitude, np.array(when, dtype="datetime64[s]")).zenith
+    return when[int(np.argmin(zenith))]
+
+
+def sweep(mission: Mission, when: list[np.datetime64]) -> list[Moment]:
+    """Work out a mission at several times.
+
+    Parameters
+    ----------
+    mission : Mission
+        With a place; its own time does not matter.
+    when : list of numpy.datetime64
+        UTC.
+
+    Returns
+    -------
+    list of Moment
+        One a time. Looks are `COARSE` apart at least.
+    """
+    return [moment for moment, _ in plans(mission, when)]
+
+
+def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment, Reticle | None]]:
+    """The same with the reticle of each time; None where the sun is too low.
+
+    Raises
+    ------
+    InputError
+        The mission has no place.
+    """
+    if mission.latitude is None or mission.longitude is None:
+        raise InputError("a sweep over time needs a place: give latitude and longitude, not the sun's angles.")
+    zeniths, azimuths = sun.position(mission.latitude, mission.longitude, np.array(when, dtype="datetime64[s]"))
+    for time, zenith, azimuth in zip(when, zeniths, azimuths, strict=True):
+        if zenith > SUN_LIMIT:
+            yield Moment(time, float(zenith), float(azimuth), None, 1.0), None
+            continue
+        plan = reticle(replace(mission, time=time, step=max(mission.step, COARSE)))
+        yield Moment(time, float(zenith), float(azimuth), best_look(plan), solid_share(plan)), plan
+
+
+def best_moment(moments: list[Moment]) -> Moment | None:
+    """The time with the highest contrast; None where none has a good look."""
+    good = [m for m in moments if m.look is not None]
+    return max(good, key=lambda m: m.look.contrast if m.look else 0.0, default=None)
+
+
+def table(moments: list[Moment]) -> list[str]:
+    """Lines for people."""
+    out = [f"{'UTC':<17}{'sun':>5}{'best look':>32}{'x noise':>9}{'glint':>9}{'keep out':>10}"]
+    best = best_moment(moments)
+    for m in moments:
+        head = f"{str(m.time)[:16].replace('T', ' '):<17}{90 - m.sun_zenith:>4.0f}°"
+        if m.look is None:
+            why = "none: every look is spoilt" if m.sun_zenith <= SUN_LIMIT else "the sun is down"
+            out.append(f"{head}{why:>32}")
+            continue
+        where = "straight down" if m.look.zenith < 1 else f"{m.look.zenith:.0f}° off from {compass(m.look.azimuth)}"
+        mark = "  <- best" if m is best else ""
+        out.append(
+            f"{head}{where:>32}{m.look.contrast:>9.0f}{m.look.glint_probability:>9.0e}{m.keep_out_share:>10.0%}{mark}"
+        )
+    return out
+
+
+def numbers(mission: Mission, moments: list[Moment]) -> dict[str, Any]:
+    """The sweep for JSON."""
+    best = best_moment(moments)
+    rows = {id(m): asdict(m) | {"time": f"{m.time}Z"} for m in moments}
+    fixed = tables_of(mission)
+    fixed.get("place", {}).pop("time", None)
+    return {"mission": fixed, "best": None if best is None else rows[id(best)], "moments": list(rows.values())}

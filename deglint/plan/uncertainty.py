@@ -1,0 +1,127 @@
+"""The plan when the wind is not known exactly: intervals of glint and contrast, and how likely a look is spoilt."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..physics import slopes
+from ..physics._checks import within
+from .advice import Look, best_look, one_in, sentence
+from .mission import Mission
+from .missionfile import tables_of
+from .reticle import Reticle, reticle
+
+Array = npt.NDArray[np.floating[Any]]
+
+SPEEDS, TURNS = 5, 7
+"""Winds that stand for the interval, of speed and of direction; its ends are among them."""
+COARSE = 2.0
+"""Step between looks, where the mission has a finer one [degree]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """A mission under all winds of an interval. Pairs are (lowest, highest), each (zenith, azimuth).
+
+    Attributes
+    ----------
+    middle : Reticle
+        Under the wind of the mission.
+    winds : (speed, ...) and directions that were looked at
+        [m/s] and [degree].
+    glint, glint_probability, contrast : (2, zenith, azimuth) ndarray
+        Lowest and highest of `Reticle.glint_strength`, `Reticle.glint_probability` and `Reticle.combined`.
+    risk : (zenith, azimuth) ndarray
+        Share of the winds under which the look is to be kept out of [1].
+    """
+
+    middle: Reticle
+    winds: tuple[tuple[float, ...], tuple[float, ...]]
+    glint: Array = field(repr=False)
+    glint_probability: Array = field(repr=False)
+    contrast: Array = field(repr=False)
+    risk: Array = field(repr=False)
+
+    @property
+    def best(self) -> Look | None:
+        """The look with the highest contrast under the worst of the winds; None where no look is always good."""
+        return best_look(self.middle, self.contrast[0])
+
+    def at(self, look: Look) -> dict[str, tuple[float, float]]:
+        """Intervals at a look."""
+        i = int(np.argmin(np.abs(self.middle.zenith - look.zenith)))
+        j = int(np.argmin(np.abs(self.middle.azimuth - look.azimuth)))
+        pairs = {"glint": self.glint, "glint_probability": self.glint_probability, "contrast": self.contrast}
+        return {name: (float(pair[0, i, j]), float(pair[1, i, j])) for name, pair in pairs.items()}
+
+
+def spread(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> Spread:
+    """Work out a mission under all winds of an interval.
+
+    Parameters
+    ----------
+    mission : Mission
+    speed : float
+        The wind's speed is known to plus or minus this [m/s]; cut to what the models hold for.
+    turn : float
+        Its direction is known to plus or minus this [degree]; 180 is not at all.
+
+    Returns
+    -------
+    Spread
+
+    Raises
+    ------
+    InputError
+        A value is out of range.
+    """
+    within("wind speed uncertainty", speed, 0.0, 20.0, "m/s", "Give plus or minus how much.")
+    within("wind direction uncertainty", turn, 0.0, 180.0, "degrees", "180 stands for not known at all.")
+    low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
+    speeds = np.unique(np.append(np.linspace(low, high, SPEEDS), mission.wind)) if speed else np.array([mission.wind])
+    turns = mission.wind_from + (np.linspace(-turn, turn, TURNS) if turn else np.zeros(1))
+    middle = reticle(replace(mission, step=max(mission.step, COARSE)))
+    layers: list[list[Array]] = [[], [], [], []]
+    for one in speeds:
+        for azimuth in turns:
+            plan = reticle(replace(middle.mission, wind=float(one), wind_from=float(azimuth % 360.0)))
+            for held, layer in zip(
+                layers, (plan.glint_strength, plan.glint_probability, plan.combined, plan.keep_out), strict=True
+            ):
+                held.append(np.asarray(layer))
+    ends = [np.stack([np.min(held, axis=0), np.max(held, axis=0)]) for held in layers[:3]]
+    winds = tuple(float(v) for v in speeds), tuple(float(v) for v in turns % 360.0)
+    return Spread(middle, winds, ends[0], ends[1], ends[2], np.mean(layers[3], axis=0))
+
+
+def words(found: Spread) -> list[str]:
+    """The best look, and its intervals, for people."""
+    look = found.best
+    if look is None:
+        return ["No look is good under all of these winds."]
+    at = found.at(look)
+    low, high = (one_in(share) for share in at["glint_probability"])
+    least, most = at["contrast"]
+    return [
+        sentence(look),
+        f"Whatever the wind: contrast {least:.3g} to {most:.3g} x noise; sun glint on {low} to {high} of the sea.",
+    ]
+
+
+def numbers(found: Spread, *, speed: float, turn: float) -> dict[str, Any]:
+    """The intervals for JSON, with the risk of every look."""
+    look = found.best
+    return {
+        "mission": tables_of(found.middle.mission),
+        "wind_within": {"speed": speed, "turn": turn},
+        "winds": {"speed": found.winds[0], "from": found.winds[1]},
+        "best": None if look is None else asdict(look) | {"intervals": found.at(look)},
+        "words": " ".join(words(found)),
+        "zenith": found.middle.zenith,
+        "azimuth": found.middle.azimuth,
+        "risk": found.risk.round(3),
+    }

@@ -1,0 +1,146 @@
+"""Writes a plan: a picture (.png), numbers (.json), NetCDF (.nc) or a GeoTIFF in polar coordinates (.tif).
+
+The files of a plan come into being together, or not at all.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..errors import InputError, WriteError
+
+Plan = Any
+"""What `deglint.plan.reticle` returns; that room is not imported before it is needed here."""
+KINDS = (".png", ".json", ".nc", ".tif")
+
+
+def check_targets(targets: Sequence[Path], kinds: Sequence[str] = KINDS, *, overwrite: bool = False) -> None:
+    """Refuse names that could not be written, before the work is done.
+
+    Raises
+    ------
+    InputError
+        The ending is none of those known.
+    WriteError
+        It exists and is not to be replaced, or its directory cannot be written to.
+    """
+    from .output import check_target
+
+    for target in targets:
+        if _kind(target) not in kinds:
+            raise InputError(f"{target} must end in one of {', '.join(kinds)}, which says what to write.")
+        check_target(target, overwrite=overwrite)
+
+
+def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
+    """Write a plan into every target, each by its ending.
+
+    Parameters
+    ----------
+    plan : Reticle
+    targets : sequence of Path
+    picture : callable
+        Gives the PNG.
+    overwrite : bool
+
+    Raises
+    ------
+    InputError, WriteError
+        See `check_targets`; or xarray is missing for NetCDF.
+    """
+    from ..plan import dataset
+    from .output import Scratch, write_bytes, write_text
+
+    check_targets(targets, overwrite=overwrite)
+    writers: Mapping[str, Callable[[Scratch, Path], None]] = {
+        ".png": lambda scratch, target: write_bytes(scratch, target, picture()),
+        ".json": lambda scratch, target: write_text(scratch, target, _compact(dataset.document(plan))),
+        ".nc": lambda scratch, target: _netcdf(dataset.dataset(plan), scratch.add(target)),
+        ".tif": lambda scratch, target: _geotiff(plan, scratch.add(target)),
+    }
+    with Scratch() as scratch:
+        for target in targets:
+            try:
+                writers[_kind(target)](scratch, target)
+            except OSError as error:
+                if isinstance(error, WriteError):
+                    raise
+                raise WriteError(f"cannot write {target}: {error}") from error
+
+
+def write_numbers(targets: Mapping[Path, bytes | Mapping[str, Any]], *, overwrite: bool = False) -> None:
+    """Write pictures (bytes) and numbers (for JSON) together, or none of them."""
+    from .output import Scratch, write_bytes, write_json
+
+    check_targets(list(targets), (".png", ".json"), overwrite=overwrite)
+    with Scratch() as scratch:
+        for target, data in targets.items():
+            if isinstance(data, bytes):
+                write_bytes(scratch, target, data)
+            else:
+                write_json(scratch, target, _signed(data))
+
+
+def _kind(target: Path) -> str:
+    ending = target.suffix.lower()
+    return ".tif" if ending == ".tiff" else ending
+
+
+def _signed(document: Mapping[str, Any]) -> dict[str, Any]:
+    return {"software": f"deglint {__version__}", **document}
+
+
+def _compact(document: Mapping[str, Any]) -> str:
+    """JSON with each table and each layer on one line; its layers are finite numbers already."""
+    from .output import plain
+
+    head = {k: v for k, v in document.items() if k != "layers"}
+    lines = [f"{json.dumps(k)}: {json.dumps(plain(v), allow_nan=False)}" for k, v in _signed(head).items()]
+    layers = [f"{json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in document["layers"].items()]
+    return "{\n" + ",\n".join([*lines, '"layers": {\n' + ",\n".join(layers) + "\n}"]) + "\n}\n"
+
+
+def _netcdf(data: Any, path: Path) -> None:
+    data.attrs["software"] = f"deglint {__version__}"
+    data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
+
+
+def _geotiff(plan: Plan, path: Path) -> None:
+    """One band a layer, columns azimuths, rows zenith angles, both in degrees; no CRS."""
+    import rasterio
+    from affine import Affine
+
+    from ..plan.dataset import BAND_LAYERS, LAYERS, layer
+    from .info import unplaced
+
+    names, units, layers = [], [], []
+    for name, (unit, _) in LAYERS.items():
+        names.append(name)
+        units.append(unit)
+        layers.append(layer(plan, name))
+    for name, (unit, _) in BAND_LAYERS.items():
+        for k, band in enumerate(plan.bands):
+            names.append(f"{name} {band}")
+            units.append(unit)
+            layers.append(layer(plan, name)[k])
+    down, across = (float(axis[1] - axis[0]) for axis in (plan.zenith, plan.azimuth))
+    array = np.stack(layers).astype(np.float32)
+    profile = {
+        "driver": "GTiff", "dtype": "float32", "count": len(array), "height": array.shape[1],
+        "width": array.shape[2], "compress": "deflate", "predictor": 3, "interleave": "band",
+        "transform": Affine(across, 0.0, -0.5 * across, 0.0, down, -0.5 * down),
+    }  # fmt: skip
+    with unplaced(), rasterio.open(path, "w", **profile) as out:
+        out.write(array)
+        out.descriptions, out.units = tuple(names), tuple(units)
+        out.update_tags(
+            MEANING="look from: columns are azimuths, rows zenith angles of the sensor [degree]",
+            SOFTWARE=f"deglint {__version__}",
+            SUN=f"zenith {plan.mission.sun[0]:.3f}, azimuth {plan.mission.sun[1]:.3f}",
+        )

@@ -1,0 +1,340 @@
+"""The background: mean and covariance of what belongs in a scene, fitted once, saved, used on this scene or another.
+
+`fit` takes a whole array; `Gathering` takes tiles in any number and gives the same background to the bit. A
+`Background` is plain numbers; what is scored against it is in `detect.rx`. No file is opened here.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import FitError, InputError
+from deglint.moments import CELL, CellMoments, Moments, cell_moments, thinned
+
+from . import covariance as estimates
+
+Float64 = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Scores = npt.NDArray[np.floating[Any]]
+COVARIANCES = {
+    "empirical": "as it is; a pseudo-inverse where bands are constant or follow from others",
+    "ridge": "with a share of each band's own variance added to it (--ridge)",
+    "ledoit-wolf": "correlation drawn towards the identity (Ledoit and Wolf 2004)",
+    "oas": "correlation drawn towards the identity (Chen et al. 2010)",
+    "mcd": "of the core alone: minimum covariance determinant, on a sample of the scene",
+}
+"""How the covariance is estimated."""
+RIDGE = 1e-3
+"""Share of each band's variance that `ridge` adds, unless it is said."""
+SAMPLE = 1 << 17
+"""Pixels that the robust estimate looks at, at most about."""
+COMPILED_PIXELS = 10_000_000
+"""Pixels above which the compiled statistics kernel pays for its loading."""
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """Mean and covariance of a background.
+
+    Attributes
+    ----------
+    n : int
+        Pixels it was fitted to.
+    mean, rest : (bands,) ndarray
+        The mean is mean + rest, held in two doubles.
+    covariance : (bands, bands) ndarray
+        Divided by n - 1; shrunk or robust where that was asked for.
+    rule : str
+        A key of `COVARIANCES`.
+    shrinkage : float
+        Share by which the correlation was drawn to the identity, or the ridge that was added.
+    names : tuple of str
+        Band names, where known.
+    """
+
+    n: int
+    mean: Float64
+    rest: Float64
+    covariance: Float64
+    rule: str = "empirical"
+    shrinkage: float = 0.0
+    names: tuple[str, ...] = ()
+
+    @property
+    def bands(self) -> int:
+        """Number of bands."""
+        return len(self.mean)
+
+    @property
+    def rank(self) -> int:
+        """Bands that vary and do not follow from the others."""
+        return len(estimates.whitener(self.covariance))
+
+    def numbers(self) -> dict[str, Any]:
+        """Everything as plain numbers, for JSON."""
+        return {
+            "background": 1,
+            "names": list(self.names),
+            "rule": self.rule,
+            "shrinkage": self.shrinkage,
+            "n": self.n,
+            "rank": self.rank,
+            "mean": self.mean.tolist(),
+            "rest": self.rest.tolist(),
+            "covariance": self.covariance.tolist(),
+        }
+
+    def to_json(self) -> str:
+        """As text that `from_json` reads back to the same bits."""
+        return json.dumps(self.numbers(), indent=2)
+
+    @classmethod
+    def from_json(cls, text: str) -> Background:
+        """Read what `to_json` wrote.
+
+        Raises
+        ------
+        InputError
+            It is something else, or damaged.
+        """
+        try:
+            found = json.loads(text)
+            if not isinstance(found, Mapping) or found.get("background") != 1:
+                raise ValueError
+            mean, rest, matrix = (np.array(found[k], np.float64) for k in ("mean", "rest", "covariance"))
+            names = tuple(str(name) for name in found["names"])
+            n, rule, shrinkage = int(found["n"]), str(found["rule"]), float(found["shrinkage"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError("not a saved background; make one with --save-background.") from error
+        whole = mean.ndim == 1 and len(mean) and rest.shape == mean.shape and matrix.shape == mean.shape * 2
+        if not whole or not (np.isfinite(matrix).all() and np.isfinite(mean).all()) or len(names) not in (0, len(mean)):
+            raise InputError("a saved background whose numbers do not fit together; make it anew.")
+        return cls(n, mean, rest, matrix, rule, shrinkage, names)
+
+
+class Gathering:
+    """Collects the moments of a scene from its tiles; the background comes out the same to the bit for any tiling.
+
+    Cells of one row are merged first, then the rows, so that only the rows that are not yet whole are held one by one.
+    Tiles come in row-major order and start at multiples of `deglint.moments.CELL`.
+
+    Parameters
+    ----------
+    bands : int
+    share : int
+        Keep one pixel in so many for the robust estimate; 0: none.
+    """
+
+    def __init__(self, bands: int, share: int = 0) -> None:
+        self._bands, self.share = bands, share
+        self._open: dict[int, list[CellMoments]] = {}
+        self._whole: list[tuple[int, Moments]] = []
+        self._places: list[npt.NDArray[np.int64]] = []
+        self._values: list[npt.NDArray[Any]] = []
+
+    def add(self, part: Part) -> None:
+        """Take the next tile's part."""
+        keys = part.cells.keys[:, 0]
+        if len(keys):
+            self._close(below=int(keys.min()))
+        for row in np.unique(keys):
+            self._open.setdefault(int(row), []).append(part.cells.where(keys == row))
+        if part.values is not None:
+            self._places.append(part.places)
+            self._values.append(part.values)
+
+    def moments(self) -> Moments:
+        """Of everything so far."""
+        self._close(below=None)
+        whole = [m for _row, m in sorted(self._whole, key=lambda pair: pair[0])]
+        if not whole:
+            return moments_of_nothing(self._bands)
+        return Moments.merge(whole)
+
+    def sample(self) -> npt.NDArray[Any]:
+        """(pixels, bands) that were kept, in the order of the scene."""
+        if not self._values:
+            return np.zeros((0, self._bands))
+        places = np.concatenate(self._places, axis=1)
+        return np.asarray(np.concatenate(self._values, axis=1)[:, np.lexsort(places[::-1])].T)
+
+    def _close(self, below: int | None) -> None:
+        for row in [r for r in self._open if below is None or r < below]:
+            self._whole.append((row, CellMoments.concatenate(self._open.pop(row)).by_place().total()))
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What one tile gives to a `Gathering`."""
+
+    cells: CellMoments
+    places: npt.NDArray[np.int64]
+    values: npt.NDArray[Any] | None
+
+
+def moments_of_nothing(bands: int) -> Moments:
+    """Moments of no pixel."""
+    return cell_moments(np.zeros((bands, 0, 0))).total()
+
+
+def part_of(
+    block: npt.NDArray[Any], mask: Mask | None, origin: tuple[int, int], share: int = 0, *, compiled: bool = False
+) -> Part:
+    """What a block, whose first pixel lies at `origin` in the scene, gives to a `Gathering`."""
+    cells = cell_moments(block, mask, origin=origin, compiled=compiled)
+    if not share:
+        return Part(cells, np.zeros((2, 0), np.int64), None)
+    good = np.isfinite(block).all(axis=0)
+    rows, columns = np.nonzero(thinned(good if mask is None else good & mask, origin, share))
+    return Part(cells, np.stack([rows + origin[0], columns + origin[1]]), block[:, rows, columns])
+
+
+def fit(
+    image: npt.NDArray[Any],
+    *,
+    mask: Mask | None = None,
+    covariance: str = "empirical",
+    ridge: float = RIDGE,
+    names: Sequence[str] = (),
+    threads: int = 1,
+) -> Background:
+    """Fit a background to an array.
+
+    Parameters
+    ----------
+    image : (band, row, column) ndarray
+        Any real type; pixels with a NaN or infinity in any band are left out.
+    mask : (row, column) bool ndarray, optional
+        True where a pixel belongs to the background.
+    covariance : str
+        A key of `COVARIANCES`.
+    ridge : float
+        For "ridge": this share of each band's variance is added to it.
+    names : sequence of str
+        Band names to keep with it.
+    threads : int
+        The result does not depend on it.
+
+    Returns
+    -------
+    Background
+
+    Raises
+    ------
+    FitError
+        Fewer than two valid pixels.
+    InputError
+        A covariance that is not known, or shapes that do not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> image = np.random.default_rng(0).normal(size=(3, 50, 60))
+    >>> fit(image).rank
+    3
+    """
+    image = as_image(image)
+    mask = as_mask(mask, image)
+    pixels = image.shape[1] * image.shape[2]
+    gathering = Gathering(len(image), sample_share(covariance, pixels))
+    compiled = pixels > COMPILED_PIXELS
+    rows = range(0, image.shape[1], CELL)
+
+    def strip(row: int) -> tuple[npt.NDArray[Any], Mask | None]:
+        return image[:, row : row + CELL], None if mask is None else mask[row : row + CELL]
+
+    with ThreadPoolExecutor(max(threads, 1)) as pool:
+        for part in pool.map(lambda r: part_of(*strip(r), (r, 0), gathering.share, compiled=compiled), rows):
+            gathering.add(part)
+        found = gathering.moments()
+        fourths: list[Float64] = []
+        if covariance == "ledoit-wolf" and found.n > 1:
+            fourths = list(pool.map(lambda r: fourth_moments(*strip(r), found, (r, 0)), rows))
+    return estimate(found, covariance, ridge=ridge, names=names, sample=gathering.sample(), fourths=fourths)
+
+
+def estimate(
+    moments: Moments, covariance: str = "empirical", *, ridge: float = RIDGE, names: Sequence[str] = (),
+    sample: npt.NDArray[Any] | None = None, fourths: Sequence[Float64] = (),
+) -> Background:  # fmt: skip
+    """A background from moments, and from what else its rule needs: a sample (mcd), fourth moments (ledoit-wolf)."""
+    check_rule(covariance, ridge)
+    n = moments.n
+    if n < 2:
+        raise FitError(
+            f"the background holds {n} valid pixel{'s' * (n != 1)}, need at least 2, and more than there are bands "
+            "to tell them apart. Check nodata and the background's area."
+        )
+    matrix, mean, rest, shrinkage = moments.covariance(), moments.mean, moments.rest, 0.0
+    if covariance == "ridge":
+        matrix, shrinkage = estimates.ridged(matrix, ridge), ridge
+    elif covariance == "oas":
+        shrinkage = estimates.oas_shrinkage(moments.covariance(ddof=0), n)
+        matrix = estimates.shrunk(matrix, shrinkage)
+    elif covariance == "ledoit-wolf":
+        fourth = math.fsum(v for part in fourths for v in part)
+        shrinkage = estimates.ledoit_wolf_shrinkage(moments.covariance(ddof=0), n, fourth)
+        matrix = estimates.shrunk(matrix, shrinkage)
+    elif covariance == "mcd":
+        if sample is None or len(sample) < 2:
+            raise FitError("the robust background has fewer than 2 pixels to look at. Widen its area.")
+        mean, matrix, n = estimates.robust(sample.astype(np.float64))
+        rest = np.zeros_like(mean)
+    return Background(n, mean, rest, matrix, covariance, float(shrinkage), tuple(names))
+
+
+def fourth_moments(block: npt.NDArray[Any], mask: Mask | None, moments: Moments, origin: tuple[int, int]) -> Float64:
+    """Sums over the pixels of each cell of |z|^4, z a pixel in standard deviations from the mean."""
+    scale = estimates.standardised(moments.covariance(ddof=0))[1]
+    with np.errstate(invalid="ignore", over="ignore"):
+        z = ((block - moments.mean[:, None, None]) - moments.rest[:, None, None]) * scale[:, None, None]
+        fourth = (z**2).sum(axis=0) ** 2
+    good = np.isfinite(block).all(axis=0)
+    fourth[~good if mask is None else ~(good & mask)] = 0
+    row0, column0 = origin[0] % CELL, origin[1] % CELL
+    padded = np.zeros([-(-(n + first) // CELL) * CELL for n, first in zip(fourth.shape, (row0, column0), strict=True)])
+    padded[row0 : row0 + fourth.shape[0], column0 : column0 + fourth.shape[1]] = fourth
+    cells = padded.reshape(padded.shape[0] // CELL, CELL, -1, CELL).transpose(0, 2, 1, 3)
+    return np.ascontiguousarray(cells).reshape(-1, CELL * CELL).sum(axis=1)
+
+
+def sample_share(covariance: str, pixels: int) -> int:
+    """One pixel in how many a `Gathering` is to keep for this rule; 0: none."""
+    return max(1, -(-pixels // SAMPLE)) if covariance == "mcd" else 0
+
+
+def check_rule(covariance: str, ridge: float) -> None:
+    """Refuse a rule that is not known, or a ridge that is none."""
+    if covariance not in COVARIANCES:
+        raise InputError(f"covariance {covariance!r} is not one of {', '.join(COVARIANCES)}.")
+    if not (np.isfinite(ridge) and ridge >= 0):
+        raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
+
+
+def as_image(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """A (band, row, column) array of real numbers, or an InputError."""
+    image = np.asarray(image)
+    if image.ndim != 3 or not len(image):
+        raise InputError(f"expected a (band, row, column) array with at least one band, got shape {image.shape}.")
+    if image.dtype.kind not in "fiu":
+        raise InputError(f"expected real numbers, got {image.dtype}.")
+    return image
+
+
+def as_mask(mask: npt.NDArray[Any] | None, image: npt.NDArray[Any]) -> Mask | None:
+    """A bool mask of the image's rows and columns, or an InputError."""
+    if mask is None:
+        return None
+    mask = np.asarray(mask)
+    if mask.shape != image.shape[1:]:
+        raise InputError(f"the mask has shape {mask.shape}, but the image has {image.shape[1]} rows and "
+                         f"{image.shape[2]} columns.")  # fmt: skip
+    return mask.astype(np.bool_, copy=False)

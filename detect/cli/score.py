@@ -1,0 +1,181 @@
+"""`rxdetect score`: from a raster to a raster of scores, a threshold, and objects."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+from deglint.cli.options import Talk, cluster_of, common, creation_options, names, on_cluster
+
+# The keys of detect.pipeline.recipe's tables, which --help must not wait for; a test holds them equal.
+METHOD_NAMES = ("rx", "local", "utd", "rx-utd", "subspace", "residual")
+COVARIANCE_NAMES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")
+THRESHOLD_NAMES = ("gpd", "empirical", "f", "chi2")
+BORDER_NAMES = ("shrink", "mirror", "shift")
+
+
+def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int, int]:
+    """Read "INNER,OUTER"."""
+    try:
+        inner, outer = (int(part) for part in value.split(","))
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is not INNER,OUTER, such as 5,21.") from None
+    return inner, outer
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("inputs", nargs=-1, required=True, metavar="IN [IN ...]")
+@click.argument("output", metavar="OUT")
+@click.option(
+    "--method",
+    type=click.Choice(METHOD_NAMES),
+    default="rx",
+    show_default=True,
+    help="Compared with the whole background: rx, utd, rx-utd, subspace (rx without the leading eigenvectors), "
+    "residual (rx after regression on the NIR). Compared with the ring around each pixel: local.",
+)
+@click.option(
+    "--window",
+    default="5,21",
+    show_default=True,
+    callback=window,
+    metavar="INNER,OUTER",
+    help="For local: sides of the guard and of the window around it, odd, in pixels. The guard should hold the "
+    "largest object.",
+)
+@click.option(
+    "--border",
+    type=click.Choice(BORDER_NAMES),
+    default="shrink",
+    show_default=True,
+    help="For local, at the scene's edge: the window loses what is outside, mirrors the scene, or moves inside.",
+)
+@click.option(
+    "--covariance",
+    type=click.Choice(COVARIANCE_NAMES),
+    default="empirical",
+    show_default=True,
+    help="How it is estimated; mcd is robust: of the core of the background alone. local: empirical or ridge.",
+)
+@click.option(
+    "--ridge",
+    type=click.FloatRange(0),
+    default=1e-3,
+    show_default=True,
+    metavar="SHARE",
+    help="For --covariance ridge: add this share of each band's variance.",
+)
+@click.option(
+    "--drop",
+    type=click.IntRange(0),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="For subspace: leading eigenvectors to leave out.",
+)
+@click.option(
+    "--background",
+    default="",
+    metavar="FILE|WINDOW",
+    help="What belongs: polygons (GeoJSON), a mask raster (not 0), a window column,row,width,height, or a saved "
+    "background. Everything valid by default.",
+)
+@click.option("--save-background", metavar="FILE.json", help="Write the fitted background, to use on another scene.")
+@click.option(
+    "-b",
+    "--band",
+    "bands",
+    multiple=True,
+    callback=names,
+    metavar="BAND[,BAND]",
+    help="Bands to use, by name or number (from 1); all by default.",
+)
+@click.option(
+    "--mask",
+    default="none",
+    show_default=True,
+    metavar="none|water|FILE|WINDOW",
+    help="Where to score: everywhere, on water as found in the scene, or in a raster (not 0) or GeoJSON. What lies "
+    "outside is in no background either.",
+)
+@click.option(
+    "--pfa",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    metavar="RATE",
+    help="False alarms wanted per pixel, such as 1e-4: find the threshold for it.",
+)
+@click.option(
+    "--threshold",
+    type=click.Choice(THRESHOLD_NAMES),
+    default="gpd",
+    show_default=True,
+    help="How it is found: by a law fitted to the scores' tail, their own quantile, or the law of a normal background "
+    "(F, or chi-squared), which real scenes seldom keep.",
+)
+@click.option("--objects", metavar="FILE.geojson", help="Write outlines and scores of what exceeds the threshold.")
+@click.option(
+    "--min-size", type=click.IntRange(1), default=1, show_default=True, metavar="PIXELS", help="Drop smaller objects."
+)
+@click.option(
+    "--merge-distance",
+    type=click.FloatRange(0),
+    default=0.0,
+    show_default=True,
+    metavar="PIXELS",
+    help="Parts no further apart are one object.",
+)
+@click.option("--p-value", metavar="FILE", help="Write the probability of such a score over a normal background.")
+@click.option(
+    "--co",
+    "options",
+    multiple=True,
+    callback=creation_options,
+    metavar="NAME=VALUE",
+    help="GDAL creation option, such as COMPRESS=ZSTD.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
+@on_cluster
+@common
+def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
+    """Score every pixel of IN by how little it belongs, and write OUT, a GeoTIFF of one float32 band.
+
+    Scores are squared Mahalanobis distances: about the number of bands where nothing is odd. Pixels that are not valid
+    are NaN. OUT.json beside OUT says what was done. What exceeds the threshold for --pfa is marked with --objects.
+
+    \b
+    rxdetect score clean.tif scores.tif
+    rxdetect score clean.tif scores.tif --pfa 1e-4 --objects found.geojson
+    rxdetect score scene.tif scores.tif --method local --window 5,21 --mask water
+    rxdetect score scene.tif scores.tif --background sea.geojson --save-background sea.json
+    rxdetect score other.tif scores2.tif --background sea.json
+    """  # fmt: skip
+    from ..pipeline import Recipe, score_file
+
+    talk = Talk(quiet=given["quiet"])
+    fields = ("method", "window", "border", "covariance", "ridge", "background", "bands", "nir", "drop", "mask", "pfa",
+              "threshold", "min_size", "merge_distance")  # fmt: skip
+    try:
+        with cluster_of(given, talk) as cluster:
+            result = score_file(
+                list(inputs), output, Recipe(**{name: given[name] for name in fields}),
+                sensor=given["sensor"], nodata=given["nodata"], threads=given["threads"], cluster=cluster,
+                progress=talk.progress, p_value=given["p_value"], objects=given["objects"],
+                background=given["save_background"], overwrite=given["overwrite"], options=given["options"],
+            )  # fmt: skip
+    finally:
+        talk.clear()
+    said = result.sidecar
+    for note in said["notes"]:
+        talk.say(note)
+    if result.threshold is not None:
+        talk.say(str(result.threshold))
+    for warning in said["warnings"]:
+        talk.say(f"warning: {warning}")
+    marked = "" if result.objects is None else f", {result.objects} objects"
+    tally = result.tally
+    talk.say(f"{output}: {tally.scored} of {tally.total} pixels scored{marked} in {said['seconds']:.2f} s")
+    if given["as_json"]:
+        click.echo(json.dumps(said, indent=2))

@@ -1,0 +1,186 @@
+"""Covariance of a background: as it is, shrunk, or robust, and its square root where it has full rank or not.
+
+Everything works on bands brought to unit variance, so that no result depends on the bands' units; a band that does not
+vary, or that follows from others, is told by the same measure and left out.
+
+References
+----------
+Ledoit, Wolf (2004), "A well-conditioned estimator for large-dimensional covariance matrices", Journal of Multivariate
+Analysis 88, 365-411, doi:10.1016/S0047-259X(03)00096-4.
+Chen, Wiesel, Eldar, Hero (2010), "Shrinkage algorithms for MMSE covariance estimation", IEEE Transactions on Signal
+Processing 58, 5016-5029, doi:10.1109/TSP.2010.2053029.
+Rousseeuw, Van Driessen (1999), "A fast algorithm for the minimum covariance determinant estimator", Technometrics 41,
+212-223, doi:10.1080/00401706.1999.10485670.
+Hubert, Rousseeuw, Verdonck (2012), "A deterministic algorithm for robust location and scatter", Journal of
+Computational and Graphical Statistics 21, 618-637, doi:10.1080/10618600.2012.672100.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Float64 = npt.NDArray[np.float64]
+TOLERANCE = 10 * np.finfo(np.float64).eps
+"""Times the number of bands: eigenvalues of the correlation below this share of the largest are rounding."""
+_STEPS = 100
+"""Most concentration steps; a dozen are usual."""
+_TRIM = 0.975
+"""Share of a normal background that the last, reweighted step of the robust estimate keeps."""
+
+
+def standardised(covariance: Float64) -> tuple[Float64, Float64]:
+    """Correlation matrix, and 1 / standard deviation of each band; both 0 for a band that does not vary."""
+    with np.errstate(divide="ignore"):
+        scale = np.where(np.diag(covariance) > 0, 1 / np.sqrt(np.diag(covariance)), 0.0)
+    return covariance * scale[:, None] * scale, scale
+
+
+def whitener(covariance: Float64) -> Float64:
+    """Matrix W whose rows make uncorrelated variables of unit variance: W^T W is the (pseudo-)inverse.
+
+    Parameters
+    ----------
+    covariance : (bands, bands) ndarray
+
+    Returns
+    -------
+    (rank, bands) ndarray
+        Columns of bands that do not vary are 0.
+
+    Notes
+    -----
+    The pseudo-inverse is taken of the correlation, so that it does not depend on the bands' units.
+    """
+    correlation, scale = standardised(covariance)
+    values, vectors = np.linalg.eigh(correlation)
+    kept = values > TOLERANCE * len(values) * max(values[-1], 0.0)
+    return np.asarray(vectors[:, kept].T / np.sqrt(values[kept])[:, None] * scale)
+
+
+def ridged(covariance: Float64, ridge: float) -> Float64:
+    """Covariance with `ridge` times each band's own variance added to its diagonal."""
+    return covariance + ridge * np.diag(np.diag(covariance))
+
+
+def shrunk(covariance: Float64, shrinkage: float) -> Float64:
+    """Covariance whose correlation is drawn towards the identity by a share `shrinkage` (0 to 1)."""
+    return (1 - shrinkage) * covariance + shrinkage * np.diag(np.diag(covariance))
+
+
+def oas_shrinkage(covariance: Float64, n: int) -> float:
+    """Oracle-approximating shrinkage of the correlation (Chen et al. 2010, eq. 23) for n normal pixels."""
+    correlation, scale = standardised(covariance)
+    p = int(np.count_nonzero(scale))
+    if p < 2:
+        return 0.0
+    alpha = float((correlation**2).sum()) / p**2
+    denominator = (n + 1) * (alpha - 1 / p)
+    return 1.0 if denominator <= 0 else float(min((alpha + 1) / denominator, 1.0))
+
+
+def ledoit_wolf_shrinkage(covariance: Float64, n: int, fourth: float) -> float:
+    """Ledoit and Wolf's shrinkage of the correlation (2004, lemmas 3.2-3.4).
+
+    Parameters
+    ----------
+    covariance : (bands, bands) ndarray
+        Divided by n, not n - 1.
+    n : int
+        Pixels.
+    fourth : float
+        Sum over pixels of |z|^4, z the pixel in standard deviations from the mean.
+    """
+    correlation, scale = standardised(covariance)
+    p = int(np.count_nonzero(scale))
+    total = float((correlation**2).sum())
+    distance = total - p  # |R - I|^2: the mean of R's diagonal is 1
+    if p < 2 or distance <= 0:
+        return 0.0
+    return float(min(max(fourth / n - total, 0.0) / n, distance) / distance)
+
+
+def robust(sample: npt.NDArray[Any], keep: float = 0.75) -> tuple[Float64, Float64, int]:
+    """Mean and covariance of the core of a sample: deterministic minimum covariance determinant, reweighted.
+
+    Parameters
+    ----------
+    sample : (pixels, bands) ndarray
+        Finite values.
+    keep : float
+        Share of pixels in the core, 0.5 to 1.
+
+    Returns
+    -------
+    mean : (bands,) ndarray
+    covariance : (bands, bands) ndarray
+        Made consistent for a normal background.
+    used : int
+        Pixels that the last, reweighted estimate is made of.
+
+    Notes
+    -----
+    Concentration steps (Rousseeuw and Van Driessen 1999, theorem 1) from three deterministic starts, as Hubert et al.
+    (2012) proposed. Up to 1 - keep of the pixels may be anything. Costs some dozen passes over the sample.
+    """
+    from scipy.stats import chi2
+
+    centre = np.median(sample, axis=0)
+    x = sample - centre
+    spread = np.median(np.abs(x), axis=0) * 1.4826
+    spread = np.where(spread > 0, spread, x.std(axis=0))  # more than half of a band's pixels may be alike
+    scaled = np.divide(x, spread, out=np.zeros_like(x, np.float64), where=spread > 0)
+    count = max(int(np.ceil(keep * len(x))), min(len(x), x.shape[1] + 2))
+    found = [_concentrate(scaled, count, *start) for start in _starts(scaled, count)]
+    mean, covariance, _volume = min(found, key=lambda core: core[2])
+    bands = max(int(np.count_nonzero(spread > 0)), 1)
+    distances = _distances(scaled, mean, covariance)
+    covariance = covariance * (np.median(distances) / chi2.ppf(0.5, bands) or 1.0)
+    inside = _distances(scaled, mean, covariance) <= chi2.ppf(_TRIM, bands)
+    if np.count_nonzero(inside) <= bands:
+        inside[:] = True
+    core = scaled[inside]
+    mean = core.mean(axis=0)
+    factor = _TRIM / chi2.cdf(chi2.ppf(_TRIM, bands), bands + 2)
+    covariance = factor * np.cov(core, rowvar=False).reshape(len(spread), -1) * np.outer(spread, spread)
+    return centre + mean * spread, covariance, len(core)
+
+
+def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
+    """Means and covariances to start from; x is in robust standard deviations from the median."""
+    bands = x.shape[1]
+    zero = np.zeros(bands)
+    length = np.sqrt((x**2).sum(axis=1))
+    near = x[np.argpartition(length, count - 1)[:count]]
+    signs = x / np.where(length > 0, length, 1)[:, None]
+    squashed = np.tanh(x)
+    return [
+        (near.mean(axis=0), np.cov(near, rowvar=False).reshape(bands, bands)),
+        (zero, bands * signs.T @ signs / len(x)),
+        (squashed.mean(axis=0), np.cov(squashed, rowvar=False).reshape(bands, bands)),
+    ]
+
+
+def _concentrate(x: Float64, count: int, mean: Float64, covariance: Float64) -> tuple[Float64, Float64, float]:
+    """Take the nearest `count` pixels, again and again until nothing changes; also the logarithm of the volume."""
+    before = np.inf
+    for _ in range(_STEPS):
+        nearest = np.argpartition(_distances(x, mean, covariance), count - 1)[:count]
+        core = x[nearest]
+        mean = core.mean(axis=0)
+        covariance = np.cov(core, rowvar=False).reshape(x.shape[1], -1)
+        values = np.linalg.eigvalsh(covariance)
+        values = values[values > TOLERANCE * len(values) * max(values[-1], 0.0)]
+        volume = float(np.log(values).sum())
+        if not volume < before:
+            break
+        before = volume
+    return mean, covariance, volume
+
+
+def _distances(x: Float64, mean: Float64, covariance: Float64) -> Float64:
+    """Squared Mahalanobis distances."""
+    z = (x - mean) @ whitener(covariance).T
+    return np.asarray((z**2).sum(axis=1))

@@ -1,0 +1,359 @@
+"""Local RX: every pixel against the ring around it, so that what is common here does not count as odd.
+
+A window of `outer` pixels a side, less a guard of `inner` pixels a side around the pixel, is the background of that one
+pixel. Few bands go through sums over the window's four bars (`detect._kernels`), whose cost does not depend on the
+window; many bands, and pixels that those sums cannot settle, are computed one by one from the ring's pixels. A pixel's
+score is the same to the bit in any tiling whose tiles start at multiples of `CELL`. No file is opened here.
+
+References
+----------
+Reed, Yu (1990), doi:10.1109/29.60107, and for the dual window Kwon, Der, Nasrabadi (2003), "Adaptive anomaly detection
+using subspace separation for hyperspectral imagery", Optical Engineering 42, 3342-3351, doi:10.1117/1.1614265.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import InputError
+from deglint.scene import Window
+
+from .background import Float64, Mask, Scores, as_image, as_mask
+
+CELL = 128
+"""Side of the blocks that are worked on [pixel]; tiles that start at multiples of it give bit-identical scores."""
+BORDERS = ("shrink", "mirror", "shift")
+"""What the window does where it reaches beyond the image: lose what is outside, mirror it, or move inside."""
+KERNEL_BANDS = 24
+"""Most bands for which sums over windows are faster than the ring's pixels one by one."""
+FINE, DEFICIENT, TOO_FEW = 0, 1, 2
+STATES = {
+    DEFICIENT: "the ring's covariance has not full rank: pseudo-inverse",
+    TOO_FEW: "the ring has too few valid pixels: no score",
+}
+"""What `flags` say of a pixel; 0: nothing."""
+_ASIDE = 255
+_RANK = 10 * np.finfo(np.float64).eps
+
+
+@dataclass(frozen=True)
+class WindowRule:
+    """How rings lie and what is made of them."""
+
+    inner: int
+    outer: int
+    border: str
+    ddof: int
+    ridge: float
+    size: tuple[int, int]
+    """Rows and columns of the whole scene."""
+
+    @property
+    def halo(self) -> int:
+        """How far from a pixel its window reaches [pixel]."""
+        return self.outer // 2
+
+
+def local_rx(
+    image: npt.NDArray[Any],
+    *,
+    inner: int,
+    outer: int,
+    mask: Mask | None = None,
+    border: str = "shrink",
+    ddof: int = 1,
+    ridge: float = 0.0,
+    flags: npt.NDArray[np.uint8] | None = None,
+    threads: int = 1,
+) -> Scores:
+    """Local RX with a dual window.
+
+    Parameters
+    ----------
+    image : (band, row, column) ndarray
+        Any real type, any units.
+    inner, outer : int
+        Sides of the guard, and of the window whose other pixels are the background [pixel]; odd, inner < outer.
+    mask : (row, column) bool ndarray, optional
+        True where a pixel counts; others are in no ring, and score NaN.
+    border : {"shrink", "mirror", "shift"}
+        Where the window reaches beyond the image: it loses what is outside; the image is mirrored at its edge; or
+        window and guard are moved inside, each as far as it must.
+    ddof : int
+        The covariance is divided by pixels - ddof; 0 in most published figures.
+    ridge : float
+        Share of each band's variance that is added to it.
+    flags : (row, column) uint8 ndarray, optional
+        Filled with `STATES`.
+    threads : int
+        The result does not depend on it.
+
+    Returns
+    -------
+    (row, column) ndarray
+        float64 for float64, else float32; NaN where the pixel is not valid or its ring has fewer than 2 pixels.
+
+    Raises
+    ------
+    InputError
+        A window that is not odd, too large for its border rule, or shapes that do not fit.
+
+    Notes
+    -----
+    Where the ring's covariance has not full rank - fewer pixels than bands, a constant band, bands that follow from
+    others - the Moore-Penrose inverse is taken and the pixel is flagged. About B^2 multiplications a pixel for few
+    bands B, whatever the window; for many, as many as (pixels of the ring) x B x min(B, pixels).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> image = np.random.default_rng(0).normal(size=(3, 50, 60))
+    >>> image[:, 20, 30] += 10
+    >>> scores = local_rx(image, inner=3, outer=11)
+    >>> np.unravel_index(scores.argmax(), scores.shape) == (20, 30)
+    True
+    """
+    image = as_image(image)
+    mask = as_mask(mask, image)
+    size = (image.shape[1], image.shape[2])
+    check_window(inner, outer, border, size)
+    if flags is not None and (flags.shape != size or flags.dtype != np.uint8):
+        raise InputError(f"flags: want a uint8 array of shape {size}, got {flags.dtype} of shape {flags.shape}.")
+    if not (np.isfinite(ridge) and ridge >= 0):
+        raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
+    rule = WindowRule(inner, outer, border, ddof, ridge, size)
+    return score_part(image, rule, (0, 0), ((0, size[0]), (0, size[1])), mask, flags=flags, threads=threads)
+
+
+def check_window(inner: int, outer: int, border: str, size: tuple[int, int]) -> None:
+    """Refuse a window that cannot be used.
+
+    Raises
+    ------
+    InputError
+    """
+    if not (inner % 2 == outer % 2 == 1 and 1 <= inner < outer):
+        raise InputError(f"window: want odd sides, 1 <= inner < outer, got inner {inner} and outer {outer}.")
+    if border not in BORDERS:
+        raise InputError(f"border {border!r} is not one of {', '.join(BORDERS)}.")
+    if border != "shrink" and outer > min(size):
+        raise InputError(
+            f"window: {outer} pixels do not fit into {size[0]} x {size[1]} with border {border}. "
+            "Take a smaller window, or border shrink."
+        )
+
+
+def score_part(
+    block: npt.NDArray[Any], rule: WindowRule, origin: tuple[int, int], part: Window, mask: Mask | None = None,
+    *, flags: npt.NDArray[np.uint8] | None = None, threads: int = 1,
+) -> Scores:  # fmt: skip
+    """Scores of a part of a scene from a block that holds it and, as far as the scene goes, a halo around it.
+
+    Parameters
+    ----------
+    block : (band, row, column) ndarray
+    rule : as `window_rule` makes it
+    origin : (int, int)
+        Row and column of the block's first pixel in the scene.
+    part : ((row0, row1), (col0, col1))
+        Of the scene; its first row and column are multiples of `CELL`.
+    mask, flags, threads : as `local_rx`; the mask is of the block, the flags of the part.
+    """
+    (row0, row1), (col0, col1) = part
+    shape = (row1 - row0, col1 - col0)
+    dtype = np.float64 if block.dtype == np.float64 else np.float32
+    scores = np.full(shape, np.nan, dtype)
+    good = np.isfinite(block).all(axis=0)
+    if mask is not None:
+        good &= mask
+
+    def work(cell: Window) -> None:
+        rows, columns = (slice(a - first, b - first) for (a, b), first in zip(cell, (row0, col0), strict=True))
+        values, states = _score_cell(block, good, origin, cell, rule)
+        largest = np.finfo(dtype).max
+        scores[rows, columns] = np.minimum(values, largest, out=values)
+        if flags is not None:
+            flags[rows, columns] = states
+
+    cells = list(_cells(part))
+    if threads > 1 and len(cells) > 1:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(work, cells))
+    else:
+        for cell in cells:
+            work(cell)
+    return scores
+
+
+def window_rule(
+    inner: int, outer: int, border: str, size: tuple[int, int], *, ddof: int = 1, ridge: float = 0
+) -> WindowRule:
+    """What `score_part` needs to know; `halo` is how far it looks.
+
+    Raises
+    ------
+    InputError
+        As `local_rx`.
+    """
+    check_window(inner, outer, border, size)
+    return WindowRule(inner, outer, border, ddof, ridge, size)
+
+
+def _cells(part: Window) -> Iterator[Window]:
+    (row0, row1), (col0, col1) = part
+    for r in range(row0 // CELL * CELL, row1, CELL):
+        for c in range(col0 // CELL * CELL, col1, CELL):
+            yield (max(r, row0), min(r + CELL, row1)), (max(c, col0), min(c + CELL, col1))
+
+
+def _score_cell(
+    block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: Window, rule: WindowRule
+) -> tuple[Float64, npt.NDArray[np.uint8]]:
+    """Scores and states of one cell."""
+    shape = (cell[0][1] - cell[0][0], cell[1][1] - cell[1][0])
+    scores, states = np.full(shape, np.nan), np.zeros(shape, np.uint8)
+    own = tuple(slice(a - first, b - first) for (a, b), first in zip(cell, origin, strict=True))
+    inside = good[own]
+    if not inside.any():
+        return scores, states
+    if len(block) <= KERNEL_BANDS:
+        from ._kernels import ring_scores
+
+        x, known = _padded(block, good, origin, cell, rule, _centre(block[(slice(None), *own)], inside))
+        corner = tuple(a - rule.halo + rule.outer * rule.inner * (rule.outer - rule.inner) for a, _ in cell)
+        ring_scores(x, known, corner, rule.inner, rule.outer, rule.ddof, rule.ridge, scores, states)
+        if rule.border == "shift":
+            states[inside & _near_edge(cell, rule)] = _ASIDE
+    else:
+        states[inside] = _ASIDE
+    for r, c in np.argwhere(states == _ASIDE):
+        row, column = int(r) + cell[0][0], int(c) + cell[1][0]
+        scores[r, c], states[r, c] = _direct(block, good, origin, row, column, rule)
+    return scores, states
+
+
+def _centre(values: npt.NDArray[Any], good: Mask) -> Float64:
+    """A typical pixel of a cell: medians of a few, so that one extreme pixel does not move it."""
+    few = good[::4, ::4]
+    if few.any():
+        return np.asarray(np.median(values[:, ::4, ::4][:, few], axis=1), np.float64)
+    return np.asarray(np.median(values[:, good], axis=1), np.float64)
+
+
+def _padded(
+    block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: Window, rule: WindowRule, centre: Float64
+) -> tuple[Float64, Float64]:
+    """The cell with its halo, (row, band, column), less the centre, 0 where not valid; and 1 where it is valid."""
+    index, inside = [], []
+    for (a, b), first, size in zip(cell, origin, rule.size, strict=True):
+        places = np.arange(a - rule.halo, b + rule.halo)
+        inside.append((places >= 0) & (places < size))
+        index.append(_mirrored(places, size) - first if rule.border == "mirror" else places.clip(0, size - 1) - first)
+    rows, columns = index
+    known = good[np.ix_(rows, columns)]
+    if rule.border != "mirror":
+        known &= inside[0][:, None] & inside[1]
+    x = np.empty((len(rows), len(block), len(columns)))
+    for b, band in enumerate(block):
+        np.subtract(band[np.ix_(rows, columns)], centre[b], out=x[:, b])
+    if not known.all():
+        x[np.broadcast_to(~known[:, None], x.shape)] = 0
+    return x, known.astype(np.float64)
+
+
+def _mirrored(places: npt.NDArray[np.int64], size: int) -> npt.NDArray[np.int64]:
+    """Places outside 0..size-1 mirrored at the image's edge; the pixel at the edge comes twice."""
+    places = np.where(places < 0, -1 - places, places)
+    return np.where(places >= size, 2 * size - 1 - places, places)
+
+
+def _near_edge(cell: Window, rule: WindowRule) -> Mask:
+    """Pixels whose window reaches beyond the scene."""
+    near = []
+    for (a, b), size in zip(cell, rule.size, strict=True):
+        places = np.arange(a, b)
+        near.append((places < rule.halo) | (places >= size - rule.halo))
+    return np.asarray(near[0][:, None] | near[1])
+
+
+def _direct(
+    block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], row: int, column: int, rule: WindowRule
+) -> tuple[float, int]:
+    """Score and state of one pixel from the pixels of its ring."""
+    corner, outer, inner = [], [], []
+    for at, first, size in zip((row, column), origin, rule.size, strict=True):
+        places = _places(at, size, rule.outer, rule.border)
+        low = int(places.min())
+        corner.append(low - first)
+        outer.append(np.bincount(places - low))
+        inner.append(np.bincount(_places(at, size, rule.inner, rule.border) - low, minlength=len(outer[-1])))
+    count = np.multiply.outer(*outer) - np.multiply.outer(*inner)
+    top, left = corner
+    area = (slice(top, top + count.shape[0]), slice(left, left + count.shape[1]))
+    used = good[area] & (count > 0)
+    weight = count[used].astype(np.float64)
+    n = weight.sum()
+    if n < 2 or n <= rule.ddof:
+        return np.nan, TOO_FEW
+    ring = block[(slice(None), *area)][:, used].T.astype(np.float64)
+    shift = ring[0].copy()
+    ring -= shift
+    mean = weight @ ring / n
+    ring -= mean
+    away = block[:, row - origin[0], column - origin[1]].astype(np.float64) - shift - mean
+    root = np.sqrt(weight)
+    ring *= root[:, None]
+    value, full = _inverse_form(ring, away, root, rule.ridge)
+    return value * (n - rule.ddof), FINE if full else DEFICIENT
+
+
+def _places(at: int, size: int, side: int, border: str) -> npt.NDArray[np.int64]:
+    """Rows (or columns) of the window around one, after the border's rule; mirrored ones come twice."""
+    first = at - side // 2
+    if border == "shift":
+        first = min(max(first, 0), size - side)
+    places = np.arange(first, first + side)
+    return _mirrored(places, size) if border == "mirror" else places[(places >= 0) & (places < size)]
+
+
+def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
+    """d^T (R^T R)^+ d for the ring R, less its mean and weighted by `root`; and whether R has full rank.
+
+    With fewer pixels than bands it is computed from R R^T, which is smaller: |(R R^T)^+ R d|^2.
+    """
+    from scipy.linalg.lapack import dpotrf, dpotrs, dpstrf, dtrtrs
+
+    pixels, bands = ring.shape
+    few = pixels <= bands and ridge == 0
+    if few:
+        matrix, right = ring @ ring.T, ring @ away
+        # the mean was taken away, so R R^T does not see `root`; R d has no part along it either
+        unit = root / np.linalg.norm(root)
+        filled = matrix + np.outer(unit, unit) * (np.trace(matrix) / pixels)
+    else:
+        matrix, right = ring.T @ ring, away
+        matrix[np.diag_indices(bands)] *= 1 + ridge
+        filled = matrix
+    lower, failed = dpotrf(filled, lower=1)
+    if not failed and (np.diag(lower) ** 2 > _RANK * len(lower) * np.diag(filled)).all():
+        z = dtrtrs(lower, right, lower=1)[0]
+        if few:
+            z = dtrtrs(lower, z, lower=1, trans=1)[0]
+        return float(z @ z), not few
+    if not np.trace(matrix) > 0:
+        return 0.0, False
+    # a pivoted factor L of as many columns as the rank: the pseudo-inverse is L (L^T L)^-2 L^T
+    lower, pivots, rank, _ = dpstrf(matrix, lower=1, tol=_RANK * len(matrix) * np.trace(matrix))
+    lower, right = np.tril(lower)[:, :rank], right[pivots - 1]
+    gram = dpotrf(lower.T @ lower, lower=1)[0]
+    if few:
+        z = dtrtrs(lower[:rank], right[:rank], lower=1)[0]
+        return float(z @ dpotrs(gram, z, lower=1)[0]), False
+    z = dpotrs(gram, lower.T @ right, lower=1)[0]
+    return float(z @ z), False

@@ -1,0 +1,198 @@
+"""What a recipe means for one scene: its bands, where to score, where the background is, and the tiles to work in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint import tiles as tiling
+from deglint.errors import BandError, InputError, NoWaterError
+from deglint.masks import Roles, WaterRule, water
+from deglint.pipeline.look import block_of, core_of, look_at, role_bands
+from deglint.readers.areas import Area, open_area
+from deglint.readers.roles import explain_nir, find_band, find_nir
+from deglint.readers.text import read_text
+from deglint.scene import Scene
+from deglint.tiles import Tile
+
+from ..background import Background
+from ..local import CELL, WindowRule, window_rule
+from .recipe import Recipe
+
+Mask = npt.NDArray[np.bool_]
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A recipe made ready for a scene.
+
+    Attributes
+    ----------
+    scene : Scene
+    recipe : Recipe
+    bands : tuple of int
+        0-based bands to use.
+    nir : tuple of int
+        Which of `bands` (0-based among them) are the NIR, where that matters.
+    tiles : list of Tile
+    threads : int
+    mask : Masking
+        Where to score.
+    area : Area or None
+        Where the background is; None for everywhere.
+    given : Background or None
+        Fitted before.
+    rule : WindowRule or None
+        Of local RX.
+    notes : tuple of str
+    progress : callable, optional
+    """
+
+    scene: Scene
+    recipe: Recipe
+    bands: tuple[int, ...]
+    nir: tuple[int, ...]
+    tiles: list[Tile]
+    shape: tuple[int, int]
+    threads: int
+    mask: Masking
+    area: Area | None
+    given: Background | None
+    rule: WindowRule | None
+    notes: tuple[str, ...] = ()
+    progress: Progress | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the bands in use."""
+        return tuple(self.scene.names[b] for b in self.bands)
+
+    def note(self, stage: str) -> Callable[[int, int], None] | None:
+        """Progress of a stage."""
+        tell = self.progress
+        return (lambda done, total: tell(stage, done, total)) if tell else None
+
+
+@dataclass(frozen=True, eq=False)
+class Masking:
+    """Where to score: everywhere, inside an area, or on water."""
+
+    scene: Scene
+    area: Area | None = None
+    water: WaterRule | None = None
+    water_bands: tuple[int, ...] = ()
+
+    def read(self, tile: Tile) -> Mask | None:
+        """Mask of a tile; None for everywhere."""
+        if self.area is not None:
+            return self.area.read(tile.window)
+        if self.water is None:
+            return None
+        outer = tile.grown(self.water.halo, self.scene.height, self.scene.width)
+        found = water(self.scene.source.read(outer.window, list(self.water_bands)), self.water)
+        return np.asarray(found[core_of(tile.crop_of(outer), found.shape)])
+
+
+def make_plan(scene: Scene, recipe: Recipe, threads: int, progress: Progress | None = None) -> Plan:
+    """Find out what a recipe needs to know of a scene.
+
+    Raises
+    ------
+    BandError, InputError, ReadError, NoWaterError
+        A band, file or window that cannot be used, or no water where it was asked for.
+    """
+    given, area = _background(scene, recipe)
+    bands = _bands(scene, recipe, given)
+    notes, nir = [], tuple[int, ...]()
+    if recipe.method == "residual":
+        found = find_nir(scene, list(recipe.nir) or None)
+        notes.append(explain_nir(scene, list(recipe.nir) or None))
+        if not set(found) <= set(bands):
+            raise BandError("residual needs the NIR among the bands in use: name it with -b, too.")
+        nir = tuple(bands.index(b) for b in found)
+    mask = _masking(scene, recipe, threads)
+    if mask.water is not None:
+        notes.append(mask.water.reason)
+    rule = None
+    if recipe.method == "local":
+        size = (scene.height, scene.width)
+        ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
+        rule = window_rule(*recipe.window, recipe.border, size, ddof=recipe.ddof, ridge=ridge)
+    shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
+    if rule is not None:
+        shape = _local_shape(shape, scene, threads)
+    everything = tiling.tiles(scene.height, scene.width, shape)
+    at_once = tiling.affordable(threads, shape, 2 * len(bands))
+    return Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, rule, tuple(notes), progress)
+
+
+def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
+    """What --background names: a background that was saved, or an area."""
+    name = recipe.background
+    if not name:
+        return None, None
+    if name.lower().endswith(".json"):
+        text = read_text(name, "--background")
+        if '"background"' in text and '"covariance"' in text:
+            try:
+                return Background.from_json(text), None
+            except InputError as error:
+                raise InputError(f"{name} (--background): {error}") from error
+    return None, open_area(name, scene, "--background")
+
+
+def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
+    """0-based bands to use, in the order of a saved background where there is one."""
+    if recipe.bands:
+        bands = tuple(dict.fromkeys(find_band(scene, b) for b in recipe.bands))
+    elif given is not None and given.names:
+        bands = tuple(scene.index(name) for name in given.names)
+    else:
+        bands = tuple(range(len(scene.bands)))
+    if given is not None and len(bands) != given.bands:
+        raise BandError(
+            f"the saved background has {given.bands} bands, the scene is to be used with {len(bands)}. "
+            "Name the same bands with -b."
+        )
+    return bands
+
+
+def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
+    if recipe.mask == "none":
+        return Masking(scene)
+    if recipe.mask != "water":
+        return Masking(scene, open_area(recipe.mask, scene, "--mask"))
+    nir = find_nir(scene, list(recipe.nir) or None)[0]
+    look = look_at(scene, nir, threads, wanted=True)
+    if look.water is None:
+        raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")
+    if not look.water.has_water:
+        raise NoWaterError(look.water.reason)
+    roles: Roles = look.roles
+    return Masking(scene, None, look.water, role_bands(roles))
+
+
+def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[int, int]:
+    """Tiles of whole cells of local RX, and enough of them for all threads."""
+    rows, columns = (-(-side // CELL) * CELL for side in shape)
+    while -(-scene.height // rows) * -(-scene.width // columns) < 2 * threads and max(rows, columns) > CELL:
+        if rows >= columns:
+            rows = rows // 2 // CELL * CELL or CELL
+        else:
+            columns = columns // 2 // CELL * CELL or CELL
+    return rows, columns
+
+
+def both(a: Mask | None, b: Mask | None) -> Mask | None:
+    """Where two masks are True; None is everywhere."""
+    return b if a is None else a if b is None else a & b
+
+
+def read(scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
+    """Pixels of a tile."""
+    return scene.source.read(tile.window, list(bands))

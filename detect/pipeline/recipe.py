@@ -1,0 +1,134 @@
+"""What to do with a scene, and where results go: the options of `rxdetect score`, as frozen values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from deglint.errors import InputError
+
+from ..background import COVARIANCES, RIDGE, check_rule
+from ..local import BORDERS
+from ..rx import METHODS as GLOBAL_METHODS
+
+METHODS = {"local": "squared Mahalanobis distance from the ring around the pixel (--window)", **GLOBAL_METHODS}
+"""Detectors, with what they are."""
+THRESHOLDS = {
+    "gpd": "tail fitted to the scores",
+    "empirical": "quantile of the scores",
+    "f": "F",
+    "chi2": "chi-squared",
+}
+"""How the threshold for --pfa is found."""
+NO_LAW = ("utd", "rx-utd")
+"""Detectors whose scores follow no known law even over a normal background."""
+WINDOW = (5, 21)
+"""Guard and window of local RX, unless they are said [pixel]."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What to do; every field has a default.
+
+    Attributes
+    ----------
+    method : str
+        A key of `METHODS`.
+    window : (int, int)
+        Guard and window of "local" [pixel].
+    border, ddof : str, int
+        As `detect.local.local_rx`.
+    covariance, ridge : str, float
+        As `detect.background.fit`; "local" knows "empirical" and "ridge".
+    background : str
+        "" for everything valid; else a GeoJSON file, mask raster, window, or a saved background.
+    bands, nir : tuple of str
+        Bands to use, all where empty, and the NIR (for "residual" and the water mask), by name or 1-based number.
+    drop : int
+        Leading eigenvectors that "subspace" leaves out.
+    mask : str
+        Where to score: "none" (everywhere), "water" (found in the scene), or a raster, GeoJSON file or window.
+    pfa : float, optional
+        False alarms wanted per pixel.
+    threshold : str
+        A key of `THRESHOLDS`.
+    min_size, merge_distance
+        As `detect.objects.find`.
+    """
+
+    method: str = "rx"
+    window: tuple[int, int] = WINDOW
+    border: str = "shrink"
+    ddof: int = 1
+    covariance: str = "empirical"
+    ridge: float = RIDGE
+    background: str = ""
+    bands: tuple[str, ...] = ()
+    nir: tuple[str, ...] = ()
+    drop: int = 1
+    mask: str = "none"
+    pfa: float | None = None
+    threshold: str = "gpd"
+    min_size: int = 1
+    merge_distance: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, known in (("method", METHODS), ("threshold", THRESHOLDS), ("covariance", COVARIANCES)):
+            if getattr(self, name) not in known:
+                raise InputError(f"{name} {getattr(self, name)!r} is not one of {', '.join(known)}.")
+        check_rule(self.covariance, self.ridge)
+        if self.border not in BORDERS:
+            raise InputError(f"border {self.border!r} is not one of {', '.join(BORDERS)}.")
+        if self.pfa is not None and not 0 < self.pfa < 1:
+            raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
+        self._check_local()
+        if self.pfa is not None and self.threshold in ("chi2", "f") and self.method in NO_LAW:
+            raise InputError(
+                f"{self.method} scores follow neither chi-squared nor F: take --threshold empirical or gpd."
+            )
+
+    def _check_local(self) -> None:
+        if self.method != "local":
+            return
+        if self.covariance not in ("empirical", "ridge"):
+            raise InputError(
+                f"local takes covariance empirical or ridge, got {self.covariance}: the ring of a pixel is too small "
+                "to estimate more."
+            )
+        if self.background:
+            raise InputError("local takes the ring around each pixel as its background: leave out --background.")
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where results go.
+
+    Attributes
+    ----------
+    image : Path
+        The scores; the sidecar is `image` with ".json" appended.
+    p_value, objects, background : Path, optional
+        Raster of p-values, detected objects as GeoJSON, the fitted background.
+    overwrite : bool
+        Replace what exists.
+    options : mapping
+        GDAL creation options.
+    """
+
+    image: Path
+    p_value: Path | None = None
+    objects: Path | None = None
+    background: Path | None = None
+    overwrite: bool = False
+    options: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def sidecar(self) -> Path:
+        """Name of the sidecar."""
+        return self.image.with_name(self.image.name + ".json")
+
+    def every(self) -> list[Path]:
+        """All files that will be written."""
+        extra = (self.p_value, self.objects, self.background)
+        return [self.image, self.sidecar, *(p for p in extra if p is not None)]

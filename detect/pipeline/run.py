@@ -1,0 +1,416 @@
+"""The whole job: fit the background, score tile by tile, find the threshold, mark objects, write everything at once."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint import tiles as tiling
+from deglint.errors import InputError, NoWaterError
+from deglint.pipeline import default_threads
+from deglint.pipeline.cluster import Cluster
+from deglint.pipeline.look import raster_of
+from deglint.pipeline.sidecar import Checksum
+from deglint.raster.environment import enter_thread, environment
+from deglint.raster.info import open_dataset
+from deglint.raster.output import Layout, Scratch, check_target, plain, write_json, write_text, writing
+from deglint.scene import Scene
+from deglint.tiles import Tile
+
+from .. import objects as marking
+from .. import threshold as cutting
+from ..background import COMPILED_PIXELS, Background, Gathering, estimate, fourth_moments, part_of, sample_share
+from ..local import DEFICIENT, TOO_FEW, score_part
+from ..rx import Detector, detector, score
+from ..threshold import Tail, Threshold
+from .plan import Plan, Progress, both, make_plan, read
+from .recipe import NO_LAW, Outputs, Recipe
+from .sidecar import describe, notes_on, warnings_of
+
+
+@dataclass
+class Tally:
+    """Pixels of the whole run."""
+
+    total: int = 0
+    masked_out: int = 0
+    not_valid: int = 0
+    scored: int = 0
+    deficient: int = 0
+    too_few: int = 0
+
+    def add(self, other: Tally) -> None:
+        """Add a tile's counts."""
+        for name in vars(self):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """One scored tile."""
+
+    scores: npt.NDArray[np.float32]
+    tally: Tally
+    tail: Tail | None = None
+    p_values: npt.NDArray[np.float32] | None = None
+
+
+class Highest:
+    """The tail of all tiles, merged now and then; tiles need not send what lies below it."""
+
+    def __init__(self, keep: int) -> None:
+        self._whole, self._waiting = Tail(0, np.zeros(0, np.float32), keep), list[Tail]()
+        self.floor = -np.inf
+
+    def of(self, scores: npt.NDArray[np.float32]) -> Tail:
+        """The tail of a tile, less what cannot be among the highest any more."""
+        valid = int(np.count_nonzero(np.isfinite(scores)))
+        return replace(Tail.of(scores[scores >= self.floor], self._whole.keep), n=valid)
+
+    def add(self, tail: Tail) -> None:
+        """Take a tile's."""
+        self._waiting.append(tail)
+        if sum(len(t.values) for t in self._waiting) > self._whole.keep:
+            self.total()
+
+    def total(self) -> Tail:
+        """Of everything so far."""
+        self._whole = Tail.merge([self._whole, *self._waiting])
+        self._waiting = []
+        if len(self._whole.values) == self._whole.keep:
+            self.floor = float(self._whole.values[-1])
+        return self._whole
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """What scores over a normal background follow: degrees of freedom, and pixels that the statistics come from."""
+
+    bands: int
+    n: int
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run did.
+
+    Attributes
+    ----------
+    tally : Tally
+    background : Background or None
+    threshold : Threshold or None
+    objects : int or None
+        How many were marked.
+    sidecar : dict
+        Everything that the sidecar says.
+    """
+
+    tally: Tally
+    background: Background | None
+    threshold: Threshold | None
+    objects: int | None
+    sidecar: dict[str, Any] = field(repr=False)
+
+
+def score_file(
+    source: str | Path | Sequence[str | Path],
+    image: str | Path,
+    recipe: Recipe | None = None,
+    *,
+    sensor: str | None = None,
+    nodata: float | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    cluster: Cluster | None = None,
+    **outputs: Any,
+) -> Result:
+    """Score every pixel of a raster file by how little it belongs.
+
+    Parameters
+    ----------
+    source : path or sequence of paths
+        GDAL name(s) of the input, as `deglint.open_scene` takes them.
+    image : path
+        Output, a local GeoTIFF of one float32 band, NaN where not valid. `image`.json is written beside it.
+    recipe : Recipe, optional
+        Global RX by default.
+    sensor, nodata
+        As `deglint.open_scene`.
+    threads : int, optional
+        All processors by default. The result is the same for any number.
+    progress : callable, optional
+        progress(stage, done, total).
+    cluster : Cluster, optional
+        Workers in place of threads, as `deglint.remove_glint`; the result is the same to the bit.
+    **outputs
+        p_value, objects, background, overwrite, options: see `Outputs`.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    ReadError, WriteError, InputError, BandError, FitError, NoWaterError
+        With one line that says what to do. No output is left, and an old one is as it was.
+
+    Examples
+    --------
+    >>> score_file("clean.tif", "scores.tif", Recipe(method="local", window=(5, 21)))  # doctest: +SKIP
+    """
+    from deglint.readers import open_scene
+
+    recipe = recipe or Recipe()
+    files = ("p_value", "objects", "background")
+    paths: dict[str, Any] = {k: Path(v) if k in files and v else v for k, v in outputs.items()}
+    targets = Outputs(Path(image), **paths)
+    _check_targets(recipe, targets, threads)
+    with environment(), _one_blas_thread():
+        scene = open_scene(source, sensor=sensor, nodata=nodata)
+        with raster_of(scene):
+            return _run(scene, recipe, targets, threads or default_threads(), progress, cluster)
+
+
+def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> None:
+    if threads is not None and threads < 1:
+        raise InputError(f"threads: want at least 1, got {threads}.")
+    if targets.objects and recipe.pfa is None:
+        raise InputError("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4.")
+    if targets.p_value and recipe.method in NO_LAW:
+        raise InputError(f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx.")
+    if targets.background and recipe.method == "local":
+        raise InputError("local has a background for every pixel, none to save. Leave out --save-background.")
+    if len(set(map(os.path.realpath, targets.every()))) < len(targets.every()):
+        raise InputError("two outputs have the same name; give each its own.")
+    for path in targets.every():
+        check_target(path, overwrite=targets.overwrite)
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """The tiles' threads are all the threads: BLAS gets none of its own."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"):
+        yield
+
+
+def _run(
+    scene: Scene, recipe: Recipe, targets: Outputs, threads: int, progress: Progress | None, cluster: Cluster | None
+) -> Result:
+    begun = time.perf_counter()
+    inputs = {os.path.realpath(p) for p in raster_of(scene).info.paths}
+    for path in targets.every():
+        if os.path.realpath(path) in inputs:
+            raise InputError(f"{path} is the input, and would be lost. Give that output another name.")
+    checksum = Checksum(raster_of(scene).info.paths)
+    plan = make_plan(scene, recipe, threads, progress)
+    background = (
+        None if plan.rule else plan.given or fit_background(plan, tiling.run if cluster is None else cluster.run)
+    )
+    ready = detector(recipe.method, background, drop=recipe.drop, nir=plan.nir) if background else None
+    law = _law(recipe, ready, background, len(plan.bands))
+    with Scratch() as scratch:
+        with ExitStack() as stack:
+            run = tiling.run if cluster is None else stack.enter_context(cluster.by_files(targets.image))
+            tally, tail = _write_tiles(scratch, plan, targets, ready, law, run)
+        if not tally.scored:
+            raise NoWaterError(f"nothing to score in {scene.path}: {_why_nothing(tally)}. Check --nodata and --mask.")
+        threshold = None if tail is None else _threshold(recipe, tail, law, tally)
+        found = None
+        if targets.objects and threshold:
+            found = _write_objects(scratch, plan, targets, threshold, progress)
+        if targets.background and background:
+            write_text(scratch, targets.background, replace(background, names=plan.names).to_json() + "\n")
+        said = plain(
+            {
+                **describe(plan, targets, background, threshold, tally, checksum),
+                "objects": found,
+                "notes": [*scene.notes, *plan.notes, *notes_on(plan, background)],
+                "warnings": warnings_of(plan, background, threshold, tally),
+                "seconds": round(time.perf_counter() - begun, 3),
+            }
+        )
+        write_json(scratch, targets.sidecar, said)
+    return Result(tally, background, threshold, found, said)
+
+
+def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
+    """Fit the background of a plan over its tiles; two passes for ledoit-wolf, else one.
+
+    Parameters
+    ----------
+    plan : Plan
+    run : callable
+        What passes over the tiles: threads here, or a cluster's `run`.
+
+    Raises
+    ------
+    FitError
+        Too few valid pixels.
+    """
+    recipe, bands = plan.recipe, plan.bands
+    pixels = sum(t.shape[0] * t.shape[1] for t in plan.tiles)
+    share = sample_share(recipe.covariance, pixels)
+    gathering = Gathering(len(bands), share)
+    compiled = pixels > 10 * COMPILED_PIXELS  # reading takes as long as the numpy engine, on fewer than that
+
+    silent = replace(plan, progress=None)  # what tells of progress stays in this process
+
+    def where(tile: Tile) -> npt.NDArray[np.bool_] | None:
+        return both(silent.mask.read(tile), None if silent.area is None else silent.area.read(tile.window))
+
+    def gather(tile: Tile) -> Any:
+        block = read(silent.scene, tile, bands)
+        return part_of(block, where(tile), (tile.row0, tile.col0), share, compiled=compiled)
+
+    for _tile, part in run(plan.tiles, gather, threads=plan.threads, progress=plan.note("fit"), start=enter_thread):
+        gathering.add(part)
+    moments = gathering.moments()
+    fourths = []
+    if recipe.covariance == "ledoit-wolf" and moments.n > 1:
+
+        def fourth(tile: Tile) -> Any:
+            return fourth_moments(read(silent.scene, tile, bands), where(tile), moments, (tile.row0, tile.col0))
+
+        found = run(plan.tiles, fourth, threads=plan.threads, progress=plan.note("shrink"), start=enter_thread)
+        fourths = [part for _tile, part in found]
+    return estimate(
+        moments, recipe.covariance, ridge=recipe.ridge, names=plan.names, sample=gathering.sample(), fourths=fourths
+    )
+
+
+def _law(recipe: Recipe, ready: Detector | None, background: Background | None, bands: int) -> Law | None:
+    if recipe.method in NO_LAW:
+        return None
+    if ready is not None and background is not None:
+        return Law(ready.rank, background.n)
+    inner, outer = recipe.window
+    return Law(bands, outer * outer - inner * inner)
+
+
+def _threshold(recipe: Recipe, tail: Tail, law: Law | None, tally: Tally) -> Threshold:
+    """The threshold for the wanted rate, with the rate that it gave."""
+    pfa = float(recipe.pfa or 0)
+    if recipe.threshold == "chi2" and law:
+        found = cutting.from_chi2(pfa, law.bands)
+    elif recipe.threshold == "f" and law:
+        found = cutting.from_f(pfa, law.bands, law.n)
+    elif recipe.threshold == "empirical":
+        return cutting.from_quantile(tail, pfa)
+    else:
+        return cutting.from_gpd(tail, pfa)
+    above = tail.above(found.value)
+    return found if above is None else found.measured(above, tally.scored)
+
+
+@dataclass(frozen=True, eq=False)
+class Scoring:
+    """All that scoring a tile needs, as a function of the tile; shared by the threads, never changed."""
+
+    plan: Plan
+    ready: Detector | None
+    law: Law | None
+    highest: Highest | None
+    want_p: bool
+
+    def __call__(self, tile: Tile) -> Scored:
+        """Read a tile, score it, and count."""
+        plan, states = self.plan, None
+        if plan.rule is None and self.ready is not None:
+            mask = plan.mask.read(tile)
+            scores = score(read(plan.scene, tile, plan.bands), self.ready, mask)
+        elif plan.rule is not None:
+            outer = tile.grown(plan.rule.halo, plan.scene.height, plan.scene.width)
+            mask = plan.mask.read(outer)
+            states = np.zeros(tile.shape, np.uint8)
+            block = read(plan.scene, outer, plan.bands)
+            scores = score_part(block, plan.rule, (outer.row0, outer.col0), tile.window, mask, flags=states)
+            if mask is not None:
+                top, bottom, left, right = tile.crop_of(outer)
+                mask = mask[top : mask.shape[0] - bottom, left : mask.shape[1] - right]
+        else:
+            raise AssertionError("unreachable: a plan has a window, or a background")
+        found = scores.astype(np.float32, copy=False)
+        p_values = None
+        if self.want_p and self.law:
+            p_values = cutting.p_value(found, self.law.bands, self.law.n).astype(np.float32)
+        tail = None if self.highest is None else self.highest.of(found)
+        return Scored(found, _count(found, mask, states), tail, p_values)
+
+
+def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
+    tally = Tally(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
+    tally.masked_out = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
+    if states is not None:
+        tally.deficient = int(np.count_nonzero(states == DEFICIENT))
+        tally.too_few = int(np.count_nonzero(states == TOO_FEW))
+    tally.not_valid = tally.total - tally.masked_out - tally.scored - tally.too_few
+    return tally
+
+
+def _write_tiles(
+    scratch: Scratch, plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None, run: tiling.Run
+) -> tuple[Tally, Tail | None]:
+    info = raster_of(plan.scene).info
+    info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
+    base = Layout(
+        info, (0,), "float32", float("nan"), targets.options, scaled=False, names=(plan.recipe.method,), tile=plan.shape
+    )
+    pfa = plan.recipe.pfa
+    highest = None if pfa is None else Highest(Tail.keep_for(pfa, plan.scene.height * plan.scene.width))
+    tally = Tally()
+    with ExitStack() as stack:
+        image = stack.enter_context(writing(scratch, targets.image, base))
+        p_image = None
+        if targets.p_value:
+            p_image = stack.enter_context(writing(scratch, targets.p_value, replace(base, names=("p-value",))))
+        work = Scoring(replace(plan, progress=None), ready, law, highest, p_image is not None)
+        done = run(plan.tiles, work, threads=plan.threads, progress=plan.note("score"), start=enter_thread)
+        for tile, scored in done:
+            image.write(scored.scores, tile.window)
+            if p_image is not None and scored.p_values is not None:
+                p_image.write(scored.p_values, tile.window)
+            tally.add(scored.tally)
+            if highest and scored.tail:
+                highest.add(scored.tail)
+    return tally, highest.total() if highest else None
+
+
+def _write_objects(
+    scratch: Scratch, plan: Plan, targets: Outputs, threshold: Threshold, progress: Progress | None
+) -> int:
+    """Mark objects in the scores that were just written; returns how many."""
+    if targets.objects is None:
+        return 0
+    with open_dataset(str(scratch.file(targets.image))) as dataset:
+        scores = dataset.read(1)
+    if progress:
+        progress("objects", 0, 1)
+    scene, recipe = plan.scene, plan.recipe
+    area = marking.pixel_area(scene.transform, scene.crs, scores.shape)
+    found = marking.find(
+        threshold.exceeded(scores), scores,
+        min_size=recipe.min_size, merge_distance=recipe.merge_distance, pixel_area=area,
+    )  # fmt: skip
+    document = marking.to_geojson(
+        found, scene.transform, scene.crs, threshold=threshold.value, pfa=threshold.pfa_designed
+    )
+    write_json(scratch, targets.objects, document)
+    if progress:
+        progress("objects", 1, 1)
+    return len(found)
+
+
+def _why_nothing(tally: Tally) -> str:
+    if tally.too_few:
+        return "no ring holds two valid pixels"
+    return "every pixel is nodata" if tally.masked_out < tally.total else "no pixel lies inside the mask"

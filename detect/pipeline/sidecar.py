@@ -1,0 +1,114 @@
+"""What the sidecar of a score raster says: with what, on what, how, and what came of it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from deglint import __version__
+from deglint.errors import DeglintError
+from deglint.pipeline.sidecar import Checksum, versions
+from deglint.readers.text import read_json
+
+from ..background import Background
+from ..local import STATES
+from ..threshold import Threshold
+from .plan import Plan
+from .recipe import Outputs
+
+if TYPE_CHECKING:
+    from .run import Tally
+
+AFFINE = ("hedley", "lyzenga", "joyce", "nir-subtraction")
+"""Glint removals that subtract a multiple of the NIR from each band."""
+BLIND = ("rx", "local", "residual")
+"""Detectors that such a removal does not change: no invertible affine map of the bands does."""
+_MOST_BANDS = 32
+"""Bands up to which the covariance stands in the sidecar."""
+_FEW = 10
+"""Pixels per band below which the estimated covariance raises the scores noticeably."""
+
+
+def describe(
+    plan: Plan, targets: Outputs, background: Background | None, threshold: Threshold | None, tally: Tally,
+    checksum: Checksum,
+) -> dict[str, Any]:  # fmt: skip
+    """Everything about a run that is a number or was asked for."""
+    recipe = asdict(plan.recipe)
+    recipe["bands"] = list(plan.names)
+    recipe["nir"] = [plan.names[b] for b in plan.nir]
+    if plan.recipe.method == "local":
+        inner, outer = plan.recipe.window
+        recipe["ring_pixels"] = outer * outer - inner * inner
+    water = plan.mask.water
+    return {
+        "detect": __version__,
+        "versions": versions(),
+        "input": checksum.result(),
+        "output": str(targets.image),
+        "recipe": recipe,
+        "background": _numbers(background) if background else None,
+        "water": water.numbers() if water else None,
+        "threshold": asdict(threshold) if threshold else None,
+        "pixels": asdict(tally),
+    }
+
+
+def _numbers(background: Background) -> dict[str, Any]:
+    numbers = background.numbers()
+    if background.bands > _MOST_BANDS:
+        numbers["covariance"] = "left out: --save-background writes it"
+    return numbers
+
+
+def notes_on(plan: Plan, background: Background | None) -> list[str]:
+    """What was decided, one line each."""
+    notes = [f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
+    if background is not None:
+        where = "read from a file" if plan.given else f"{background.n} pixels"
+        shrunk = f", {background.rule} {background.shrinkage:.3g}" if background.shrinkage else ""
+        notes.append(f"background: {where}, rank {background.rank} of {background.bands}{shrunk}")
+    return notes
+
+
+def warnings_of(plan: Plan, background: Background | None, threshold: Threshold | None, tally: Tally) -> list[str]:
+    """What the analyst should know before trusting the scores."""
+    said = []
+    if background is not None:
+        if background.rank < background.bands:
+            said.append(
+                f"{background.bands - background.rank} of {background.bands} bands do not vary or follow from others: "
+                "scored as if they were not there"
+            )
+        if background.n < _FEW * background.bands:
+            said.append(
+                f"the background has {background.n} pixels for {background.bands} bands: scores follow F, "
+                "not chi-squared (--threshold f), or take --covariance ledoit-wolf"
+            )
+    for count, state in zip((tally.deficient, tally.too_few), STATES, strict=True):
+        if count:
+            said.append(f"{count} of {tally.total} pixels: {STATES[state]}")
+    if threshold is not None:
+        said += threshold.notes
+    if line := deglinted(plan):
+        said.append(line)
+    return said
+
+
+def deglinted(plan: Plan) -> str | None:
+    """That a linear glint removal does not change RX, where the input is the output of one and has its NIR."""
+    if plan.recipe.method not in BLIND or plan.recipe.covariance not in ("empirical", "mcd"):
+        return None
+    try:
+        made = read_json(f"{plan.scene.path}.json", "sidecar")
+        model = made["model"]
+        kept = {model["band_names"][b] for index in model["indexes"] for b in index["bands"]} <= set(plan.names)
+        affine = model["method"] in AFFINE and bool(model["fits"])
+    except (DeglintError, KeyError, TypeError, IndexError):
+        return None
+    if not (affine and kept):
+        return None
+    return (
+        f"{plan.recipe.method} scores do not change under {model['method']} as long as the NIR is among the bands: "
+        "these are the scores of the glinted scene. For the removal to count, leave the NIR out with -b"
+    )

@@ -1,0 +1,264 @@
+"""`rxdetect score`, from file to file: scores, thresholds, objects, masks, backgrounds, and what it refuses."""
+
+import json
+from collections import namedtuple
+
+import numpy as np
+import pytest
+import rasterio
+
+from detect import background, local, rx, threshold
+from detect.cli import run
+from detect.cli import score as command
+from detect.pipeline import Recipe, recipe, score_file
+
+Ran = namedtuple("Ran", "code out err")
+
+
+@pytest.fixture
+def rxdetect(capfd):
+    def call(*arguments):
+        capfd.readouterr()
+        code = run([str(a) for a in arguments])
+        return Ran(code, *capfd.readouterr())
+
+    return call
+
+
+@pytest.fixture
+def scene(tmp_path, sea, write):
+    """A sea with an odd 3 x 3 patch, and a hole of nodata."""
+    pixels = sea(height=200, width=230)
+    pixels[1, 100:103, 50:53] += 400
+    pixels[:, :10, :10] = 0
+    return write(tmp_path / "scene.tif", pixels, nodata=0, tiled=True, blockxsize=64, blockysize=64)
+
+
+def pixels_of(path):
+    with rasterio.open(path) as dataset:
+        image = dataset.read().astype(np.float32)
+    image[:, (image == 0).any(axis=0)] = np.nan
+    return image
+
+
+def scores_of(path):
+    with rasterio.open(path) as dataset:
+        return dataset.read(1)
+
+
+def test_choices_are_the_tables():
+    assert set(command.METHOD_NAMES) == set(recipe.METHODS)
+    assert tuple(background.COVARIANCES) == command.COVARIANCE_NAMES
+    assert tuple(recipe.THRESHOLDS) == command.THRESHOLD_NAMES
+    assert local.BORDERS == command.BORDER_NAMES
+
+
+@pytest.mark.parametrize("method", recipe.METHODS)
+def test_the_file_is_what_the_arrays_give(rxdetect, scene, tmp_path, method):
+    out = tmp_path / "out.tif"
+    ran = rxdetect("score", scene, out, "--method", method, "--window", "3,9", "--json")
+    assert ran.code == 0, ran.err
+    image = pixels_of(scene)
+    if method == "local":
+        expected = local.local_rx(image, inner=3, outer=9)
+    else:
+        expected = rx.score(image, rx.detector(method, background.fit(image), nir=[3]))
+    np.testing.assert_array_equal(scores_of(out), expected)
+    said = json.loads(ran.out)
+    assert said["pixels"]["not_valid"] == 100
+    assert said["pixels"]["scored"] == 200 * 230 - 100
+    assert json.loads((tmp_path / "out.tif.json").read_text()) == said
+
+
+def test_the_raster_is_a_valid_float_cog(rxdetect, scene, tmp_path):
+    from rio_cogeo import cog_validate
+
+    out = tmp_path / "out.tif"
+    assert rxdetect("score", scene, out, "--co", "COMPRESS=ZSTD").code == 0
+    assert cog_validate(out)[0]
+    with rasterio.open(out) as dataset, rasterio.open(scene) as source:
+        assert (dataset.count, dataset.dtypes, dataset.descriptions) == (1, ("float32",), ("rx",))
+        assert np.isnan(dataset.nodata)
+        assert (dataset.crs, dataset.transform, dataset.shape) == (source.crs, source.transform, source.shape)
+        assert dataset.profile["compress"] == "zstd"
+
+
+@pytest.mark.parametrize("options", [("--covariance", "mcd"), ("--covariance", "ledoit-wolf"), ("--method", "local")])
+def test_threads_and_blocks_do_not_matter(tmp_path, sea, write, options, rxdetect):
+    pixels = sea(height=300, width=330)
+    found = []
+    for name, layout, threads in (
+        ("a", {"tiled": True, "blockxsize": 64, "blockysize": 64}, 1),
+        ("b", {"blockysize": 7}, 3),
+    ):
+        scene = write(tmp_path / f"{name}.tif", pixels, **layout)
+        out = tmp_path / f"{name}_out.tif"
+        assert rxdetect("score", scene, out, "--threads", threads, *options).code == 0
+        found.append(scores_of(out))
+    np.testing.assert_array_equal(*found)
+
+
+@pytest.mark.parametrize("law", recipe.THRESHOLDS)
+def test_threshold_and_objects(rxdetect, scene, tmp_path, law):
+    out, marked = tmp_path / "out.tif", tmp_path / "found.geojson"
+    options = ["--pfa", "1e-3", "--threshold", law, "--objects", marked, "--min-size", "4"]
+    ran = rxdetect("score", scene, out, *options, "--json")
+    assert ran.code == 0, ran.err
+    said = json.loads(ran.out)
+    scores = scores_of(out)
+    valid = scores[np.isfinite(scores)]
+    expected = {
+        "gpd": lambda: threshold.from_gpd(valid, 1e-3),
+        "empirical": lambda: threshold.from_quantile(valid, 1e-3),
+        "f": lambda: threshold.from_f(1e-3, 4, 200 * 230 - 100),
+        "chi2": lambda: threshold.from_chi2(1e-3, 4),
+    }[law]()
+    assert said["threshold"]["value"] == pytest.approx(expected.value, rel=1e-12)
+    assert said["threshold"]["pfa_achieved"] == pytest.approx((valid > expected.value).mean(), abs=1e-12)
+    features = json.loads(marked.read_text())["features"]
+    assert len(features) == said["objects"] >= 1
+    first = features[0]["properties"]
+    assert (first["row"], first["column"]) == pytest.approx((101, 51), abs=1)
+    assert first["area_m2"] == 100 * first["pixels"]
+
+
+def test_p_values(rxdetect, scene, tmp_path):
+    out, p = tmp_path / "out.tif", tmp_path / "p.tif"
+    assert rxdetect("score", scene, out, "--p-value", p).code == 0
+    expected = threshold.p_value(scores_of(out), 4, 200 * 230 - 100).astype(np.float32)
+    np.testing.assert_array_equal(scores_of(p), expected)
+
+
+def test_fit_on_one_scene_score_another(rxdetect, scene, tmp_path, sea, write):
+    out, saved = tmp_path / "out.tif", tmp_path / "sea.json"
+    assert rxdetect("score", scene, out, "-b", "red,nir,blue", "--save-background", saved).code == 0
+    other = write(tmp_path / "other.tif", sea(height=70, width=80, seed=9)[::-1], names=("nir", "red", "green", "blue"))
+    ran = rxdetect("score", other, tmp_path / "out2.tif", "--background", saved)
+    assert ran.code == 0, ran.err
+    fitted = background.fit(pixels_of(scene)[[2, 3, 0]])
+    np.testing.assert_allclose(scores_of(tmp_path / "out2.tif"), rx.rx(pixels_of(other)[[1, 0, 3]], fitted), rtol=2e-7)
+    ran = rxdetect("score", other, tmp_path / "out3.tif", "--background", saved, "-b", "1,2")
+    assert (ran.code, "the saved background has 3 bands" in ran.err) == (1, True)
+
+
+def test_background_and_mask_from_files(rxdetect, scene, tmp_path, geojson, write):
+    west, north = 400_000, 800_000
+    ring = [(west, north), (west + 1000, north), (west + 1000, north - 2000), (west, north - 2000), (west, north)]
+    area = geojson(tmp_path / "area.geojson", ring, crs="urn:ogc:def:crs:EPSG::32653")
+    image, inside = pixels_of(scene), np.zeros((200, 230), bool)
+    inside[:, :100] = True
+    out = tmp_path / "out.tif"
+    assert rxdetect("score", scene, out, "--background", area).code == 0
+    np.testing.assert_array_equal(scores_of(out), rx.rx(image, inside))
+    ran = rxdetect("score", scene, out, "--mask", area, "--overwrite", "--json")
+    np.testing.assert_array_equal(scores_of(out), rx.rx(image, mask=inside))
+    assert json.loads(ran.out)["pixels"]["masked_out"] == 200 * 130
+    mask = write(tmp_path / "mask.tif", inside[None].astype(np.uint8), names=None)
+    for method in ("local", "rx"):
+        assert rxdetect("score", scene, out, "--mask", mask, "--overwrite", "--method", method).code == 0
+        expected = (
+            local.local_rx(image, inner=5, outer=21, mask=inside) if method == "local" else rx.rx(image, mask=inside)
+        )
+        np.testing.assert_array_equal(scores_of(out), expected)
+
+
+def test_water_mask_leaves_land_out(rxdetect, tmp_path, sea, write):
+    pixels = sea(height=150, width=160)
+    pixels[:, :, :60] = 9000 + np.random.default_rng(0).integers(0, 3000, (4, 150, 60))
+    scene, out = write(tmp_path / "scene.tif", pixels), tmp_path / "out.tif"
+    for method in ("rx", "local"):
+        assert rxdetect("score", scene, out, "--mask", "water", "--overwrite", "--method", method).code == 0
+        scores = scores_of(out)
+        assert np.isnan(scores[:, :60]).all()
+        assert np.isfinite(scores[:, 70:]).mean() > 0.95
+
+
+def test_a_deglinted_scene_is_told_that_rx_is_blind_to_it(rxdetect, deglint, scene, tmp_path):
+    clean, out = tmp_path / "clean.tif", tmp_path / "out.tif"
+    assert deglint("remove", scene, clean, "--method", "hedley", "--sample", "all", "--dtype", "float32").code == 0
+    line = "do not change under hedley"
+    for method in ("rx", "local", "residual"):
+        assert line in rxdetect("score", clean, out, "--overwrite", "--method", method).err
+    assert line not in rxdetect("score", clean, out, "--overwrite", "-b", "1,2,3").err
+    assert line not in rxdetect("score", clean, out, "--overwrite", "--method", "subspace").err
+    rxdetect("score", scene, tmp_path / "raw.tif")
+    rxdetect("score", clean, out, "--overwrite")
+    np.testing.assert_allclose(scores_of(out), scores_of(tmp_path / "raw.tif"), rtol=2e-3)
+
+
+def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
+    pixels = sea(height=60, width=60)
+    pixels[2] = 7
+    scene, out = write(tmp_path / "scene.tif", pixels), tmp_path / "out.tif"
+    assert "1 of 4 bands do not vary" in rxdetect("score", scene, out).err
+    ran = rxdetect("score", scene, out, "--overwrite", "--method", "local")
+    assert "3600 of 3600 pixels: the ring's covariance has not full rank" in ran.err
+    small = write(tmp_path / "small.tif", sea(height=5, width=5))
+    assert "scores follow F" in rxdetect("score", small, out, "--overwrite").err
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        (["--objects", "o.geojson"], 1, "give --pfa"),
+        (["--method", "utd", "--p-value", "p.tif"], 1, "follow no known law"),
+        (["--method", "utd", "--pfa", "1e-3", "--threshold", "f"], 1, "--threshold empirical or gpd"),
+        (["--method", "local", "--covariance", "mcd"], 1, "local takes covariance empirical or ridge"),
+        (["--method", "local", "--background", "1,1,5,5"], 1, "leave out --background"),
+        (["--method", "local", "--save-background", "b.json"], 1, "Leave out --save-background"),
+        (["--method", "local", "--window", "4,9"], 1, "want odd sides"),
+        (["--method", "local", "--window", "x"], 2, "is not INNER,OUTER"),
+        (["--method", "subspace", "--drop", "4"], 1, "drop: want 0 to 3"),
+        (["--method", "residual", "-b", "1,2"], 1, "needs the NIR among the bands"),
+        (["-b", "nonsense"], 1, "nonsense"),
+        (["--pfa", "2"], 2, "0<x<1"),
+        (["--pfa", "1e-6", "--threshold", "empirical"], 1, ""),
+        (["--background", "missing.geojson"], 1, "no such file"),
+        (["--background", "5000,5000,5,5"], 1, "lies off the scene"),
+        (["--background", "0,0,5,5"], 1, "0 valid pixels"),
+        (["--mask", "0,0,5,5", "--background", "100,100,50,50"], 1, "0 valid pixels"),
+        (["--p-value", "out.tif"], 1, "two outputs have the same name"),
+        (["--nodata", "nonsense"], 2, "not a number"),
+    ],
+)
+def test_refusals_leave_nothing_behind(rxdetect, scene, tmp_path, monkeypatch, options, code, message):
+    monkeypatch.chdir(tmp_path)
+    ran = rxdetect("score", scene, "out.tif", *options)
+    assert ran.code == code, ran
+    assert message in ran.err
+    assert "fault" not in ran.err
+    assert {p.name for p in tmp_path.iterdir()} == {"scene.tif"}
+    if code == 1:
+        assert len(ran.err.splitlines()) == 1
+
+
+def test_nothing_to_score_is_exit_code_3(rxdetect, scene, tmp_path):
+    saved = tmp_path / "sea.json"
+    assert rxdetect("score", scene, tmp_path / "a.tif", "--save-background", saved).code == 0
+    ran = rxdetect("score", scene, tmp_path / "b.tif", "--background", saved, "--mask", "0,0,5,5")
+    assert ran.code == 3
+    assert "nothing to score" in ran.err
+    assert not (tmp_path / "b.tif").exists()
+
+
+def test_an_output_that_exists_or_is_the_input_stays(rxdetect, scene, tmp_path):
+    out = tmp_path / "out.tif"
+    out.write_text("old")
+    assert "exists already" in rxdetect("score", scene, out).err
+    assert "would be lost" in rxdetect("score", scene, scene, "--overwrite").err
+    assert out.read_text() == "old"
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (3, 2)])
+@pytest.mark.parametrize("method", ["rx", "local"])
+def test_tiny_scenes(tmp_path, sea, write, size, method, rxdetect):
+    scene = write(tmp_path / "scene.tif", sea(*size))
+    ran = rxdetect("score", scene, tmp_path / "out.tif", "--method", method, "--window", "1,3")
+    assert ran.code == (0 if size != (1, 1) else 3 if method == "local" else 1)
+    assert "fault" not in ran.err
+
+
+def test_from_python(scene, tmp_path):
+    result = score_file(scene, tmp_path / "out.tif", Recipe(bands=("1", "2")), threads=2)
+    assert (result.background.names, result.threshold, result.objects) == (("blue", "green"), None, None)
+    assert result.tally.scored == 200 * 230 - 100

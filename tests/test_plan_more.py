@@ -1,0 +1,319 @@
+"""Beyond one reticle: the best look, a day, a flight line, a wind not exactly known, and the pictures of them."""
+
+import doctest
+import importlib
+import pkgutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deglint import plan as room
+from deglint.errors import BandError, InputError
+from deglint.physics import atmosphere, glint
+from deglint.plan import Limits, Mission, reticle
+from deglint.plan.advice import MARGIN, best_look, compass, one_in, quality, sentence
+from deglint.plan.charts import day_picture, line_picture, shown, spread_picture
+from deglint.plan.draw import png
+from deglint.plan.missionfile import merged, mission_from, pressure, tables_of
+from deglint.plan.picture import _CENTRE, _RADIUS, HEIGHT, WIDTH, layers, picture
+from deglint.plan.swath import View, flight_line, looks
+from deglint.plan.sweep import best_moment, plans, sweep, table, times
+from deglint.plan.uncertainty import spread, words
+
+BAY = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0, step=2.0)
+
+
+def between(a, b):
+    """Angle between two looks (zenith, azimuth) [degree]."""
+    z1, a1, z2, a2 = np.radians([a[0], a[1], b[0], b[1]])
+    return np.degrees(np.arccos(np.clip(np.cos(z1) * np.cos(z2) + np.sin(z1) * np.sin(z2) * np.cos(a1 - a2), -1, 1)))
+
+
+@pytest.mark.parametrize("name", [n for _, n, _ in pkgutil.iter_modules(room.__path__, "deglint.plan.")])
+def test_examples_in_docstrings_run(name):
+    assert doctest.testmod(importlib.import_module(name)).failed == 0
+
+
+def test_best_look_is_the_best_of_those_with_a_margin():
+    plan = reticle(BAY)
+    look = best_look(plan)
+    out = np.argwhere(plan.keep_out)
+    apart = [between((look.zenith, look.azimuth), (plan.zenith[i], plan.azimuth[j])) for i, j in out]
+    assert look.margin
+    assert min(apart) >= MARGIN - plan.mission.step
+    assert look.contrast > 0.9 * plan.combined.max()
+    i, j = int(look.zenith / 2), int(look.azimuth / 2)
+    assert look.contrast == plan.combined[i, j]
+    assert look.glint == plan.glint_strength[i, j] <= plan.mission.limits.glint
+    order = [plan.by_band[plan.bands.index(b), i, j] for b in look.bands]
+    assert order == sorted(order, reverse=True)
+    assert min(order) > 0
+
+
+def test_best_look_of_one_band():
+    plan = reticle(BAY)
+    look = best_look(plan, band="red")
+    k = plan.bands.index("RED")
+    assert look.bands == ("RED",)
+    assert look.contrast == plan.by_band[k, round(look.zenith / 2), round(look.azimuth / 2)]
+    assert best_look(plan, band="NIR1") is None
+    with pytest.raises(BandError, match="does not count in this plan; add it to the bands, BLUE"):
+        best_look(reticle(replace(BAY, bands=("BLUE",))), band="RED")
+
+
+def test_no_good_look_is_said():
+    plan = reticle(replace(BAY, limits=Limits(snr=1e5)))
+    assert plan.keep_out.all()
+    assert best_look(plan) is None
+    assert sentence(None) == "There is no good look: sun glint, sky, noise or saturation spoil every one."
+    assert picture(plan).shape == (HEIGHT, WIDTH, 3)
+
+
+def test_a_sliver_of_good_looks_is_taken_without_a_margin():
+    plan = reticle(BAY)
+    sliver = np.zeros_like(plan.combined)
+    sliver[20, 40] = 5.0
+    look = best_look(plan, sliver)
+    assert (look.zenith, look.azimuth, look.margin) == (40.0, 80.0, False)
+    assert "Keep-out looks lie within 3 degrees" in quality(look)
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "name"),
+    [(0, "north"), (359, "north"), (45, "north-east"), (202.5, "south-south-west"), (290, "west-north-west")],
+)
+def test_points_of_the_compass(azimuth, name):
+    assert compass(azimuth) == name
+
+
+@pytest.mark.parametrize(
+    ("share", "said"),
+    [(3.1e-6, "1 in 320 000"), (1e-12, "less than 1 in a billion"), (0.2, "20 %"), (1.1e-9, "1 in 910 000 000")],
+)
+def test_small_shares_in_words(share, said):
+    assert one_in(share) == said
+
+
+def test_a_day():
+    when = times("2026-06-21T11:00Z", "2026-06-21T20:00Z", 60)
+    assert [str(t) for t in (when[0], when[-1])] == ["2026-06-21T11:00:00", "2026-06-21T20:00:00"]
+    found = list(plans(BAY, when))
+    moments = [m for m, _ in found]
+    assert [m.look is None for m in moments[:3]] == [True, True, False]
+    assert found[0][1] is None
+    for moment, plan in found[2:]:
+        alone = reticle(BAY.at(moment.time))
+        assert moment.look == best_look(alone)
+        np.testing.assert_array_equal(plan.combined, alone.combined)
+    best = best_moment(moments)
+    assert best.look.contrast == max(m.look.contrast for m in moments if m.look)
+    lines = table(moments)
+    assert len(lines) == len(when) + 1
+    assert "the sun is down" in lines[1]
+    assert sum("<- best" in line for line in lines) == 1
+    kept = {k: found[k][1] for k in shown(moments)}
+    assert all(plan is not None for plan in kept.values())
+    image = day_picture(BAY, moments, kept)
+    assert image.dtype == np.uint8
+    assert image.std() > 10
+
+
+def test_a_night_has_no_best_time():
+    moments = sweep(BAY, times("2026-06-21T07:00Z", "2026-06-21T10:00Z", 60))
+    assert best_moment(moments) is None
+    assert shown(moments) == []
+    assert day_picture(BAY, moments, {}).ndim == 3
+
+
+def test_spans_of_time_that_cannot_be():
+    with pytest.raises(InputError, match="must not lie before"):
+        times("2026-06-21T11:00Z", "2026-06-21T10:00Z", 30)
+    with pytest.raises(InputError, match="at most 500 times, got 1441"):
+        times("2026-06-21T00:00Z", "2026-06-22T00:00Z", 1)
+    with pytest.raises(InputError, match="needs a place"):
+        sweep(Mission(sun_zenith=30, sun_azimuth=100), times("2026-06-21T00:00Z", "2026-06-21T01:00Z", 30))
+
+
+@given(st.floats(0, 360), st.floats(-60, 60))
+def test_a_line_scanner_sees_to_both_sides(heading, roll):
+    zenith, azimuth = looks(View(across=10.0, roll=roll, altitude=1.0), heading)
+    assert zenith.shape == (1, 121)
+    middle = zenith[0, 60]
+    assert middle == pytest.approx(abs(roll), abs=1e-4)
+    if abs(roll) > 0.1:  # what is right of the track sees the sensor to its left
+        side = heading - 90.0 if roll > 0 else heading + 90.0
+        assert np.cos(np.radians(azimuth[0, 60] - side)) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_look_ahead_sees_the_sensor_behind():
+    zenith, azimuth = looks(View(across=0.0, pitch=30.0, altitude=1.0), 40.0)
+    assert zenith[0, 60] == pytest.approx(30.0, abs=1e-4)
+    assert azimuth[0, 60] == pytest.approx(220.0)
+
+
+def test_from_orbit_the_earth_is_round():
+    zenith, _ = looks(View(across=40.0, altitude=800e3), 0.0)
+    assert zenith[0, -1] == pytest.approx(
+        np.degrees(np.arcsin(np.sin(np.radians(20.0)) * (6371 + 800) / 6371)), rel=1e-9
+    )
+    beyond, _ = looks(View(across=150.0, altitude=800e3), 0.0)
+    assert np.isnan(beyond[0, -1])
+
+
+def test_flight_line_is_the_glint_of_each_look():
+    view = View(across=50.0, along=20.0, pitch=10.0)
+    line = flight_line(BAY, view, [30.0, 200.0])
+    zenith, azimuth = looks(view, 200.0)
+    wind = BAY.slope_wind
+    spark = glint.sun_glint(*BAY.sun, zenith, azimuth, wind=wind.speed, wind_from=310.0).radiance
+    assert line.fraction[1] == np.mean(spark > BAY.limits.glint)
+    assert line.mean[1] == pytest.approx(spark.mean())
+    np.testing.assert_allclose(line.profile[1], spark.max(axis=0))
+
+
+def test_best_heading_tilts_away_from_the_mirror_point():
+    """A view that looks 30 degrees to the right is best flown so that it looks away from where the sun mirrors."""
+    line = flight_line(replace(BAY, wind=5.0), View(across=10.0, roll=35.0))
+    looks_to = (line.heading[line.best] + 90.0) % 360.0
+    mirror_seen_towards = BAY.sun[1]  # looking towards the sun one sees its glint
+    assert np.cos(np.radians(looks_to - mirror_seen_towards)) < 0
+    assert line.fraction[line.best] == 0.0
+    assert "Fly heading" in line.words()
+    assert line_picture(BAY, line).shape == (640, 1240, 3)
+
+
+def test_any_heading_will_do_where_there_is_no_glint():
+    line = flight_line(Mission(sun_zenith=75.0, sun_azimuth=0.0, wind=2.0), View(across=20.0))
+    assert line.words().startswith("Any heading will do")
+
+
+def test_all_of_the_view_off_the_earth_is_spoilt_not_a_crash():
+    line = flight_line(BAY, View(across=4.0, pitch=79.0, altitude=30e6), [0.0])
+    assert line.fraction[0] == 1.0
+    assert np.isfinite(line.mean).all()
+    line_picture(BAY, line)
+
+
+def test_an_uncertain_wind_gives_intervals():
+    coarse = replace(BAY, step=5.0)
+    found = spread(coarse, speed=2.0, turn=40.0)
+    assert found.winds[0][0] == 5.0
+    assert found.winds[0][-1] == 9.0
+    for wind, wind_from in ((5.0, 350.0), (9.0, 270.0), (7.0, 310.0)):
+        one = reticle(replace(coarse, wind=wind, wind_from=wind_from))
+        assert (found.glint[0] <= one.glint_strength).all()
+        assert (found.glint[1] >= one.glint_strength).all()
+        assert (found.contrast[0] <= one.combined).all()
+        assert (found.contrast[1] >= one.combined).all()
+    np.testing.assert_array_equal(found.risk > 0, found.contrast[0] == 0)
+    look = found.best
+    low, high = found.at(look)["contrast"]
+    assert 0 < low <= look.contrast <= high
+    assert "Whatever the wind" in words(found)[1]
+    assert spread_picture(found, speed=2.0, turn=40.0).shape == (HEIGHT, WIDTH, 3)
+
+
+def test_a_wind_that_is_known_is_no_interval():
+    found = spread(replace(BAY, step=5.0), speed=0.0, turn=0.0)
+    np.testing.assert_array_equal(found.glint[0], found.glint[1])
+    np.testing.assert_array_equal(found.contrast[0], found.middle.combined)
+    with pytest.raises(InputError, match="180 stands for not known"):
+        spread(BAY, turn=200.0)
+
+
+def test_the_picture_shows_what_the_plan_says():
+    """Colours where looks are good, hatching where they are not, the best look marked; the same every time."""
+    plan = reticle(BAY)
+    image = picture(plan)
+    np.testing.assert_array_equal(image, picture(plan))
+    assert png(image)[:8] == b"\x89PNG\r\n\x1a\n"
+    from deglint.plan.draw import MAGENTA, ORANGE, polar
+
+    def near(zenith, azimuth, reach=12):
+        x, y = polar(_CENTRE, _RADIUS, zenith, azimuth, 80.0)
+        return (
+            image[round(y) - reach : round(y) + reach, round(x) - reach : round(x) + reach].reshape(-1, 3).astype(int)
+        )
+
+    look = best_look(plan)
+    assert (np.abs(near(look.zenith, look.azimuth, 5) - MAGENTA).sum(axis=1) == 0).any()
+    glinty = near(45.0, BAY.sun[1] + 180.0)
+    assert (np.abs(glinty - ORANGE).sum(axis=1) < 60).any()
+    good = near(45.0, BAY.sun[1])
+    assert not (np.abs(good - ORANGE).sum(axis=1) < 60).any()
+
+
+@pytest.mark.parametrize("band", [None, "blue", "NIR1"])
+def test_hatching_is_where_the_masks_are(band):
+    plan = reticle(BAY)
+    contrast, patterns = layers(plan, band)
+    out = np.any([excess > 0 for excess, _, _ in patterns], axis=0)
+    if band is None:
+        np.testing.assert_array_equal(out, plan.keep_out)
+        np.testing.assert_allclose(np.where(out, 0, contrast), plan.combined)
+    else:
+        k = plan.bands.index(band.upper())
+        np.testing.assert_array_equal(out, plan.by_band[k] == 0)
+
+
+def test_a_mission_survives_its_tables():
+    air = atmosphere.Air(visibility=12.0, humidity=60.0)
+    made = replace(BAY, air=air, limits=Limits(glint=2e-4, tolerance=1.0), bands=("BLUE", "GREEN"), depth=8.0)
+    again = mission_from(tables_of(made))
+    assert tables_of(again) == tables_of(made)
+    np.testing.assert_allclose(reticle(again).combined, reticle(made).combined, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ({"winds": {}}, r"no table \[winds\]; it knows \[place\]"),
+        ({"wind": {"spd": 3}}, r"\[wind\] has no spd; it knows speed, from"),
+        ({"wind": {"speed": "7"}}, "speed in .wind. must be a number, got '7'"),
+        ({"wind": {"speed": True}}, "must be a number"),
+        ({"wind": 7}, "wind must be a table"),
+        ({"sensor": {"preset": "nonsense"}}, "preset must be one of thesis"),
+        ({"sensor": {"bands": 5}}, "bands in .sensor. must be a list, got 5"),
+        ({"sensor": {"bits": float("nan")}}, "bits in .sensor. must be a number, got nan"),
+        ({"sensor": {"band": [{"name": "x"}]}}, "has name, low, high"),
+        ({"sensor": {"band": [{"name": "x", "low": 500, "high": 400, "full_scale": 1}]}}, "low < high"),
+        ({"air": {"pressure": "30 parsec"}}, "pressure must be like 1013 hPa"),
+        ({"air": {"humidity": 130}}, "humidity must be 0 to 100 %"),
+        ({"object": {"depth": -3}}, "depth must be 0 to 1000 m, got -3"),
+    ],
+)
+def test_tables_that_cannot_be_read(tables, said):
+    with pytest.raises(InputError, match=said):
+        mission_from({"sun": {"zenith": 30, "azimuth": 100}, **tables}, "m.toml")
+
+
+def test_a_sensor_of_ones_own():
+    bands = [{"name": "cyan", "low": 480, "high": 500, "full_scale": 0.2}]
+    made = mission_from(
+        {
+            "sun": {"zenith": 30, "azimuth": 100},
+            "sensor": {"preset": "micasense", "f_number": 4.0, "bits": 10, "band": bands},
+        }
+    )
+    assert made.sensor.f_number == 4.0
+    assert made.sensor.bits == 10
+    assert made.sensor.pitch == 3.75e-6
+    assert reticle(replace(made, step=5.0)).bands == ("cyan",)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1013.25", 1013.25), ("29.92 inHg", 1013.2), ("760mmHg", 1013.2), ("101.3 kPa", 1013.0), (990, 990)],
+)
+def test_pressure_in_its_units(text, value):
+    assert pressure(text) == pytest.approx(value, abs=0.1)
+
+
+def test_tables_over_tables():
+    below = {"place": {"latitude": 1.0, "time": "x"}, "wind": {"speed": 3.0, "from": 90.0}}
+    assert merged(below, {"wind": {"speed": 5.0}})["wind"] == {"speed": 5.0, "from": 90.0}
+    assert "place" not in merged(below, {"sun": {"zenith": 1.0}})
+    assert below["wind"]["speed"] == 3.0
