@@ -121,7 +121,7 @@ def apply(
     elif opened.scene.names != fitted.model.band_names:
         raise InputError(
             f"fitted to bands {', '.join(fitted.model.band_names)}; the array has {', '.join(opened.scene.names)}. "
-            "Pass fitted.model to use it on another scene."
+            "Pass fitted.model (and chain=fitted.chain) to use it on another scene."
         )
     work = _correction(opened.scene, fitted, dtype)
     every = (len(opened.scene.bands), np.dtype(work.layout.dtype))

@@ -88,7 +88,7 @@ def cluster_of(given: dict[str, Any], talk: Talk) -> Iterator[Any]:
     with connect(given["cluster"], workers=given["workers"]) as cluster:
         yield cluster
         held = sorted(cluster.memory().values())
-        talk.say(f"{len(held)} workers, each held at most {held[-1] / 1e6:.0f} MB" if held else "no worker is left")
+        talk.say(f"{len(held)} workers, each held at most {held[-1] / 1e6:.0f} MB" if held else "no worker was needed")
 
 
 class Talk:

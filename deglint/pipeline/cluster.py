@@ -9,6 +9,7 @@ again, with the same result.
 from __future__ import annotations
 
 import pickle
+import re
 import secrets
 import shutil
 import socket
@@ -16,9 +17,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
@@ -40,9 +41,14 @@ _CONNECT = 15.0
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """Workers to pass over tiles; made by `connect`."""
+    """Workers to pass over tiles; made by `connect`, which starts or reaches them when they are first needed."""
 
-    client: Any
+    start: Callable[[], Any]
+
+    @cached_property
+    def client(self) -> Any:
+        """The `distributed.Client`."""
+        return self.start()
 
     def run(
         self,
@@ -128,8 +134,8 @@ class Cluster:
                 raise DeglintError(f"lost the cluster: {error}. Is its scheduler still there?") from error
 
     def memory(self) -> dict[str, int]:
-        """Most memory that each worker process has held so far [byte]."""
-        return dict(self.client.run(_peak))
+        """Most memory that each worker process has held so far [byte]; empty where none was needed."""
+        return dict(self.client.run(_peak)) if "client" in vars(self) else {}
 
 
 @contextmanager
@@ -169,29 +175,34 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
         raise DeglintError(
             "a cluster needs dask's distributed. Install it with: pip install 'deglint[cluster]'"
         ) from error
+    if address is not None and not re.fullmatch(r"\w+://\S+:\d+", address):
+        raise InputError(f"the address of a cluster looks like tcp://HOST:PORT, got {address!r}.")
     _quiet()
-    if workers is not None:
-        with (
-            LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
-                dashboard_address=None, worker_dashboard_address=None,
-            ) as local,
-            Client(local, set_as_default=False) as client,
-        ):  # fmt: skip
-            yield Cluster(client)
-        return
+    with ExitStack() as stack:
+
+        def start() -> Any:
+            if workers is None:
+                return stack.enter_context(_client(Client, address))
+            options = {"dashboard_address": None, "worker_dashboard_address": None, "host": "127.0.0.1"}
+            local = LocalCluster(workers, threads_per_worker=1, processes=True, memory_limit=memory, **options)
+            return stack.enter_context(Client(stack.enter_context(local), set_as_default=False))
+
+        yield Cluster(start)
+
+
+def _client(kind: Any, address: str | None) -> Any:
     try:
-        client = Client(address, timeout=_CONNECT, set_as_default=False)
+        client = kind(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise DeglintError(
             f"cannot reach a scheduler at {address}. Start one with `dask scheduler`, and name it as tcp://HOST:PORT."
         ) from error
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=_CONNECT)
-        except TimeoutError as error:
-            raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
-        yield Cluster(client)
+    try:
+        client.wait_for_workers(1, timeout=_CONNECT)
+    except TimeoutError as error:
+        client.close()
+        raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
+    return client
 
 
 class _Shipped:

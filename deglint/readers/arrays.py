@@ -129,36 +129,62 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
     dtype = values.dtype.newbyteorder("=").name
     chunks = getattr(values, "chunks", None)
     block = (chunks[1][0], chunks[2][0]) if chunks else (height, width)
-    names, tags = _bands(array, band, count)
+    lists = _lists(array, band, count)
+    names, tags = _bands(array, band, count, lists)
     crs, transform = _place(array, rows, columns)
     return RasterInfo(
         paths=(str(array.name) if array.name else "the array",), driver="MEM", height=height, width=width,
-        dtypes=(dtype,) * count, nodatas=_nodatas(array, count),
-        scales=_per_band(array, ("scale_factor", "scales"), 1.0, count),
-        offsets=_per_band(array, ("add_offset", "offsets"), 0.0, count),
+        dtypes=(dtype,) * count, nodatas=_nodatas(array, lists, count),
+        scales=_per_band(array, lists, ("scale_factor", "scales"), 1.0, count),
+        offsets=_per_band(array, lists, ("add_offset", "offsets"), 0.0, count),
         descriptions=names, units=(None,) * count, colorinterp=("undefined",) * count,
-        tags={"": {str(k): _text(v) for k, v in array.attrs.items()}}, band_tags=tuple({"": t} for t in tags),
+        tags={"": {str(k): _text(v) for k, v in array.attrs.items() if k not in lists}},
+        band_tags=tuple({"": t} for t in tags),
         mask_flags=(("all_valid",),) * count, block_shapes=(block,) * count, tiled=bool(chunks), interleave="band",
         crs=crs, transform=transform,
     )  # fmt: skip
 
 
-def _bands(array: Any, band: Any, count: int) -> tuple[tuple[str | None, ...], list[dict[str, str]]]:
-    """Names of the bands, and what coordinates along them say."""
+def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
+    """Attributes that have an entry a band, of the bands that are there.
+
+    Selecting bands leaves attributes as they were: where bands are numbered, as rioxarray does, the numbers tell which
+    entries are meant.
+    """
+    numbers = np.arange(1, count + 1)
+    name = "band" if band is None else band
+    known = name in array.coords and array.coords[name].dtype.kind in "iu"
+    if known:
+        numbers = np.asarray(array.coords[name].values).reshape(-1)
+    found = {}
+    for key, value in array.attrs.items():
+        if not isinstance(value, (list, tuple, np.ndarray)):
+            continue
+        inside = len(numbers) == count and numbers.min() >= 1 and numbers.max() <= len(value)
+        if inside and (known or len(value) == count):
+            found[key] = [_plain(value[n - 1]) for n in numbers]
+    return found
+
+
+def _bands(
+    array: Any, band: Any, count: int, lists: Mapping[Any, list[Any]]
+) -> tuple[tuple[str | None, ...], list[dict[str, str]]]:
+    """Names of the bands, and what is said of each by coordinates along them and by attributes."""
     along = {
         str(name): [_plain(v) for v in np.asarray(coord.values).reshape(-1)]
         for name, coord in array.coords.items()
         if coord.dims == (() if band is None else (band,)) and coord.size == count and str(name) != "spatial_ref"
     }
     words = [along[k] for k in (str(band), "band", "common_name", "title") if _worded(along.get(k))]
-    long_name = array.attrs.get("long_name")
-    long_name = [long_name] if isinstance(long_name, str) and count == 1 else long_name
-    if isinstance(long_name, Sequence) and not isinstance(long_name, str) and len(long_name) == count:
-        words.insert(0, [str(n) for n in long_name])
+    one = array.attrs.get("long_name") if count == 1 else None
+    described = lists.get("long_name", [one] if one else None)
+    if _worded(described):
+        words.insert(0, list(described or ()))
     names = words[0] if words else [None] * count
     tags = []
     for i in range(count):
-        own = {k.replace("full_width_half_max", "fwhm"): _text(v[i]) for k, v in along.items() if k != "band"}
+        said = {str(k): v for k, v in lists.items()} | along
+        own = {k.replace("full_width_half_max", "fwhm"): _text(v[i]) for k, v in said.items() if k != "band"}
         common = nominal_wavelength(str(own.get("common_name", "")))
         if common and not any("wave" in k and re.search(r"\d", v) for k, v in own.items()):
             own["wavelength_nm"] = f"{common:g}"
@@ -171,20 +197,24 @@ def _worded(values: Sequence[Any] | None) -> bool:
     return values is not None and all(isinstance(v, str) and v for v in values)
 
 
-def _nodatas(array: Any, count: int) -> tuple[float | None, ...]:
+def _nodatas(array: Any, lists: Mapping[Any, list[Any]], count: int) -> tuple[float | None, ...]:
     """What says "not valid": attributes; for whole numbers the encoding, too (real ones were decoded to NaN)."""
-    places = [array.attrs] + ([array.encoding] if array.dtype.kind in "iu" else [])
+    places: list[Mapping[Any, Any]] = [{**array.attrs, **lists}] + (
+        [array.encoding] if array.dtype.kind in "iu" else []
+    )
     for place in places:
         for name in ("nodata", "_FillValue", "missing_value"):
             found = _floats(place.get(name))
-            if found:
-                return tuple(found) * count if len(found) == 1 else tuple(found[:count])
+            if len(found) in (1, count):
+                return tuple(found) * (count // len(found))
     return (None,) * count
 
 
-def _per_band(array: Any, names: Sequence[str], default: float, count: int) -> tuple[float, ...]:
+def _per_band(
+    array: Any, lists: Mapping[Any, list[Any]], names: Sequence[str], default: float, count: int
+) -> tuple[float, ...]:
     for name in names:
-        found = _floats(array.attrs.get(name))
+        found = _floats(lists.get(name, array.attrs.get(name)))
         if len(found) in (1, count):
             return tuple(found) * (count // len(found))
     return (default,) * count
