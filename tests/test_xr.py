@@ -176,7 +176,7 @@ def stackstac_like(raw):
             "x": 400_000.0 + 10 * np.arange(width), "y": 800_000.0 - 10 * np.arange(height),
             "epsg": 32653, "proj:epsg": 32653, "platform": "sentinel-2a",
             "common_name": ("band", list(BANDS)), "center_wavelength": ("band", [0.4966, 0.56, 0.6645, 0.8351]),
-            "full_width_half_max": ("band", [0.098, 0.045, 0.038, 0.145]),
+            "full_width_half_max": ("band", [0.098, 0.045, 0.038, 0.145]), "proj:shape": ((), {70, 80}),
             "title": ("band", ["Band 2 (blue)", "Band 3 (green)", "Band 4 (red)", "Band 8 (nir)"]),
         },
         attrs={"spec": "RasterSpec()", "crs": "epsg:32653", "resolution": 10.0,
@@ -205,7 +205,7 @@ def test_what_stackstac_gives(sea):
     assert [b.width for b in found.bands] == [98.0, 45.0, 38.0, 145.0]
     assert found.names == BANDS
     assert found.crs.to_epsg() == 32653
-    assert found.transform == rasterio.Affine(10, 0, 399_995, 0, -10, 800_005)
+    assert found.transform == rasterio.Affine(10, 0, 400_000, 0, -10, 800_000)
     clean = deglint.xr.remove(given.chunk({"y": 64, "x": 64}), HEDLEY)
     model = deglint.fit("hedley", raw.astype(np.float64), nir=3, bands=found.bands)
     np.testing.assert_array_equal(clean.values[0], deglint.apply(raw.astype(np.float64), model))

@@ -282,7 +282,8 @@ def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> 
     own = Affine(across, 0.0, float(x[0]) - across / 2, 0.0, down, float(y[0]) - down / 2)
     if stated is None:
         return own
-    corners = [~stated * (own * at) for at in ((0, 0), (len(x), len(y)))]
-    ends = [(0, 0), (len(x), len(y))]
-    close = all(abs(a - b) < _CLOSE for c, e in zip(corners, ends, strict=True) for a, b in zip(c, e, strict=True))
-    return stated if close else own
+    first, last = (~stated * (own * at) for at in ((0, 0), (len(x), len(y))))
+    same_size = all(abs(b - a - n) < _CLOSE for a, b, n in zip(first, last, (len(x), len(y)), strict=True))
+    # coordinates are those of centres, or of corners as stackstac has them
+    same_place = any(all(abs(a - shift) < _CLOSE for a in first) for shift in (0.0, -0.5))
+    return stated if same_size and same_place else own
