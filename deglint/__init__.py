@@ -6,7 +6,7 @@
 
     scene = deglint.open_scene("scene.tif")  # or step by step
     fitted = deglint.fit_scene(scene, deglint.Recipe(method="hedley"))
-    clean = deglint.apply(scene.read(), fitted.model)
+    clean = deglint.correct(scene, fitted)
 
 Names are loaded when they are first used: importing deglint itself costs next to nothing.
 """
@@ -24,6 +24,7 @@ _HOMES = {
     "Result": "pipeline",
     "fit_scene": "pipeline",
     "remove_glint": "pipeline",
+    "correct": "pipeline",
     "METHODS": "remove",
     "GlintModel": "remove",
     "apply": "remove",

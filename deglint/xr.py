@@ -118,7 +118,7 @@ def apply(
     opened = open_array(array, sensor=sensor, nodata=nodata)
     if isinstance(fitted, GlintModel):
         fitted = given_model(opened.scene, Recipe(mask=mask), fitted, threads or default_threads(), chain)
-    elif opened.scene.names != fitted.model.band_names:
+    elif opened.scene.names != fitted.model.band_names[: len(opened.scene.bands)]:
         raise InputError(
             f"fitted to bands {', '.join(fitted.model.band_names)}; the array has {', '.join(opened.scene.names)}. "
             "Pass fitted.model (and chain=fitted.chain) to use it on another scene."
@@ -295,7 +295,7 @@ def _correction(scene: Scene, fitted: Fitted, dtype: str | None) -> Correction:
     area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "mask")
     rule, bands = None if area else fitted.water, fitted.water_bands
     bare = replace(scene, source=_Nothing())
-    beside = Around(bare, rule, bands[rule.roles.nir]) if rule and rule.halo and not fitted.chain.before else None
+    beside = Around(bare, rule, bands[rule.roles.nir]) if rule and rule.halo and not fitted.chain.runs else None
     layout = Layout(info, tuple(range(info.count)), out.name, nodata)
     only = tuple(find_band(scene, b) for b in recipe.bands)
     return Correction(bare, fitted.model, False, False, layout, area, rule, bands, beside, fitted.chain, only)

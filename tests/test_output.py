@@ -422,7 +422,7 @@ def test_flags_say_what_was_done_to_each_pixel(sea, write, read, geojson, tmp_pa
     with rasterio.open(tmp_path / "flags.tif") as dataset:
         assert dataset.dtypes == ("uint8",)
         assert dataset.crs.to_epsg() == 32653
-    assert sorted(FLAGS) == [1, 2, 4, 8, 16, 32]
+    assert sorted(FLAGS) == [1, 2, 4, 8, 16, 32, 64, 128]
 
 
 def test_the_amount_is_before_less_after(sea, write, read, tmp_path):

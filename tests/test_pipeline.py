@@ -331,6 +331,11 @@ def test_the_library_has_the_same_in_steps(sea, write, read, tmp_path):
     clean = library.apply(scene.read(), fitted.model)
     remove_glint(source, tmp_path / "out.tif", HEDLEY)
     np.testing.assert_array_equal(read(tmp_path / "out.tif"), clean)
+    fitted = fit_scene(scene)  # with all that is found out by itself
+    whole = library.correct(scene, fitted)
+    remove_glint(source, tmp_path / "auto.tif")
+    np.testing.assert_array_equal(read(tmp_path / "auto.tif"), whole)
+    np.testing.assert_array_equal(library.correct(scene, fitted, window=((3, 50), (10, 90))), whole[:, 3:50, 10:90])
     with pytest.raises(InputError):
         fit_scene(scene, Recipe(method="hedley", nir_use="sideways"))
 

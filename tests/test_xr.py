@@ -72,6 +72,20 @@ def test_the_numbers_of_the_tile_engine(scene, tmp_path, recipe, dtype, nodata):
             xarray.testing.assert_identical(given, before)
 
 
+def test_a_moved_nir_is_followed_over_the_edges_of_chunks(sea, write, tmp_path):
+    from scipy.ndimage import gaussian_filter
+
+    glint = gaussian_filter(np.random.default_rng(0).gamma(0.5, 900.0, (260, 300)), 1.5)
+    raw = sea(256, 296, dtype="float32") * 0.02 + np.array([900, 700, 400, 100])[:, None, None]
+    for i, move in enumerate((3, 2, 1, 0)):
+        raw[i] += glint[move : move + 256, :296]
+    source = write(tmp_path / "in.tif", raw.astype(np.float32))
+    given = opened(source, {"band": 4, "y": 60, "x": 70})
+    fitted = deglint.xr.fit(given)
+    assert len(fitted.chain.moves) == 3
+    np.testing.assert_array_equal(deglint.xr.apply(given, fitted).values, by_file(source, tmp_path, Recipe()))
+
+
 def test_whole_numbers_can_become_real_ones(scene, tmp_path):
     source = scene()
     expected = by_file(source, tmp_path, HEDLEY, dtype="float32")

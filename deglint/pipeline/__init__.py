@@ -4,7 +4,7 @@ The only room that puts readers, masks, methods and writers together. A `Recipe`
 to a scene, `remove_glint` does the whole job.
 """
 
-from .apply import Outputs, Result, remove_glint
+from .apply import Outputs, Result, correct, remove_glint
 from .correct import FLAGS
 from .examine import examine
 from .fit import Fitted, default_threads, fit_scene
@@ -12,6 +12,6 @@ from .recipe import Recipe
 from .saved import load_chain, load_model
 
 __all__ = [
-    "FLAGS", "Fitted", "Outputs", "Recipe", "Result", "default_threads", "examine", "fit_scene", "load_chain",
-    "load_model", "remove_glint",
+    "FLAGS", "Fitted", "Outputs", "Recipe", "Result", "correct", "default_threads", "examine", "fit_scene",
+    "load_chain", "load_model", "remove_glint",
 ]  # fmt: skip

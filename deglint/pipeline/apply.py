@@ -32,11 +32,11 @@ from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
 from ..remove import GlintModel
 from ..report import before_after
-from ..scene import Scene
+from ..scene import FloatArray, Scene, Window
 from .cluster import Cluster
 from .correct import Correction, Tally, changed_bands
 from .fit import Fitted, Progress, default_threads, fit_scene
-from .following import names_with
+from .following import for_scene, without_moves
 from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .saved import saved
@@ -237,15 +237,15 @@ def _write_tiles(
     dtype = np.dtype(targets.dtype) if targets.dtype else info.dtype
     nodata, masked = marking(scene, dtype)
     shape = tile_shape_of(scene)
-    if fitted.chain.before:
+    if fitted.chain.runs:
         shape = tiling.compact(shape, block_of(scene))
     image = Layout(info, every, dtype.name, nodata, targets.options, masked=masked, tile=shape)
     everything = tiling.tiles(scene.height, scene.width, shape)
-    at_once = tiling.affordable(threads, shape, len(scene.bands) * (CHAIN_COPIES if fitted.chain.before else 1))
+    at_once = tiling.affordable(threads, shape, len(scene.bands) * (CHAIN_COPIES if fitted.chain.runs else 1))
     rule, bands = None if area else fitted.water, fitted.water_bands
     beyond = (
         Surroundings(scene, rule, bands[rule.roles.nir], everything)
-        if rule and rule.halo and not fitted.chain.before
+        if rule and rule.halo and not fitted.chain.runs
         else None
     )
     work = Correction(scene, fitted.model, bool(targets.flags), bool(targets.amount), image, area, rule, bands, beyond,
@@ -253,7 +253,7 @@ def _write_tiles(
     tally = Tally(len(scene.bands))
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     with ExitStack() as stack:
-        stack.enter_context(one_thread_each(bool(fitted.chain.before)))
+        stack.enter_context(one_thread_each(bool(fitted.chain.runs)))
         writers: list[tuple[RasterWriter, str]] = [(stack.enter_context(writing(scratch, targets.image, image)), "raw")]
         if targets.flags:
             layout = Layout(info, (0,), "uint8", None, targets.options, scaled=False, names=("flags",), tile=shape)
@@ -272,6 +272,61 @@ def _write_tiles(
                 writers[0][0].write_mask(done.valid, tile.window)
             tally.add(done.tally)
     return tally
+
+
+def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask: str | None = None) -> FloatArray:
+    """Correct a scene, or a window of it, in memory: what `remove_glint` does to a file.
+
+    Parameters
+    ----------
+    scene : Scene
+    fitted : Fitted
+        From `fit_scene`: with its compensation and its water mask.
+    window : ((row0, row1), (col0, col1)), optional
+        The whole scene by default.
+    mask : str, optional
+        As in `Recipe`; the recipe's own by default.
+
+    Returns
+    -------
+    (band, row, column) ndarray
+        Physical values, NaN where not valid. For any window the same values as for the whole.
+
+    Examples
+    --------
+    >>> clean = correct(scene, fit_scene(scene))  # doctest: +SKIP
+    """
+    (top, bottom), (left, right) = window or ((0, scene.height), (0, scene.width))
+    if not (0 <= top < bottom <= scene.height and 0 <= left < right <= scene.width):
+        raise InputError(f"window {window} is not inside a scene of {scene.height} x {scene.width} pixels.")
+    wanted = mask or fitted.recipe.mask
+    area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
+    rule = fitted.water if wanted == "auto" else None
+    everything = tiling.tiles(scene.height, scene.width, tile_shape_of(scene))
+    beyond = None
+    if rule is not None and rule.halo and not fitted.chain.runs:
+        beyond = Surroundings(scene, rule, fitted.water_bands[rule.roles.nir], everything)
+    info = raster_of(scene).info
+    layout = Layout(info, tuple(range(len(scene.bands))), info.dtype.name, info.nodata, {})
+    only = tuple(find_band(scene, b) for b in fitted.recipe.bands)
+    work = Correction(
+        scene, fitted.model, False, False, layout, area, rule, fitted.water_bands, beyond, fitted.chain, only
+    )
+    out = None
+    with environment():
+        for tile in everything:
+            rows = max(tile.row0, top), min(tile.row1, bottom)
+            columns = max(tile.col0, left), min(tile.col1, right)
+            if rows[0] >= rows[1] or columns[0] >= columns[1]:
+                continue
+            part = work.physical(tile)
+            if out is None:
+                out = np.empty((len(part), bottom - top, right - left), part.dtype)
+            out[:, rows[0] - top : rows[1] - top, columns[0] - left : columns[1] - left] = part[
+                :, rows[0] - tile.row0 : rows[1] - tile.row0, columns[0] - tile.col0 : columns[1] - tile.col0
+            ]
+    assert out is not None
+    return out
 
 
 @contextmanager
@@ -300,17 +355,9 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     NoWaterError
         The scene holds no water.
     """
-    if (
-        chain is not None
-        and (chain.before or chain.moves or chain.references)
-        and tuple(n.casefold() for n in scene.names)
-        != tuple(n.casefold() for n in model.band_names[: len(scene.names)])
-    ):
-        raise InputError(
-            f"the compensation was fitted to bands {', '.join(model.band_names)} in this order; the scene has "
-            f"{', '.join(scene.names)}. Fit it to a scene like this one, or pass --compensate off."
-        )
-    model = model.for_bands(names_with(scene, chain or Chain()))
+    model, chain = for_scene(scene, model, chain or Chain())
+    if recipe.compensate == "off":
+        model, chain = without_moves(scene, model, chain), Chain()
     notes = [f"model {model.method}, fitted before"]
     rule: WaterRule | None = None
     bands: tuple[int, ...] = ()
@@ -322,7 +369,6 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
                 raise NoWaterError(rule.reason)
             notes.append(rule.reason)
     resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
-    chain = chain if chain is not None and recipe.compensate != "off" else Chain()
     numbers = {"water": rule.numbers() if rule else None, "sample": None, "needs": None}
     numbers["compensation"] = chain.numbers()
     return Fitted(model, resolved, tuple(notes), numbers, None, rule, bands, chain)

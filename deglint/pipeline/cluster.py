@@ -183,7 +183,11 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
         def start() -> Any:
             if workers is None:
                 return stack.enter_context(_client(Client, address))
-            options = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}, "host": "127.0.0.1"}
+            options = {
+                "dashboard_address": "127.0.0.1:0",
+                "scheduler_kwargs": {"dashboard": False},
+                "host": "127.0.0.1",
+            }
             local = LocalCluster(workers, threads_per_worker=1, processes=True, memory_limit=memory, **options)
             return stack.enter_context(Client(stack.enter_context(local), set_as_default=False))
 

@@ -20,7 +20,7 @@ from ..readers.areas import Area
 from ..remove import GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
-from .following import nir_to_follow, remove_following
+from .following import moved_halo, nir_to_follow, remove_following
 from .look import core_of, raster_of
 from .surroundings import Around, Surroundings
 
@@ -48,6 +48,7 @@ class Tally:
     not_water: int = 0
     corrected: int = 0
     protected: int = 0
+    usable: int = 0
     replaced: npt.NDArray[np.int64] = field(init=False)
     negative: npt.NDArray[np.int64] = field(init=False)
     clipped: npt.NDArray[np.int64] = field(init=False)
@@ -59,7 +60,7 @@ class Tally:
 
     def add(self, other: Tally) -> None:
         """Add a tile's counts."""
-        counts = ("total", "nodata", "not_water", "corrected", "protected")
+        counts = ("total", "nodata", "not_water", "usable", "corrected", "protected")
         for name in (*counts, "replaced", "negative", "clipped", "saturated"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
@@ -73,6 +74,19 @@ class Corrected:
     valid: npt.NDArray[np.bool_] | None = None
     flags: npt.NDArray[np.uint8] | None = None
     amount: npt.NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """A tile before it is corrected."""
+
+    raw: Any
+    valid: Any
+    physical: Any
+    after: Compensated | None
+    known: npt.NDArray[np.bool_] | None
+    where: npt.NDArray[np.bool_] | None
+    tally: Tally
 
 
 @dataclass(frozen=True)
@@ -99,7 +113,8 @@ class Correction:
     @property
     def reach(self) -> int:
         """Pixels around a tile that may be looked at."""
-        return max(self._halo, self._water_halo, *(rule.halo for _, rule in self.chain.references), 0)
+        beyond = max((rule.halo for _, rule in self.chain.references), default=0) + moved_halo(self.chain)
+        return max(self._halo, self._water_halo, beyond)
 
     def on(self, scene: Scene) -> Correction:
         """The same for another source of the scene's pixels."""
@@ -111,35 +126,15 @@ class Correction:
 
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and bring it into the output's type."""
-        source = raster_of(self.scene)
-        outer = tile.grown(self._halo, self.scene.height, self.scene.width)
-        raw, valid = source.read_raw(outer.window)
-        physical = source.to_physical(raw, valid)
-        inner = core_of(tile.crop_of(outer), outer.shape)
-        after = None
-        if self.chain.before:
-            around, place = physical, (slice(None), *inner)
-            physical, raw = around[place].copy(), raw[place].copy()
-            valid = None if valid is None else valid[place]
-            after = self._compensated(around, tile, outer)
-            inside = after.inside
-        else:
-            inside = self._inside(tile, physical)
-        tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
-        known = self._known(physical, valid)
-        where = known if inside is None else inside if known is None else known & inside
-        usable = tally.total if where is None else int(np.count_nonzero(where))
-        where = None if usable == tally.total else where
-        tally.nodata = 0 if known is None else tally.total - int(np.count_nonzero(known))
-        tally.not_water = tally.total - usable - tally.nodata
+        read = self._read(tile)
+        raw, valid, physical, where, known = read.raw, read.valid, read.physical, read.where, read.known
+        tally, source = read.tally, raster_of(self.scene)
         flags = self._flags(known, where, tile.shape) if self.want_flags else None
         tally.saturated = _saturated(self.scene, physical, flags)
         before = physical[self.changed].copy() if self.want_amount else None
         file_valid = self._file_valid(raw, valid)
         raw, lost = self._retyped(raw, valid)
-        if not physical.flags.writeable:
-            physical = physical.copy()
-        for bands, place in self._work(tile, physical, after, where, usable, tally, flags):
+        for bands, place in self._work(tile, physical, read.after, where, tally, flags):
             counts = encode(
                 physical, raw, bands=bands, scales=source.info.scales, offsets=source.info.offsets,
                 where=place, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
@@ -154,16 +149,49 @@ class Correction:
         amount = None if before is None else np.subtract(before, physical[self.changed], dtype=np.float32)
         return Corrected(raw, tally, file_valid, flags, amount)
 
+    def physical(self, tile: Tile) -> npt.NDArray[Any]:
+        """Read a tile and correct it: physical values of all bands."""
+        read = self._read(tile)
+        self._work(tile, read.physical, read.after, read.where, read.tally, None)
+        return read.physical
+
+    def _read(self, tile: Tile) -> _Read:
+        """A tile as it is, what compensation makes of it, and where it is to be corrected."""
+        source = raster_of(self.scene)
+        outer = tile.grown(self._halo, self.scene.height, self.scene.width)
+        raw, valid = source.read_raw(outer.window)
+        physical = source.to_physical(raw, valid)
+        after = None
+        if self.chain.runs:
+            around, place = physical, (slice(None), *core_of(tile.crop_of(outer), outer.shape))
+            physical, raw = around[place].copy(), raw[place].copy()
+            valid = None if valid is None else valid[place]
+            after = self._compensated(around, tile, outer)
+            inside = after.inside
+        else:
+            inside = self._inside(tile, physical)
+        known = self._known(physical, valid)
+        where = known if inside is None else inside if known is None else known & inside
+        tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
+        tally.usable = tally.total if where is None else int(np.count_nonzero(where))
+        tally.nodata = 0 if known is None else tally.total - int(np.count_nonzero(known))
+        tally.not_water = tally.total - tally.usable - tally.nodata
+        if not physical.flags.writeable:
+            physical = physical.copy()
+        where = None if tally.usable == tally.total else where
+        return _Read(raw, valid, physical, after, known, where, tally)
+
     @staticmethod
     def _touched(replaced: Any, held: Any) -> Any:
         """Pixels of a band that differ from the input, or may."""
         return replaced if held is None else replaced | grown(held, REACH)
 
     def _work(
-        self, tile: Tile, physical: Any, after: Compensated | None, where: Any, usable: int, tally: Tally, flags: Any
+        self, tile: Tile, physical: Any, after: Compensated | None, where: Any, tally: Tally, flags: Any
     ) -> list[tuple[list[int], Any]]:
         """Correct `physical`; which bands changed, and where (None: everywhere)."""
         removed = [f.band for f in self.model.fits]
+        usable = tally.usable
         if not usable or not (removed or after):
             return []
         if after is None:
@@ -207,19 +235,20 @@ class Correction:
     @property
     def _halo(self) -> int:
         """Pixels around a tile that are read with it."""
-        if not self.chain.before:
+        if not self.chain.runs:
             return 0
         return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo)
 
     def _compensated(self, around: Any, tile: Tile, outer: Tile) -> Compensated:
-        """The tile after the chain; `around`, the block with its halo, is worked on in place.
+        """The tile after the chain; `around`, the block with its halo, is worked on in place where that can be.
 
         Each stage sees no more of the halo than the stages after it need.
         """
         middle = tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
         place = (slice(None), *core_of(middle.crop_of(outer), outer.shape))
         raw = around[place].copy() if self.chain.protection.possible else None
-        state = apply_stages(State.own(around), self.chain.before)
+        state = State.own(around) if self.chain.in_place else State.of(around)
+        apply_stages(state, self.chain.before)
         clean, replaced = finish(state, around)[place], state.replaced[place]
         level = None if state.water is None else state.water[place]
         inner = core_of(tile.crop_of(middle), middle.shape)
@@ -309,7 +338,7 @@ class Correction:
 def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int, ...] = ()) -> list[int]:
     """0-based bands that may change: those that removal corrects, and with compensation all, or those asked for."""
     removed = [f.band for f in model.fits]
-    if not chain.before:
+    if not chain.runs:
         return removed
     return sorted(only) if only else list(range(len(scene.bands)))
 

@@ -19,6 +19,7 @@ from .. import tiles as tiling
 from ..compensate import Chain
 from ..compensate.reference import ReferenceRule, standing_out
 from ..compensate.register import Move, ShiftStatistics, apply_shift, shift_from, shift_halo, shift_statistics
+from ..errors import InputError
 from ..masks import water
 from ..raster.environment import enter_thread
 from ..remove import FitRequest, GlintIndex, GlintModel, apply
@@ -93,9 +94,35 @@ def name_of(bands: Sequence[Band], move: Move) -> str:
     return f"{bands[move.nir].name} moved {move.row:+.2f} {move.column:+.2f}"
 
 
-def names_with(scene: Scene, chain: Chain) -> tuple[str, ...]:
-    """Names of the scene's bands, and of the moved ones after them."""
-    return (*scene.names, *(name_of(scene.bands, m) for m in chain.moves))
+def for_scene(scene: Scene, model: GlintModel, chain: Chain) -> tuple[GlintModel, Chain]:
+    """A fit that was saved, for a scene whose bands may stand in another order.
+
+    Raises
+    ------
+    InputError
+        A band that is needed is missing, or stages of a compensation were fitted to bands in another order.
+    """
+    old = [n.casefold() for n in model.band_names[: len(model.band_names) - len(chain.moves)]]
+    new = [n.casefold() for n in scene.names]
+    if chain.runs and old != new:
+        raise InputError(
+            f"the compensation was fitted to bands {', '.join(model.band_names)} in this order; the scene has "
+            f"{', '.join(scene.names)}. Fit it to a scene like this one."
+        )
+    place = {i: new.index(name) for i, name in enumerate(old) if name in new}
+    moved_names = model.band_names[len(old) :]
+    model = model.for_bands((*scene.names, *moved_names))
+    rules = tuple((place[b], rule) for b, rule in chain.references if b in place)
+    moves = tuple(replace(m, band=place[m.band], nir=place[m.nir]) for m in chain.moves)
+    return model, replace(chain, references=rules, moves=moves)
+
+
+def without_moves(scene: Scene, model: GlintModel, chain: Chain) -> GlintModel:
+    """The model with every band following its NIR as it lies."""
+    count = len(scene.bands)
+    own = {count + i: move.nir for i, move in enumerate(chain.moves)}
+    indexes = tuple(replace(x, bands=tuple(own.get(b, b) for b in x.bands)) for x in model.indexes)
+    return replace(model, indexes=indexes, band_names=model.band_names[:count])
 
 
 def moved_halo(chain: Chain) -> int:
