@@ -13,6 +13,7 @@ BENCHMARKS = {
     "digits": ("digits", ("quick",)),
     "targets": ("targets", ("quick",)),
     "detect": ("detect_speed", ("quick", "directory", "rounds")),
+    "ships": ("ships", ("directory",)),
 }
 """Module of each, and the options that its `main` takes."""
 
@@ -23,7 +24,9 @@ def main() -> None:
     parser.add_argument("what", choices=list(BENCHMARKS))
     parser.add_argument("--quick", action="store_true", help="less of everything")
     parser.add_argument("--rounds", type=int, help="speed, detect: runs of every command")
-    parser.add_argument("--directory", type=Path, help="speed, detect: where scratch files go")
+    parser.add_argument(
+        "--directory", type=Path, help="speed, detect: where scratch files go; ships: where the scenes lie"
+    )
     parser.add_argument("--peers", default=sys.executable, metavar="PYTHON",
                         help="speed: interpreter of an environment in which sensingpy is installed")  # fmt: skip
     given = parser.parse_args()
