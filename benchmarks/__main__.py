@@ -16,6 +16,7 @@ BENCHMARKS = {
     "plan": ("plan_speed", ("quick", "rounds")),
     "scale": ("scale", ("quick", "directory", "docs")),
     "detect": ("detect_speed", ("quick", "directory", "rounds")),
+    "ships": ("ships", ("directory",)),
 }
 """Module of each, and the options that its `main` takes."""
 
@@ -26,7 +27,8 @@ def main() -> None:
     parser.add_argument("what", choices=list(BENCHMARKS))
     parser.add_argument("--quick", action="store_true", help="less of everything")
     parser.add_argument("--rounds", type=int, help="speed, plan, detect: runs of everything")
-    parser.add_argument("--directory", type=Path, help="speed, scale, detect: where scratch files go")
+    parser.add_argument("--directory", type=Path,
+                        help="speed, scale, detect: where scratch files go; ships: where the scenes lie")  # fmt: skip
     parser.add_argument("--docs", action="store_true", help="scale: write the picture and the tables of docs/, too")
     parser.add_argument("--peers", default=sys.executable, metavar="PYTHON",
                         help="speed: interpreter of an environment in which sensingpy is installed")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Ships on glinted sea, with and without deglinting: `python -m benchmarks.ships DIRECTORY`.
+"""Ships on glinted sea, with and without deglinting: `python -m benchmarks ships --directory DIRECTORY`.
 
 DIRECTORY holds casablanca.tif and honolulu.tif (Sentinel-2, with B08 as NIR), and beside each its *_ships.tif: 0 or a
 ship's number, drawn by hand and loosely. Land is what is not water over more than a ship's area. A ship is found where
@@ -7,13 +7,13 @@ any of its pixels exceeds the threshold that one water pixel in a thousand, or i
 
 from __future__ import annotations
 
-import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from deglint import Recipe, apply, fit_scene, open_scene
+from deglint import Recipe, apply, fit_scene, open_scene, remove_glint
 from deglint.masks import water
 from deglint.pipeline.look import look_at, role_bands
 from detect import local_rx, residual_rx, subspace_rx
@@ -42,11 +42,22 @@ def images(scene) -> dict[str, tuple[np.ndarray, list[int]]]:
     raw = scene.read()
     found = {"raw": (raw, [NIR]), "raw, without NIR and SWIR": (raw[:NIR], [])}
     for method in ("hedley", "lyzenga", "joyce", "nir-subtraction"):
-        model = fit_scene(scene, Recipe(method=method), threads=1).model
+        model = fit_scene(scene, Recipe(method=method, compensate="off"), threads=1).model
         clean = apply(raw, model)
         found[f"{method}"] = (clean, [NIR])
         found[f"{method}, without NIR and SWIR"] = (clean[:NIR], [])
+    clean = as_the_command_does(scene)
+    found["deglint remove"] = (clean, [NIR])
+    found["deglint remove, without NIR and SWIR"] = (clean[:NIR], [])
     return found
+
+
+def as_the_command_does(scene) -> np.ndarray:
+    """What `deglint remove` makes of the scene by itself: NIR moved to each band's place, ships kept as they were."""
+    with tempfile.TemporaryDirectory() as place:
+        out = Path(place) / "clean.tif"
+        remove_glint(scene.path, out, Recipe(nir=("B08",)), dtype="float32")
+        return open_scene(out).read()
 
 
 def detectors(image: np.ndarray, nir: list[int], sea: np.ndarray) -> dict[str, np.ndarray]:
@@ -90,13 +101,12 @@ def tables(scene, ships: np.ndarray, shore: int) -> None:
     say(title, head, [[*key, "; ".join(names)] for key, names in sorted(same.items())])
 
 
-def main(directory: Path) -> None:
+def main(directory: Path | None) -> None:
+    """Print a table for each scene and distance from the shore."""
+    if directory is None:
+        raise SystemExit("ships: --directory names where casablanca.tif, honolulu.tif and their *_ships.tif lie.")
     for name in ("casablanca", "honolulu"):
         scene = open_scene(directory / f"{name}.tif", nir="B08")
         ships = open_scene(directory / f"{name}_ships.tif").read()[0].astype(int)
         for shore in SHORES:
             tables(scene, ships, shore)
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))

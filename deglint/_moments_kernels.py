@@ -9,6 +9,7 @@ _FAST = {"reassoc", "contract", "nsz"}
 
 
 RUN = 512  # pixels reduced at a time: all variables of a run stay in the first-level cache
+LANES = 64  # columns of a run whose range is held side by side
 
 
 @njit(nogil=True, cache=True, fastmath=_FAST)
@@ -43,35 +44,72 @@ def _sum(a, m):  # type: ignore[no-untyped-def]
     return s
 
 
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _gather_all(block, r, c0, c1, buffer, start):  # type: ignore[no-untyped-def]
+    """Append columns c0..c1 of row r to `buffer` from `start`; returns their sum, finite only where they all are."""
+    total = 0.0
+    for v in range(block.shape[0]):
+        row, target = block[v, r, c0:c1], buffer[v, start : start + c1 - c0]
+        for p in range(c1 - c0):
+            value = np.float64(row[p])
+            total += value
+            target[p] = value
+    return total
+
+
 @njit(nogil=True, cache=True)
-def _gather(block, mask, r, c0, c1, buffer, start, good):  # type: ignore[no-untyped-def]
+def _outside(mask, r, c0, c1):  # type: ignore[no-untyped-def]
+    """Whether any of columns c0..c1 of row r is masked out."""
+    inside = 0
+    for c in range(c0, c1):
+        inside += mask[r, c]
+    return inside < c1 - c0
+
+
+@njit(nogil=True, cache=True)
+def _gather_some(block, mask, r, c0, c1, buffer, start, good):  # type: ignore[no-untyped-def]
     """Append the valid pixels of columns c0..c1 of row r to `buffer` from `start`; return the new length."""
-    variables = block.shape[0]
     width = c1 - c0
     for p in range(width):
         good[p] = mask[r, c0 + p]
-    for v in range(variables):
+    for v in range(block.shape[0]):
         row = block[v, r, c0:c1]
         for p in range(width):
-            # x - x is 0 for every finite x, and NaN for NaN and for infinity
             good[p] &= (row[p] - row[p]) == 0
-    count = 0
-    for p in range(width):
-        count += good[p]
-    if count == width:
-        for v in range(variables):
-            row = block[v, r, c0:c1]
-            target = buffer[v, start : start + width]
-            for p in range(width):
-                target[p] = row[p]
-    elif count > 0:
-        for v in range(variables):
-            m = start
-            for p in range(width):
-                if good[p]:
-                    buffer[v, m] = block[v, r, c0 + p]
-                    m += 1
-    return start + count
+    m = start
+    for v in range(block.shape[0]):
+        m = start
+        for p in range(width):
+            if good[p]:
+                buffer[v, m] = block[v, r, c0 + p]
+                m += 1
+    return m
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _range(row, m, low, high):  # type: ignore[no-untyped-def]
+    """Widen a range to hold the first m entries; it is held in lanes, which run in vector registers."""
+    for start in range(0, m - LANES + 1, LANES):
+        part = row[start : start + LANES]
+        for q in range(LANES):
+            low[q] = part[q] if part[q] < low[q] else low[q]
+            high[q] = part[q] if part[q] > high[q] else high[q]
+    for p in range(m // LANES * LANES, m):
+        low[0], high[0] = min(low[0], row[p]), max(high[0], row[p])
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _centred(row, m):  # type: ignore[no-untyped-def]
+    """Take the mean away from the first m entries; returns it in two parts, and the mean that rounding has left."""
+    shift, total, left = row[0], 0.0, 0.0
+    for p in range(m):
+        row[p] -= shift
+        total += row[p]
+    centre = total / m
+    for p in range(m):
+        row[p] -= centre
+        left += row[p]
+    return shift, centre, left / m
 
 
 @njit(nogil=True, cache=True)
@@ -114,25 +152,15 @@ def _merge(n, mean, rest, comoment, nb, mean_b, rest_b, comoment_b):  # type: ig
 def _reduce_run(buffer, m, mean, rest, comoment, low, high):  # type: ignore[no-untyped-def]
     """Two-pass moments of the first m entries of `buffer`, which is centred in place."""
     variables = mean.shape[0]
+    left = np.empty(variables)
     for v in range(variables):
-        row = buffer[v, :m]
-        smallest = largest = shift = row[0]
-        for p in range(m):
-            smallest = min(smallest, row[p])
-            largest = max(largest, row[p])
-        low[v] = min(low[v], smallest)
-        high[v] = max(high[v], largest)
-        for p in range(m):
-            row[p] -= shift
-        centre = _sum(row, m) / m
-        for p in range(m):
-            row[p] -= centre
-        correction = _sum(row, m) / m
-        for p in range(m):
-            row[p] -= correction
-        mean[v], rest[v] = _two_sum(shift, centre + correction)
+        _range(buffer[v], m, low[v], high[v])
+        shift, centre, left[v] = _centred(buffer[v], m)
+        mean[v], rest[v] = _two_sum(shift, centre + left[v])
     for i in range(variables):
         _products(buffer, i, m, comoment)
+        for j in range(i + 1):
+            comoment[i, j] -= m * left[i] * left[j]
 
 
 @njit(nogil=True, cache=True)
@@ -141,16 +169,23 @@ def reduce_cells(block, mask, row0, col0, cell, across, n, mean, comoment, low, 
     variables, rows, columns = block.shape
     buffer = np.empty((variables, RUN + cell))
     good = np.empty(cell, np.bool_)
-    run_mean = np.empty(variables)
-    run_rest = np.empty(variables)
+    run_mean, run_rest = np.empty(variables), np.empty(variables)
     run_comoment = np.empty((variables, variables))
+    least, most = np.empty((variables, LANES)), np.empty((variables, LANES))
     for i in range(n.shape[0]):
         top, left = (i // across) * cell - row0, (i % across) * cell - col0
         r1, c0, c1 = min(top + cell, rows), max(left, 0), min(left + cell, columns)
+        least[:], most[:] = np.inf, -np.inf
         m = 0
         for r in range(max(top, 0), r1):
-            m = _gather(block, mask, r, c0, c1, buffer, m, good)
+            total = np.nan if _outside(mask, r, c0, c1) else _gather_all(block, r, c0, c1, buffer, m)
+            if total - total == 0:  # finite, and no sum of finite numbers that overflowed
+                m += c1 - c0
+            else:
+                m = _gather_some(block, mask, r, c0, c1, buffer, m, good)
             if m > 0 and (m >= RUN or r == r1 - 1):
-                _reduce_run(buffer, m, run_mean, run_rest, run_comoment, low[i], high[i])
+                _reduce_run(buffer, m, run_mean, run_rest, run_comoment, least, most)
                 n[i] = _merge(n[i], mean[i], rest[i], comoment[i], float(m), run_mean, run_rest, run_comoment)
                 m = 0
+        for v in range(variables):
+            low[i, v], high[i, v] = least[v].min(), most[v].max()

@@ -9,6 +9,10 @@ from deglint import __version__
 
 _HOMES: dict[str, str] = {
     "Background": "background",
+    "Object": "objects",
+    "Roc": "roc.curve",
+    "Tail": "threshold",
+    "Threshold": "threshold",
     "local_rx": "local",
     "residual_rx": "rx",
     "rx_utd": "rx",

@@ -7,40 +7,57 @@ WIDTH = 256  # pixels scored side by side: they stay in the first-level cache
 
 
 @njit(nogil=True, cache=True, fastmath={"contract"})
-def _row_times(row, x, bands, z):  # type: ignore[no-untyped-def]
-    """z += row . x, four bands at a time; what lies beyond `bands` is zero."""
-    for b in range(0, bands, 4):
-        a0, a1, a2, a3 = row[b], row[b + 1], row[b + 2], row[b + 3]
-        for c in range(WIDTH):
-            z[c] += a0 * x[b, c] + a1 * x[b + 1, c] + a2 * x[b + 2, c] + a3 * x[b + 3, c]
+def _add_four(row, other, x, b, z, y):  # type: ignore[no-untyped-def]
+    """z += row . x and y += other . x over the bands b..b+3: two rows at a time load x once."""
+    a0, a1, a2, a3 = row[b], row[b + 1], row[b + 2], row[b + 3]
+    c0, c1, c2, c3 = other[b], other[b + 1], other[b + 2], other[b + 3]
+    for c in range(WIDTH):
+        x0, x1, x2, x3 = x[b, c], x[b + 1, c], x[b + 2, c], x[b + 3, c]
+        z[c] += a0 * x0 + a1 * x1 + a2 * x2 + a3 * x3
+        y[c] += c0 * x0 + c1 * x1 + c2 * x2 + c3 * x3
 
 
 @njit(nogil=True, cache=True, fastmath={"contract"})
-def squared_lengths(flat, first, mean, matrix, moved, rank, out):  # type: ignore[no-untyped-def]
-    """out = sum over the first `rank` rows of (matrix (x - mean) - moved)^2, plus the rows after them as they are.
+def _add_squares(row, other, x, b, z, y, total):  # type: ignore[no-untyped-def]
+    """The same for the last four bands, and total += z^2 + y^2."""
+    a0, a1, a2, a3 = row[b], row[b + 1], row[b + 2], row[b + 3]
+    c0, c1, c2, c3 = other[b], other[b + 1], other[b + 2], other[b + 3]
+    for c in range(WIDTH):
+        x0, x1, x2, x3 = x[b, c], x[b + 1, c], x[b + 2, c], x[b + 3, c]
+        s = z[c] + (a0 * x0 + a1 * x1 + a2 * x2 + a3 * x3)
+        t = y[c] + (c0 * x0 + c1 * x1 + c2 * x2 + c3 * x3)
+        total[c] += s * s + t * t
+
+
+@njit(nogil=True, cache=True, fastmath={"contract"})
+def squared_lengths(flat, first, mean, rest, matrix, linear, out):  # type: ignore[no-untyped-def]
+    """out = |matrix (x - mean - rest)|^2 + linear . (x - mean - rest).
 
     As many pixels of `flat`, from `first` on, as `out` has room for.
-    flat : (bands, pixels); matrix : (rows, columns), columns at least `bands`, a multiple of 4, filled up with zeros
+    flat : (bands, pixels); matrix : (rows, columns), an even number of rows, and of columns at least `bands` and a
+    multiple of 4, filled up with zeros; linear : (columns,), or of no length
     """
-    bands, pixels = flat.shape[0], out.shape[0]
-    x, z, total = np.zeros((matrix.shape[1], WIDTH)), np.empty(WIDTH), np.empty(WIDTH)
+    bands, pixels, columns = flat.shape[0], out.shape[0], matrix.shape[1]
+    x, total = np.zeros((columns, WIDTH)), np.empty(WIDTH)
+    z, y = np.empty(WIDTH), np.empty(WIDTH)
+    moved = np.zeros(matrix.shape[0])
+    for b in range(bands):
+        moved += matrix[:, b] * rest[b]
     for start in range(0, pixels, WIDTH):
         count = min(WIDTH, pixels - start)
         for b in range(bands):
-            band, centre = flat[b, first + start : first + start + count], mean[b]
+            band, target, centre = flat[b, first + start : first + start + count], x[b], mean[b]
             for c in range(count):
-                x[b, c] = band[c] - centre
-        for c in range(WIDTH):
-            total[c] = 0.0
-        for i in range(matrix.shape[0]):
+                target[c] = band[c] - centre
+        total[:] = 0.0
+        for b in range(min(bands, linear.shape[0])):
             for c in range(WIDTH):
-                z[c] = -moved[i]
-            _row_times(matrix[i], x, bands, z)
-            if i < rank:
-                for c in range(WIDTH):
-                    total[c] += z[c] * z[c]
-            else:
-                for c in range(WIDTH):
-                    total[c] += z[c]
+                total[c] += linear[b] * (x[b, c] - rest[b])
+        for i in range(0, matrix.shape[0], 2):
+            z[:], y[:] = -moved[i], -moved[i + 1]
+            for b in range(0, columns - 4, 4):
+                _add_four(matrix[i], matrix[i + 1], x, b, z, y)
+            _add_squares(matrix[i], matrix[i + 1], x, columns - 4, z, y, total)
+        target = out[start : start + count]
         for c in range(count):
-            out[start + c] = total[c]
+            target[c] = total[c]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -38,6 +39,9 @@ SAMPLE = 1 << 17
 """Pixels that the robust estimate looks at, at most about."""
 COMPILED_PIXELS = 10_000_000
 """Pixels above which the compiled statistics kernel pays for its loading."""
+
+THREADED_VALUES = 1 << 23
+"""Values from which an array in memory is worked on by several threads unless it is said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +208,7 @@ def fit(
     covariance: str = "empirical",
     ridge: float = RIDGE,
     names: Sequence[str] = (),
-    threads: int = 1,
+    threads: int | None = None,
 ) -> Background:
     """Fit a background to an array.
 
@@ -220,8 +224,8 @@ def fit(
         For "ridge": this share of each band's variance is added to it.
     names : sequence of str
         Band names to keep with it.
-    threads : int
-        The result does not depend on it.
+    threads : int, optional
+        All processors for large images, or as few as OMP_NUM_THREADS says; the result does not depend on it.
 
     Returns
     -------
@@ -251,7 +255,7 @@ def fit(
     def strip(row: int) -> tuple[npt.NDArray[Any], Mask | None]:
         return image[:, row : row + CELL], None if mask is None else mask[row : row + CELL]
 
-    with ThreadPoolExecutor(max(threads, 1)) as pool:
+    with ThreadPoolExecutor(threads or default_threads(image)) as pool:
         for part in pool.map(lambda r: part_of(*strip(r), (r, 0), gathering.share, compiled=compiled), rows):
             gathering.add(part)
         found = gathering.moments()
@@ -317,6 +321,18 @@ def check_rule(covariance: str, ridge: float) -> None:
         raise InputError(f"covariance {covariance!r} is not one of {', '.join(COVARIANCES)}.")
     if not (np.isfinite(ridge) and ridge >= 0):
         raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
+
+
+def default_threads(image: npt.NDArray[Any]) -> int:
+    """Threads for work on an array in memory: one where it is small, else all processors that we may use.
+
+    As few as OMP_NUM_THREADS says, which limits the matrix products, too.
+    """
+    if image.size < THREADED_VALUES:
+        return 1
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    return max(min(processors, int(limit) if limit.isdecimal() else processors), 1)
 
 
 def as_image(image: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -20,6 +20,7 @@ from deglint.errors import InputError
 from .outlines import Ring, polygons
 
 Mask = npt.NDArray[np.bool_]
+Places = npt.NDArray[np.int64]
 _EARTH = 6_371_008.8
 """Mean radius of the Earth [m], for pixels in degrees."""
 
@@ -108,7 +109,57 @@ def find(
     mask, scores = np.asarray(mask), np.asarray(scores)
     _check(mask, scores, min_size, merge_distance, connectivity)
     found = label(mask.astype(np.bool_, copy=False) & ~np.isnan(scores), merge_distance, connectivity)
-    return _described(found, scores, min_size, pixel_area)
+    rows, columns = np.nonzero(found)
+    return _described(rows, columns, found[rows, columns], scores[rows, columns], min_size, pixel_area)
+
+
+def find_among(
+    rows: Places, columns: Places, scores: npt.NDArray[Any], *, min_size: int = 1, merge_distance: float = 0.0,
+    connectivity: int = 8, pixel_area: float | None = None,
+) -> list[Object]:  # fmt: skip
+    """The same objects from the detected pixels alone, in row-major order, where a whole scene is too large to hold.
+
+    Parameters
+    ----------
+    rows, columns : (pixels,) int64 ndarray
+        Places of the detected pixels.
+    scores : (pixels,) ndarray
+    min_size, merge_distance, connectivity, pixel_area
+        As `find`; memory is some 100 bytes a pixel.
+
+    Examples
+    --------
+    >>> [o.size for o in find_among(np.array([0, 1, 9]), np.array([0, 1, 9]), np.array([5.0, 6, 7]))]
+    [1, 2]
+    """
+    _check(rows[None] >= 0, scores[None], min_size, merge_distance, connectivity)
+    if not len(rows):
+        return []
+    return _described(rows, columns, _joined(rows, columns, merge_distance, connectivity), scores, min_size, pixel_area)
+
+
+def _joined(rows: Places, columns: Places, distance: float, connectivity: int) -> npt.NDArray[np.int32]:
+    """Number, from 1, of the part that each pixel belongs to."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    reach = max(math.floor(distance), 1)
+    width = int(columns.max()) + 1 + reach  # so that no offset runs into the next row
+    place = rows * width + columns
+    near = {(0, 1), (1, 0)} | ({(1, -1), (1, 1)} if connectivity == 8 else set())
+    offsets = [(d, r) for d in range(reach + 1) for r in range(-reach, reach + 1) if (d, r) > (0, 0)]
+    pairs = []
+    for down, right in offsets:
+        if (down, right) not in near and down * down + right * right > distance * distance:
+            continue
+        wanted = place + (down * width + right)
+        wanted[columns + right < 0] = -1
+        at = np.searchsorted(place, wanted).clip(max=len(place) - 1)
+        meets = np.flatnonzero(place[at] == wanted)
+        pairs.append(np.stack([meets, at[meets]]))
+    a, b = np.concatenate(pairs, axis=1)
+    graph = coo_array((np.ones(len(a), np.bool_), (a, b)), shape=(len(rows), len(rows)))
+    return np.asarray(connected_components(graph, directed=False)[1] + 1, np.int32)
 
 
 def label(mask: Mask, merge_distance: float = 0.0, connectivity: int = 8) -> npt.NDArray[np.int32]:
@@ -150,24 +201,29 @@ def _merged(labels: npt.NDArray[np.int32], count: int, distance: float) -> npt.N
 
 
 def _described(
-    labels: npt.NDArray[np.int32], scores: npt.NDArray[Any], min_size: int, pixel_area: float | None
-) -> list[Object]:
-    from scipy.ndimage import find_objects
-
-    rows, columns = np.nonzero(labels)
-    at, values = labels[rows, columns], scores[rows, columns].astype(np.float64)
+    rows: Places, columns: Places, at: npt.NDArray[np.int32], scores: npt.NDArray[Any], min_size: int,
+    pixel_area: float | None,
+) -> list[Object]:  # fmt: skip
+    """Objects from their pixels, in row-major order, and the number of the part that each belongs to."""
+    values = scores.astype(np.float64)
     sizes = np.bincount(at)
     length = len(sizes)
     highest = np.full(length, -np.inf)
     np.maximum.at(highest, at, values)
-    order = sorted(np.flatnonzero(sizes >= min_size), key=lambda i: (-highest[i], i))
+    by_part = np.argsort(at, kind="stable")
+    ends = np.cumsum(sizes)
+    first = by_part[(ends - sizes).clip(max=max(len(at) - 1, 0))] if len(at) else sizes
+    order = sorted(np.flatnonzero(sizes >= min_size), key=lambda i: (-highest[i], first[i]))
     with np.errstate(invalid="ignore"):
         means = np.bincount(at, values, length) / sizes
         row_means, column_means = (np.bincount(at, x, length) / sizes for x in (rows, columns))
-    boxes = find_objects(labels) if order else []
     out: list[Object] = []
     for i in order:
-        down, across = boxes[i - 1]
+        own = by_part[ends[i] - sizes[i] : ends[i]]
+        down, across = rows[own], columns[own]
+        top, left = int(down.min()), int(across.min())
+        footprint = np.zeros((int(down.max()) + 1 - top, int(across.max()) + 1 - left), np.bool_)
+        footprint[down - top, across - left] = True
         size = int(sizes[i])
         out.append(
             Object(
@@ -177,8 +233,8 @@ def _described(
                 size=size,
                 area=None if pixel_area is None else size * pixel_area,
                 centroid=(float(row_means[i]), float(column_means[i])),
-                bounds=((down.start, down.stop), (across.start, across.stop)),
-                footprint=labels[down, across] == i,
+                bounds=((top, top + footprint.shape[0]), (left, left + footprint.shape[1])),
+                footprint=footprint,
             )
         )
     return out

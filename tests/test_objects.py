@@ -16,7 +16,7 @@ from rasterio.transform import from_origin
 
 from deglint.errors import InputError
 from detect import outlines
-from detect.objects import find, pixel_area, to_geojson
+from detect.objects import find, find_among, pixel_area, to_geojson
 
 MASKS = arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9)))
 
@@ -191,3 +191,13 @@ def test_no_crs_keeps_pixel_corners():
     ring = document["features"][0]["geometry"]["coordinates"][0]
     assert sorted({tuple(p) for p in ring}) == [(0, 0), (0, 1), (2, 0), (2, 1)]
     assert rasterio.features.bounds(document) == (0, 0, 2, 1)
+
+
+@given(MASKS, st.sampled_from([0.0, 1.5, 2.0, 3.7]), st.sampled_from([4, 8]), st.integers(1, 3))
+def test_detected_pixels_alone_give_the_same_objects(mask, distance, connectivity, least):
+    scores = np.random.default_rng(0).integers(0, 5, mask.shape).astype(np.float32)  # ties, too
+    options = {"min_size": least, "merge_distance": distance, "connectivity": connectivity, "pixel_area": 4.0}
+    whole = find(mask, scores, **options)
+    rows, columns = np.nonzero(mask)
+    listed = find_among(rows, columns, scores[rows, columns], **options)
+    assert to_geojson(listed) == to_geojson(whole)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from rasterio.windows import Window
 
 from deglint import tiles as tiling
 from deglint.errors import InputError, NoWaterError
@@ -23,7 +24,7 @@ from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, check_target, plain, write_json, write_text, writing
 from deglint.scene import Scene
-from deglint.tiles import Tile
+from deglint.tiles import LARGEST, Tile
 
 from .. import objects as marking
 from .. import threshold as cutting
@@ -34,6 +35,9 @@ from ..threshold import Tail, Threshold
 from .plan import Plan, Progress, both, make_plan, read
 from .recipe import NO_LAW, Outputs, Recipe
 from .sidecar import describe, notes_on, warnings_of
+
+_SPARSE = 1 / 64
+"""Share of the pixels up to which a list of those detected takes less memory than the whole scene."""
 
 
 @dataclass
@@ -391,16 +395,21 @@ def _write_objects(
     """Mark objects in the scores that were just written; returns how many."""
     if targets.objects is None:
         return 0
-    with open_dataset(str(scratch.file(targets.image))) as dataset:
-        scores = dataset.read(1)
     if progress:
         progress("objects", 0, 1)
     scene, recipe = plan.scene, plan.recipe
-    area = marking.pixel_area(scene.transform, scene.crs, scores.shape)
-    found = marking.find(
-        threshold.exceeded(scores), scores,
-        min_size=recipe.min_size, merge_distance=recipe.merge_distance, pixel_area=area,
-    )  # fmt: skip
+    size = (scene.height, scene.width)
+    options: dict[str, Any] = {
+        "min_size": recipe.min_size,
+        "merge_distance": recipe.merge_distance,
+        "pixel_area": marking.pixel_area(scene.transform, scene.crs, size),
+    }
+    with open_dataset(str(scratch.file(targets.image))) as dataset:
+        if (threshold.pfa_achieved or 0) > _SPARSE:
+            scores = dataset.read(1)
+            found = marking.find(threshold.exceeded(scores), scores, **options)
+        else:
+            found = marking.find_among(*_detected(dataset, threshold), **options)
     document = marking.to_geojson(
         found, scene.transform, scene.crs, threshold=threshold.value, pfa=threshold.pfa_designed
     )
@@ -408,6 +417,18 @@ def _write_objects(
     if progress:
         progress("objects", 1, 1)
     return len(found)
+
+
+def _detected(dataset: Any, threshold: Threshold) -> tuple[Any, Any, Any]:
+    """Rows, columns and scores of what exceeds the threshold, read in strips."""
+    found = []
+    for top in range(0, dataset.height, LARGEST):
+        window = Window(0, top, dataset.width, min(LARGEST, dataset.height - top))
+        scores = dataset.read(1, window=window)
+        rows, columns = np.nonzero(threshold.exceeded(scores))
+        found.append((rows + top, columns, scores[rows, columns]))
+    rows, columns, scores = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return rows, columns, scores
 
 
 def _why_nothing(tally: Tally) -> str:
