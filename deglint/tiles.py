@@ -12,12 +12,14 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from .moments import CELL
 from .scene import Window
 
 Result = TypeVar("Result")
+Run = Callable[..., Iterator[tuple[Any, Any]]]
+"""What does work on tiles: `run`, or something that is called like it."""
 SAMPLES = 4 << 20
 """Values (pixels times bands) that a tile aims at."""
 MOST_SAMPLES = 32 << 20

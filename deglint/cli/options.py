@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import click
@@ -56,6 +57,38 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
     ):  # fmt: skip
         command = option(command)
     return command
+
+
+def on_cluster(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Options that name workers in place of threads."""
+    for option in reversed(
+        [
+            click.option("--cluster", metavar="tcp://HOST:PORT", help="Work on this dask cluster, whose workers see "
+                         "the input and the output's directory."),
+            click.option("--workers", type=click.IntRange(1, 1024), metavar="N",
+                         help="Work on N processes of this machine in place of threads."),
+        ]
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+@contextlib.contextmanager
+def cluster_of(given: dict[str, Any], talk: Talk) -> Iterator[Any]:
+    """The cluster that the options name, or None; says at the end what memory its workers took."""
+    if given["cluster"] is None and given["workers"] is None:
+        yield None
+        return
+    if given["threads"] is not None:
+        raise click.UsageError("--threads are this process's own: leave it out with --cluster and --workers.")
+    if given["cluster"] is not None and given["workers"] is not None:
+        raise click.UsageError("--workers starts a cluster of its own: leave it out with --cluster.")
+    from ..pipeline.cluster import connect
+
+    with connect(given["cluster"], workers=given["workers"]) as cluster:
+        yield cluster
+        held = sorted(cluster.memory().values())
+        talk.say(f"{len(held)} workers, each held at most {held[-1] / 1e6:.0f} MB" if held else "no worker was needed")
 
 
 class Talk:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from .options import METHOD_NAMES, REGRESSION_NAMES, Talk, common, creation_options, names
+from .options import METHOD_NAMES, REGRESSION_NAMES, Talk, cluster_of, common, creation_options, names, on_cluster
 from .running import keep_memory
 
 
@@ -114,6 +114,7 @@ from .running import keep_memory
 @click.option("--grid", metavar="FILE|N", help="Of several files, the one whose grid to use; the finest by default.")
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
+@on_cluster
 @common
 def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Remove sun glint from IN and write OUT, a GeoTIFF with the input's type, tags and place.
@@ -138,14 +139,16 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         compensate=given["compensate"], smallest_object=given["smallest_object"],
     )  # fmt: skip
     try:
-        result = remove_glint(
-            list(inputs), output, recipe, model=load_model(given["model_in"]) if given["model_in"] else None,
-            chain=load_chain(given["model_in"]) if given["model_in"] else None,
-            sensor=given["sensor"], nodata=given["nodata"],
-            grid=given["grid"], threads=given["threads"], progress=talk.progress, flags=given["flags"],
-            amount=given["amount"], sample=given["save_sample"], model_file=given["save_model"],
-            picture=given["picture"], overwrite=given["overwrite"], dtype=given["dtype"], options=given["options"],
-        )  # fmt: skip
+        with cluster_of(given, talk) as cluster:
+            result = remove_glint(
+                list(inputs), output, recipe, model=load_model(given["model_in"]) if given["model_in"] else None,
+                chain=load_chain(given["model_in"]) if given["model_in"] else None,
+                sensor=given["sensor"], nodata=given["nodata"],
+                grid=given["grid"], threads=given["threads"], cluster=cluster, progress=talk.progress,
+                flags=given["flags"], amount=given["amount"], sample=given["save_sample"],
+                model_file=given["save_model"], picture=given["picture"], overwrite=given["overwrite"],
+                dtype=given["dtype"], options=given["options"],
+            )  # fmt: skip
     finally:
         talk.clear()
     for note in result.sidecar["notes"]:

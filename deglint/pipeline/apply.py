@@ -33,6 +33,7 @@ from ..readers.roles import find_band
 from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
+from .cluster import Cluster
 from .correct import Correction, Tally, changed_bands
 from .fit import Fitted, Progress, default_threads, fit_scene
 from .following import for_scene, without_moves
@@ -125,6 +126,7 @@ def remove_glint(
     grid: str | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
+    cluster: Cluster | None = None,
     **outputs: Any,
 ) -> Result:
     """Remove glint from a raster file.
@@ -147,6 +149,9 @@ def remove_glint(
         All processors by default. The result is the same for any number.
     progress : callable, optional
         progress(stage, done, total).
+    cluster : Cluster, optional
+        Workers that pass over the tiles in place of threads (`deglint.pipeline.cluster.connect`); they must see the
+        input and the output's directory. The result is the same to the bit.
     **outputs
         flags, amount, sample, model_file, picture, overwrite, dtype, options: see `Outputs`.
 
@@ -178,12 +183,14 @@ def remove_glint(
     with environment():
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
-            return _run(scene, recipe or Recipe(), targets, model, chain, threads or default_threads(), progress)
+            return _run(
+                scene, recipe or Recipe(), targets, model, chain, threads or default_threads(), progress, cluster
+            )
 
 
 def _run(
     scene: Scene, recipe: Recipe, targets: Outputs, model: GlintModel | None, chain: Chain | None, threads: int,
-    progress: Progress | None,
+    progress: Progress | None, cluster: Cluster | None,
 ) -> Result:  # fmt: skip
     begun = time.perf_counter()
     inputs = {os.path.realpath(p) for p in raster_of(scene).info.paths}
@@ -193,7 +200,9 @@ def _run(
     checksum = Checksum(raster_of(scene).info.paths)
     area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "--mask")
     if model is None:
-        fitted = fit_scene(scene, recipe, threads=threads, want_sample=targets.sample is not None, progress=progress)
+        run = tiling.run if cluster is None else cluster.run
+        want = targets.sample is not None
+        fitted = fit_scene(scene, recipe, threads=threads, want_sample=want, progress=progress, run=run)
     else:
         fitted = given_model(scene, recipe, model, threads, chain)
     if targets.sample and fitted.sample is None:
@@ -205,7 +214,9 @@ def _run(
             "no band is corrected, so there is no amount to write: leave out --amount, or name a --method."
         )
     with Scratch(overwrite=targets.overwrite) as scratch:
-        tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress, only)
+        with ExitStack() as stack:
+            run = tiling.run if cluster is None else stack.enter_context(cluster.by_files(targets.image))
+            tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress, only, run)
         if tally.corrected == 0 and fitted.model.fits:
             why = "every pixel is nodata" if tally.nodata == tally.total else "no pixel is water inside the mask"
             raise NoWaterError(f"nothing to correct in {scene.path}: {why}. Check --nodata and --mask.")
@@ -225,12 +236,12 @@ def _run(
 
 def _write_tiles(
     scratch: Scratch, scene: Scene, fitted: Fitted, targets: Outputs, area: Area | None, threads: int,
-    progress: Progress | None, only: tuple[int, ...],
+    progress: Progress | None, only: tuple[int, ...], run: tiling.Run,
 ) -> Tally:  # fmt: skip
     info = raster_of(scene).info
     every = tuple(range(len(scene.bands)))
     dtype = np.dtype(targets.dtype) if targets.dtype else info.dtype
-    nodata, masked = _marking(scene, dtype)
+    nodata, masked = marking(scene, dtype)
     shape = tile_shape_of(scene)
     if fitted.chain.runs:
         shape = tiling.compact(shape, block_of(scene))
@@ -260,7 +271,7 @@ def _write_tiles(
                 info, bands, "float32", float("nan"), targets.options, scaled=False, names=names, tile=shape
             )
             writers.append((stack.enter_context(writing(scratch, targets.amount, layout)), "amount"))
-        for tile, done in tiling.run(everything, work, threads=at_once, progress=note, start=enter_thread):
+        for tile, done in run(everything, work, threads=at_once, progress=note, start=enter_thread):
             for writer, what in writers:
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
@@ -369,7 +380,7 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     return Fitted(model, resolved, tuple(notes), numbers, None, rule, bands, chain)
 
 
-def _marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
+def marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
     """How the output says which pixels are not valid: the input's nodata where the type can hold it, and a mask where
     the input has one, or where its nodata cannot be said otherwise."""
     source = raster_of(scene)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,9 @@ from ..readers.areas import Area
 from ..remove import GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
-from .following import nir_to_follow, remove_following
+from .following import moved_halo, nir_to_follow, remove_following
 from .look import core_of, raster_of
-from .surroundings import Surroundings
+from .surroundings import Around, Surroundings
 
 FLAGS = {
     1: "nodata: not valid, passed unchanged",
@@ -101,7 +101,7 @@ class Correction:
     area: Area | None
     water: WaterRule | None
     water_bands: tuple[int, ...]
-    surroundings: Surroundings | None
+    surroundings: Surroundings | Around | None
     chain: Chain = field(default_factory=Chain)
     only: tuple[int, ...] = ()
 
@@ -109,6 +109,20 @@ class Correction:
     def changed(self) -> list[int]:
         """0-based bands that may change."""
         return changed_bands(self.scene, self.model, self.chain, self.only)
+
+    @property
+    def reach(self) -> int:
+        """Pixels around a tile that may be looked at."""
+        beyond = max((rule.halo for _, rule in self.chain.references), default=0) + moved_halo(self.chain)
+        return max(self._halo, self._water_halo, beyond)
+
+    def on(self, scene: Scene) -> Correction:
+        """The same for another source of the scene's pixels."""
+        beside = self.surroundings
+        if beside is not None:
+            assert isinstance(beside, Around)
+            beside = replace(beside, scene=scene)
+        return replace(self, scene=scene, surroundings=beside)
 
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and bring it into the output's type."""

@@ -86,6 +86,7 @@ def fit_scene(
     threads: int | None = None,
     want_sample: bool = False,
     progress: Progress | None = None,
+    run: tiling.Run = tiling.run,
 ) -> Fitted:
     """Fit a recipe to a scene without correcting it.
 
@@ -99,6 +100,8 @@ def fit_scene(
         Return the sample's outline as GeoJSON.
     progress : callable, optional
         Called as progress(stage, done, total).
+    run : callable
+        What passes over the sample's tiles: threads here, or a cluster's `run`.
 
     Returns
     -------
@@ -127,7 +130,7 @@ def fit_scene(
         wanted = recipe.mask == "auto" or (sampled and recipe.sample == "auto")
         for look in looks(scene, request.indexes[0].bands[0], threads, wanted=wanted):
             try:
-                return _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress)
+                return _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress, run)
             except (NoWaterError, FitError):
                 # a look at a part may have missed the water, or the deep of it: look at more
                 if look.whole or (recipe.sample != "auto" and (look.water is None or look.water.has_water)):
@@ -147,7 +150,7 @@ def _regression(recipe: Recipe) -> str:
 
 def _fit_look(
     scene: Scene, recipe: Recipe, request: FitRequest, look: Look, notes: Sequence[str], threads: int,
-    want_sample: bool, progress: Progress | None,
+    want_sample: bool, progress: Progress | None, run: tiling.Run,
 ) -> Fitted:  # fmt: skip
     notes = list(notes)
     if look.water is not None:
@@ -170,7 +173,7 @@ def _fit_look(
         model, outline = METHODS[name].fit(request, None), None
         chosen = replace(recipe, method=model.method, regression="auto")
     else:
-        job = _Job(scene, recipe, request, sampler, chain, name, todo)
+        job = _Job(scene, recipe, request, sampler, chain, name, todo, run)
         model, said, outline = _fit_sampled(job, threads, want_sample, progress)
         notes += said.pop("notes")
         floor = said.pop("floor_percentile")
@@ -214,6 +217,7 @@ class _Job:
     chain: Chain
     method: str
     todo: Plan
+    run: tiling.Run
 
 
 def _fit_sampled(
@@ -253,7 +257,7 @@ def _fit_sampled(
     note = (lambda done, total: progress("fit", done, total)) if progress else None
     largest = max(sampler.tiles, key=lambda t: t.shape[0] * t.shape[1])
     at_once = tiling.affordable(threads, largest.shape, 4 * len(columns))  # statistics take several copies
-    for tile, (part, mask) in tiling.run(sampler.tiles, work, threads=at_once, progress=note, start=enter_thread):
+    for tile, (part, mask) in job.run(sampler.tiles, work, threads=at_once, progress=note, start=enter_thread):
         parts.append(part)
         boxes.append(_box(mask, tile))
         if want_sample:

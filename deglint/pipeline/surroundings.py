@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 from concurrent.futures import Future
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,22 @@ from ..scene import FloatArray, Scene
 from ..tiles import Tile
 
 Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Around:
+    """The same as `Surroundings` without a memory, for tiles that are worked on anywhere in any order."""
+
+    scene: Scene
+    rule: WaterRule
+    nir: int
+
+    def around(self, tile: Tile, nir: FloatArray) -> tuple[Mask, Mask] | None:
+        """As `Surroundings.around`; the NIR of the halo is read for this tile alone."""
+        if not brightness(nir, self.rule)[0].any():
+            return None
+        outer = tile.grown(self.rule.halo, self.scene.height, self.scene.width)
+        return brightness(self.scene.source.read(outer.window, [self.nir])[0], self.rule)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +65,7 @@ class _Bits:
 
 
 class Surroundings:
-    """Bright and missing NIR pixels of tiles and what lies around them; safe for threads.
+    """Bright and missing NIR pixels of tiles and what lies around them; safe for threads; a pickled copy starts anew.
 
     Parameters
     ----------
@@ -67,8 +84,18 @@ class Surroundings:
         self._row_at = {row: i for i, row in enumerate(self._rows)}
         self._column_at = {column: j for j, column in enumerate(self._columns)}
         self._tiles = {(t.row0, t.col0): t for t in tiles}
+        self._start()
+
+    def _start(self) -> None:
         self._kept: dict[tuple[int, int], Future[_Bits]] = {}
         self._lock = threading.Lock()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: v for k, v in vars(self).items() if k not in ("_kept", "_lock")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._start()
 
     def around(self, tile: Tile, nir: FloatArray) -> tuple[Mask, Mask] | None:
         """Both masks of the tile, whose NIR is given, and of the rule's halo around it as far as the scene goes.

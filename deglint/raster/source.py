@@ -11,6 +11,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, ReadError
@@ -23,7 +25,7 @@ from .info import RasterInfo, one_line
 class RasterSource:
     """Pixels of a scene, from one file or several on one grid; a `deglint.scene.Source`.
 
-    It can be pickled: the copy opens the files anew.
+    It can be pickled: the copy opens the files anew, wherever it is unpickled on this file system.
 
     Parameters
     ----------
@@ -50,7 +52,7 @@ class RasterSource:
         self._closed = False
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"files": self.files, "info": self.info}
+        return {"files": tuple(replace(f, path=_absolute(f.path)) for f in self.files), "info": self.info}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -174,3 +176,11 @@ class RasterSource:
                 f"cannot read {where}: {one_line(error)}. The file is truncated or damaged: copy or download it again."
             )
         return None
+
+
+def _absolute(name: str) -> str:
+    """The name of a file in this directory, for a process that runs in another; GDAL's other names stay."""
+    try:
+        return str(Path(name).absolute()) if Path(name).exists() else name
+    except (OSError, ValueError):
+        return name

@@ -81,11 +81,11 @@ def open_scene(
     if not paths:
         raise InputError("want at least one file to open, got none")
     notes: list[str] = []
-    infos = [_with_nodata(_describe(os.fspath(p), sensor, nir, notes), nodata, notes) for p in paths]
+    infos = [with_nodata(_describe(os.fspath(p), sensor, nir, notes), nodata, notes) for p in paths]
     files, reference, said = put_on_grid(infos, grid)
     info = _together(infos, reference)
     stems = [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
-    bands, preset, told = _bands(info, stems, sensor)
+    bands, preset, told = bands_of(info, stems, sensor)
     scene = Scene(
         bands=tuple(bands),
         height=info.height,
@@ -116,7 +116,7 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
     return info
 
 
-def _with_nodata(info: RasterInfo, nodata: float | None, notes: list[str]) -> RasterInfo:
+def with_nodata(info: RasterInfo, nodata: float | None, notes: list[str]) -> RasterInfo:
     """The nodata of each band: the caller's, else the file's where its type can hold it."""
     if nodata is not None:
         for dtype in info.dtypes:
@@ -160,7 +160,8 @@ def _stem(info: RasterInfo) -> str:
     return re.split(r"[/\\!:]", info.paths[0])[-1].rsplit(".", 1)[0] if info.count == 1 else ""
 
 
-def _bands(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
+def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
+    """Bands of a scene, the sensor preset that was used, and what to say; `stems` are names for bands without one."""
     names = _names(info, stems)
     spectra = spectral_of(info)
     bands = [

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from deglint.cli.options import Talk, common, creation_options, names
+from deglint.cli.options import Talk, cluster_of, common, creation_options, names, on_cluster
 
 # The keys of detect.pipeline.recipe's tables, which --help must not wait for; a test holds them equal.
 METHOD_NAMES = ("rx", "local", "utd", "rx-utd", "subspace", "residual")
@@ -137,6 +137,7 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
 )
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
+@on_cluster
 @common
 def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Score every pixel of IN by how little it belongs, and write OUT, a GeoTIFF of one float32 band.
@@ -157,12 +158,13 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     fields = ("method", "window", "border", "covariance", "ridge", "background", "bands", "nir", "drop", "mask", "pfa",
               "threshold", "min_size", "merge_distance")  # fmt: skip
     try:
-        result = score_file(
-            list(inputs), output, Recipe(**{name: given[name] for name in fields}),
-            sensor=given["sensor"], nodata=given["nodata"], threads=given["threads"], progress=talk.progress,
-            p_value=given["p_value"], objects=given["objects"], background=given["save_background"],
-            overwrite=given["overwrite"], options=given["options"],
-        )  # fmt: skip
+        with cluster_of(given, talk) as cluster:
+            result = score_file(
+                list(inputs), output, Recipe(**{name: given[name] for name in fields}),
+                sensor=given["sensor"], nodata=given["nodata"], threads=given["threads"], cluster=cluster,
+                progress=talk.progress, p_value=given["p_value"], objects=given["objects"],
+                background=given["save_background"], overwrite=given["overwrite"], options=given["options"],
+            )  # fmt: skip
     finally:
         talk.clear()
     said = result.sidecar

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from deglint import tiles as tiling
 from deglint.errors import InputError, NoWaterError
 from deglint.pipeline import default_threads
+from deglint.pipeline.cluster import Cluster
 from deglint.pipeline.look import raster_of
 from deglint.pipeline.sidecar import Checksum
 from deglint.raster.environment import enter_thread, environment
@@ -128,6 +129,7 @@ def score_file(
     nodata: float | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
+    cluster: Cluster | None = None,
     **outputs: Any,
 ) -> Result:
     """Score every pixel of a raster file by how little it belongs.
@@ -146,6 +148,8 @@ def score_file(
         All processors by default. The result is the same for any number.
     progress : callable, optional
         progress(stage, done, total).
+    cluster : Cluster, optional
+        Workers in place of threads, as `deglint.remove_glint`; the result is the same to the bit.
     **outputs
         p_value, objects, background, overwrite, options: see `Outputs`.
 
@@ -172,7 +176,7 @@ def score_file(
     with environment(), _one_blas_thread():
         scene = open_scene(source, sensor=sensor, nodata=nodata)
         with raster_of(scene):
-            return _run(scene, recipe, targets, threads or default_threads(), progress)
+            return _run(scene, recipe, targets, threads or default_threads(), progress, cluster)
 
 
 def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> None:
@@ -199,7 +203,9 @@ def _one_blas_thread() -> Iterator[None]:
         yield
 
 
-def _run(scene: Scene, recipe: Recipe, targets: Outputs, threads: int, progress: Progress | None) -> Result:
+def _run(
+    scene: Scene, recipe: Recipe, targets: Outputs, threads: int, progress: Progress | None, cluster: Cluster | None
+) -> Result:
     begun = time.perf_counter()
     inputs = {os.path.realpath(p) for p in raster_of(scene).info.paths}
     for path in targets.every():
@@ -207,11 +213,15 @@ def _run(scene: Scene, recipe: Recipe, targets: Outputs, threads: int, progress:
             raise InputError(f"{path} is the input, and would be lost. Give that output another name.")
     checksum = Checksum(raster_of(scene).info.paths)
     plan = make_plan(scene, recipe, threads, progress)
-    background = None if plan.rule else plan.given or fit_background(plan)
+    background = (
+        None if plan.rule else plan.given or fit_background(plan, tiling.run if cluster is None else cluster.run)
+    )
     ready = detector(recipe.method, background, drop=recipe.drop, nir=plan.nir) if background else None
     law = _law(recipe, ready, background, len(plan.bands))
     with Scratch() as scratch:
-        tally, tail = _write_tiles(scratch, plan, targets, ready, law)
+        with ExitStack() as stack:
+            run = tiling.run if cluster is None else stack.enter_context(cluster.by_files(targets.image))
+            tally, tail = _write_tiles(scratch, plan, targets, ready, law, run)
         if not tally.scored:
             raise NoWaterError(f"nothing to score in {scene.path}: {_why_nothing(tally)}. Check --nodata and --mask.")
         threshold = None if tail is None else _threshold(recipe, tail, law, tally)
@@ -233,8 +243,14 @@ def _run(scene: Scene, recipe: Recipe, targets: Outputs, threads: int, progress:
     return Result(tally, background, threshold, found, said)
 
 
-def fit_background(plan: Plan) -> Background:
+def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
     """Fit the background of a plan over its tiles; two passes for ledoit-wolf, else one.
+
+    Parameters
+    ----------
+    plan : Plan
+    run : callable
+        What passes over the tiles: threads here, or a cluster's `run`.
 
     Raises
     ------
@@ -243,28 +259,29 @@ def fit_background(plan: Plan) -> Background:
     """
     recipe, bands = plan.recipe, plan.bands
     pixels = sum(t.shape[0] * t.shape[1] for t in plan.tiles)
-    gathering = Gathering(len(bands), sample_share(recipe.covariance, pixels))
+    share = sample_share(recipe.covariance, pixels)
+    gathering = Gathering(len(bands), share)
     compiled = pixels > 10 * COMPILED_PIXELS  # reading takes as long as the numpy engine, on fewer than that
 
+    silent = replace(plan, progress=None)  # what tells of progress stays in this process
+
     def where(tile: Tile) -> npt.NDArray[np.bool_] | None:
-        return both(plan.mask.read(tile), None if plan.area is None else plan.area.read(tile.window))
+        return both(silent.mask.read(tile), None if silent.area is None else silent.area.read(tile.window))
 
     def gather(tile: Tile) -> Any:
-        block = read(plan.scene, tile, bands)
-        return part_of(block, where(tile), (tile.row0, tile.col0), gathering.share, compiled=compiled)
+        block = read(silent.scene, tile, bands)
+        return part_of(block, where(tile), (tile.row0, tile.col0), share, compiled=compiled)
 
-    for _tile, part in tiling.run(
-        plan.tiles, gather, threads=plan.threads, progress=plan.note("fit"), start=enter_thread
-    ):
+    for _tile, part in run(plan.tiles, gather, threads=plan.threads, progress=plan.note("fit"), start=enter_thread):
         gathering.add(part)
     moments = gathering.moments()
     fourths = []
     if recipe.covariance == "ledoit-wolf" and moments.n > 1:
 
         def fourth(tile: Tile) -> Any:
-            return fourth_moments(read(plan.scene, tile, bands), where(tile), moments, (tile.row0, tile.col0))
+            return fourth_moments(read(silent.scene, tile, bands), where(tile), moments, (tile.row0, tile.col0))
 
-        found = tiling.run(plan.tiles, fourth, threads=plan.threads, progress=plan.note("shrink"), start=enter_thread)
+        found = run(plan.tiles, fourth, threads=plan.threads, progress=plan.note("shrink"), start=enter_thread)
         fourths = [part for _tile, part in found]
     return estimate(
         moments, recipe.covariance, ridge=recipe.ridge, names=plan.names, sample=gathering.sample(), fourths=fourths
@@ -296,7 +313,7 @@ def _threshold(recipe: Recipe, tail: Tail, law: Law | None, tally: Tally) -> Thr
 
 
 @dataclass(frozen=True, eq=False)
-class _Work:
+class Scoring:
     """All that scoring a tile needs, as a function of the tile; shared by the threads, never changed."""
 
     plan: Plan
@@ -341,7 +358,7 @@ def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
 
 
 def _write_tiles(
-    scratch: Scratch, plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None
+    scratch: Scratch, plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None, run: tiling.Run
 ) -> tuple[Tally, Tail | None]:
     info = raster_of(plan.scene).info
     info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
@@ -356,8 +373,8 @@ def _write_tiles(
         p_image = None
         if targets.p_value:
             p_image = stack.enter_context(writing(scratch, targets.p_value, replace(base, names=("p-value",))))
-        work = _Work(plan, ready, law, highest, p_image is not None)
-        done = tiling.run(plan.tiles, work, threads=plan.threads, progress=plan.note("score"), start=enter_thread)
+        work = Scoring(replace(plan, progress=None), ready, law, highest, p_image is not None)
+        done = run(plan.tiles, work, threads=plan.threads, progress=plan.note("score"), start=enter_thread)
         for tile, scored in done:
             image.write(scored.scores, tile.window)
             if p_image is not None and scored.p_values is not None:

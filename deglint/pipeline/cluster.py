@@ -1,0 +1,325 @@
+"""Pass over a scene's tiles on the workers of a dask cluster: processes of this machine, or other machines.
+
+A `Cluster` does what `deglint.tiles.run` does on threads. Every worker opens the input for itself, and what tells of a
+tile travels as small numbers. A tile's pixels go by way of files beside the output: the worker writes them there, and
+they are put into the output one tile after the other. A worker that dies loses the tiles it was at: others do them
+again, with the same result.
+"""
+
+from __future__ import annotations
+
+import pickle
+import re
+import secrets
+import shutil
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+
+import numpy as np
+
+from ..errors import DeglintError, InputError, WriteError
+from ..raster.environment import environment
+from ..tiles import Run, Tile
+
+AHEAD = 3
+"""Tiles that each thread of a worker has been given, or has done and not been asked for."""
+PATIENCE = 60.0
+"""How long a run waits for a worker when there is none [s]."""
+_POLL = 5.0
+_RECOUNT = 16
+_CONNECT = 15.0
+
+
+@dataclass(frozen=True, eq=False)
+class Cluster:
+    """Workers to pass over tiles; made by `connect`, which starts or reaches them when they are first needed."""
+
+    start: Callable[[], Any]
+
+    @cached_property
+    def client(self) -> Any:
+        """The `distributed.Client`."""
+        return self.start()
+
+    def run(
+        self,
+        everything: Sequence[Tile],
+        work: Callable[[Tile], Any],
+        *,
+        threads: int = 1,  # noqa: ARG002
+        progress: Callable[[int, int], None] | None = None,
+        start: Callable[[], None] | None = None,  # noqa: ARG002
+    ) -> Iterator[tuple[Tile, Any]]:
+        """Do work on every tile and yield (tile, result) in order, as `deglint.tiles.run` does.
+
+        Threads are those of the workers; each task enters GDAL's environment by itself.
+
+        Raises
+        ------
+        DeglintError
+            What the work itself raised; or there are no workers any more, or too little memory.
+        """
+        import cloudpickle
+
+        total, todo, most = len(everything), iter(everything), 0
+        shipped = self.client.submit(_Shipped, cloudpickle.dumps(work), key=f"deglint-work-{secrets.token_hex(8)}")
+        waiting: deque[tuple[Tile, Any]] = deque()
+        try:
+            for done in range(total):
+                if done % _RECOUNT == 0:
+                    most = AHEAD * max(sum(self.client.nthreads().values()), 1)
+                while len(waiting) < most and (tile := next(todo, None)) is not None:
+                    waiting.append((tile, self.client.submit(_do, shipped, tile, pure=False)))
+                tile, future = waiting.popleft()
+                yield tile, self._result(future)
+                del future
+                if progress:
+                    progress(done + 1, total)
+        finally:
+            self.client.cancel([f for _, f in waiting] + [shipped], force=True)
+
+    @contextmanager
+    def by_files(self, target: Path) -> Iterator[Run]:
+        """`run` for results that hold arrays, which go by way of files beside `target`; the files are removed."""
+        try:
+            place = target.resolve().parent
+            folder = Path(mkdtemp(prefix=f".{target.name[:100]}.", suffix=".parts", dir=place))
+        except OSError as error:
+            raise WriteError(f"cannot write beside {target}: {error.strerror or error}.") from error
+        try:
+            folder.chmod(0o777 & ~_umask())  # workers may be other users
+            yield partial(self._run_by_files, folder)
+        finally:
+            _remove(folder)
+
+    def _run_by_files(
+        self, folder: Path, everything: Sequence[Tile], work: Callable[[Tile], Any], **options: Any
+    ) -> Iterator[tuple[Tile, Any]]:
+        for tile, kept in self.run(everything, _ToFiles(work, folder), **options):
+            yield tile, kept.load()
+            kept.remove()
+
+    def _result(self, future: Any) -> Any:
+        from distributed import KilledWorker
+        from distributed.client import FutureCancelledError
+
+        without = time.monotonic()
+        while True:
+            try:
+                return future.result(timeout=_POLL)
+            except TimeoutError as error:
+                if future.done():
+                    raise
+                if self.client.nthreads():
+                    without = time.monotonic()
+                elif time.monotonic() - without > PATIENCE:
+                    raise DeglintError(f"the cluster has had no worker for {PATIENCE:g} s. Start some.") from error
+            except KilledWorker as error:
+                raise DeglintError(
+                    "a tile has brought down several workers, most likely for want of memory. Give each worker more "
+                    "memory, or fewer threads."
+                ) from error
+            except (FutureCancelledError, OSError) as error:
+                if isinstance(error, DeglintError):
+                    raise
+                raise DeglintError(f"lost the cluster: {error}. Is its scheduler still there?") from error
+
+    def memory(self) -> dict[str, int]:
+        """Most memory that each worker process has held so far [byte]; empty where none was needed."""
+        return dict(self.client.run(_peak)) if "client" in vars(self) else {}
+
+
+@contextmanager
+def connect(address: str | None = None, *, workers: int | None = None, memory: str = "auto") -> Iterator[Cluster]:
+    """Connect to a cluster, or start one of this machine's processes for as long as it is needed.
+
+    Parameters
+    ----------
+    address : str, optional
+        Of a dask scheduler, such as "tcp://10.0.0.5:8786". Workers must have deglint, and see the input and the
+        output's directory under the same names.
+    workers : int, optional
+        In place of an address: so many processes of this machine, of one thread each.
+    memory : str
+        Limit of each such process, such as "1GiB"; "auto" gives each its share of the machine's. A process over its
+        limit is ended, and its tiles are done again.
+
+    Raises
+    ------
+    DeglintError
+        `distributed` is not installed, or there is no scheduler or worker.
+    InputError
+        Neither, or both, of `address` and `workers`.
+
+    Examples
+    --------
+    >>> with connect(workers=4) as cluster:  # doctest: +SKIP
+    ...     remove_glint("scene.tif", "clean.tif", cluster=cluster)
+    """
+    if (address is None) == (workers is None):
+        raise InputError("want the address of a cluster or a number of workers, one of the two.")
+    if workers is not None and workers < 1:
+        raise InputError(f"workers: want at least 1, got {workers}.")
+    try:
+        from distributed import Client, LocalCluster
+    except ModuleNotFoundError as error:
+        raise DeglintError(
+            "a cluster needs dask's distributed. Install it with: pip install 'deglint[cluster]'"
+        ) from error
+    if address is not None and not re.fullmatch(r"\w+://\S+:\d+", address):
+        raise InputError(f"the address of a cluster looks like tcp://HOST:PORT, got {address!r}.")
+    _quiet()
+    with ExitStack() as stack:
+
+        def start() -> Any:
+            if workers is None:
+                return stack.enter_context(_client(Client, address))
+            options = {
+                "dashboard_address": "127.0.0.1:0",
+                "scheduler_kwargs": {"dashboard": False},
+                "host": "127.0.0.1",
+            }
+            local = LocalCluster(workers, threads_per_worker=1, processes=True, memory_limit=memory, **options)
+            return stack.enter_context(Client(stack.enter_context(local), set_as_default=False))
+
+        yield Cluster(start)
+
+
+def _client(kind: Any, address: str | None) -> Any:
+    try:
+        client = kind(address, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise DeglintError(
+            f"cannot reach a scheduler at {address}. Start one with `dask scheduler`, and name it as tcp://HOST:PORT."
+        ) from error
+    try:
+        client.wait_for_workers(1, timeout=_CONNECT)
+    except TimeoutError as error:
+        client.close()
+        raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
+    return client
+
+
+class _Shipped:
+    """Work as a worker holds it: bytes that may go on to another worker, unpacked once in each process."""
+
+    def __init__(self, packed: bytes) -> None:
+        self._packed = packed
+        self._lock, self._work = threading.Lock(), None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Shipped, (self._packed,)
+
+    def __call__(self, tile: Tile) -> Any:
+        with self._lock:
+            if self._work is None:
+                import cv2
+                from threadpoolctl import threadpool_limits
+
+                cv2.setNumThreads(1)  # the worker's threads are all the threads
+                threadpool_limits(1, user_api="blas")
+                self._work = pickle.loads(self._packed)
+        return self._work(tile)  # type: ignore[misc]
+
+
+def _do(shipped: _Shipped, tile: Tile) -> Any:
+    with environment():
+        return shipped(tile)
+
+
+@dataclass(frozen=True, eq=False)
+class _ToFiles:
+    """Work whose arrays are left in files."""
+
+    work: Callable[[Tile], Any]
+    folder: Path
+
+    def __call__(self, tile: Tile) -> _Kept:
+        done = self.work(tile)
+        paths = {}
+        for field in fields(done):
+            array = getattr(done, field.name)
+            if isinstance(array, np.ndarray):
+                path = self.folder / f"{tile.row0}-{tile.col0}-{field.name}.npy"
+                self._write(path, array)
+                paths[field.name] = path
+        return _Kept(replace(done, **dict.fromkeys(paths)), paths)
+
+    def _write(self, path: Path, array: Any) -> None:
+        """All of it or nothing: a worker may be ended at any time, and another be doing the same tile."""
+        scratch = path.with_suffix(f".{secrets.token_hex(4)}")
+        try:
+            with scratch.open("xb") as file:
+                np.save(file, array)
+            scratch.replace(path)
+        except OSError as error:
+            raise WriteError(
+                f"a worker on {socket.gethostname()} cannot write in {self.folder.parent}: {error.strerror or error}. "
+                "Workers need the output's directory, under the same name."
+            ) from error
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """A tile's result, its arrays in files."""
+
+    done: Any
+    paths: dict[str, Path]
+
+    def load(self) -> Any:
+        """With its arrays, which are read from the files as they are used."""
+        try:
+            return replace(self.done, **{name: np.load(path, mmap_mode="r") for name, path in self.paths.items()})
+        except (OSError, ValueError) as error:
+            raise WriteError(
+                f"a tile that a worker wrote is not in {next(iter(self.paths.values())).parent}: workers and this "
+                "process need the same file system."
+            ) from error
+
+    def remove(self) -> None:
+        """Give the disk back."""
+        for path in self.paths.values():
+            path.unlink(missing_ok=True)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a directory, in which workers that have not heard of the end may still be writing."""
+    for _ in range(50):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            return
+        time.sleep(0.1)
+
+
+def _umask() -> int:
+    import os
+
+    umask = os.umask(0)
+    os.umask(umask)
+    return umask
+
+
+def _peak() -> int:
+    """Most memory that this process has held [byte]; 0 where the system does not tell."""
+    try:
+        status = Path("/proc/self/status").read_text()  # ru_maxrss would be that of the parent, where it was larger
+    except OSError:
+        return 0
+    return next((1024 * int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM:")), 0)
+
+
+def _quiet() -> None:
+    """The workers' comings and goings are no news: what matters becomes an error."""
+    import logging
+
+    for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker"):
+        logging.getLogger(name).setLevel(logging.ERROR)

@@ -1,0 +1,289 @@
+"""Open an xarray DataArray as a `Scene`: which axis is what, what its bands are, where it lies.
+
+Takes what rioxarray, odc-stac and stackstac give. What is deduced from names and wavelengths is deduced as it is for
+files. xarray itself is not imported here: a DataArray brings it along.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..raster import RasterInfo
+from ..raster.arrays import ArraySource
+from ..scene import Scene
+from .names import nominal_wavelength
+from .opening import bands_of, with_nodata
+
+_ROWS = ("y", "latitude", "lat", "northing", "row", "rows")
+_COLUMNS = ("x", "longitude", "lon", "easting", "column", "columns", "col")
+_BANDS = ("band", "bands", "wavelength", "wavelengths", "variable", "channel")
+_CLOSE = 1e-3
+"""How exactly coordinates and a stated transform must agree [pixel]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayScene:
+    """A DataArray as a scene, and how to give an array back in its shape.
+
+    Attributes
+    ----------
+    scene : Scene
+        Its source serves the array's pixels; a lazy array stays lazy.
+    values : (band, row, column) numpy or dask array
+    array : DataArray
+        As it was given.
+    """
+
+    scene: Scene
+    values: Any
+    array: Any
+    _order: tuple[int, ...]
+    _band: Any
+
+    def like(self, values: Any) -> Any:
+        """A DataArray with these (band, row, column) values, and all else as it was given."""
+        out = values if self._band is not None else values[0]
+        kept = [d for d in range(self.array.ndim) if d not in self._order]
+        out = out.transpose([int(i) for i in np.argsort(self._order)])
+        for axis in kept:
+            out = out[(slice(None),) * axis + (None,)]
+        found = self.array.copy(data=out)
+        if found.dtype != self.array.dtype:
+            found.encoding = {k: v for k, v in found.encoding.items() if k == "grid_mapping"}
+        return found
+
+    def plane(self, values: Any, name: str) -> Any:
+        """A DataArray with these (row, column) values: the place is kept, what tells of bands is not."""
+        first = self.array if self._band is None else self.array.isel({self._band: 0}, drop=True)
+        dims = [self.array.dims[d] for d in self._order[-2:]]
+        first = first.squeeze([d for d in first.dims if d not in dims]).transpose(*dims)
+        out = first.copy(data=values)
+        out.name = name
+        out.attrs = {k: v for k, v in out.attrs.items() if k in ("grid_mapping", "crs", "transform", "resolution")}
+        out.encoding = {k: v for k, v in out.encoding.items() if k == "grid_mapping"}
+        return out
+
+
+def open_array(array: Any, *, sensor: str | None = None, nodata: float | None = None) -> ArrayScene:
+    """Open a DataArray as a scene; no pixel is computed.
+
+    Parameters
+    ----------
+    array : DataArray
+        Dimensions y and x (or latitude and longitude, ...), band where there are several, in any order; others, such
+        as time, of size 1. Wavelengths [um up to 30, else nm] or common names in coordinates or attributes.
+    sensor : str, optional
+        Name of a preset, as `deglint.open_scene` takes it.
+    nodata : float, optional
+        Number (or NaN) that says "not valid", in place of what the array declares.
+
+    Raises
+    ------
+    InputError
+        Not a DataArray, no rows or columns, a further dimension, or not real numbers.
+    """
+    if not all(hasattr(array, name) for name in ("dims", "coords", "attrs", "encoding", "data")):
+        raise InputError(f"want an xarray DataArray, got {type(array).__name__}. Take deglint.open_scene for files.")
+    rows, columns, band = _axes(array)
+    order = tuple(array.dims.index(d) for d in (band, rows, columns) if d is not None)
+    values = array.data
+    kept = tuple(0 if d not in order else slice(None) for d in range(array.ndim))
+    values = values[kept].transpose([sorted(order).index(d) for d in order])
+    values = values if band is not None else values[None]
+    if 0 in values.shape:
+        raise InputError(f"the array holds no pixel: shape {dict(zip(array.dims, array.shape, strict=True))}.")
+    info = _info(array, values, band, rows, columns)
+    notes: list[str] = []
+    info = with_nodata(info, nodata, notes)
+    bands, preset, told = bands_of(info, [""] * info.count, sensor)
+    scene = Scene(
+        tuple(bands), info.height, info.width, ArraySource(values, info), path=info.paths[0], crs=info.crs,
+        transform=info.transform, sensor=preset, notes=(*notes, *told),
+    )  # fmt: skip
+    return ArrayScene(scene, values, array, order, band)
+
+
+def _axes(array: Any) -> tuple[Any, Any, Any]:
+    """Names of the dimensions of rows, columns and bands (None where there is but one band)."""
+    known = {str(d).lower(): d for d in array.dims}
+    rows, columns, band = (next((known[n] for n in names if n in known), None) for names in (_ROWS, _COLUMNS, _BANDS))
+    said = ", ".join(f"{d} {n}" for d, n in zip(array.dims, array.shape, strict=True))
+    if rows is None or columns is None:
+        raise InputError(f"want dimensions y and x (or latitude and longitude), got {said}. Rename yours.")
+    for d, n in zip(array.dims, array.shape, strict=True):
+        if d not in (rows, columns, band) and n != 1:
+            raise InputError(f"dimension {d} has {n} entries: pass one at a time, such as array.isel({d}=0).")
+    return rows, columns, band
+
+
+def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> RasterInfo:
+    count, height, width = values.shape
+    if values.dtype.kind not in "fiu":
+        raise InputError(f"want integers or real numbers, got {values.dtype}. Convert the array first.")
+    dtype = values.dtype.newbyteorder("=").name
+    chunks = getattr(values, "chunks", None)
+    block = (chunks[1][0], chunks[2][0]) if chunks else (height, width)
+    lists = _lists(array, band, count)
+    names, tags = _bands(array, band, count, lists)
+    crs, transform = _place(array, rows, columns)
+    return RasterInfo(
+        paths=(str(array.name) if array.name else "the array",), driver="MEM", height=height, width=width,
+        dtypes=(dtype,) * count, nodatas=_nodatas(array, lists, count),
+        scales=_per_band(array, lists, ("scale_factor", "scales"), 1.0, count),
+        offsets=_per_band(array, lists, ("add_offset", "offsets"), 0.0, count),
+        descriptions=names, units=(None,) * count, colorinterp=("undefined",) * count,
+        tags={"": {str(k): _text(v) for k, v in array.attrs.items() if k not in lists}},
+        band_tags=tuple({"": t} for t in tags),
+        mask_flags=(("all_valid",),) * count, block_shapes=(block,) * count, tiled=bool(chunks), interleave="band",
+        crs=crs, transform=transform,
+    )  # fmt: skip
+
+
+def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
+    """Attributes that have an entry a band, of the bands that are there.
+
+    Selecting bands leaves attributes as they were: where bands are numbered, as rioxarray does, the numbers tell which
+    entries are meant.
+    """
+    numbers = np.arange(1, count + 1)
+    name = "band" if band is None else band
+    known = name in array.coords and array.coords[name].dtype.kind in "iu"
+    if known:
+        numbers = np.asarray(array.coords[name].values).reshape(-1)
+    found = {}
+    for key, value in array.attrs.items():
+        if not isinstance(value, (list, tuple, np.ndarray)):
+            continue
+        inside = len(numbers) == count and numbers.min() >= 1 and numbers.max() <= len(value)
+        if inside and (known or len(value) == count):
+            found[key] = [_plain(value[n - 1]) for n in numbers]
+    return found
+
+
+def _bands(
+    array: Any, band: Any, count: int, lists: Mapping[Any, list[Any]]
+) -> tuple[tuple[str | None, ...], list[dict[str, str]]]:
+    """Names of the bands, and what is said of each by coordinates along them and by attributes."""
+    along = {
+        str(name): [_plain(v) for v in np.asarray(coord.values).reshape(-1)]
+        for name, coord in array.coords.items()
+        if coord.dims == (() if band is None else (band,)) and coord.size == count and str(name) != "spatial_ref"
+    }
+    words = [along[k] for k in (str(band), "band", "common_name", "title") if _worded(along.get(k))]
+    one = array.attrs.get("long_name") if count == 1 else None
+    described = lists.get("long_name", [one] if one else None)
+    if _worded(described):
+        words.insert(0, list(described or ()))
+    names = words[0] if words else [None] * count
+    tags = []
+    for i in range(count):
+        said = {str(k): v for k, v in lists.items()} | along
+        own = {k.replace("full_width_half_max", "fwhm"): _text(v[i]) for k, v in said.items() if k != "band"}
+        common = nominal_wavelength(str(own.get("common_name", "")))
+        if common and not any("wave" in k and re.search(r"\d", v) for k, v in own.items()):
+            own["wavelength_nm"] = f"{common:g}"
+        tags.append({k: v for k, v in own.items() if v not in ("", "None", "nan")})
+    return tuple(names), tags
+
+
+def _worded(values: Sequence[Any] | None) -> bool:
+    """Names, and not numbers."""
+    return values is not None and all(isinstance(v, str) and v for v in values)
+
+
+def _nodatas(array: Any, lists: Mapping[Any, list[Any]], count: int) -> tuple[float | None, ...]:
+    """What says "not valid": attributes; for whole numbers the encoding, too (real ones were decoded to NaN)."""
+    places: list[Mapping[Any, Any]] = [{**array.attrs, **lists}] + (
+        [array.encoding] if array.dtype.kind in "iu" else []
+    )
+    for place in places:
+        for name in ("nodata", "_FillValue", "missing_value"):
+            found = _floats(place.get(name))
+            if len(found) in (1, count):
+                return tuple(found) * (count // len(found))
+    return (None,) * count
+
+
+def _per_band(
+    array: Any, lists: Mapping[Any, list[Any]], names: Sequence[str], default: float, count: int
+) -> tuple[float, ...]:
+    for name in names:
+        found = _floats(lists.get(name, array.attrs.get(name)))
+        if len(found) in (1, count):
+            return tuple(found) * (count // len(found))
+    return (default,) * count
+
+
+def _floats(value: Any) -> list[float]:
+    try:
+        return [float(v) for v in np.asarray(value, np.float64).reshape(-1)] if value is not None else []
+    except (TypeError, ValueError):
+        return []
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _text(value: Any) -> str:
+    """An attribute as the text of a tag."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return "{" + ", ".join(str(_plain(v)) for v in value) + "}"
+    return str(_plain(value))
+
+
+def _place(array: Any, rows: Any, columns: Any) -> tuple[Any, Any]:
+    """Coordinate reference system and transform, where the array says them."""
+    named = array.encoding.get("grid_mapping", array.attrs.get("grid_mapping", "spatial_ref"))
+    grid: Mapping[str, Any] = array.coords[named].attrs if named in array.coords else {}
+    return _crs(array, grid), _transform(array, grid, rows, columns)
+
+
+def _crs(array: Any, grid: Mapping[str, Any]) -> Any:
+    from rasterio.crs import CRS
+    from rasterio.errors import CRSError
+
+    epsg = array.coords["epsg"].item() if "epsg" in array.coords and array.coords["epsg"].size == 1 else None
+    for said in (grid.get("crs_wkt"), grid.get("spatial_ref"), array.attrs.get("crs"), epsg):
+        try:
+            if said is not None:
+                return CRS.from_user_input(said)
+        except (CRSError, TypeError, ValueError):
+            continue
+    return None
+
+
+def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> Any:
+    """From the coordinates; as stated where that agrees with them, for its exact numbers."""
+    from affine import Affine
+
+    stated = None
+    numbers = [float(n) for n in str(grid.get("GeoTransform", "")).split()]
+    given = _floats(array.attrs.get("transform"))
+    if len(numbers) == 6:
+        stated = Affine.from_gdal(*numbers)
+    elif len(given) in (6, 9):
+        stated = Affine(*given[:6])
+    x, y = (array.coords[d].values if d in array.coords else None for d in (columns, rows))
+    if x is None or y is None or x.ndim != 1 or y.ndim != 1 or x.dtype.kind not in "fiu" or y.dtype.kind not in "fiu":
+        return stated
+    across = float(x[-1] - x[0]) / (len(x) - 1) if len(x) > 1 else (stated.a if stated else 0.0)
+    down = float(y[-1] - y[0]) / (len(y) - 1) if len(y) > 1 else (stated.e if stated else 0.0)
+    if not across or not down:
+        return stated
+    own = Affine(across, 0.0, float(x[0]) - across / 2, 0.0, down, float(y[0]) - down / 2)
+    if stated is None:
+        return own
+    first, last = (~stated * (own * at) for at in ((0, 0), (len(x), len(y))))
+    same_size = all(abs(b - a - n) < _CLOSE for a, b, n in zip(first, last, (len(x), len(y)), strict=True))
+    # coordinates are those of centres, or of corners as stackstac has them
+    same_place = any(all(abs(a - shift) < _CLOSE for a in first) for shift in (0.0, -0.5))
+    return stated if same_size and same_place else own

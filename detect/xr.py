@@ -1,0 +1,146 @@
+"""Anomaly scores on xarray: DataArray in, DataArray out, lazy where the array is lazy.
+
+    scores = detect.xr.rx(scene)  # fits the background now, scores when computed
+
+The same functions of a tile run as in `rxdetect score`, with the same numbers to the bit. Never here: files.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import InputError
+from deglint.pipeline import default_threads
+from deglint.readers.arrays import open_array
+from deglint.scene import Scene
+from deglint.tiles import Tile
+from deglint.xr import need_xarray, over_tiles
+
+from .background import Background
+from .local import CELL
+from .pipeline import Recipe
+from .pipeline.plan import make_plan
+from .pipeline.run import Scoring, fit_background
+from .rx import detector
+
+
+def fit(
+    array: Any,
+    recipe: Recipe | str = "rx",
+    *,
+    sensor: str | None = None,
+    nodata: float | None = None,
+    threads: int | None = None,
+) -> Background:
+    """Fit the background of a DataArray; a lazy one is computed once, chunk by chunk, now.
+
+    Parameters
+    ----------
+    array : DataArray
+        As `deglint.xr.fit` takes it.
+    recipe : Recipe or str
+        What to do, or a method's name.
+    sensor, nodata, threads
+        As `deglint.xr.fit`.
+
+    Returns
+    -------
+    Background
+
+    Raises
+    ------
+    InputError, BandError, FitError, NoWaterError
+        As `score`.
+    """
+    need_xarray()
+    recipe = recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
+    if recipe.method == "local":
+        raise InputError("local takes the ring around each pixel as its background: there is none to fit.")
+    opened = open_array(array, sensor=sensor, nodata=nodata)
+    plan = make_plan(opened.scene, recipe, threads or default_threads())
+    return replace(plan.given or fit_background(plan), names=plan.names)
+
+
+def score(
+    array: Any,
+    recipe: Recipe | str = "rx",
+    *,
+    background: Background | None = None,
+    sensor: str | None = None,
+    nodata: float | None = None,
+    threads: int | None = None,
+) -> Any:
+    """Score every pixel of a DataArray by how little it belongs; of a lazy one the scores are lazy.
+
+    Parameters
+    ----------
+    array : DataArray
+        As `deglint.xr.fit` takes it.
+    recipe : Recipe or str
+        What to do, or a method's name; what concerns thresholds and objects is not looked at.
+    background : Background, optional
+        Fitted before, to this scene or another; by default fitted to this one, now.
+    sensor, nodata, threads
+        As `deglint.xr.fit`.
+
+    Returns
+    -------
+    (y, x) DataArray of float32
+        NaN where not valid or not to be scored.
+
+    Raises
+    ------
+    InputError, BandError, FitError, NoWaterError
+        As `detect.pipeline.score_file`; the optional dependency is missing.
+    """
+    need_xarray()
+    recipe = recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
+    if background is not None and background.names and not recipe.bands:
+        recipe = replace(recipe, bands=background.names)
+    opened = open_array(array, sensor=sensor, nodata=nodata)
+    plan = make_plan(opened.scene, recipe, threads or default_threads())
+    ready = None
+    if plan.rule is None:
+        fitted = background or plan.given or fit_background(plan)
+        if fitted.bands != len(plan.bands):
+            raise InputError(f"the background has {fitted.bands} bands, the array is used with {len(plan.bands)}.")
+        ready = detector(recipe.method, fitted, drop=recipe.drop, nir=plan.nir)
+    bare = replace(opened.scene, source=None)  # type: ignore[arg-type]
+    work = Scoring(replace(plan, scene=bare, mask=replace(plan.mask, scene=bare), tiles=[]), ready, None, None, False)
+    reach = (plan.rule.halo if plan.rule else 0) + (plan.mask.water.halo if plan.mask.water else 0)
+    step = CELL if plan.rule else 1
+    scores = over_tiles(opened, partial(_scored, work), reach, (1, np.dtype(np.float32)), step=step, threads=threads)
+    return opened.plane(scores[0], recipe.method)
+
+
+def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
+    """Global RX of a DataArray: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
+
+    Parameters
+    ----------
+    array : DataArray
+        As `deglint.xr.fit` takes it.
+    background : Background, optional
+        Fitted before, to this scene or another.
+    **options
+        covariance, ridge, bands, mask, ...: fields of `detect.pipeline.Recipe`.
+
+    Returns
+    -------
+    (y, x) DataArray of float32
+
+    Examples
+    --------
+    >>> detect.xr.rx(deglint.xr.remove(scene), covariance="oas")  # doctest: +SKIP
+    """
+    return score(array, Recipe(method="rx", **options), background=background)
+
+
+def _scored(work: Scoring, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
+    plan = replace(work.plan, scene=scene, mask=replace(work.plan.mask, scene=scene))
+    return replace(work, plan=plan)(tile).scores[None]

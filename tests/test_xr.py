@@ -1,0 +1,335 @@
+"""xarray in and out: the numbers of the tile engine, lazily, from what the usual openers give."""
+
+import pickle
+import sys
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rasterio
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import deglint.xr
+import detect.xr
+from deglint import Recipe, remove_glint
+from deglint.errors import BandError, DeglintError, InputError
+from deglint.readers.arrays import open_array
+from detect.pipeline import Recipe as Scoring
+from detect.pipeline import score_file
+
+xarray = pytest.importorskip("xarray", reason="needs pip install 'deglint[xarray]'")
+rioxarray = pytest.importorskip("rioxarray", reason="needs pip install 'deglint[xarray]'")
+dask = pytest.importorskip("dask", reason="needs pip install 'deglint[xarray]'")
+
+CHAIN = Recipe(compensate="identify-level:7, replace-level, remove, identify-level:5, replace-level")
+HEDLEY = Recipe(method="hedley", sample="all", mask="none")
+CHUNKS = [None, {"band": 1, "y": 128, "x": 128}, {"band": 4, "y": 45, "x": 1000}]
+
+
+@pytest.fixture
+def scene(sea, write, tmp_path):
+    def make(dtype="uint16", **options):
+        raw = sea(230, 260, dtype=dtype)
+        raw[:, 100:150, 60:130] = 6000
+        raw[:, 180:183, 200:206] = 9000
+        raw[:, :30, :50] = 0
+        return write(tmp_path / "in.tif", raw, **options)
+
+    return make
+
+
+def opened(path, chunks):
+    with rioxarray.open_rasterio(path, chunks=chunks) as found:
+        return found.load() if chunks is None else found
+
+
+def by_file(source, tmp_path, recipe, **options):
+    remove_glint(source, tmp_path / "out.tif", recipe, overwrite=True, **options)
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        return dataset.read()
+
+
+@pytest.mark.parametrize("recipe", [Recipe(), HEDLEY, CHAIN], ids=["auto", "hedley", "chain"])
+@pytest.mark.parametrize(("dtype", "nodata"), [("uint16", 0), ("float32", None), ("float64", -9999.0)])
+def test_the_numbers_of_the_tile_engine(scene, tmp_path, recipe, dtype, nodata):
+    source = scene(dtype, nodata=nodata)
+    expected = by_file(source, tmp_path, recipe)
+    for chunks in CHUNKS:
+        given = opened(source, chunks)
+        before = given.copy(deep=True) if chunks is None else None
+        clean = deglint.xr.remove(given, recipe)
+        assert (clean.chunks is None) == (chunks is None)
+        np.testing.assert_array_equal(clean.values, expected)
+        assert clean.dtype == given.dtype
+        assert clean.attrs == given.attrs
+        assert clean.dims == given.dims
+        assert clean.rio.crs == given.rio.crs
+        assert clean.rio.transform() == given.rio.transform()
+        xarray.testing.assert_equal(clean.coords.to_dataset(), given.coords.to_dataset())
+        if before is not None:
+            xarray.testing.assert_identical(given, before)
+
+
+def test_a_moved_nir_is_followed_over_the_edges_of_chunks(sea, write, tmp_path):
+    from scipy.ndimage import gaussian_filter
+
+    glint = gaussian_filter(np.random.default_rng(0).gamma(0.5, 900.0, (260, 300)), 1.5)
+    raw = sea(256, 296, dtype="float32") * 0.02 + np.array([900, 700, 400, 100])[:, None, None]
+    for i, move in enumerate((3, 2, 1, 0)):
+        raw[i] += glint[move : move + 256, :296]
+    source = write(tmp_path / "in.tif", raw.astype(np.float32))
+    given = opened(source, {"band": 4, "y": 60, "x": 70})
+    fitted = deglint.xr.fit(given)
+    assert fitted.chain.moves
+    np.testing.assert_array_equal(deglint.xr.apply(given, fitted).values, by_file(source, tmp_path, Recipe()))
+
+
+def test_whole_numbers_can_become_real_ones(scene, tmp_path):
+    source = scene()
+    expected = by_file(source, tmp_path, HEDLEY, dtype="float32")
+    clean = deglint.xr.remove(opened(source, 100), HEDLEY, dtype="float32")
+    assert clean.dtype == np.float32
+    np.testing.assert_array_equal(clean.values, expected)
+    with pytest.raises(InputError, match="the array's own uint16"):
+        deglint.xr.remove(opened(source, 100), HEDLEY, dtype="int16")
+
+
+@pytest.mark.parametrize("recipe", [Scoring(), Scoring(mask="water"), Scoring(covariance="ledoit-wolf"),
+                                    Scoring(method="local", window=(3, 21), mask="water")])  # fmt: skip
+def test_scores_are_those_of_the_tile_engine(scene, tmp_path, recipe):
+    source = scene(nodata=0)
+    score_file(source, tmp_path / "out.tif", recipe)
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        expected = dataset.read(1)
+    for chunks in CHUNKS:
+        given = opened(source, chunks)
+        scores = detect.xr.score(given, recipe)
+        np.testing.assert_array_equal(scores.values, expected)
+        assert scores.dims == ("y", "x")
+        assert scores.rio.crs == given.rio.crs
+        assert "band" not in scores.coords
+
+
+def test_rx_with_a_background_of_another_scene(scene):
+    given = opened(scene(nodata=0), 100)
+    background = detect.xr.fit(given.isel(y=slice(150, None)))
+    assert background.names == ("blue", "green", "red", "nir")
+    scores = detect.xr.rx(given, background).values
+    again = detect.xr.rx(given[::-1], background).values
+    np.testing.assert_array_equal(scores, again)
+    assert not np.array_equal(scores, detect.xr.rx(given).values, equal_nan=True)
+
+
+@settings(max_examples=15)
+@given(st.data())
+def test_any_chunks_give_the_same(data):
+    height, width = data.draw(st.integers(1, 90)), data.draw(st.integers(1, 90))
+    rng = np.random.default_rng(0)
+    raw = rng.gamma(2, 100, (4, height, width)).astype(np.float32)
+    model = deglint.fit("hedley", rng.gamma(2, 100, (4, 20, 20)), nir=3, bands=[deglint.Band(n) for n in BANDS])
+    sizes = st.integers(1, 60)
+    given = xarray.DataArray(raw, dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    whole = deglint.xr.apply(given, model, mask="none").values
+    np.testing.assert_array_equal(whole, deglint.apply(raw, model))
+    chunked = given.chunk({"band": data.draw(st.integers(1, 4)), "y": data.draw(sizes), "x": data.draw(sizes)})
+    np.testing.assert_array_equal(deglint.xr.apply(chunked, model, mask="none").values, whole)
+
+
+BANDS = ("blue", "green", "red", "nir")
+
+
+def test_nothing_is_computed_before_it_is_asked_for(scene):
+    from dask.array import map_blocks
+
+    given = opened(scene(), 100)
+    loads, computes = Counter(), []
+
+    def load(block, block_id=None):
+        loads[block_id] += 1
+        return block
+
+    given = given.copy(data=map_blocks(load, given.data.rechunk({0: -1}), dtype=given.dtype, meta=given.data._meta))
+
+    def scheduler(graph, keys, **options):
+        computes.append(1)
+        return dask.local.get_sync(graph, keys, **options)
+
+    fitted = deglint.xr.fit(given, CHAIN)
+    background = detect.xr.fit(given)
+    loads.clear()
+    with dask.config.set(scheduler=scheduler):
+        clean = deglint.xr.apply(given, fitted)
+        scores = detect.xr.score(clean, background=background)
+        assert clean.chunks is not None
+        assert not computes
+        assert not loads
+        scores.compute()
+    assert len(computes) == 1
+    assert set(loads.values()) == {1}
+    assert len(loads) == 9
+
+
+def test_a_lazy_result_can_be_sent_to_workers(scene):
+    given = opened(scene(), 100)
+    clean = deglint.xr.remove(given, HEDLEY)
+    carried = pickle.dumps(clean)
+    assert len(carried) < given.nbytes / 2  # no task carries the array
+    again = pickle.loads(carried)
+    np.testing.assert_array_equal(again.values, clean.values)
+
+
+def stackstac_like(raw):
+    """As stackstac 0.5 gives Sentinel-2 from Earth Search: float64, time, STAC's electro-optical fields."""
+    _, height, width = raw.shape
+    return xarray.DataArray(
+        raw[None].astype(np.float64), dims=("time", "band", "y", "x"), name="stackstac-0123",
+        coords={
+            "time": [np.datetime64("2023-06-01")], "id": ("time", ["S2A_1"]), "band": list(BANDS),
+            "x": 400_000.0 + 10 * np.arange(width), "y": 800_000.0 - 10 * np.arange(height),
+            "epsg": 32653, "proj:epsg": 32653, "platform": "sentinel-2a",
+            "common_name": ("band", list(BANDS)), "center_wavelength": ("band", [0.4966, 0.56, 0.6645, 0.8351]),
+            "full_width_half_max": ("band", [0.098, 0.045, 0.038, 0.145]), "proj:shape": ((), {70, 80}),
+            "title": ("band", ["Band 2 (blue)", "Band 3 (green)", "Band 4 (red)", "Band 8 (nir)"]),
+        },
+        attrs={"spec": "RasterSpec()", "crs": "epsg:32653", "resolution": 10.0,
+               "transform": (10.0, 0.0, 400_000.0, 0.0, -10.0, 800_000.0, 0.0, 0.0, 1.0)},
+    )  # fmt: skip
+
+
+def odc_like(raw, names=("B02", "B03", "B04", "B08")):
+    """As odc-stac gives it: a Dataset of one variable a band."""
+    _, height, width = raw.shape
+    wkt = rasterio.crs.CRS.from_epsg(32653).to_wkt()
+    place = {"crs_wkt": wkt, "GeoTransform": "400000 10 0 800000 0 -10", "grid_mapping_name": "transverse_mercator"}
+    coords = {
+        "y": 800_000 - 5 - 10.0 * np.arange(height), "x": 400_000 + 5 + 10.0 * np.arange(width),
+        "spatial_ref": xarray.DataArray(32653, attrs=place), "time": [np.datetime64("2023-06-01")],
+    }  # fmt: skip
+    attrs = {"nodata": 0, "grid_mapping": "spatial_ref"}
+    return xarray.Dataset({n: (("time", "y", "x"), raw[i][None], attrs) for i, n in enumerate(names)}, coords=coords)
+
+
+def test_what_stackstac_gives(sea):
+    raw = sea(150, 160)
+    given = stackstac_like(raw)
+    found = open_array(given).scene
+    assert [b.wavelength for b in found.bands] == [496.6, 560.0, 664.5, 835.1]
+    assert [b.width for b in found.bands] == [98.0, 45.0, 38.0, 145.0]
+    assert found.names == BANDS
+    assert found.crs.to_epsg() == 32653
+    assert found.transform == rasterio.Affine(10, 0, 400_000, 0, -10, 800_000)
+    clean = deglint.xr.remove(given.chunk({"y": 64, "x": 64}), HEDLEY)
+    model = deglint.fit("hedley", raw.astype(np.float64), nir=3, bands=found.bands)
+    np.testing.assert_array_equal(clean.values[0], deglint.apply(raw.astype(np.float64), model))
+    xarray.testing.assert_equal(clean.coords.to_dataset(), given.coords.to_dataset())
+    assert clean.dims == given.dims
+
+
+def test_what_odc_stac_gives(sea):
+    raw = sea(150, 160)
+    raw[:, :20, :20] = 0
+    given = odc_like(raw).chunk({"y": 64})
+    found = open_array(deglint.xr.stack(given)).scene
+    assert [b.wavelength for b in found.bands] == pytest.approx([492.7, 559.8, 664.6, 832.8], abs=1)
+    assert found.source.info.nodatas == (0.0,) * 4
+    assert found.crs.to_epsg() == 32653
+    assert found.transform == rasterio.Affine(10, 0, 400_000, 0, -10, 800_000)
+    clean = deglint.xr.remove(given, HEDLEY)
+    assert isinstance(clean, xarray.Dataset)
+    assert clean.B03.attrs == given.B03.attrs
+    assert clean.B03.chunks is not None
+    np.testing.assert_array_equal(clean.B08.values, given.B08.values)
+    np.testing.assert_array_equal(clean.B03.values[0, :20, :20], 0)
+    assert clean.B03.values[0, 20:].std() < 0.1 * raw[1, 20:].std()
+    whole = deglint.xr.remove(deglint.xr.stack(given).compute(), HEDLEY)
+    np.testing.assert_array_equal(clean.B03.values, whole.sel(band="B03").values)
+
+
+def test_dimensions_in_any_order(sea):
+    raw = sea(70, 80)
+    given = xarray.DataArray(raw, dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    clean = deglint.xr.remove(given, HEDLEY)
+    for dims in [("y", "x", "band"), ("x", "band", "y"), ("y", "band", "x")]:
+        turned = deglint.xr.remove(given.transpose(*dims), HEDLEY)
+        assert turned.dims == dims
+        np.testing.assert_array_equal(turned.transpose("band", "y", "x").values, clean.values)
+    named = given.rename(y="latitude", x="longitude").expand_dims(time=1, axis=1)
+    other = deglint.xr.remove(named, HEDLEY)
+    assert other.dims == named.dims
+    np.testing.assert_array_equal(other.values[:, 0], clean.values)
+
+
+@pytest.mark.parametrize(
+    ("coords", "attrs"),
+    [
+        ({"wavelength": ("band", [490, 560, 665, 842])}, {}),
+        ({"wavelength": ("band", [0.49, 0.56, 0.665, 0.842])}, {"wavelength_units": "um"}),
+        ({"common_name": ("band", list(BANDS))}, {}),
+        ({}, {"wavelengths": [490.0, 560.0, 665.0, 842.0]}),
+        ({}, {"long_name": BANDS}),
+        ({"band": ["B02", "B03", "B04", "B08"]}, {}),
+    ],
+)
+def test_where_wavelengths_may_stand(sea, coords, attrs):
+    given = xarray.DataArray(sea(), dims=("band", "y", "x"), coords=coords, attrs=attrs)
+    waves = [b.wavelength for b in open_array(given).scene.bands]
+    np.testing.assert_allclose(waves, (490, 560, 665, 842), atol=15)
+    assert deglint.xr.fit(given, HEDLEY).model.index_bands == (3,)
+
+
+def test_attributes_follow_the_bands_that_were_picked(scene):
+    given = opened(scene(), None)
+    given.attrs["wavelengths"] = [490.0, 560.0, 665.0, 842.0]
+    found = open_array(given.isel(band=[3, 1])).scene
+    assert [(b.name, b.wavelength) for b in found.bands] == [("nir", 842.0), ("green", 560.0)]
+    assert open_array(given.sel(band=3)).scene.bands[0].name == "red"
+    assert open_array(given.sel(band=3)).scene.bands[0].wavelength == 665.0
+    turned = deglint.xr.remove(given[::-1], HEDLEY)
+    np.testing.assert_array_equal(turned[::-1].values, deglint.xr.remove(given, HEDLEY).values)
+
+
+def test_decoded_and_raw_numbers_give_the_same(sea, write, tmp_path):
+    def scaled(dataset):
+        dataset.scales, dataset.offsets = [1e-4] * 4, [-0.1] * 4
+
+    raw = sea(90, 100) + 1000
+    raw[:, :9, :9] = 0
+    source = write(tmp_path / "in.tif", raw, nodata=0, describe=scaled)
+    expected = by_file(source, tmp_path, HEDLEY)
+    np.testing.assert_array_equal(deglint.xr.remove(opened(source, 40), HEDLEY).values, expected)
+    decoded = rioxarray.open_rasterio(source, masked=True, mask_and_scale=True).load()
+    clean = deglint.xr.remove(decoded, HEDLEY)
+    assert np.isnan(clean.values[:, :9, :9]).all()
+    np.testing.assert_allclose(clean.values[:, 9:], expected[:, 9:] * 1e-4 - 0.1, atol=6e-5)
+
+
+def test_what_cannot_be_used_is_said(sea):
+    given = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    with pytest.raises(InputError, match=r"one at a time, such as array\.isel\(time=0\)"):
+        deglint.xr.remove(given.expand_dims(time=2))
+    with pytest.raises(InputError, match="want dimensions y and x"):
+        deglint.xr.remove(given.rename(y="north"))
+    with pytest.raises(InputError, match="got ndarray"):
+        deglint.xr.fit(given.values)
+    with pytest.raises(InputError, match="complex64"):
+        deglint.xr.fit(given.astype("complex64"))
+    with pytest.raises(InputError, match="holds no pixel"):
+        deglint.xr.fit(given[:, :0])
+    with pytest.raises(InputError, match="not one of auto"):
+        deglint.xr.remove(given, "guess")
+    with pytest.raises(BandError):
+        deglint.xr.remove(given.isel(band=[0, 1, 2]), HEDLEY)
+    fitted = deglint.xr.fit(given, replace(HEDLEY, compensate="off"))
+    with pytest.raises(InputError, match=r"Pass fitted\.model"):
+        deglint.xr.apply(given[::-1], fitted)
+    turned = deglint.xr.apply(given[::-1], fitted.model, mask="none")
+    np.testing.assert_array_equal(turned.values[::-1], deglint.xr.apply(given, fitted).values)
+
+
+def test_the_extra_is_named_where_it_is_missing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    for call in (deglint.xr.remove, deglint.xr.fit, detect.xr.rx, detect.xr.fit):
+        with pytest.raises(DeglintError, match=r"pip install 'deglint\[xarray\]'"):
+            call(None)
