@@ -12,6 +12,7 @@ BENCHMARKS = {
     "error": ("error", ("quick",)),
     "digits": ("digits", ("quick",)),
     "targets": ("targets", ("quick",)),
+    "uncertainty": ("uncertainty", ("quick",)),
     "plan": ("plan_speed", ("quick", "rounds")),
     "detect": ("detect_speed", ("quick", "directory", "rounds")),
 }
