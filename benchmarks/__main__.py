@@ -13,6 +13,7 @@ BENCHMARKS = {
     "digits": ("digits", ("quick",)),
     "targets": ("targets", ("quick",)),
     "uncertainty": ("uncertainty", ("quick",)),
+    "compensation": ("compensation", ("quick",)),
     "plan": ("plan_speed", ("quick", "rounds")),
     "detect": ("detect_speed", ("quick", "directory", "rounds")),
 }

@@ -7,7 +7,7 @@ answers follows which stages run. Arrays and numbers only."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,8 +20,8 @@ Mask = npt.NDArray[np.bool_]
 
 SIMULTANEOUS = 0.93
 """Coherence of high-passed bands above which they see the sea at one instant."""
-LITTLE_COVER = 0.001
-"""Share of glinted pixels in every band below which there is nothing to compensate."""
+LITTLE_COVER = 0.0002
+"""Share of pixels too bright for noise, in every band, below which there is nothing to compensate."""
 PSF_COVER = 0.03
 """Share of glinted pixels below which sharpening gains nothing."""
 HEAVY_COVER = 0.6
@@ -67,10 +67,12 @@ class Needs:
         Largest high-pass correlation of the NIR with another band; None where it cannot be told.
     cover : tuple of float
         Share of glinted pixels of each band beside its opened level; empty where it was not told.
+    certain : tuple of float
+        The same of pixels that are too bright for noise.
     offsets : float or None
         Longest time between the NIR and another band that the file or sensor says [s].
     optics : str
-        "known", "estimated" or "unknown".
+        "known", or "estimated" or "unknown" and why.
     stages : tuple of StageNeed
     """
 
@@ -79,6 +81,7 @@ class Needs:
     element: int = 0
     coherence: float | None = None
     cover: tuple[float, ...] = ()
+    certain: tuple[float, ...] = ()
     offsets: float | None = None
     optics: str = "unknown"
     stages: tuple[StageNeed, ...] = field(default=())
@@ -87,6 +90,11 @@ class Needs:
     def simultaneous(self) -> bool:
         """The image says that its bands see the sea at one instant."""
         return self.coherence is not None and self.coherence >= SIMULTANEOUS
+
+    def without(self, stage: str, why: str) -> Needs:
+        """The same, with a stage that turned out not to be needed."""
+        stages = tuple(StageNeed(stage, False, why) if s.stage == stage else s for s in self.stages)
+        return replace(self, stages=stages)
 
     def lines(self) -> list[str]:
         """What to say, one line each."""
@@ -104,6 +112,8 @@ class Needs:
         if self.cover:
             covers = " ".join(f"{100 * c:.0f}" for c in self.cover)
             out.append(f"glint stands above the water beside it in, by band, {covers} % of the pixels")
+        if self.optics != "known" and self.stages:
+            out.append(f"optics: {self.optics}")
         return out + [str(stage) for stage in self.stages]
 
     def numbers(self) -> dict[str, Any]:
@@ -111,7 +121,8 @@ class Needs:
         return {
             "pixel_m": self.pixel, "smallest_object_pixels": self.smallest, "element_pixels": self.element,
             "coherence": self.coherence, "coherence_threshold": SIMULTANEOUS, "simultaneous": self.simultaneous,
-            "time_offset_s": self.offsets, "cover": list(self.cover), "cover_threshold": LITTLE_COVER,
+            "time_offset_s": self.offsets, "cover": list(self.cover),
+            "certain_cover": list(self.certain), "certain_cover_threshold": LITTLE_COVER,
             "optics": self.optics,
             "stages": [{"stage": s.stage, "runs": s.runs, "why": s.why, "saves": s.saves} for s in self.stages],
         }  # fmt: skip

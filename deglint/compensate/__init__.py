@@ -70,6 +70,8 @@ def fit(
     if block.ndim != 3 or len(block) != len(setting.bands):
         raise InputError(f"expected an array of ({len(setting.bands)}, row, column), got shape {block.shape}.")
     inside = np.ones(block.shape[1:], np.bool_) if sample is None else np.asarray(sample, np.bool_)
+    if inside.shape != block.shape[1:]:
+        raise InputError(f"the sample must be of shape {block.shape[1:]} like the block, got {inside.shape}.")
     steps = parse(text)
     before = steps[: [s.name for s in steps].index("remove")]
     found = fit_stages(before, Sample([State.of(block)], [inside]), setting, bands=bands)

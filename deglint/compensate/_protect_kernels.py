@@ -3,120 +3,171 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
+import numpy.typing as npt
 
 FLOOR = 0.02
 """Standard deviation in every band, as a share of the brightness of the thing."""
-SPREAD = math.log(300.0)
-"""Brightness is anything from 0.5 % to 150 %, any factor as likely as any other."""
 LEAST, MOST = 0.002, 1.5
 """Reflectance of a thing, over the water."""
-HOPELESS = 30.0
-"""A shape whose plain chi-square, with bends taken for noise, is above this is not looked into."""
+SPREAD = math.log(300.0)
+"""Brightness is anything from 0.5 % to 150 %, any factor as likely as any other."""
+LANES = 16
+"""Shapes that are added up side by side."""
 
 
-PART = 0.25
-"""Of the plain chi-square, what the true one is taken to be at least (in exponents: half of it counts)."""
-ROOM = 0.5 * math.log(2 * math.pi) + 1.0
-"""Brightness is known to its own size at least, and may be e times what it starts from."""
+class Steps(NamedTuple):
+    """What `glance` adds up, in units of 1 / `QUARTERS`; see `deglint.compensate.glance`.
+
+    cell, edge : of the search for the bin of a number, by the leading bits of it as float32
+    start, first, step : (shape,), (bin,) and (step, shape) whole numbers, a step for every (band - 1, bin, bin); shapes
+    are padded to a multiple of `LANES`
+    """
+
+    cell: npt.NDArray[np.uint8]
+    edge: npt.NDArray[np.float32]
+    start: npt.NDArray[np.int16]
+    first: npt.NDArray[np.int16]
+    step: npt.NDArray[np.int8]
 
 
 @nb.njit(cache=True, nogil=True)
-def explain(y, variance, water, values, spread, odd, weight, bends, share, least, out, fit):  # type: ignore[no-untyped-def]  # noqa: C901
-    """Log-likelihood of the best shape for each pixel, where it exceeds `least`, and its spectrum.
+def weigh(z, bits, steps, rows, total):  # type: ignore[no-untyped-def]
+    """Sum of the steps of every shape for reflectances z (band,) in the unit of the bins; `bits` is z seen as integers.
 
-    y, variance, fit : (pixel, band); spread : (shape, 3) of slope, bend, roughness; bends : (2, band);
-    share : mean and standard deviation of the part of the water that the thing hides; least, out : (pixel,)
+    Whole numbers, so that it does not matter in which order they are added; whole rows in loops without an `if`, so
+    that many are added at once. rows : (band,) of int64, for scratch
     """
-    count = y.shape[1]
-    x, u, part = np.empty(count), np.empty((3, count)), np.empty(3)
-    d = np.empty(count)
-    kinds = values.shape[0]
-    side, down, wide = np.empty((count, kinds)), np.zeros(kinds), np.empty(kinds)
-    first, chi = np.empty(kinds), np.empty(kinds)
+    before, bins, count, kinds = 0, steps.first.size, z.size, nb.uint64(total.size)
+    for b in range(count):
+        place = nb.int64(steps.cell[nb.uint64((bits[b] >> 20) & 4095)])
+        place += z[b] >= steps.edge[nb.uint64(place)]
+        rows[b] = place if b == 0 else ((b - 1) * bins + before) * bins + place
+        before = place
+    begin, start, step = steps.first[rows[0]], steps.start, steps.step
     for k in range(kinds):
-        wide[k] = spread[k, 0] ** 2 + spread[k, 1] ** 2 + spread[k, 2] ** 2
+        total[k] = start[k] + begin
+    for b in range(1, count):
+        row = nb.uint64(rows[b])
+        for k in range(kinds):
+            total[k] += step[row, k]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def glance(raw, level, bands, scale, noise, away, steps, out):  # type: ignore[no-untyped-def]
+    """The largest sum of steps of each pixel, out (row, column), where two bands exceed the level by `away` deviations.
+
+    -32768 where not, and -32767 where not valid. raw, level : (band, row, column) of one dtype; scale : (band,) from
+    the unit of the scene to that of the bins; noise : (band, 2), both of that dtype
+    """
+    count, width = bands.size, raw.shape[2]
+    high, sound = np.empty(width, np.int32), np.empty(width, np.bool_)
+    z, rows, total = np.empty(count, np.float32), np.empty(count, np.int64), np.empty(steps.start.size, np.int16)
+    bits, limit = z.view(np.int32), away * away
+    for i in range(raw.shape[1]):
+        high[:] = 0
+        sound[:] = True
         for b in range(count):
-            side[b, k] = 0.0 if b == odd[k] else values[k, b]
-            down[k] += side[b, k] ** 2
+            seen, water, fixed, rising = raw[bands[b], i], level[bands[b], i], noise[b, 0], noise[b, 1]
+            for j in range(width):
+                more = seen[j] - water[j]
+                high[j] += more * abs(more) > limit * (fixed + rising * max(seen[j], 0))
+                sound[j] &= more - more == 0
+        for j in range(width):
+            if not sound[j]:
+                out[i, j] = -32767
+            elif high[j] < 2:
+                out[i, j] = -32768
+            else:
+                for b in range(count):
+                    z[b] = (raw[bands[b], i, j] - level[bands[b], i, j]) * scale[b]
+                weigh(z, bits, steps, rows, total)
+                most = total[0]
+                for k in range(total.size):
+                    most = max(most, total[k])
+                out[i, j] = most
+
+
+@nb.njit(cache=True, nogil=True)
+def squares(score, least, threshold, out):  # type: ignore[no-untyped-def]
+    """Pixels above `least` in a 3 x 3 square over which these sum up to the threshold; always added in one order."""
+    rows, columns = score.shape
+    sums = np.zeros((rows + 2, columns + 2))
+    for i in range(rows):
+        for j in range(columns):
+            if score[i, j] > least:
+                for down in range(3):
+                    for right in range(3):
+                        sums[i + down, j + right] += score[i, j]
+    for i in range(rows):
+        for j in range(columns):
+            out[i, j] = False
+            if score[i, j] > least:
+                for down in range(max(i, 1), min(i + 3, rows + 1)):
+                    for right in range(max(j, 1), min(j + 3, columns + 1)):
+                        out[i, j] |= sums[down, right] >= threshold
+
+
+@nb.njit(cache=True, nogil=True)
+def explain(y, variance, water, kinds, bends, share, steps, scale, room, sparkle, out, fit):  # type: ignore[no-untyped-def]
+    """Log-likelihood of the best shape for each pixel over that of sparkle, and its spectrum.
+
+    y, variance, fit : (pixel, band); kinds : values (shape, band), (shape, 3) of slope, bend, roughness, odd band, log
+    weight; bends : (2, band); share : mean and standard deviation of the part of the water that the thing hides;
+    scale : of a sum of steps; room : that likelihoods may be above those; sparkle, out : (pixel,)
+    """
+    count, weight = y.shape[1], kinds[3]
+    x, d, u, part = np.empty(count), np.empty(count), np.empty((3, count)), np.empty(3)
+    z, rows, total = np.empty(count, np.float32), np.empty(count, np.int64), np.empty(steps.start.size, np.int16)
+    bits = z.view(np.int32)
     for i in range(y.shape[0]):
         out[i] = -np.inf
         for b in range(count):
             x[b] = y[i, b] + share[0] * water[b]
-        start(x, variance[i], water, side, down, wide, share[1], first, chi)
-        for k in range(kinds):
-            a = first[k]
-            hope = least[i] - math.log(weight[k])
-            if not reaches(x, variance[i], values[k], a, chi[k], spread[k, 2], odd[k], hope):
+            z[b] = y[i, b] / scale[1]
+        weigh(z, bits, steps, rows, total)
+        likely = np.argmax(total)
+        for n in range(weight.size):
+            k = (n + likely) % weight.size
+            if total[k] * scale[0] + room <= max(out[i], scale[2]):
                 continue
-            for _ in range(2):
-                for b in range(count):
-                    bright = a * values[k, b]
-                    d[b] = variance[i, b] + (spread[k, 2] * bright) ** 2 + (FLOOR * a) ** 2
-                    if b == odd[k]:
-                        d[b] += a * a
-                    u[0, b] = spread[k, 0] * bends[0, b] * bright
-                    u[1, b] = spread[k, 1] * bends[1, b] * bright
-                    u[2, b] = share[1] * water[b]
-                found, a_next = likelihood(x, values[k], d, u, part)
-                a = a_next
-                if not LEAST < a < MOST:
-                    break
-            if not LEAST < a < MOST:
-                continue
-            found += math.log(weight[k]) - math.log(a * SPREAD)
+            found, a = shaped(x, variance[i], water, kinds, k, bends, share[1], d, u, part)
+            found += weight[k] - sparkle[i]
             if found > out[i]:
                 out[i] = found
                 for b in range(count):
                     bent = part[0] * u[0, b] + part[1] * u[1, b] + part[2] * u[2, b]
-                    fit[i, b] = a * values[k, b] + bent - share[0] * water[b]
-
-
-@nb.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def start(x, variance, water, shapes, down, wide, hidden, a, chi):  # type: ignore[no-untyped-def]
-    """A first brightness of every shape, and its plain chi-square; shapes side by side, for the processor's sake.
-
-    shapes : (band, shape), 0 where a band says nothing of a shape; down, wide : (shape,) their squares summed, and
-    the variance of slope, bend and roughness together; a, chi : (shape,)
-    """
-    kinds, count = a.size, x.size
-    for k in range(kinds):
-        a[k] = 0.0
-        chi[k] = 0.0
-    for b in range(count):
-        for k in range(kinds):
-            a[k] += shapes[b, k] * x[b]
-    for k in range(kinds):
-        a[k] /= down[k]
-    for b in range(count):
-        fixed = variance[b] + (hidden * water[b]) ** 2
-        for k in range(kinds):
-            bright = a[k] * shapes[b, k]
-            away = x[b] - bright
-            narrow = fixed + (FLOOR * a[k]) ** 2 + bright * bright * wide[k]
-            chi[k] += away * away / narrow if shapes[b, k] != 0.0 else 0.0
+                    fit[i, b] = a * kinds[0][k, b] + bent - share[0] * water[b]
 
 
 @nb.njit(cache=True, nogil=True)
-def reaches(x, variance, shape, a, chi, rough, odd, least):  # type: ignore[no-untyped-def]
-    """Whether a shape can reach the log-likelihood `least`.
-
-    It cannot where the noise and roughness alone give less: bends only make the density lower. Bends may follow what
-    is amiss, so that of the plain chi-square only a part is held against the shape; the few pixels lost have S near
-    its least.
-    """
-    if not LEAST < a < MOST or chi > HOPELESS:
-        return False
-    product = 1.0
+def shaped(x, variance, water, kinds, k, bends, hidden, d, u, part):  # type: ignore[no-untyped-def]
+    """Log-likelihood of x by shape k, and its brightness, in two rounds; minus infinity where it is no thing's."""
+    values, spread, odd = kinds[0][k], kinds[1][k], kinds[2][k]
+    up = down = 0.0
     for b in range(x.size):
-        if b == odd:
-            product *= a * a * 1e5
-        else:
-            product *= (variance[b] + (FLOOR * a) ** 2 + (a * shape[b] * rough) ** 2) * 1e5
-    best = -0.5 * (math.log(product) + x.size * (math.log(2 * math.pi) - math.log(1e5))) + ROOM - SPREAD
-    return best - PART * chi > least
+        if b != odd:
+            up += values[b] * x[b]
+            down += values[b] * values[b]
+    a, found = up / down, -np.inf
+    for _ in range(2):
+        if not LEAST < a < MOST:
+            return -np.inf, a
+        for b in range(x.size):
+            bright = a * values[b]
+            d[b] = variance[b] + (spread[2] * bright) ** 2 + (FLOOR * a) ** 2
+            if b == odd:
+                d[b] += a * a
+            u[0, b] = spread[0] * bends[0, b] * bright
+            u[1, b] = spread[1] * bends[1, b] * bright
+            u[2, b] = hidden * water[b]
+        found, a = likelihood(x, values, d, u, part)
+    if not LEAST < a < MOST:
+        return -np.inf, a
+    return found - math.log(a * SPREAD), a
 
 
 @nb.njit(cache=True, nogil=True)

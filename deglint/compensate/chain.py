@@ -9,17 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import FitError, InputError
 from ..scene import Band, FloatArray
 from .evidence import Protection, protection_from
-from .identify import THESIS_K, IdentifyLevel, IdentifyMedian, fit_identify_level, fit_identify_median
+from .identify import FEWEST, THESIS_K, IdentifyLevel, IdentifyMedian, fit_identify_level, fit_identify_median
+from .match import Matching, apply_match, fit_match
 from .median import Median
 from .normalise import Normalise, fit_normalise
-from .psf import PSF, kernel_psf
+from .psf import PSF
 from .reference import ReferenceRule
 from .register import Move
 from .replace import ReplaceBands, ReplaceLevel, neighbours
@@ -32,6 +33,7 @@ STAGES: dict[str, str] = {
     "normalise": "divide by the median of deep water; by its mode where glint covers more than N %",
     "psf": "N iterations of Richardson-Lucy, to build the level only",
     "psf-image": "N iterations of Richardson-Lucy, as the image itself",
+    "match": "blur every band as the longest is blurred, for bands of one instant",
     "identify-median": "glint is above median + K lower-side deviations",
     "identify-level": "glint is above the opened level (element of N pixels)",
     "replace-bands": "from the spectrally nearest clean band",
@@ -41,6 +43,13 @@ STAGES: dict[str, str] = {
 }
 THESIS = "normalise, identify-median:5, replace-bands, median:25, remove"
 """Section 6.3 of the thesis, as far as it can be reconstructed."""
+RANGES: dict[str, tuple[float, float]] = {
+    "normalise": (1, 100), "psf": (1, 20), "psf-image": (1, 20), "identify-median": (0, 1000),
+    "identify-level": (3, 255), "median": (3, 255),
+}  # fmt: skip
+"""What the numbers of the stages may be; stages that are not named take none."""
+WHOLE = ("psf", "psf-image", "identify-level", "median")
+"""Stages that take whole numbers."""
 NO_STAGES = "no opening, so no small thing is erased"
 ITERATIONS = 2
 """Richardson-Lucy iterations; more dig pits beside sparkle, which the opening then spreads."""
@@ -79,8 +88,33 @@ class Sharpen:
             state.sharp = lambda b: richardson_lucy(source[b], psfs[b], iterations=iterations)
             state.psfs = self.psfs
             return
-        sharp = [richardson_lucy(b, p, iterations=self.iterations) for b, p in zip(state.image, self.psfs, strict=True)]
-        state.image[...] = np.stack(sharp)
+        for b, (band, psf) in enumerate(zip(state.image, self.psfs, strict=True)):
+            may = np.isfinite(band) if state.where is None else np.isfinite(band) & state.where
+            np.copyto(band, richardson_lucy(band, psf, iterations=self.iterations), where=may)
+            state.replaced[b] |= may
+
+
+@dataclass(frozen=True)
+class Match:
+    """OTF matching: every band is blurred as the longest is, so that removal sees the same sparkle in all.
+
+    Attributes
+    ----------
+    matching : Matching
+        Kernels; see `deglint.compensate.match`.
+    """
+
+    matching: Matching
+    name: ClassVar[str] = "match"
+
+    @property
+    def halo(self) -> int:
+        """Radius of the kernels."""
+        return self.matching.halo
+
+    def apply(self, state: State) -> None:
+        """Blur the bands."""
+        state.image[...] = apply_match(state.image, self.matching)
         state.replaced[...] = True if state.where is None else state.where
 
 
@@ -108,6 +142,16 @@ class Chain:
     references: tuple[tuple[int, ReferenceRule], ...] = ()
     moves: tuple[Move, ...] = ()
     protection: Protection = field(default_factory=lambda: Protection(reason=NO_STAGES))
+
+    @property
+    def runs(self) -> bool:
+        """There are stages at all."""
+        return bool(self.before or self.after)
+
+    @property
+    def in_place(self) -> bool:
+        """The stages before the removal keep the scene's unit, so that they may work on the block itself."""
+        return not any(isinstance(stage, Normalise) for stage in self.before)
 
     @property
     def halo(self) -> int:
@@ -163,13 +207,10 @@ def parse(text: str) -> tuple[Step, ...]:
     """
     steps = []
     for part in (p.strip() for p in text.split(",")):
-        name, _, number = part.partition(":")
+        name, colon, number = part.partition(":")
         if name not in STAGES:
             raise InputError(f"stage {name!r} is not one of {', '.join(STAGES)}.")
-        try:
-            steps.append(Step(name, float(number) if number else None))
-        except ValueError:
-            raise InputError(f"stage {part!r}: {number!r} is not a number.") from None
+        steps.append(Step(name, _number(name, number) if colon else None))
     if sum(s.name == "remove" for s in steps) > 1:
         raise InputError("a chain removes once; name other stages before and after it.")
     _check(steps)
@@ -178,15 +219,30 @@ def parse(text: str) -> tuple[Step, ...]:
     return tuple(steps)
 
 
+def _number(name: str, text: str) -> float:
+    """The number of a stage, from its text."""
+    if name not in RANGES:
+        raise InputError(f"{name} takes no number, got {text!r}.")
+    try:
+        number = float(text)
+    except ValueError:
+        raise InputError(f"stage '{name}:{text}': {text!r} is not a number.") from None
+    low, high = RANGES[name]
+    if not low <= number <= high or (name in WHOLE and number % 1):
+        raise InputError(f"{name} takes a {'whole ' * (name in WHOLE)}number from {low:g} to {high:g}, got {text}.")
+    if name in ("identify-level", "median") and not number % 2:
+        raise InputError(f"{name}:{text}: the size must be odd, so that it has a middle.")
+    return number
+
+
 def _check(steps: Sequence[Step]) -> None:
     ready: set[str] = set()
-    for step in steps:
-        if (
-            step.name in ("identify-level", "median")
-            and step.number is not None
-            and (step.number < 3 or not step.number % 2)
-        ):
-            raise InputError(f"{step.name}:{step.number:g}: the size must be odd and 3 or more.")
+    for place, step in enumerate(steps):
+        after = [s.name for s in steps[place + 1 :]]
+        if step.name == "psf" and "identify-level" not in after[: after.index("remove") if "remove" in after else None]:
+            raise InputError("psf serves identify-level: name that after it, or psf-image to sharpen the image itself.")
+        if step.name == "replace-bands" and "normalise" not in [s.name for s in steps[:place]]:
+            raise InputError("replace-bands needs bands of one scale: name normalise at the beginning.")
         if step.name in ("replace-bands", "median") and "hit" not in ready:
             raise InputError(
                 f"{step.name} needs glint to be identified: name identify-median or identify-level before it."
@@ -195,7 +251,7 @@ def _check(steps: Sequence[Step]) -> None:
             raise InputError("replace-level needs a level: name identify-level before it.")
         if step.name.startswith("identify"):
             ready |= {"hit"} | ({"level"} if step.name == "identify-level" else set())
-        if step.name in ("replace-level", "median"):
+        if step.name in ("replace-level", "median", "remove"):
             ready.clear()
 
 
@@ -207,10 +263,20 @@ class Sample:
     inside: list[Mask]
 
     def values(self) -> list[Any]:
-        """The sample's pixels, one array a band."""
+        """The sample's pixels, one array a band.
+
+        Raises
+        ------
+        FitError
+            There are too few.
+        """
         bands = range(len(self.states[0].image))
         out = [np.concatenate([s.image[b][m] for s, m in zip(self.states, self.inside, strict=True)]) for b in bands]
-        return [v[np.isfinite(v)] for v in out]
+        out = [v[np.isfinite(v)] for v in out]
+        least = min(v.size for v in out)
+        if least < FEWEST:
+            raise FitError(f"sample holds {least} valid pixels of a band, need at least {FEWEST}. Widen the --sample.")
+        return out
 
 
 @dataclass(frozen=True)
@@ -227,12 +293,15 @@ class Setting:
         Bands see the sea at different instants, so that outlines may be told from sparkle.
     floor : tuple of float, optional
         Least standard deviation of pixels without glint, of each band: what is known of the noise and the steps.
+    steps : tuple of float, optional
+        Of each band's numbers, where those are whole numbers in the file.
     """
 
     bands: tuple[Band, ...]
     psfs: tuple[PSF, ...] | None = None
     detail: bool = False
     floor: tuple[float, ...] | None = None
+    steps: tuple[float, ...] | None = None
 
     @property
     def saturation(self) -> tuple[float, ...]:
@@ -281,9 +350,8 @@ def fit_stages(
 
 def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any) -> Stage:
     size = int(step.number or 0)
-    floor = (
-        None if setting.floor is None else [f / u for f, u in zip(setting.floor, sample.states[0].units, strict=True)]
-    )
+    units = sample.states[0].units
+    floor, steps = (None if known is None else list(known / units) for known in (setting.floor, setting.steps))
     if step.name == "normalise":
         return fit_normalise(sample.values(), most_cover=0.01 * (step.number or 100.0))
     if step.name in ("psf", "psf-image"):
@@ -292,14 +360,19 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any) -> Stag
                 f"{step.name} needs the sensor's optics, which are not known. Name a --sensor, or leave it out."
             )
         return Sharpen(setting.psfs, size or ITERATIONS, step.name == "psf-image")
+    if step.name == "match":
+        if setting.psfs is None:
+            raise InputError("match needs the sensor's optics, which are not known. Name a --sensor, or leave it out.")
+        return Match(fit_match(setting.psfs, setting.order[-1]))
     if step.name == "identify-median":
-        return fit_identify_median(sample.values(), setting.saturation, k=step.number or THESIS_K, floor=floor)
+        k = THESIS_K if step.number is None else step.number
+        return fit_identify_median(sample.values(), setting.saturation, k=k, floor=floor)
     if step.name == "identify-level":
         size = size or 13
         detail = size - 2 if setting.detail and size >= 5 else 0
         return fit_identify_level(
             sample.states, sample.inside, size=size, order=setting.order, saturation=setting.saturation,
-            detail=detail, bands=bands, floor=floor,
+            detail=detail, bands=bands, floor=floor, steps=steps,
         )  # fmt: skip
     if step.name == "replace-bands":
         return ReplaceBands(neighbours([b.wavelength for b in setting.bands]))
@@ -342,7 +415,14 @@ def _plain(stage: Stage) -> dict[str, Any]:
     if isinstance(stage, Sharpen):
         kernels = [p.kernel.tolist() for p in stage.psfs]
         return {"stage": stage.name, "iterations": stage.iterations, "kernels": kernels}
-    return {"stage": stage.name, **asdict(stage)}
+    if isinstance(stage, Match):
+        kernels = [None if k is None else k.tolist() for k in stage.matching.kernels]
+        residual = list(stage.matching.residual)
+        return {"stage": stage.name, "kernels": kernels, "reference": stage.matching.reference, "residual": residual}
+    found = asdict(stage)
+    if "saturation" in found:  # JSON knows no infinity
+        found["saturation"] = tuple(s if np.isfinite(s) else None for s in found["saturation"])
+    return {"stage": stage.name, **found}
 
 
 def stage_from(data: Mapping[str, Any]) -> Stage:
@@ -355,13 +435,18 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
     """
     kinds = {k.name: k for k in (Normalise, IdentifyMedian, IdentifyLevel, ReplaceBands, ReplaceLevel, Median)}
     rest = {k: _tuples(v) for k, v in data.items() if k != "stage"}
+    if "saturation" in rest:
+        rest["saturation"] = tuple(np.inf if s is None else s for s in rest["saturation"])
     try:
         name = data["stage"]
         if name in ("psf", "psf-image"):
-            psfs = tuple(kernel_psf(np.array(k)) for k in data["kernels"])
+            psfs = tuple(PSF(np.array(k, np.float64), len(k) // 2) for k in data["kernels"])
             return Sharpen(psfs, int(data["iterations"]), name == "psf-image")
+        if name == "match":
+            matched = tuple(None if k is None else np.array(k) for k in data["kernels"])
+            return Match(Matching(matched, int(data["reference"]), tuple(data["residual"])))
         return kinds[name](**rest)
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved stage of a compensation ({error}); fit and save it again.") from error
 
 

@@ -11,14 +11,19 @@ the scene's own sparkle does from one instant to the next: a Markov chain in the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..scene import FloatArray
 from .shapes import CENTRE, SPAN, Shapes
+
+if TYPE_CHECKING:
+    from ._protect_kernels import Steps
 
 Float64 = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -36,6 +41,8 @@ WATER_HIDDEN = (0.75, 0.25)
 """Mean and standard deviation of the part of a pixel's water that a thing hides."""
 TEXTURE = 0.05
 """Standard deviation of the level itself, as a share."""
+INVALID = -32767
+"""What `glance` says of a pixel that is not valid."""
 UNIT, BINS, LOW, HIGH = 0.001, 64, -3.0, 8.5
 """Histograms of asinh(reflectance / UNIT)."""
 BLUR = 1.2
@@ -83,6 +90,13 @@ class Protection:
         """Whether there is a test; without one nothing is protected."""
         return not self.reason
 
+    @cached_property
+    def steps(self) -> Steps:
+        """Tables of the first look, made when they are first needed."""
+        from .glance import steps
+
+        return steps(self)
+
     @property
     def halo(self) -> int:
         """Pixels that `things` needs around a tile."""
@@ -90,8 +104,9 @@ class Protection:
 
     def numbers(self) -> dict[str, Any]:
         """What goes into a sidecar: all but the tables."""
-        names = "bands", "irradiance", "noise", "water", "wavelength", "threshold", "reason"
-        return {name: getattr(self, name) for name in names} | {"halo": self.halo}
+        names = "bands", "irradiance", "noise", "water", "wavelength", "reason"
+        threshold = self.threshold if np.isfinite(self.threshold) else None  # JSON knows no infinity
+        return {name: getattr(self, name) for name in names} | {"threshold": threshold, "halo": self.halo}
 
     def saved(self) -> dict[str, Any]:
         """Everything as plain numbers, tables and all, to be read back by `protection_from`."""
@@ -107,6 +122,7 @@ def protection_from(data: Mapping[str, Any]) -> Protection:
     plain = {k: v for k, v in data.items() if k not in ("shapes", "first", "following", "halo")}
     for name in ("bands", "irradiance", "water", "wavelength"):
         plain[name] = tuple(plain[name])
+    plain["threshold"] = np.inf if plain["threshold"] is None else plain["threshold"]
     plain["noise"] = tuple((float(a), float(b)) for a, b in plain["noise"])
     if "shapes" not in data:
         return Protection(**plain) if plain["reason"] else Protection(reason="saved without its tables")
@@ -140,49 +156,81 @@ def tables(y: Float64) -> tuple[Float64, Float64]:
     return np.log(alone[0] / step), np.array(following)
 
 
-def score(raw: Float64, level: Float64, protection: Protection) -> tuple[Float64, Float64, Places]:
-    """S (row, column), and of the pixels that stand out the best spectrum (band, pixel) and the place."""
-    from ._protect_kernels import chain, explain
+def bends(wavelength: Sequence[float]) -> Float64:
+    """The linear and the quadratic factor by which things may differ from their shape, (2, band)."""
+    u = (np.array(wavelength) - CENTRE) / SPAN
+    return np.array([u, u**2 - (u**2).mean()])
 
-    count, plane = len(raw), raw.shape[1:]
-    raw, level = raw.reshape(count, -1), level.reshape(count, -1)
-    with np.errstate(invalid="ignore"):
-        spread = variance(raw, protection)
-        out_of = ((raw - level) > STANDS_OUT * np.sqrt(spread)).sum(axis=0) >= 2
-    valid = np.isfinite(raw).all(axis=0) & np.isfinite(level).all(axis=0)
-    places = np.flatnonzero(out_of & valid)
-    white, water = np.array(protection.irradiance)[:, None], np.array(protection.water)
-    y = np.ascontiguousarray(((raw - level)[:, places] / white).T)
-    doubt = np.ascontiguousarray((spread[:, places] / white**2).T) + (TEXTURE * water) ** 2
+
+def score(
+    raw: FloatArray, level: FloatArray, protection: Protection, threshold: float = -np.inf
+) -> tuple[Float64, Float64, Places]:
+    """S (row, column), and of the pixels that were weighed in full the best spectrum (band, pixel) and the place.
+
+    Parameters
+    ----------
+    raw, level : (band, row, column) ndarray of float32 or float64
+        All bands of the block.
+    protection : Protection
+    threshold : float
+        Pixels are weighed only where a 3 x 3 sum of S may reach it.
+
+    Notes
+    -----
+    A pixel is weighed in full where the first look (`deglint.compensate.glance`) leaves room for S above `LEAST_SCORE`
+    in it, and for the threshold in a square around it; elsewhere S is minus infinity.
+    """
+    from ._protect_kernels import chain, explain, glance
+    from .glance import QUARTERS, ROOM, ROOM_OF_SHAPE
+
+    dtype, steps = raw.dtype, protection.steps
+    white, water, chosen = np.array(protection.irradiance), np.array(protection.water), list(protection.bands)
+    seen = np.empty(raw.shape[1:], np.int16)
+    scale, noise = (1 / (white * UNIT)).astype(dtype), np.array(protection.noise, dtype)
+    glance(raw, level, np.array(chosen), scale, noise, dtype.type(STANDS_OUT), steps, seen)
+    may_be = seen / np.float32(QUARTERS) + np.float32(ROOM)
+    high = may_be > LEAST_SCORE
+    if threshold > -np.inf:
+        high = clusters(may_be, threshold)
+    places = np.flatnonzero(high)
+    y, spread = excess(raw, level, protection, places)
+    y, spread = np.ascontiguousarray(y.T), np.ascontiguousarray((spread**2).T) + (TEXTURE * water) ** 2
     s, first, following = protection.shapes, protection.first, protection.following
     assert s is not None and first is not None and following is not None  # noqa: PT018
-    u = (np.array(protection.wavelength) - CENTRE) / SPAN
-    bends = np.array([u, u**2 - (u**2).mean()])
     best, sparkle, fitted = np.empty(places.size), np.empty(places.size), np.zeros(y.shape)
-    wide = np.stack([s.slope, s.bend, s.rough], axis=1)
     chain(y, first, following, LOW, (HIGH - LOW) / BINS, UNIT, sparkle)
-    hidden, least = np.array(WATER_HIDDEN), sparkle + LEAST_SCORE
-    explain(y, doubt, water, s.values, wide, s.odd, s.weight, bends, hidden, least, best, fitted)
-    score = np.where(valid, -np.inf, np.nan)
-    score[places] = best - sparkle
-    return score.reshape(plane), fitted.T, places
+    kinds = s.values, np.stack([s.slope, s.bend, s.rough], axis=1), s.odd, np.log(s.weight)
+    rule = np.array([1 / QUARTERS, UNIT, LEAST_SCORE])
+    shares = np.array(WATER_HIDDEN)
+    explain(
+        y, spread, water, kinds, bends(protection.wavelength), shares, steps, rule, ROOM_OF_SHAPE, sparkle, best, fitted
+    )
+    score = np.where(seen == INVALID, np.nan, -np.inf)
+    score.ravel()[places] = best
+    return score, fitted.T, places
 
 
-def _sums(score: Float64) -> Float64:
-    """3 x 3 sums of S where it is high enough, always added in the same order."""
-    rows, columns = score.shape
-    padded = np.zeros((rows + 2, columns + 2))
-    padded[1:-1, 1:-1] = np.where(score > LEAST_SCORE, score, 0.0)
-    out = np.zeros(score.shape)
-    for i in range(3):
-        for j in range(3):
-            out += padded[i : i + rows, j : j + columns]
-    return out
+def excess(raw: FloatArray, level: FloatArray, protection: Protection, places: Places) -> tuple[Float64, Float64]:
+    """Of some pixels the excess over the level and the standard deviation of the noise [reflectance], (band, pixel)."""
+    at = np.ix_(np.array(protection.bands), places)
+    here = raw.reshape(len(raw), -1)[at].astype(np.float64)
+    white = np.array(protection.irradiance)[:, None]
+    with np.errstate(invalid="ignore"):
+        more = here - level.reshape(len(level), -1)[at].astype(np.float64)
+    return more / white, np.sqrt(variance(here, protection)) / white
 
 
-def clusters(score: Float64, threshold: float) -> BoolArray:
-    """Pixels of high S in a 3 x 3 square whose sum reaches the threshold."""
-    mask: BoolArray = (score > LEAST_SCORE) & grown(_sums(score) >= threshold, 1)
+def plain(block: FloatArray) -> FloatArray:
+    """The block as one piece of floating-point numbers; itself where it is."""
+    return np.ascontiguousarray(block, np.float64 if block.dtype != np.float32 else np.float32)
+
+
+def clusters(score: FloatArray, threshold: float) -> BoolArray:
+    """Pixels of high S in a 3 x 3 square over which that sums up to the threshold."""
+    from ._protect_kernels import squares
+
+    mask = np.empty(score.shape, np.bool_)
+    squares(score, LEAST_SCORE, threshold, mask)
     return mask
 
 

@@ -37,12 +37,15 @@ LEVEL_K = 1.5
 """Standard deviations above the local level."""
 COVER_K = 3.0
 """Standard deviations above the local level that count as glint when cover is told."""
+CERTAIN_K = 5.0
+"""The same where noise is to be ruled out: of a normal distribution 3e-7 lie above."""
 MOST_COVER_FOR_DETAIL = 0.56
 """Share of glinted pixels, in the middlemost band, above which clumps of sparkle pass for outlines of objects."""
 FEWEST = 64
 """Fewest pixels that a level and a spread are taken from."""
 MOST = 200_000
 """Most pixels of the sample that they are taken from."""
+_TINY = float(np.finfo(np.float32).tiny)
 
 
 @dataclass(frozen=True)
@@ -83,9 +86,9 @@ class IdentifyLevel:
         Bands by wavelength.
     bands : tuple of int
         Bands that are looked at.
-    spectrum, offsets, sigmas, cover : tuple of float
+    spectrum, offsets, sigmas, cover, certain : tuple of float
         Of each of them: brightness of glint, how far the commonest pixel lies above the opening, standard deviation
-        of pixels without glint about that, share of glinted pixels in the sample.
+        of pixels without glint about that, share of glinted pixels in the sample, and of those that no noise makes.
     saturation : tuple of float
         Of each band.
     k : float
@@ -101,6 +104,7 @@ class IdentifyLevel:
     offsets: tuple[float, ...]
     sigmas: tuple[float, ...]
     cover: tuple[float, ...]
+    certain: tuple[float, ...]
     saturation: tuple[float, ...]
     k: float = LEVEL_K
 
@@ -160,6 +164,7 @@ def fit_identify_level(
     k: float = LEVEL_K,
     bands: Sequence[int] | None = None,
     floor: Sequence[float] | None = None,
+    steps: Sequence[float] | None = None,
 ) -> IdentifyLevel:
     """How pixels without glint lie about the opened level.
 
@@ -181,36 +186,69 @@ def fit_identify_level(
         Bands to look at; all by default.
     floor : sequence of float, optional
         Least standard deviation of each band of the scene.
+    steps : sequence of float, optional
+        Of the numbers of each band of the scene, where they come in whole steps.
 
     Raises
     ------
     FitError
         Too few pixels to tell the spread of.
     """
-    chosen = tuple(range(len(states[0].image)) if bands is None else bands)
+    chosen = tuple(range(len(states[0].image)) if bands is None else sorted(set(bands)))
     away: list[list[Float32Array]] = [[] for _ in chosen]
     for state, mask in zip(states, inside, strict=True):
         level = _levels(state, chosen, size, 0, order, ())
         for i, band in enumerate(chosen):
             away[i].append(np.subtract(state.image[band], level[i])[mask])
-    found = [_about(np.concatenate(a), floor[band] if floor else 0.0) for a, band in zip(away, chosen, strict=True)]
-    offsets, sigmas, cover, spectrum = zip(*found, strict=True)
+    whole = steps if states[0].psfs is None else None  # a blurred level is no whole number
+    found = [
+        _about(np.concatenate(a), floor[band] if floor else 0.0, whole[band] if whole else 0.0)
+        for a, band in zip(away, chosen, strict=True)
+    ]
+    offsets, sigmas, cover, certain, spectrum = zip(*found, strict=True)
     use = detail if float(np.median(cover)) <= MOST_COVER_FOR_DETAIL else 0
     return IdentifyLevel(
-        size, use, tuple(b for b in order if b in chosen), chosen, spectrum, offsets, sigmas, cover,
+        size, use, tuple(b for b in order if b in chosen), chosen, spectrum, offsets, sigmas, cover, certain,
         tuple(map(float, saturation)), k,
     )  # fmt: skip
 
 
-def lower_spread(values: npt.NDArray[np.floating[Any]], middle: float) -> float:
-    """Standard deviation from the values below the middle, 1.4826 median(m - x | x <= m)."""
+def lower_spread(values: npt.NDArray[np.floating[Any]], middle: float, step: float = 0.0) -> float:
+    """Standard deviation from the values below the middle, 1.4826 median(m - x | x <= m).
+
+    Parameters
+    ----------
+    values : (pixels,) ndarray
+    middle : float
+        m.
+    step : float
+        Where values come in whole steps, each is taken to be spread evenly over its step: else the median jumps by
+        steps, and the spread of noise of one or two steps comes out anywhere from half to twice what it is. (This
+        adds a twelfth of the step squared to the variance.)
+
+    Examples
+    --------
+    >>> counts = np.rint(np.random.default_rng(0).normal(50.2, 1.2, 100_000))
+    >>> round(lower_spread(counts, 50.2), 2), round(lower_spread(counts, 50.2, 1.0), 2)
+    (0.3, 1.25)
+    """
+    if step > 0:
+        distinct, counts = np.unique(values.astype(np.float64), return_counts=True)
+        total = np.concatenate([[0], np.cumsum(counts)]).astype(np.float64)
+        edges = np.concatenate([distinct - step / 2, [distinct[-1] + step / 2]])
+        half = np.interp(middle, edges, total) / 2
+        return 1.4826 * (middle - float(np.interp(half, total, edges)))
     below = middle - values[values <= middle]
     return 1.4826 * float(np.median(below)) if below.size else 0.0
 
 
-def _about(away: npt.NDArray[np.floating[Any]], floor: float) -> tuple[float, float, float, float]:
-    """Offset, standard deviation, cover and mean glint from pixels less their opened level."""
+def _about(
+    away: npt.NDArray[np.floating[Any]], floor: float, step: float = 0.0
+) -> tuple[float, float, float, float, float]:
+    """Offset, standard deviation, cover, certain cover and mean glint from pixels less their opened level."""
     away = away[np.isfinite(away)]
+    if step > 0:
+        away = np.rint(away.astype(np.float64) / step) * step  # without the rounding of single precision
     if away.size < FEWEST:
         raise FitError(
             f"{away.size} pixels of deep water near each other, need {FEWEST} to tell glint from the water beside it. "
@@ -219,11 +257,11 @@ def _about(away: npt.NDArray[np.floating[Any]], floor: float) -> tuple[float, fl
     away = away[:: max(away.size // MOST, 1)]
     apart = away[away != 0]  # a pixel that the opening found again is no measure of the noise
     if apart.size < FEWEST:
-        return 0.0, max(floor, float(np.finfo(np.float32).tiny)), 0.0, float(np.finfo(np.float32).tiny)
+        return 0.0, max(floor, _TINY), 0.0, 0.0, _TINY
     offset = mode(apart)
-    sigma = max(lower_spread(apart, offset), floor)
-    cover = float(np.mean(away > offset + COVER_K * sigma))
-    return offset, sigma, cover, max(float(away.mean(dtype=np.float64)), float(np.finfo(np.float32).tiny))
+    sigma = max(lower_spread(apart, offset, step), floor)
+    cover, certain = (float(np.mean(away > offset + k * sigma)) for k in (COVER_K, CERTAIN_K))
+    return offset, sigma, cover, certain, max(float(away.mean(dtype=np.float64)), _TINY)
 
 
 def _levels(
@@ -244,7 +282,7 @@ def _above(state: State, limits: Sequence[Any], saturation: Sequence[float]) -> 
     for b, (band, limit, full) in enumerate(zip(state.image, limits, saturation, strict=True)):
         np.greater(band, limit, out=hit[b])
         if np.isfinite(full):
-            hit[b] |= band * np.float32(state.units[b]) >= np.float32(full)
+            hit[b] |= band >= np.float32(full) / np.float32(state.units[b])  # as the band was divided
     if state.where is not None:
         hit &= state.where
     return hit

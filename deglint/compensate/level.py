@@ -34,6 +34,8 @@ SLACK = 2.0
 """How much brighter, against the sun, a detail may be in one band than in its neighbours."""
 _GUIDE = 3
 """Element under whose opening a detail may grow back [pixel]."""
+_NOTHING = np.finfo(np.float32).max
+"""What OpenCV takes for the pixels beyond an edge when it erodes; minus this when it dilates."""
 _SQUARE = np.ones((3, 3), np.uint8)
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 
@@ -94,16 +96,16 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square") -> Flo
     elements = _elements(size, shape)
     missing = np.isnan(band)
     some = bool(missing.any())
-    found: Any = np.where(missing, np.float32(np.inf), band) if some else band
+    found: Any = np.where(missing, _NOTHING, band) if some else band
     for element in elements:
         found = cv2.erode(found, element)
     found = cv2.medianBlur(found, 3)
     if some:
-        found[np.isposinf(found)] = -np.inf
+        found[found == _NOTHING] = -_NOTHING
     for element in elements:
         found = cv2.dilate(found, element)
     if some:
-        found[np.isneginf(found)] = np.nan
+        found[found == -_NOTHING] = np.nan
     return np.asarray(found)
 
 
@@ -121,7 +123,7 @@ def detail_of(band: Float32Array, base: Float32Array, size: int) -> Float32Array
     found = keep(found, grown)
     np.subtract(found, base, out=found)
     np.nan_to_num(found, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-    return np.asarray(keep(found, 0.0))
+    return np.maximum(found, np.float32(0.0), out=found)  # with a number, OpenCV stumbles over a single pixel
 
 
 def agreeing(details: Sequence[Float32Array], spectrum: Sequence[float], slack: float = SLACK) -> None:

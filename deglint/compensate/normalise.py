@@ -55,8 +55,9 @@ class Normalise:
 
     def apply(self, state: State) -> None:
         """Divide by the levels."""
-        for band, level in zip(state.image, self.levels, strict=True):
-            band /= np.float32(level)
+        for planes in (state.image,) if state.level is None else (state.image, state.level):
+            for band, level in zip(planes, self.levels, strict=True):
+                band /= np.float32(level)
         state.units = state.units * self.levels
 
 

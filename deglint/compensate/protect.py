@@ -21,14 +21,14 @@ import numpy.typing as npt
 
 from ..errors import FitError, InputError
 from ..scene import Band, FloatArray
-from .evidence import LEAST_SCORE, REACH, BoolArray, Float64, Protection, clusters, grown, score, tables
+from .evidence import LEAST_SCORE, REACH, BoolArray, Float64, Protection, clusters, grown, plain, score, tables
 from .shapes import shapes
 from .things import Things, put_back, things
 
 __all__ = ["Protection", "Things", "daylight", "fit", "instants", "put_back", "things"]
 
 Look = tuple[FloatArray, FloatArray]
-Pair = tuple[Float64, Float64]
+Pair = tuple[FloatArray, FloatArray]
 
 LONGEST = 1100.0
 """Bands beyond this are left out [nm]: things are dark there in ways that the shapes do not know."""
@@ -137,7 +137,7 @@ def fit(
         return Protection(reason=reason)
     _check(looks, len(bands), noise, irradiance)
     chosen = list(order)
-    pairs: list[Pair] = [(np.asarray(r[chosen], np.float64), np.asarray(m[chosen], np.float64)) for r, m in looks]
+    pairs: list[Pair] = [(plain(r[chosen]), plain(m[chosen])) for r, m in looks]
     valid = [np.asarray(np.isfinite(r + m).all(axis=0)) for r, m in pairs]
     if not any(v.any() for v in valid):
         raise FitError("the looks hold no valid pixel to learn sparkle from. Check --nodata, or widen --mask.")
@@ -159,12 +159,13 @@ def fit(
 def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection) -> Protection:
     """Tables of the chain, without things in the second round, and the threshold."""
     white = np.array(found.irradiance)[:, None, None]
-    kept = list(valid)
+    kept, order = list(valid), tuple(range(len(found.bands)))
     for again in (True, False):
         y = [((r - m) / white)[:, k] for (r, m), k in zip(pairs, kept, strict=True)]
         first, following = tables(np.concatenate(y, axis=1))
         found = replace(found, first=first, following=following)
-        scores = [score(r, m, found)[0] for r, m in pairs]
+        judged = replace(found, bands=order)
+        scores = [score(r, m, judged)[0] for r, m in pairs]
         masks = [clusters(s, USUAL_SUM) for s in scores]
         if again:
             kept = [v & ~grown(m, REACH) for v, m in zip(valid, masks, strict=True)]

@@ -56,7 +56,8 @@ class PSF:
     def kernel(self) -> Float64Array:
         """(2 radius + 1, 2 radius + 1): the middle of the PSF, made to sum to 1."""
         middle = _middle(self.wide, self.radius)
-        return middle / middle.sum()
+        total = middle.sum()
+        return middle if abs(total - 1) < 1e-14 * middle.size else middle / total  # a kernel is its own, to the bit
 
     @property
     def centre(self) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..scene import FloatArray
-from .evidence import REACH, BoolArray, Float64, Places, Protection, clusters, score, variance
+from .evidence import REACH, BoolArray, Float64, Places, Protection, clusters, excess, plain, score
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,21 +84,17 @@ def things(raw: FloatArray, level: FloatArray, protection: Protection) -> Things
         return Things(nothing, nothing.copy(), out, empty, empty.copy())
     if max(protection.bands) >= len(raw):
         raise InputError(f"the block has {len(raw)} bands, but band {max(protection.bands) + 1} is to be judged")
-    chosen = list(protection.bands)
-    r, m = np.asarray(raw[chosen], np.float64), np.asarray(level[chosen], np.float64)
-    high, spectra, places = score(r, m, protection)
+    raw, level = plain(raw), plain(level)
+    high, spectra, places = score(raw, level, protection, protection.threshold)
     mask = clusters(high, protection.threshold)
-    white = np.array(protection.irradiance)[:, None]
-    y = (r - m).reshape(len(r), -1) / white
-    sigma = np.sqrt(variance(r.reshape(len(r), -1), protection)) / white
-    residual = np.full(plane[0] * plane[1], np.nan, np.float32)
+    residual = np.full(mask.size, np.nan, np.float32)
     if places.size:
+        y = excess(raw, level, protection, places)[0]
         tried = np.isfinite(high.ravel()[places])
-        away = np.linalg.norm(y[:, places] - spectra, axis=0) / np.linalg.norm(y[:, places], axis=0)
+        away = np.linalg.norm(y - spectra, axis=0) / np.linalg.norm(y, axis=0)
         residual[places[tried]] = away[tried]
     inside = mask.ravel()[places]
-    kept, edge = _keep(y, sigma, mask, places[inside], spectra[:, inside])
-    out[chosen] = (kept * white).reshape(r.shape)
+    edge = _keep(raw, level, protection, (mask, places[inside], spectra[:, inside]), out)
     return Things(mask, edge, out, high.astype(np.float32), residual.reshape(plane))
 
 
@@ -116,38 +112,50 @@ def put_back(compensated: FloatArray, level: FloatArray, found: Things) -> Float
         A copy; where nothing was found it is the same to the bit. Integers are rounded.
     """
     out = compensated.copy()
-    touched = (found.mask | found.edge) & (found.excess != 0)
-    values = level[touched] + found.excess[touched]
+    rows, columns = np.nonzero(found.mask | found.edge)
+    bands, which = np.nonzero(found.excess[:, rows, columns])
+    at = bands, rows[which], columns[which]
+    values = level[at] + found.excess[at]
     if out.dtype.kind in "iu":
         values = np.rint(values)
-    out[touched] = values.astype(out.dtype)
+    out[at] = values.astype(out.dtype)
     return out
 
 
-def _keep(y: Float64, sigma: Float64, mask: BoolArray, places: Places, spectra: Float64) -> tuple[Float64, BoolArray]:
-    """Excess [reflectance] to keep, (band, pixel), and the pixels beside things that get some."""
-    kept = np.zeros(y.shape)
+def _keep(
+    raw: FloatArray,
+    level: FloatArray,
+    protection: Protection,
+    inside: tuple[BoolArray, Places, Float64],
+    out: FloatArray,
+) -> BoolArray:
+    """Write the excess to keep; and the pixels beside things that get some."""
+    mask, places, spectra = inside
+    white = np.array(protection.irradiance)[:, None]
+    to = out.reshape(len(out), -1)
     bright = np.maximum(spectra, 0.0)
-    kept[:, places] = np.minimum(y[:, places], 1.1 * bright + 2 * sigma[:, places])
+    y, sigma = excess(raw, level, protection, places)
+    to[np.ix_(np.array(protection.bands), places)] = np.minimum(y, 1.1 * bright + 2 * sigma) * white
     share = np.zeros(mask.size)
     rows, columns = np.divmod(places, mask.shape[1])
     strong = bright > 0.3 * bright.max(axis=0, initial=0.0)
     for down in range(-REACH, REACH + 1):
         for right in range(-REACH, REACH + 1):
             r, c = rows + down, columns + right
-            inside = (r >= 0) & (r < mask.shape[0]) & (c >= 0) & (c < mask.shape[1])
-            at = np.where(inside, r * mask.shape[1] + c, 0)
-            use = inside & ~mask.ravel()[at] & np.isfinite(y[:, at]).all(axis=0)
+            use = (r >= 0) & (r < mask.shape[0]) & (c >= 0) & (c < mask.shape[1])
+            at = np.where(use, r * mask.shape[1] + c, 0)
+            use &= ~mask.ravel()[at]
             if not use.any():
                 continue
             here, lit, which = at[use], bright[:, use], strong[:, use]
-            ratio = np.where(which, y[:, here] / np.where(which, lit, 1.0), np.inf)
+            y = excess(raw, level, protection, here)[0]
+            ratio = np.where(which, y / np.where(which, lit, 1.0), np.inf)
             part = np.clip(_low_share(ratio, which.sum(axis=0)), 0.0, 1.0)
             total = part * lit.max(axis=0)
-            more = total > share[here]
+            more = (total > share[here]) & np.isfinite(y).all(axis=0)
             share[here[more]] = total[more]
-            kept[:, here[more]] = np.minimum(y[:, here[more]], part[more] * lit[:, more])
-    return kept, (share > 0).reshape(mask.shape)
+            to[np.ix_(protection.bands, here[more])] = np.minimum(y[:, more], part[more] * lit[:, more]) * white
+    return np.asarray((share > 0).reshape(mask.shape))
 
 
 def _low_share(ratio: Float64, count: Places) -> Float64:

@@ -229,15 +229,15 @@ def _write_tiles(
     dtype = np.dtype(targets.dtype) if targets.dtype else info.dtype
     nodata, masked = _marking(scene, dtype)
     shape = tile_shape_of(scene)
-    if fitted.chain.before:
+    if fitted.chain.runs:
         shape = tiling.compact(shape, block_of(scene))
     image = Layout(info, every, dtype.name, nodata, targets.options, masked=masked, tile=shape)
     everything = tiling.tiles(scene.height, scene.width, shape)
-    at_once = tiling.affordable(threads, shape, len(scene.bands) * (CHAIN_COPIES if fitted.chain.before else 1))
+    at_once = tiling.affordable(threads, shape, len(scene.bands) * (CHAIN_COPIES if fitted.chain.runs else 1))
     rule, bands = None if area else fitted.water, fitted.water_bands
     beyond = (
         Surroundings(scene, rule, bands[rule.roles.nir], everything)
-        if rule and rule.halo and not fitted.chain.before
+        if rule and rule.halo and not fitted.chain.runs
         else None
     )
     work = Correction(scene, fitted.model, bool(targets.flags), bool(targets.amount), image, area, rule, bands, beyond,
@@ -249,7 +249,7 @@ def _write_tiles(
     tally = Tally(len(scene.bands))
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     with ExitStack() as stack:
-        stack.enter_context(one_thread_each(bool(fitted.chain.before)))
+        stack.enter_context(one_thread_each(bool(fitted.chain.runs)))
         writers: list[tuple[RasterWriter, str]] = [(stack.enter_context(writing(scratch, targets.image, image)), "raw")]
         if targets.flags:
             layout = Layout(info, (0,), "uint8", None, targets.options, scaled=False, names=("flags",), tile=shape)
@@ -304,7 +304,7 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     rule = fitted.water if wanted == "auto" else None
     everything = tiling.tiles(scene.height, scene.width, tile_shape_of(scene))
     beyond = None
-    if rule is not None and rule.halo and not fitted.chain.before:
+    if rule is not None and rule.halo and not fitted.chain.runs:
         beyond = Surroundings(scene, rule, fitted.water_bands[rule.roles.nir], everything)
     info = raster_of(scene).info
     layout = Layout(info, tuple(range(len(scene.bands))), info.dtype.name, info.nodata, {})

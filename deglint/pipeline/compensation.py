@@ -13,6 +13,7 @@ import numpy.typing as npt
 from .. import tiles as tiling
 from ..compensate import THESIS, Chain, Sample, Setting, State, Step, finish, fit_stages, parse, protect, system_psf
 from ..compensate.chain import NO_STAGES, Sharpen
+from ..compensate.estimate import Spectra, estimate_optics, glint_spectra
 from ..compensate.evidence import Protection
 from ..compensate.identify import IdentifyLevel
 from ..compensate.level import SMALLEST, level_halo
@@ -36,12 +37,18 @@ from ..readers.optics import optics_of, pixel_size
 from ..remove import FitRequest, GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
-from .look import LOOK_PIXELS, Look, core_of, raster_of, role_bands
+from .look import LOOK_PIXELS, LOOK_SIDE, Look, core_of, raster_of, role_bands
 from .recipe import Recipe
-from .sample import Sampler
+from .sample import Sampler, tiles_over
 
 Mask = npt.NDArray[np.bool_]
+LEAST_SPREAD = 0.75
+"""Of the step of a band's numbers: whole numbers cannot show a smaller standard deviation."""
 
+NOMINAL_PITCH = 8e-6
+"""Pitch that an f-number is estimated for [m]; the PSF in pixels does not depend on it."""
+BLURRED = 0.2
+"""Share of a point's light in its pixel, in the band that is blurred most, below which bands are matched."""
 DARK_NOISE = 0.2
 """Share of the variance over water that does not grow with the signal, where nothing more is known of the noise."""
 
@@ -96,14 +103,21 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     if wanted is None and not needs.element:
         why = f"things {smallest:.3g} pixels wide are to be kept, and an opening has {SMALLEST} or more"
         return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
-    tiles = some(look.tiles if sampler is None or recipe.sample == "auto" else sampler.tiles)
-    setting = Setting(scene.bands, _psfs(scene, wanted), floor=_steps_of(scene))
+    tiles = some(look.tiles) if sampler is None else tiles_of(scene, sampler)
+    whole = _steps_of(scene)
+    floor = None if whole is None else tuple(LEAST_SPREAD * step for step in whole)
+    psfs, optics = _psfs(scene, wanted), "known"
+    setting = Setting(scene.bands, psfs, floor=floor, steps=whole)
     steps = wanted or parse(f"identify-level:{needs.element}, replace-level")
     found = Plan(needs, steps, setting, tuple(tiles), sampler)
     sample = read_sample(scene, recipe, look, found, threads)
     nir = request.indexes[0].bands[0]
     alike = coherence([s.image for s in sample.states], sample.inside, scene.bands, nir)
-    needs = replace(needs, coherence=alike, offsets=_offsets(scene, nir), optics="known" if setting.psfs else "unknown")
+    if psfs is None and _wants_psf(wanted):
+        psfs, optics = estimated_psfs(scene, sample)
+        setting = replace(setting, psfs=psfs)
+        found = replace(found, setting=setting)
+    needs = replace(needs, coherence=alike, offsets=_offsets(scene, nir), optics=optics)
     setting = replace(setting, detail=alike is not None and not needs.simultaneous)
     if wanted is not None:
         stages = tuple(StageNeed(s.name, True, "asked for") for s in wanted if s.name != "remove")
@@ -120,11 +134,16 @@ def _automatic(found: Plan, sample: Sample) -> Plan:
     except FitError as error:
         return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
     cover = stage.cover
-    most = max(cover)
-    needs = replace(needs, cover=cover)
+    most = max(stage.certain)
+    needs = replace(needs, cover=cover, certain=stage.certain)
     if most < LITTLE_COVER:
-        why = f"glint covers at most {most:.2%} of a band (threshold {LITTLE_COVER:.1%})"
+        why = f"at most {most:.3%} of a band is too bright for noise (threshold {LITTLE_COVER:.2%})"
         return Plan(replace(needs, stages=(StageNeed("compensation", False, why, "all of its time"),)))
+    if needs.simultaneous and setting.psfs is not None and min(p.centre for p in setting.psfs) < BLURRED:
+        why = "the bands see the sea at one instant, and are blurred over several pixels, each by its own wavelength"
+        taken = "matched bands share their sparkle, and the removal takes it"
+        both = (StageNeed("match", True, why), StageNeed("opening", False, taken, "half of its time"))
+        return replace(found, needs=replace(needs, stages=both), steps=parse("match, remove"))
     text, stages = [], []
     middle = float(np.median(cover))
     if setting.psfs is None:
@@ -148,7 +167,8 @@ def _automatic(found: Plan, sample: Sample) -> Plan:
             StageNeed("psf", True, f"glint covers {middle:.0%} of the middlemost band (threshold {PSF_COVER:.0%})")
         )
     text += [f"identify-level:{needs.element}", "replace-level", "remove"]
-    stages.append(StageNeed("opening", True, f"glint covers up to {most:.1%} of a band (threshold {LITTLE_COVER:.1%})"))
+    why = f"up to {most:.2%} of a band is too bright for noise (threshold {LITTLE_COVER:.2%})"
+    stages.append(StageNeed("opening", True, why))
     if needs.element - 2 >= SMALLEST:
         text += [f"identify-level:{needs.element - 2}", "replace-level"]
         stages.append(StageNeed("second opening", True, "what removal leaves is opened again"))
@@ -171,13 +191,17 @@ def _protection(raw: list[Any], sample: Sample, stages: Sequence[Any], found: Pl
     assert found.setting is not None
     if not levels or any(s.water is None for s in sample.states) or len(levels[-1].bands) < len(found.setting.bands):
         return Protection(reason=NO_STAGES)
+    if any((s.units != 1).any() for s in sample.states):
+        return Protection(reason="the bands were normalised")
     if not found.setting.detail:
         return Protection(reason="the bands see the sea at one instant, as sparkle does")
+    if not levels[-1].detail:
+        cover = float(np.median(levels[-1].cover))
+        return Protection(reason=f"glint covers {cover:.0%} of the middlemost band, and clumps of it look like things")
     looks, noise = [], []
     for block, state, mask in zip(raw, sample.states, sample.inside, strict=True):
-        keep = mask & (state.units == 1).all()
         assert state.water is not None
-        looks.append((np.where(keep, block, np.nan), np.where(keep, state.water, np.nan)))
+        looks.append((np.where(mask, block, np.nan), np.where(mask, state.water, np.nan)))
     for b, sigma in enumerate(levels[-1].sigmas):
         level = max(float(np.nanmedian(np.concatenate([m[b][np.isfinite(m[b])] for _, m in looks]))), 1e-30)
         noise.append((DARK_NOISE * sigma**2, (1 - DARK_NOISE) * sigma**2 / level))
@@ -190,18 +214,18 @@ def _protection(raw: list[Any], sample: Sample, stages: Sequence[Any], found: Pl
 def fit_after(
     scene: Scene, recipe: Recipe, look: Look, found: Plan, chain: Chain, model: GlintModel, threads: int
 ) -> Chain:
-    """Fit the stages after the removal, on what it leaves."""
-    if not found.after or not model.fits:
+    """Fit the stages after the removal, on what it leaves; none unasked where it changed no band."""
+    if not found.after or (not model.fits and recipe.compensate == "auto"):
         return chain
     assert found.setting is not None
     sample = read_sample(scene, recipe, look, found, threads)
     levels = [s for s in chain.before if isinstance(s, IdentifyLevel)]
-    setting = found.setting
+    setting = replace(found.setting, steps=None)  # what removal leaves is no whole number
     if levels:
         known = dict(zip(levels[-1].bands, levels[-1].sigmas, strict=True))
         setting = replace(setting, floor=tuple(known.get(b, 0.0) for b in range(len(scene.bands))))
     left = Sample([State(compensated(s, chain, model)) for s in sample.states], sample.inside)
-    bands = sorted(f.band for f in model.fits)
+    bands = sorted(f.band for f in model.fits) or None
     after = fit_stages(found.after, left, setting, bands=bands)
     return replace(chain, after=after)
 
@@ -222,7 +246,7 @@ def fit_references(
         core[core_of(tile.crop_of(outer), outer.shape)] = True
         return block[[columns.index(b) for b in bands]], mask & core
 
-    tiles = some(sampler.tiles)
+    tiles = tiles_of(scene, sampler)
     looks = [p for _t, p in tiling.run(tiles, work, threads=threads, start=enter_thread)]
     water_nir = look.water.threshold if look.water is not None and look.water.window == 1 else np.inf
     found = []
@@ -285,6 +309,8 @@ def halo_of(steps: Sequence[Step], psfs: tuple[PSF, ...] | None) -> int:
             total += Sharpen(psfs, size or 2, step.name == "psf-image").halo
         elif step.name == "identify-level":
             total += level_halo(size or 13, max((size or 13) - 2, 0))
+        elif step.name == "match" and psfs:
+            total += max(p.radius for p in psfs)
         elif step.name == "median":
             total += Median(size or 25).halo
     return total
@@ -314,6 +340,13 @@ def smallest_object(text: str | None, pixel: float | None) -> float:
     return value / pixel
 
 
+def tiles_of(scene: Scene, sampler: Sampler) -> list[Tile]:
+    """So many tiles of a sample as a look may hold; the same ones however the file is stored."""
+    if sampler.bounds is None:
+        return some(sampler.tiles)
+    return some(tiles_over(scene, sampler.bounds, (LOOK_SIDE, LOOK_SIDE)))
+
+
 def some(tiles: Sequence[Tile]) -> list[Tile]:
     """So many of the tiles as a look may hold."""
     return (
@@ -325,7 +358,7 @@ def some(tiles: Sequence[Tile]) -> list[Tile]:
 
 def _psfs(scene: Scene, wanted: Sequence[Step] | None) -> tuple[PSF, ...] | None:
     """PSF of every band, where optics and wavelengths are known and a stage may want them."""
-    if wanted is not None and not any(s.name.startswith("psf") for s in wanted):
+    if not _wants_psf(wanted):
         return None
     optics = optics_of(scene)
     wavelengths = [b.wavelength for b in scene.bands if b.wavelength is not None]
@@ -334,10 +367,27 @@ def _psfs(scene: Scene, wanted: Sequence[Step] | None) -> tuple[PSF, ...] | None
     return tuple(system_psf(w, f_number=optics.f_number, pitch=optics.pitch, smear=optics.smear) for w in wavelengths)
 
 
+def _wants_psf(wanted: Sequence[Step] | None) -> bool:
+    return wanted is None or any(s.name.startswith(("psf", "match")) for s in wanted)
+
+
+def estimated_psfs(scene: Scene, sample: Sample) -> tuple[tuple[PSF, ...] | None, str]:
+    """PSF of every band from the sparkle in the image, where its optics are not known; and what to say of it."""
+    wavelengths = [b.wavelength for b in scene.bands if b.wavelength is not None]
+    if len(wavelengths) < len(scene.bands):
+        return None, "unknown, and wavelengths are too"
+    parts = [glint_spectra(np.where(m, s.image, np.nan)) for s, m in zip(sample.states, sample.inside, strict=True)]
+    found = estimate_optics(Spectra.merge(parts), wavelengths, pitch=NOMINAL_PITCH)
+    if found.f_number is None:
+        return None, f"unknown: {found.reason}"
+    psfs = tuple(system_psf(w, f_number=found.f_number, pitch=NOMINAL_PITCH) for w in wavelengths)
+    return psfs, f"estimated: {found.reason}"
+
+
 def _steps_of(scene: Scene) -> tuple[float, ...] | None:
-    """Three quarters of the step of each band's numbers: whole numbers cannot show a smaller spread."""
+    """Steps of each band's numbers, where those are whole numbers in the file."""
     info = raster_of(scene).info
-    return tuple(0.75 * abs(s) for s in info.scales) if info.dtype.kind in "iu" else None
+    return tuple(abs(s) for s in info.scales) if info.dtype.kind in "iu" else None
 
 
 def _offsets(scene: Scene, nir: int) -> float | None:

@@ -174,7 +174,7 @@ class Correction:
         raw, valid = source.read_raw(outer.window)
         physical = source.to_physical(raw, valid)
         after = None
-        if self.chain.before:
+        if self.chain.runs:
             around, place = physical, (slice(None), *core_of(tile.crop_of(outer), outer.shape))
             physical, raw = around[place].copy(), raw[place].copy()
             valid = None if valid is None else valid[place]
@@ -247,20 +247,21 @@ class Correction:
     @property
     def _halo(self) -> int:
         """Pixels around a tile that are read with it."""
-        if not self.chain.before:
+        if not self.chain.runs:
             return 0
         reach = LEVEL_REACH if self.want_stderr else 0
         return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo, reach)
 
     def _compensated(self, around: Any, tile: Tile, outer: Tile) -> Compensated:
-        """The tile after the chain; `around`, the block with its halo, is worked on in place.
+        """The tile after the chain; `around`, the block with its halo, is worked on in place where that can be.
 
         Each stage sees no more of the halo than the stages after it need.
         """
         middle = tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
         place = (slice(None), *core_of(middle.crop_of(outer), outer.shape))
         raw = around[place].copy() if self.chain.protection.possible else None
-        state = apply_stages(State.own(around), self.chain.before)
+        state = State.own(around) if self.chain.in_place else State.of(around)
+        apply_stages(state, self.chain.before)
         clean, replaced = finish(state, around)[place], state.replaced[place]
         level, units = None if state.water is None else state.water[place], state.units
         inner = core_of(tile.crop_of(middle), middle.shape)
@@ -358,7 +359,7 @@ class Correction:
 def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int, ...] = ()) -> list[int]:
     """0-based bands that may change: those that removal corrects, and with compensation all, or those asked for."""
     removed = [f.band for f in model.fits]
-    if not chain.before:
+    if not chain.runs:
         return removed
     return sorted(only) if only else list(range(len(scene.bands)))
 

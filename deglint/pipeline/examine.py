@@ -62,12 +62,12 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     sample = fitted.numbers["sample"]
     if sample:
         out |= {k: sample[k] for k in ("r2", "slopes", "glint_cover", "glint_level")}
-    if fitted.chain.before:
+    if fitted.chain.runs:
         out["slopes"] = None  # each band follows a mixture of its own
     out["needs"], out["needs_said"] = fitted.needs.numbers(), fitted.needs.lines()
     best = max((r2 for r2 in (out["r2"] or {}).values() if r2 is not None), default=None)
     out["suggested_method"], out["reason"] = _suggestion(best, out["glint_cover"], model.method)
-    if fitted.chain.before:
+    if fitted.chain.runs:
         out["suggested_method"], out["reason"] = model.method, f"after compensation: {fitted.chain.text}"
     notes += [n for n in fitted.notes if n not in notes and n not in out["needs_said"]]
     return out

@@ -21,7 +21,7 @@ from ..remove import METHODS, FitRequest, GlintModel, SampleStatistics, gather, 
 from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
-from .compensation import Plan, fit_after, fit_before, fit_references, plan, some
+from .compensation import Plan, fit_after, fit_before, fit_references, plan, tiles_of
 from .following import find_moves, moved, moved_halo, with_moves
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
@@ -159,11 +159,11 @@ def _fit_look(
     chain = fit_before(scene, recipe, look, todo, threads) if todo.runs else Chain()
     sampled = METHODS[_method(recipe)].plan is not None
     sampler = (given or sampler_of(scene, recipe, look, threads, chain)) if sampled else None
-    notes += todo.needs.lines()
+    place = len(notes)
     numbers: dict[str, Any] = {"water": look.water.numbers() if look.water else None, "sample": None}
     name = _compensated_method(request) if todo.runs and recipe.method == "auto" else _method(recipe)
     if sampler is not None and not todo.runs and recipe.compensate != "off" and METHODS[name].regresses:
-        moves, said_of_moves = find_moves(scene, request, look, sampler, some(sampler.tiles), threads)
+        moves, said_of_moves = find_moves(scene, request, look, sampler, tiles_of(scene, sampler), threads)
         request, chain = with_moves(request, moves), replace(chain, moves=moves)
         notes += said_of_moves
     if sampler is None:
@@ -179,8 +179,12 @@ def _fit_look(
     if todo.runs:
         chain = fit_after(scene, recipe, look, todo, chain, model, threads)
         model = replace(model, warnings=(*model.warnings, *_heavy(todo)))
+        if todo.after and not chain.after:
+            needs = todo.needs.without("second opening", "removal changed no band")
+            todo = replace(todo, needs=needs)
     elif recipe.compensate != "off" and sampler is not None and model.fits:
         chain = replace(chain, references=fit_references(scene, model, sampler, look, threads))
+    notes[place:place] = todo.needs.lines()
     numbers |= {"needs": todo.needs.numbers(), "compensation": chain.numbers()}
     water = look.water if recipe.mask == "auto" else None
     return Fitted(model, chosen, tuple(notes), numbers, outline, water, role_bands(look.roles), chain, todo.needs)
@@ -261,7 +265,7 @@ def _fit_sampled(
     numbers |= {"r2": {f.name: f.r2 for f in model.fits}, "slopes": {f.name: f.slope for f in model.fits}}
     floor = request.floor_percentile
     if recipe.method == "auto":
-        choose = _keep_useful if chain.before else _choose
+        choose = _keep_useful if job.todo.runs else _choose
         model, floor, chosen = choose(request, stats, model, judge=not recipe.bands)
         notes += chosen.pop("notes")
         numbers |= chosen

@@ -104,7 +104,7 @@ def for_scene(scene: Scene, model: GlintModel, chain: Chain) -> tuple[GlintModel
     """
     old = [n.casefold() for n in model.band_names[: len(model.band_names) - len(chain.moves)]]
     new = [n.casefold() for n in scene.names]
-    if chain.before and old != new:
+    if chain.runs and old != new:
         raise InputError(
             f"the compensation was fitted to bands {', '.join(model.band_names)} in this order; the scene has "
             f"{', '.join(scene.names)}. Fit it to a scene like this one."

@@ -15,7 +15,7 @@ from ..errors import FitError
 from ..masks import deep_water, fit_sample
 from ..raster.environment import enter_thread
 from ..readers.areas import open_area
-from ..scene import Scene
+from ..scene import Scene, Window
 from ..tiles import Tile
 from .look import Look, core_of, read_looks, role_bands, tile_shape_of
 from .recipe import Recipe
@@ -23,7 +23,7 @@ from .recipe import Recipe
 
 @dataclass(frozen=True)
 class Sampler:
-    """Where the sample is: tiles to read, and a mask for a block of some bands."""
+    """Where the sample is: tiles to read, a mask for a block of some bands, and rows and columns that hold it all."""
 
     tiles: Sequence[Tile]
     mask: Callable[[Any, Sequence[int], Tile], npt.NDArray[np.bool_]]
@@ -31,6 +31,7 @@ class Sampler:
     halo: int = 0
     pixels: int = 0
     numbers: dict[str, Any] = field(default_factory=dict)
+    bounds: Window | None = None
 
 
 def sampler_of(scene: Scene, recipe: Recipe, look: Look, threads: int, chain: Chain | None = None) -> Sampler:
@@ -46,14 +47,23 @@ def sampler_of(scene: Scene, recipe: Recipe, look: Look, threads: int, chain: Ch
     shape = tile_shape_of(scene)
     if recipe.sample == "all":
         everything = tiling.tiles(scene.height, scene.width, shape)
-        return Sampler(everything, lambda _b, _c, t: np.ones(t.shape, np.bool_), pixels=scene.height * scene.width)
+        window = (0, scene.height), (0, scene.width)
+        pixels = scene.height * scene.width
+        return Sampler(everything, lambda _b, _c, t: np.ones(t.shape, np.bool_), pixels=pixels, bounds=window)
     area = open_area(recipe.sample, scene, "--sample")
     (top, bottom), (left, right) = area.bounds
-    inside = [
+    inside = tiles_over(scene, area.bounds, shape)
+    pixels = (bottom - top) * (right - left)
+    return Sampler(inside, lambda _b, _c, t: area.read(t.window), pixels=pixels, bounds=area.bounds)
+
+
+def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
+    """Tiles of a shape that hold some of a window."""
+    (top, bottom), (left, right) = bounds
+    return [
         t for t in tiling.tiles(scene.height, scene.width, shape)
         if t.row0 < bottom and t.row1 > top and t.col0 < right and t.col1 > left
     ]  # fmt: skip
-    return Sampler(inside, lambda _b, _c, t: area.read(t.window), pixels=(bottom - top) * (right - left))
 
 
 def _auto_sampler(scene: Scene, look: Look, threads: int, chain: Chain) -> Sampler:

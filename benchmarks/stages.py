@@ -1,0 +1,69 @@
+"""Speed of each stage of compensation on an array in memory, on one thread; reading the array is the yardstick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from deglint.compensate import Chain, Sample, Setting, State, fit_stages, parse, system_psf
+from deglint.compensate import apply as apply_chain
+from deglint.compensate.level import agreeing, blurred, detail_of, rank_opening
+from deglint.compensate.sharpen import richardson_lucy
+from deglint.physics.presets import preset
+from deglint.scene import Band
+from deglint.simulate import Setup, simulate
+
+from .kernels import rates, timed
+from .timing import say
+
+
+def sea(side: int) -> tuple[np.ndarray, tuple[Band, ...], Any]:
+    """A simulated sea, laid side by side to the size, its bands and their PSFs."""
+    sensor = preset("thesis").delayed(0.06)
+    image = simulate(Setup(sensor=sensor, size=(256, 256), wind=9.0, sky="cardioidal", patch=0.06)).image
+    scale = np.array([sensor.scale(b) for b in sensor.bands], np.float32)[:, None, None]
+    block = np.tile(image.astype(np.float32) * scale, (1, side // 256, side // 256))
+    bands = tuple(Band(b.name, b.wavelength) for b in sensor.bands)
+    psfs = tuple(system_psf(b.wavelength, f_number=sensor.f_number, pitch=sensor.pitch) for b in sensor.bands)
+    return block, bands, psfs
+
+
+def fitted(text: str, block: np.ndarray, setting: Setting) -> Chain:
+    """A chain fitted to a quarter of a block."""
+    part = block[:, :512, :512]
+    steps = parse(text)
+    stages = fit_stages(steps[:-1], Sample([State.of(part)], [np.ones(part.shape[1:], np.bool_)]), setting)
+    return Chain(stages, (), text)
+
+
+def main(quick: bool) -> None:
+    """Measure and print."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    block, bands, psfs = sea(512 if quick else 1024)
+    setting = Setting(bands, psfs, detail=True)
+    level = [rank_opening(b, 13) for b in block]
+    details = [detail_of(b, m, 11) for b, m in zip(block, level, strict=True)]
+    spectrum = [1.0] * len(bands)
+    chains = {text: fitted(text, block, setting) for text in (
+        "identify-level:13, replace-level", "psf:2, identify-level:13, replace-level",
+        "normalise, identify-median:5, replace-bands, median:25",
+    )}  # fmt: skip
+    jobs: dict[str, Callable[[], object]] = {
+        "read once (sum of each band)": lambda: [float(b.sum()) for b in block],
+        "normalise": lambda: [b / np.float32(2) for b in block],
+        "psf: 2 iterations": lambda: [richardson_lucy(b, p, iterations=2) for b, p in zip(block, psfs, strict=True)],
+        "opening, square of 13": lambda: [rank_opening(b, 13) for b in block],
+        "opening, octagon of 11, grown back": lambda: [detail_of(b, m, 11) for b, m in zip(block, level, strict=True)],
+        "details that neighbouring bands share": lambda: agreeing([d.copy() for d in details], spectrum),
+        "level blurred again": lambda: [blurred(m, p) for m, p in zip(level, psfs, strict=True)],
+    }
+    jobs |= {f"chain: {text}": (lambda c=chain: apply_chain(block, c)) for text, chain in chains.items()}
+    found = timed(jobs, 3 if quick else 7)
+    base = min(found["read once (sum of each band)"])
+    rows = [[name, rates(block.size, s), f"{min(s) / base:.1f}"] for name, s in found.items()]
+    size = f"{len(block)} x {block.shape[1]}^2 float32, one thread"
+    say(f"Stages, {size}", ("", "Mpx-band/s, best / median", "time, in reads of the array"), rows)

@@ -1,0 +1,226 @@
+"""The opened level against scipy's morphology and brute force; tiles against the whole; holes and edges."""
+
+import doctest
+import importlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from deglint.compensate.level import (
+    SLACK,
+    agreeing,
+    blurred,
+    detail_of,
+    level_halo,
+    opened_level,
+    rank_opening,
+)
+from deglint.compensate.level import _elements as elements
+from deglint.compensate.psf import kernel_psf, system_psf
+from deglint.compensate.sharpen import richardson_lucy, sharpen_halo
+from deglint.errors import InputError
+
+GREEN = system_psf(545.0, f_number=10, pitch=8e-6)
+LOPSIDED = kernel_psf([[0, 1, 0], [2, 8, 4], [0, 3, 1]])
+
+
+def sparkle(shape=(60, 71), seed=0, holes=0.0, bands=1):
+    rng = np.random.default_rng(seed)
+    band = rng.normal(50, 2, (bands, *shape)) + np.where(rng.random((bands, *shape)) < 0.2, rng.gamma(0.5, 80.0), 0)
+    band[rng.random(band.shape) < holes] = np.nan
+    if holes:
+        band[:, :9, :14] = np.nan  # larger than some elements, in a corner
+    return band.astype(np.float32) if bands > 1 else band[0].astype(np.float32)
+
+
+def footprint(size, shape):
+    """All pixels of an element, composed by brute force."""
+    if shape == "square":
+        return np.ones((size, size), bool)
+    radius = size // 2
+    down, across = np.mgrid[-radius : radius + 1, -radius : radius + 1]
+    return abs(down) + abs(across) <= round(1.45 * radius)
+
+
+def opening(band, size, shape="square"):
+    """The definition in float64, by scipy: what lies beyond the edge or is not valid has no say."""
+    foot = footprint(size, shape)
+    some = np.where(np.isnan(band), np.inf, band).astype(np.float64)
+    low = ndimage.minimum_filter(some, footprint=foot, mode="constant", cval=np.inf)
+    low = ndimage.median_filter(low, 3, mode="nearest")
+    low = np.where(np.isinf(low), -np.inf, low)
+    found = ndimage.maximum_filter(low, footprint=foot, mode="constant", cval=-np.inf)
+    return np.where(np.isinf(found), np.nan, found)
+
+
+@pytest.mark.parametrize("name", ["level", "normalise", "identify", "replace", "median", "chain"])
+def test_examples(name):
+    assert doctest.testmod(importlib.import_module(f"deglint.compensate.{name}")).failed == 0
+
+
+@pytest.mark.parametrize("holes", [0.0, 0.1, 0.9])
+@pytest.mark.parametrize("size", [1, 3, 5, 11, 13])
+@pytest.mark.parametrize("shape", ["square", "octagon"])
+def test_is_the_definition(shape, size, holes):
+    band = sparkle(holes=holes)
+    before = band.copy()
+    np.testing.assert_array_equal(rank_opening(band, size, shape=shape), opening(band, size, shape))
+    np.testing.assert_array_equal(band, before)
+
+
+@pytest.mark.parametrize("size", [3, 5, 7, 9, 11, 13, 15, 21])
+def test_small_elements_make_the_large_one(size):
+    point = np.zeros((size + 4, size + 4))
+    point[size // 2 + 2, size // 2 + 2] = 1
+    for element in elements(size, "octagon"):
+        point = ndimage.maximum_filter(point, footprint=element.astype(bool))
+    np.testing.assert_array_equal(point[2:-2, 2:-2] > 0, footprint(size, "octagon"))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (7, 1), (3, 4), (12, 200)])
+def test_elements_larger_than_the_image(shape):
+    band = sparkle(shape)
+    np.testing.assert_array_equal(rank_opening(band, 13), opening(band, 13))
+    assert np.isnan(rank_opening(np.full(shape, np.nan, np.float32), 5)).all()
+    assert np.isnan(rank_opening(np.full(shape, np.nan, np.float32), 5, shape="octagon")).all()
+
+
+@pytest.mark.parametrize("size", [0, -3, 4])
+def test_sizes_that_have_no_middle_are_refused(size):
+    with pytest.raises(InputError, match="odd size of 1 pixel or more"):
+        rank_opening(np.ones((4, 4), np.float32), size)
+
+
+@settings(max_examples=25)
+@given(power=st.integers(-20, 20), seed=st.integers(0, 5))
+def test_scaling_by_powers_of_two_is_exact_and_order_is_all_that_counts(power, seed):
+    band = sparkle(seed=seed, holes=0.02)
+    factor = np.float32(2.0**power)
+    np.testing.assert_array_equal(rank_opening(band * factor, 11), rank_opening(band, 11) * factor)
+    # any monotonic function may be applied before or after
+    ranks = np.searchsorted(np.unique(band[np.isfinite(band)]), band).astype(np.float32)
+    ranks[np.isnan(band)] = np.nan
+    distinct = np.append(np.unique(band[np.isfinite(band)]), np.nan)
+    found = rank_opening(ranks, 11)
+    np.testing.assert_array_equal(distinct[np.where(np.isnan(found), -1, found).astype(int)], rank_opening(band, 11))
+
+
+def test_squares_survive_to_the_size_of_the_element_and_smaller_things_go():
+    for side in range(9, 17):
+        band = np.zeros((60, 60), np.float32)
+        band[20 : 20 + side, 22 : 22 + side] = 7
+        found = rank_opening(band, 13)
+        assert found.max() == (7 if side >= 15 else 0)  # a median of 3 takes the corners of what erosion leaves
+    flat = np.full((40, 40), 3.0, np.float32)
+    np.testing.assert_array_equal(rank_opening(flat, 13), flat)
+
+
+def test_detail_is_the_rounder_opening_grown_by_a_pixel_under_a_small_one():
+    band = sparkle(holes=0.02)
+    base = rank_opening(band, 13)
+    octagon = opening(band, 11, "octagon")
+    grown = np.minimum(ndimage.maximum_filter(np.nan_to_num(octagon, nan=-np.inf), 3), opening(band, 3))
+    wanted = np.nan_to_num(np.maximum(octagon, grown) - base.astype(np.float64), nan=0.0, neginf=0.0, posinf=0.0)
+    both = np.isfinite(octagon) & np.isfinite(base)
+    np.testing.assert_allclose(detail_of(band, base, 11)[both], np.maximum(wanted, 0)[both], rtol=1e-6)
+    assert (detail_of(band, base, 11) >= 0).all()
+
+
+def most_of_two_neighbours(scaled, i):
+    """Brute force: the best pair among two bands before, one on either side, two after; the fainter of the pair."""
+    pairs = [(i - 2, i - 1), (i - 1, i + 1), (i + 1, i + 2)]
+    inside = [p for p in pairs if min(p) >= 0 and max(p) < len(scaled)]
+    return np.max([np.minimum(scaled[a], scaled[b]) for a, b in inside], axis=0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8])
+def test_details_are_kept_where_two_neighbours_agree(count):
+    rng = np.random.default_rng(count)
+    details = rng.gamma(1.0, 3.0, (count, 20, 30)).astype(np.float32)
+    spectrum = rng.uniform(0.5, 2.0, count)
+    found = details.copy()
+    agreeing(list(found), list(spectrum))
+    if count < 3:
+        assert not found.any()
+        return
+    scaled = details / spectrum[:, None, None]
+    for i in range(count):
+        wanted = np.minimum(details[i], SLACK * spectrum[i] * most_of_two_neighbours(scaled, i))
+        np.testing.assert_allclose(found[i], wanted, rtol=2e-6)
+
+
+def test_a_flash_of_one_band_is_no_detail_and_a_thing_of_all_is():
+    alone, everywhere = np.zeros((2, 5, 9, 9), np.float32)
+    alone[2, 4, 4] = 5
+    everywhere[:, 4, 4] = 5
+    for details in (alone, everywhere):
+        agreeing(list(details), [1.0] * 5)
+    assert not alone.any()
+    assert (everywhere[:, 4, 4] == 5).all()
+
+
+@pytest.mark.parametrize("psf", [GREEN, LOPSIDED], ids=["green", "lopsided"])
+def test_blurring_is_convolution_with_what_the_band_was_sharpened_with(psf):
+    band = sparkle()
+    kernel = sum(np.outer(d, a) for d, a in psf.factors(2))
+    wanted = ndimage.convolve(band.astype(np.float64), kernel, mode="mirror")
+    np.testing.assert_allclose(blurred(band, psf), wanted, rtol=1e-5)
+    hollow = sparkle(holes=0.05)
+    valid = np.isfinite(hollow)
+    share = ndimage.convolve(valid.astype(np.float64), kernel, mode="mirror")
+    total = ndimage.convolve(np.where(valid, hollow, 0).astype(np.float64), kernel, mode="mirror")
+    wanted = total / np.where(valid, share, 1.0)
+    found = blurred(hollow, psf)
+    np.testing.assert_array_equal(np.isnan(found), ~valid)
+    np.testing.assert_allclose(found[valid], wanted[valid], rtol=1e-5)
+
+
+CASES = {
+    "plain": {}, "detail": {"detail": 9}, "blurred": {"psfs": True}, "all": {"detail": 11, "psfs": True, "sharp": True},
+}  # fmt: skip
+
+
+def level_of(block, size, case):
+    case = dict(case)
+    psfs = [GREEN, LOPSIDED, GREEN, LOPSIDED] if case.pop("psfs", False) else None
+    if case.pop("sharp", False):
+        block = [richardson_lucy(b, p, iterations=1) for b, p in zip(block, psfs, strict=True)]
+    return opened_level(list(block), size, order=(2, 0, 1, 3), spectrum=(1.0, 0.7, 1.4, 1.1), psfs=psfs, **case)
+
+
+def halo_of(size, case):
+    out = level_halo(size, case.get("detail", 0))
+    if case.get("psfs"):
+        out += GREEN.radius
+    return out + (sharpen_halo(GREEN, 1) if case.get("sharp") else 0)
+
+
+@pytest.mark.parametrize("name", CASES)
+@settings(max_examples=12)
+@given(data=st.data())
+def test_tiles_are_the_whole_to_the_bit(name, data):
+    case = CASES[name]
+    shape = data.draw(st.sampled_from([(60, 71), (9, 130), (140, 5)]))
+    size = data.draw(st.sampled_from([5, 11, 13]))
+    block = sparkle(
+        shape, seed=data.draw(st.integers(0, 3)), holes=data.draw(st.sampled_from([0.0, 0.05, 0.6])), bands=4
+    )
+    whole = level_of(block, size, case)
+    (r0, r1), (c0, c1) = (sorted(data.draw(st.lists(st.integers(0, n), min_size=2, max_size=2))) for n in shape)
+    r1, c1 = max(r1, r0 + 1), max(c1, c0 + 1)
+    halo = halo_of(size, case)
+    top, left = max(r0 - halo, 0), max(c0 - halo, 0)
+    tile = level_of(block[:, top : r1 + halo, left : c1 + halo], size, case)
+    np.testing.assert_array_equal(tile[:, r0 - top :, c0 - left :][:, : r1 - r0, : c1 - c0], whole[:, r0:r1, c0:c1])
+
+
+def test_a_level_of_one_band_and_of_nothing():
+    band = sparkle()
+    np.testing.assert_array_equal(opened_level([band], 13)[0], rank_opening(band, 13))
+    one = opened_level([band], 13, detail=11, order=(0,), spectrum=(1.0,))  # one band has no neighbours to agree with
+    np.testing.assert_array_equal(one[0], rank_opening(band, 13))
+    assert np.isnan(opened_level([np.full((8, 8), np.nan, np.float32)] * 3, 5, detail=3, order=(0, 1, 2),
+                                 spectrum=(1.0, 1.0, 1.0), psfs=[GREEN] * 3)).all()  # fmt: skip
