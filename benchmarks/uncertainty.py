@@ -47,7 +47,7 @@ def deglinted(path: Path, compensate: str = "auto") -> tuple[Parts, Array, tuple
         parts = replace(work, uncertainty=None)(whole).parts
     assert parts is not None
     assert work.uncertainty is not None
-    return parts, stderr(parts, fitted.model, work.uncertainty), tuple(work.changed)
+    return parts, stderr(parts, work.uncertainty), tuple(work.changed)
 
 
 def compare(parts: Parts, claimed: Array, bands: tuple[int, ...], truth: Array) -> dict[str, tuple[Array, Array]]:

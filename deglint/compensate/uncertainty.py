@@ -104,7 +104,7 @@ class BandError:
     index : int
         Which of the model's indexes it follows; -1 for none.
     slope_error : float
-        Standard error of its slope.
+        Standard error of its slope, relative to the slope.
     """
 
     band: int
@@ -195,7 +195,8 @@ def fit(
         error = _of_level(looks, band) if compensated else _of_removal(looks, band)
         if band in fits:
             fitted = fits[band]
-            error = replace(error, index=fitted.index, slope_error=float(fitted.stderr or 0.0))
+            relative = float(fitted.stderr or 0.0) / abs(fitted.slope) if fitted.slope else 0.0
+            error = replace(error, index=fitted.index, slope_error=relative)
         found.append(error)
     if not compensated:
         return Uncertainty(tuple(found))
@@ -209,13 +210,12 @@ def fit(
     return Uncertainty(tuple(found), reference, lowest, middle - lowest, min(1.0, cover / FULL_COVER))
 
 
-def stderr(parts: Parts, model: GlintModel, uncertainty: Uncertainty, *, steps: Sequence[float] = ()) -> Float32Array:
+def stderr(parts: Parts, uncertainty: Uncertainty, *, steps: Sequence[float] = ()) -> Float32Array:
     """Standard error of a deglinted block.
 
     Parameters
     ----------
     parts : Parts
-    model : GlintModel
     uncertainty : Uncertainty
     steps : sequence of float, optional
         Of the whole numbers that each of the scene's bands is rounded to [unit of the scene].
@@ -229,7 +229,7 @@ def stderr(parts: Parts, model: GlintModel, uncertainty: Uncertainty, *, steps: 
     for i, error in enumerate(uncertainty.bands):
         variance = _local(parts, error, uncertainty) if uncertainty.reference >= 0 else _plain(parts, error)
         if error.slope_error:
-            variance += (error.slope_error * _above(parts, model, error.index)) ** 2
+            variance += (error.slope_error * _followed(parts, error.band)) ** 2
         if steps:
             touched: Any = True if error.index >= 0 or parts.replaced is None else parts.replaced[error.band]
             variance += np.where(touched, steps[error.band] ** 2 / 12, 0.0)
@@ -358,11 +358,9 @@ def _removed(parts: Parts, band: int) -> npt.NDArray[np.float64]:
     return np.subtract(parts.before[band], parts.after[band], dtype=np.float64)
 
 
-def _above(parts: Parts, model: GlintModel, index: int) -> npt.NDArray[np.float64]:
-    """How far an index stands above its level, in what removal saw."""
-    source = parts.before if parts.level is None else _level(parts)
-    chosen = model.indexes[index]
-    total = np.full(parts.where.shape, -chosen.level)
-    for band, weight in zip(chosen.bands, chosen.weights, strict=True):
-        total += weight * source[band].astype(np.float64)
-    return total
+def _followed(parts: Parts, band: int) -> npt.NDArray[np.float64]:
+    """What removal took away: slope times how far the index stands above its level."""
+    if parts.level is None or parts.removed_level is None:
+        return _removed(parts, band)
+    at = (band, *parts.inner)
+    return np.subtract(parts.level[at], parts.removed_level[at], dtype=np.float64)

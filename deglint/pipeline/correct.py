@@ -143,7 +143,7 @@ class Correction:
         parts = None if whole is None else self._parts(whole, physical, where, read.after)
         if parts is None or self.uncertainty is None:
             return Corrected(raw, tally, file_valid, flags, amount, None, parts)
-        error = stderr(parts, self.model, self.uncertainty, steps=self._steps)
+        error = stderr(parts, self.uncertainty, steps=self._steps)
         return Corrected(raw, tally, file_valid, flags, amount, error)
 
     def _parts(self, before: Any, physical: Any, where: Any, after: Compensated | None) -> Parts:
