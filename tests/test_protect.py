@@ -7,8 +7,21 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from deglint.compensate import _protect_kernels as kernels
+from deglint.compensate import glance as first_look
 from deglint.compensate import protect
-from deglint.compensate.evidence import BINS, HIGH, LOW, UNIT, tables
+from deglint.compensate.evidence import (
+    BINS,
+    HIGH,
+    LEAST_SCORE,
+    LOW,
+    TEXTURE,
+    UNIT,
+    WATER_HIDDEN,
+    bends,
+    clusters,
+    score,
+    tables,
+)
 from deglint.compensate.shapes import shapes
 from deglint.errors import FitError, InputError
 from deglint.scene import Band
@@ -244,3 +257,107 @@ def test_what_cannot_be_used_is_refused(learnt):
         protect.things(raw, level[:, :8], learnt)
     with pytest.raises(InputError, match="band 8 is to be judged"):
         protect.things(raw[:5], level[:5], learnt)
+
+
+def with_things(seed=7):
+    raw, level = sea(seed)
+    for row, column, size, reflectance in ((20, 20, 2, 0.3), (60, 40, 1, 0.3), (90, 90, 3, RED), (30, 100, 3, 0.02)):
+        place(raw, row, column, size, np.broadcast_to(reflectance, 8))
+    return raw, level
+
+
+def bins(z):
+    """Of reflectances over UNIT, as the histograms have them."""
+    return np.clip(((np.arcsinh(z) - LOW) / ((HIGH - LOW) / BINS)).astype(np.int64), 0, BINS - 1)
+
+
+def summed(z, steps):
+    """Steps of every shape for reflectances (band,) over UNIT."""
+    at = bins(z.astype(np.float64))
+    rows = steps.step.reshape(-1, BINS, BINS, steps.start.size)
+    parts = [rows[b, at[b], at[b + 1]].astype(int) for b in range(len(z) - 1)]
+    return steps.start + int(steps.first[at[0]]) + np.sum(parts, axis=0)
+
+
+@given(st.lists(st.floats(allow_nan=False, width=32), min_size=1, max_size=20))
+def test_a_cell_holds_at_most_one_edge_so_that_one_comparison_finds_the_bin(numbers):
+    edges = np.sinh(LOW + np.arange(1, BINS) * (HIGH - LOW) / BINS).astype(np.float32)
+    numbers = np.concatenate([np.float32(numbers), edges, np.nextafter(edges, np.float32(-np.inf))])
+    found = first_look.cells(edges)[numbers.view(np.int32) >> 20 & 4095].astype(int)
+    found += numbers >= np.append(edges, np.nan)[found]
+    assert np.array_equal(found, np.searchsorted(edges, numbers, side="right"))
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_first_look_is_the_largest_sum_of_steps(learnt, dtype):
+    raw, level = (a.astype(dtype) for a in with_things())
+    raw[3, 5, 5], level[2, 6, 6] = np.nan, np.inf
+    steps, seen = learnt.steps, np.empty(raw.shape[1:], np.int16)
+    scale = np.full(8, 1 / UNIT, dtype)
+    kernels.glance(raw, level, np.arange(8), scale, NOISE.astype(dtype), dtype(4.0), steps, seen)
+    valid = np.isfinite(raw - level).all(axis=0)
+    high = ((raw - level) > 4 * np.sqrt(NOISE[:, :1, None] + NOISE[:, 1:, None] * raw)).sum(axis=0) >= 2
+    assert np.array_equal(seen == kernels.INVALID, ~valid)
+    assert np.array_equal(seen > kernels.INVALID, valid & high)
+    z = ((raw - level) * dtype(1 / UNIT)).astype(np.float32)
+    rows, columns = np.nonzero(valid & high)
+    for r, c in zip(rows[::5], columns[::5], strict=True):
+        assert seen[r, c] == summed(z[:, r, c], steps).max()
+
+
+def test_sums_of_squares_are_added_up_and_compared():
+    rng = np.random.default_rng(5)
+    values = rng.normal(0, 4, (30, 40))
+    values[3, 4], values[5, :3] = np.nan, -np.inf
+    padded = np.pad(np.where(values > LEAST_SCORE, values, 0.0), 1)
+    sums = sum(padded[i : i + 30, j : j + 40] for i in range(3) for j in range(3))
+    reached = np.pad(sums >= 20.0, 1)
+    near = np.any([reached[i : i + 30, j : j + 40] for i in range(3) for j in range(3)], axis=0)
+    assert np.array_equal(clusters(values, 20.0), near & (values > LEAST_SCORE))
+    assert 0 < clusters(values, 20.0).sum() < (values > LEAST_SCORE).sum()
+    assert clusters(np.full((1, 1), 30.0), 25.0).all()
+
+
+def test_squares_out_of_reach_of_the_threshold_hide_no_thing(learnt):
+    raw, level = with_things()
+    everywhere, _, all_places = score(raw, level, learnt)
+    some, spectra, places = score(raw, level, learnt, learnt.threshold)
+    assert places.size < 0.5 * all_places.size
+    assert np.array_equal(everywhere.ravel()[places], some.ravel()[places])
+    assert np.array_equal(clusters(some, learnt.threshold), clusters(everywhere, learnt.threshold))
+    assert spectra.shape == (8, places.size)
+
+
+def test_what_is_left_out_at_first_sight_is_no_thing_when_weighed(learnt, monkeypatch):
+    raw, level = with_things()
+    found = protect.things(raw, level, learnt)
+    left_out = np.isneginf(found.score)
+    monkeypatch.setattr(first_look, "ROOM", 1e4)
+    monkeypatch.setattr(first_look, "ROOM_OF_SHAPE", 1e4)
+    whole, _, places = score(raw, level, learnt)
+    assert places.size > 10 * (~left_out).sum()
+    assert np.array_equal(clusters(whole, learnt.threshold), found.mask)
+    assert found.score[found.mask] == pytest.approx(whole[found.mask], rel=1e-6)
+
+
+def test_s_of_what_the_shapes_draw_leaves_the_room_it_is_given(learnt, monkeypatch):
+    """Things drawn from the model itself: S by the full likelihood of all shapes against the sum of steps."""
+    rng, s, n = np.random.default_rng(6), learnt.shapes, 3000
+    k = rng.choice(len(s.weight), n, p=s.weight)
+    a = np.exp(rng.uniform(np.log(0.02), np.log(0.8), n))[:, None]
+    bent = 1 + rng.standard_normal((n, 2)) * np.column_stack([s.slope, s.bend])[k] @ bends(learnt.wavelength)
+    rough = s.rough[k, None] * rng.standard_normal((n, 8))
+    y = a * (s.values[k] * (bent + rough) + kernels.FLOOR * rng.standard_normal((n, 8)))
+    y += (TEXTURE * rng.standard_normal((n, 8)) - WATER_HIDDEN[0]) * WATER
+    y[np.arange(n)[s.odd[k] >= 0], s.odd[k][s.odd[k] >= 0]] = 0.2
+    level = np.broadcast_to(WATER[:, None, None], (8, 1, n)).copy()
+    raw = level + y.T[:, None]
+    by_steps = np.array([summed((row / UNIT).astype(np.float32), learnt.steps).max() for row in y])
+    monkeypatch.setattr(first_look, "ROOM", 1e4)
+    monkeypatch.setattr(first_look, "ROOM_OF_SHAPE", 1e4)
+    whole = score(raw, level, learnt)[0].ravel()
+    counts = whole > LEAST_SCORE
+    assert counts.mean() > 0.5
+    more = whole - by_steps / first_look.QUARTERS
+    assert (more[counts] < first_look.ROOM).mean() > 0.99
+    assert np.median(np.abs(more[counts])) < 3

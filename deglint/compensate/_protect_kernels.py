@@ -15,8 +15,12 @@ LEAST, MOST = 0.002, 1.5
 """Reflectance of a thing, over the water."""
 SPREAD = math.log(300.0)
 """Brightness is anything from 0.5 % to 150 %, any factor as likely as any other."""
+HOPELESS = 30.0
+"""A shape whose chi-square at first sight, with bends taken for noise, is above this is none."""
 LANES = 16
 """Shapes that are added up side by side."""
+QUIET, INVALID = -32768, -32767
+"""What `glance` says of a pixel that does not stand out, and of one that is not valid."""
 
 
 class Steps(NamedTuple):
@@ -60,8 +64,8 @@ def weigh(z, bits, steps, rows, total):  # type: ignore[no-untyped-def]
 def glance(raw, level, bands, scale, noise, away, steps, out):  # type: ignore[no-untyped-def]
     """The largest sum of steps of each pixel, out (row, column), where two bands exceed the level by `away` deviations.
 
-    -32768 where not, and -32767 where not valid. raw, level : (band, row, column) of one dtype; scale : (band,) from
-    the unit of the scene to that of the bins; noise : (band, 2), both of that dtype
+    `QUIET` where not, and `INVALID` where a band is not finite. raw, level : (band, row, column) of one dtype; scale :
+    (band,) from the unit of the scene to that of the bins; noise : (band, 2), both of that dtype
     """
     count, width = bands.size, raw.shape[2]
     high, sound = np.empty(width, np.int32), np.empty(width, np.bool_)
@@ -78,9 +82,9 @@ def glance(raw, level, bands, scale, noise, away, steps, out):  # type: ignore[n
                 sound[j] &= more - more == 0
         for j in range(width):
             if not sound[j]:
-                out[i, j] = -32767
+                out[i, j] = INVALID
             elif high[j] < 2:
-                out[i, j] = -32768
+                out[i, j] = QUIET
             else:
                 for b in range(count):
                     z[b] = (raw[bands[b], i, j] - level[bands[b], i, j]) * scale[b]
@@ -112,13 +116,15 @@ def squares(score, least, threshold, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def explain(y, variance, water, kinds, bends, share, steps, scale, room, sparkle, out, fit):  # type: ignore[no-untyped-def]
-    """Log-likelihood of the best shape for each pixel over that of sparkle, and its spectrum.
+def explain(y, variance, water, kinds, bends, share, steps, limits, sparkle, out, fit):  # type: ignore[no-untyped-def]
+    """S of each pixel by its best shape, and the spectrum of that.
 
     y, variance, fit : (pixel, band); kinds : values (shape, band), (shape, 3) of slope, bend, roughness, odd band, log
     weight; bends : (2, band); share : mean and standard deviation of the part of the water that the thing hides;
-    scale : of a sum of steps; room : that likelihoods may be above those; sparkle, out : (pixel,)
+    limits : unit of the bins, ln that a step is worth, how much S may be above the sum of these, S that matters;
+    sparkle, out : (pixel,)
     """
+    unit, worth, room, least = limits
     count, weight = y.shape[1], kinds[3]
     x, d, u, part = np.empty(count), np.empty(count), np.empty((3, count)), np.empty(3)
     z, rows, total = np.empty(count, np.float32), np.empty(count, np.int64), np.empty(steps.start.size, np.int16)
@@ -127,12 +133,12 @@ def explain(y, variance, water, kinds, bends, share, steps, scale, room, sparkle
         out[i] = -np.inf
         for b in range(count):
             x[b] = y[i, b] + share[0] * water[b]
-            z[b] = y[i, b] / scale[1]
+            z[b] = y[i, b] / unit
         weigh(z, bits, steps, rows, total)
         likely = np.argmax(total)
         for n in range(weight.size):
             k = (n + likely) % weight.size
-            if total[k] * scale[0] + room <= max(out[i], scale[2]):
+            if total[k] * worth + room <= max(out[i], least):
                 continue
             found, a = shaped(x, variance[i], water, kinds, k, bends, share[1], d, u, part)
             found += weight[k] - sparkle[i]
@@ -145,14 +151,12 @@ def explain(y, variance, water, kinds, bends, share, steps, scale, room, sparkle
 
 @nb.njit(cache=True, nogil=True)
 def shaped(x, variance, water, kinds, k, bends, hidden, d, u, part):  # type: ignore[no-untyped-def]
-    """Log-likelihood of x by shape k, and its brightness, in two rounds; minus infinity where it is no thing's."""
+    """Log-likelihood of x by shape k, and its brightness, in two rounds; minus infinity for one that no thing has."""
     values, spread, odd = kinds[0][k], kinds[1][k], kinds[2][k]
-    up = down = 0.0
-    for b in range(x.size):
-        if b != odd:
-            up += values[b] * x[b]
-            down += values[b] * values[b]
-    a, found = up / down, -np.inf
+    a, chi = plainly(x, variance, water, values, spread, odd, hidden)
+    found = -np.inf
+    if chi > HOPELESS:
+        return found, a
     for _ in range(2):
         if not LEAST < a < MOST:
             return -np.inf, a
@@ -168,6 +172,23 @@ def shaped(x, variance, water, kinds, k, bends, hidden, d, u, part):  # type: ig
     if not LEAST < a < MOST:
         return -np.inf, a
     return found - math.log(a * SPREAD), a
+
+
+@nb.njit(cache=True, nogil=True)
+def plainly(x, variance, water, values, spread, odd, hidden):  # type: ignore[no-untyped-def]
+    """A first brightness of a shape, and the chi-square that it leaves, with bends and hidden water taken for noise."""
+    up = down = chi = 0.0
+    for b in range(x.size):
+        if b != odd:
+            up += values[b] * x[b]
+            down += values[b] * values[b]
+    a, wide = up / down, spread[0] ** 2 + spread[1] ** 2 + spread[2] ** 2
+    for b in range(x.size):
+        if b != odd:
+            bright = a * values[b]
+            noise = variance[b] + (hidden * water[b]) ** 2 + (FLOOR * a) ** 2
+            chi += (x[b] - bright) ** 2 / (noise + bright * bright * wide)
+    return a, chi
 
 
 @nb.njit(cache=True, nogil=True)

@@ -41,8 +41,6 @@ WATER_HIDDEN = (0.75, 0.25)
 """Mean and standard deviation of the part of a pixel's water that a thing hides."""
 TEXTURE = 0.05
 """Standard deviation of the level itself, as a share."""
-INVALID = -32767
-"""What `glance` says of a pixel that is not valid."""
 UNIT, BINS, LOW, HIGH = 0.001, 64, -3.0, 8.5
 """Histograms of asinh(reflectance / UNIT)."""
 BLUR = 1.2
@@ -104,9 +102,8 @@ class Protection:
 
     def numbers(self) -> dict[str, Any]:
         """What goes into a sidecar: all but the tables."""
-        names = "bands", "irradiance", "noise", "water", "wavelength", "reason"
-        threshold = self.threshold if np.isfinite(self.threshold) else None  # JSON knows no infinity
-        return {name: getattr(self, name) for name in names} | {"threshold": threshold, "halo": self.halo}
+        names = "bands", "irradiance", "noise", "water", "wavelength", "threshold", "reason"
+        return {name: getattr(self, name) for name in names} | {"halo": self.halo}
 
     def saved(self) -> dict[str, Any]:
         """Everything as plain numbers, tables and all, to be read back by `protection_from`."""
@@ -122,7 +119,6 @@ def protection_from(data: Mapping[str, Any]) -> Protection:
     plain = {k: v for k, v in data.items() if k not in ("shapes", "first", "following", "halo")}
     for name in ("bands", "irradiance", "water", "wavelength"):
         plain[name] = tuple(plain[name])
-    plain["threshold"] = np.inf if plain["threshold"] is None else plain["threshold"]
     plain["noise"] = tuple((float(a), float(b)) for a, b in plain["noise"])
     if "shapes" not in data:
         return Protection(**plain) if plain["reason"] else Protection(reason="saved without its tables")
@@ -180,7 +176,7 @@ def score(
     A pixel is weighed in full where the first look (`deglint.compensate.glance`) leaves room for S above `LEAST_SCORE`
     in it, and for the threshold in a square around it; elsewhere S is minus infinity.
     """
-    from ._protect_kernels import chain, explain, glance
+    from ._protect_kernels import INVALID, chain, explain, glance
     from .glance import QUARTERS, ROOM, ROOM_OF_SHAPE
 
     dtype, steps = raw.dtype, protection.steps
@@ -200,11 +196,8 @@ def score(
     best, sparkle, fitted = np.empty(places.size), np.empty(places.size), np.zeros(y.shape)
     chain(y, first, following, LOW, (HIGH - LOW) / BINS, UNIT, sparkle)
     kinds = s.values, np.stack([s.slope, s.bend, s.rough], axis=1), s.odd, np.log(s.weight)
-    rule = np.array([1 / QUARTERS, UNIT, LEAST_SCORE])
-    shares = np.array(WATER_HIDDEN)
-    explain(
-        y, spread, water, kinds, bends(protection.wavelength), shares, steps, rule, ROOM_OF_SHAPE, sparkle, best, fitted
-    )
+    bent, limits = bends(protection.wavelength), (UNIT, 1 / QUARTERS, ROOM_OF_SHAPE, LEAST_SCORE)
+    explain(y, spread, water, kinds, bent, np.array(WATER_HIDDEN), steps, limits, sparkle, best, fitted)
     score = np.where(seen == INVALID, np.nan, -np.inf)
     score.ravel()[places] = best
     return score, fitted.T, places

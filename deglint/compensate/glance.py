@@ -22,14 +22,14 @@ Float64 = npt.NDArray[np.float64]
 QUARTERS = 4
 """Steps are rounded to one by this [ln]."""
 ROOM = 4.5
-"""S is above the sum of steps by no more than this: of pixels in things, by more in fewer than one in a thousand."""
+"""How much S may be above the largest sum of steps and still be found; of 23,000 pixels in things 4 were not."""
 ROOM_OF_SHAPE = 6.0
 """The same for one shape, which need not be the one with the largest sum."""
 BLOCKED = -30000
 """Sum to start from for a shape that does not exist."""
 
 
-def cells(edges: Float64) -> npt.NDArray[np.uint8]:
+def cells(edges: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
     """How many edges lie at or below all float32 numbers that begin with the same 12 bits: sign, exponent, 3 more.
 
     Examples
@@ -59,17 +59,13 @@ def steps(protection: Protection) -> Steps:
         gain = QUARTERS * (_followed(protection, i) - following[i][:, :, None])
         step[i, :, :, :kinds] = np.rint(np.clip(gain, -128, 127))
     edges = np.sinh(LOW + np.arange(1, BINS) * (HIGH - LOW) / BINS).astype(np.float32)
-    return Steps(
-        cells(edges.astype(np.float64)),
-        np.append(edges, np.float32(np.inf)),
-        start,
-        np.rint(-QUARTERS * first).astype(np.int16),
-        step.reshape(-1, lanes),
-    )
+    alone = np.rint(-QUARTERS * first).astype(np.int16)
+    # not a number: nothing, not even infinity, is at or above the edge beyond the last one
+    return Steps(cells(edges), np.append(edges, np.float32(np.nan)), start, alone, step.reshape(-1, lanes))
 
 
 def _followed(protection: Protection, i: int) -> Float64:
-    """Log density of band i + 1 in bins given band i, (bin, bin, shape).
+    """Log density in bins of the step from band i to band i + 1, (bin, bin, shape).
 
     That of the band in which the shape is darker given the one in which it is brighter, at whichever place of the two
     bins suits it best: in bins, which are logarithms, every brightness is as likely as any other, and so is every bin.

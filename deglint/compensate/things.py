@@ -24,7 +24,7 @@ class Things:
     excess : (band, row, column) ndarray of float32
         Of the thing over the level, in the unit of the scene; 0 elsewhere.
     score : (row, column) ndarray of float32
-        S; minus infinity where nothing stands out, NaN where not valid.
+        S; NaN where not valid, minus infinity where nothing stands out, or too little for the threshold by far.
     residual : (row, column) ndarray of float32
         Of the best shape, relative to the excess; NaN where none was tried.
     """
@@ -68,6 +68,9 @@ def things(raw: FloatArray, level: FloatArray, protection: Protection) -> Things
     Fails: for sparkle that stays as bright over all instants as a thing does (near the mirror point, short delays;
     then the threshold rises and single pixels are lost); for things that move more than half their size from the
     first band to the last, and for single coloured pixels.
+
+    Cost for each band of each pixel, on one core: 7 ns at 5 m/s of wind, 11 at 9 and 14 at 12, where 24, 63 and 94 %
+    of the pixels stand out; more where there are many things (60 where they are 8 % of the pixels).
 
     Examples
     --------
@@ -132,10 +135,10 @@ def _keep(
     """Write the excess to keep; and the pixels beside things that get some."""
     mask, places, spectra = inside
     white = np.array(protection.irradiance)[:, None]
-    to = out.reshape(len(out), -1)
+    to, chosen = out.reshape(len(out), -1), np.array(protection.bands)
     bright = np.maximum(spectra, 0.0)
     y, sigma = excess(raw, level, protection, places)
-    to[np.ix_(np.array(protection.bands), places)] = np.minimum(y, 1.1 * bright + 2 * sigma) * white
+    to[np.ix_(chosen, places)] = np.minimum(y, 1.1 * bright + 2 * sigma) * white
     share = np.zeros(mask.size)
     rows, columns = np.divmod(places, mask.shape[1])
     strong = bright > 0.3 * bright.max(axis=0, initial=0.0)
@@ -154,7 +157,7 @@ def _keep(
             total = part * lit.max(axis=0)
             more = (total > share[here]) & np.isfinite(y).all(axis=0)
             share[here[more]] = total[more]
-            to[np.ix_(protection.bands, here[more])] = np.minimum(y[:, more], part[more] * lit[:, more]) * white
+            to[np.ix_(chosen, here[more])] = np.minimum(y[:, more], part[more] * lit[:, more]) * white
     return np.asarray((share > 0).reshape(mask.shape))
 
 

@@ -195,6 +195,9 @@ def _protection(raw: list[Any], sample: Sample, stages: Sequence[Any], found: Pl
         return Protection(reason="the bands were normalised")
     if not found.setting.detail:
         return Protection(reason="the bands see the sea at one instant, as sparkle does")
+    psfs = found.setting.psfs
+    if psfs is not None and min(p.centre for p in psfs) < BLURRED:
+        return Protection(reason="the optics blur sparkle over several pixels, and it looks like things")
     if not levels[-1].detail:
         cover = float(np.median(levels[-1].cover))
         return Protection(reason=f"glint covers {cover:.0%} of the middlemost band, and clumps of it look like things")

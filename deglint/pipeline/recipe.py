@@ -69,6 +69,11 @@ class Recipe:
             raise InputError(f"the rrs factor is for method goodman, got method {self.method}.")
         if self.nir_use not in ("auto", "mean", "best", "set"):
             raise InputError(f"nir_use {self.nir_use!r} is not one of auto, mean, best, set.")
+        if self.smallest_object and self.compensate != "auto":
+            raise InputError(
+                f"--smallest-object is for the automatic compensation, got --compensate {self.compensate}: "
+                "leave out one of them, or give the size of the element in the stages."
+            )
         if self.compensate not in ("auto", "thesis", "off"):
             parse(self.compensate)
 
