@@ -12,6 +12,7 @@ BENCHMARKS = {
     "error": ("error", ("quick",)),
     "digits": ("digits", ("quick",)),
     "targets": ("targets", ("quick",)),
+    "uncertainty": ("uncertainty", ("quick",)),
     "compensation": ("compensation", ("quick",)),
     "plan": ("plan_speed", ("quick", "rounds")),
     "scale": ("scale", ("quick", "directory", "docs")),

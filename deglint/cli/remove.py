@@ -97,6 +97,11 @@ from .running import keep_memory
     "after, 16 saturated before, 32 clipped, 64 replaced, 128 protected.",
 )
 @click.option("--amount", metavar="FILE", help="Write the removed glint itself (float32, physical units).")
+@click.option(
+    "--stderr",
+    metavar="FILE",
+    help="Write the standard error of every pixel of the bands that may change (float32, physical units).",
+)
 @click.option("--picture", metavar="FILE.png", help="Write a before/after picture.")
 @click.option(
     "--dtype",
@@ -145,7 +150,8 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
                 chain=load_chain(given["model_in"]) if given["model_in"] else None,
                 sensor=given["sensor"], nodata=given["nodata"],
                 grid=given["grid"], threads=given["threads"], cluster=cluster, progress=talk.progress,
-                flags=given["flags"], amount=given["amount"], sample=given["save_sample"],
+                flags=given["flags"], amount=given["amount"], stderr=given["stderr"],
+                sample=given["save_sample"],
                 model_file=given["save_model"], picture=given["picture"], overwrite=given["overwrite"],
                 dtype=given["dtype"], options=given["options"],
             )  # fmt: skip

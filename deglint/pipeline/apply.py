@@ -42,6 +42,7 @@ from .recipe import Recipe
 from .saved import saved
 from .sidecar import Checksum, fingerprint, sidecar
 from .surroundings import Surroundings
+from .uncertain import with_stderr
 
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
 """Types that an output may be given."""
@@ -57,8 +58,8 @@ class Outputs:
     ----------
     image : Path
         The deglinted raster; its sidecar is `image` with ".json" appended.
-    flags, amount, sample, model, picture : Path, optional
-        Flag raster, removed glint, the sample as GeoJSON, the fitted model, a before/after picture.
+    flags, amount, stderr, sample, model, picture : Path, optional
+        Flag raster, removed glint, standard errors, the sample as GeoJSON, the fitted model, a before/after picture.
     overwrite : bool
         Replace what exists.
     dtype : str, optional
@@ -72,6 +73,7 @@ class Outputs:
     image: Path
     flags: Path | None = None
     amount: Path | None = None
+    stderr: Path | None = None
     sample: Path | None = None
     model: Path | None = None
     picture: Path | None = None
@@ -91,7 +93,7 @@ class Outputs:
 
     def every(self) -> list[Path]:
         """All files that will be written."""
-        extra = (self.flags, self.amount, self.sample, self.model, self.picture)
+        extra = (self.flags, self.amount, self.stderr, self.sample, self.model, self.picture)
         return [self.image, self.sidecar, *(p for p in extra if p is not None)]
 
 
@@ -153,7 +155,7 @@ def remove_glint(
         Workers that pass over the tiles in place of threads (`deglint.pipeline.cluster.connect`); they must see the
         input and the output's directory. The result is the same to the bit.
     **outputs
-        flags, amount, sample, model_file, picture, overwrite, dtype, options: see `Outputs`.
+        flags, amount, stderr, sample, model_file, picture, overwrite, dtype, options: see `Outputs`.
 
     Returns
     -------
@@ -209,10 +211,11 @@ def _run(
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
     only = tuple(find_band(scene, b) for b in fitted.recipe.bands)
     changed = tuple(changed_bands(scene, fitted.model, fitted.chain, only))
-    if targets.amount and not changed:
-        raise InputError(
-            "no band is corrected, so there is no amount to write: leave out --amount, or name a --method."
-        )
+    for option in ("amount", "stderr"):
+        if getattr(targets, option) and not changed:
+            raise InputError(
+                f"no band is corrected, so there is nothing to write: leave out --{option}, or name a --method."
+            )
     with Scratch(overwrite=targets.overwrite) as scratch:
         with ExitStack() as stack:
             run = tiling.run if cluster is None else stack.enter_context(cluster.by_files(targets.image))
@@ -256,6 +259,10 @@ def _write_tiles(
     )
     work = Correction(scene, fitted.model, bool(targets.flags), bool(targets.amount), image, area, rule, bands, beyond,
                       fitted.chain, only)  # fmt: skip
+    if targets.stderr:
+        at_once = max(at_once // 2, 1)
+        work = with_stderr(work, everything, fitted.recipe.nir, at_once)
+        fitted.numbers["uncertainty"] = work.uncertainty.numbers() if work.uncertainty else None
     tally = Tally(len(scene.bands))
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     with ExitStack() as stack:
@@ -264,13 +271,17 @@ def _write_tiles(
         if targets.flags:
             layout = Layout(info, (0,), "uint8", None, targets.options, scaled=False, names=("flags",), tile=shape)
             writers.append((stack.enter_context(writing(scratch, targets.flags, layout)), "flags"))
-        if targets.amount:
-            bands = tuple(work.changed)
-            names = tuple(f"glint in {scene.bands[b].name}" for b in bands)
-            layout = Layout(
-                info, bands, "float32", float("nan"), targets.options, scaled=False, names=names, tile=shape
-            )
-            writers.append((stack.enter_context(writing(scratch, targets.amount, layout)), "amount"))
+        for path, what, said in (
+            (targets.amount, "amount", "glint in"),
+            (targets.stderr, "stderr", "standard error of"),
+        ):
+            if path:
+                bands = tuple(work.changed)
+                names = tuple(f"{said} {scene.bands[b].name}" for b in bands)
+                layout = Layout(
+                    info, bands, "float32", float("nan"), targets.options, scaled=False, names=names, tile=shape
+                )
+                writers.append((stack.enter_context(writing(scratch, path, layout)), what))
         for tile, done in run(everything, work, threads=at_once, progress=note, start=enter_thread):
             for writer, what in writers:
                 writer.write(getattr(done, what), tile.window)
@@ -396,4 +407,4 @@ def marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
 
 
 def _is_path(name: str, value: Any) -> bool:
-    return name in ("flags", "amount", "sample", "model", "picture") and value is not None
+    return name in ("flags", "amount", "stderr", "sample", "model", "picture") and value is not None

@@ -11,6 +11,8 @@ import numpy.typing as npt
 from ..compensate import Chain, State, apply_stages, finish
 from ..compensate.evidence import REACH, grown
 from ..compensate.protect import put_back, things
+from ..compensate.uncertainty import REACH as LEVEL_REACH
+from ..compensate.uncertainty import Parts, Uncertainty, stderr
 from ..masks import WaterRule, opened, valid_for, water
 from ..raster.convert import is_valid
 from ..raster.encode import encode, retype
@@ -74,6 +76,8 @@ class Corrected:
     valid: npt.NDArray[np.bool_] | None = None
     flags: npt.NDArray[np.uint8] | None = None
     amount: npt.NDArray[np.float32] | None = None
+    stderr: npt.NDArray[np.float32] | None = None
+    parts: Parts | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +108,8 @@ class Correction:
     surroundings: Surroundings | Around | None
     chain: Chain = field(default_factory=Chain)
     only: tuple[int, ...] = ()
+    want_stderr: bool = False
+    uncertainty: Uncertainty | None = None
 
     @property
     def changed(self) -> list[int]:
@@ -132,6 +138,7 @@ class Correction:
         flags = self._flags(known, where, tile.shape) if self.want_flags else None
         tally.saturated = _saturated(self.scene, physical, flags)
         before = physical[self.changed].copy() if self.want_amount else None
+        whole = physical.astype(np.float32) if self.want_stderr else None
         file_valid = self._file_valid(raw, valid)
         raw, lost = self._retyped(raw, valid)
         for bands, place in self._work(tile, physical, read.after, where, tally, flags):
@@ -147,7 +154,26 @@ class Correction:
             if flags is not None:
                 flags[lost.any(axis=0)] |= CLIPPED
         amount = None if before is None else np.subtract(before, physical[self.changed], dtype=np.float32)
-        return Corrected(raw, tally, file_valid, flags, amount)
+        parts = None if whole is None else self._parts(whole, physical, where, read.after)
+        if parts is None or self.uncertainty is None:
+            return Corrected(raw, tally, file_valid, flags, amount, None, parts)
+        error = stderr(parts, self.uncertainty, steps=self._steps)
+        return Corrected(raw, tally, file_valid, flags, amount, error)
+
+    def _parts(self, before: Any, physical: Any, where: Any, after: Compensated | None) -> Parts:
+        """What the standard error of the tile is told by."""
+        place = np.ones(before.shape[1:], np.bool_) if where is None else where
+        clean = np.asarray(physical, np.float32)
+        if after is None:
+            return Parts(before, clean, place)
+        kept = None if after.held is None else grown(after.held, REACH)
+        return Parts(before, clean, place, after.replaced, kept, after.level, after.removed_level, after.inner)
+
+    @property
+    def _steps(self) -> tuple[float, ...]:
+        """Of the output's whole numbers, as physical values; none where it has fractions."""
+        whole = np.dtype(self.layout.dtype).kind in "iu"
+        return tuple(abs(s) for s in raster_of(self.scene).info.scales) if whole else ()
 
     def physical(self, tile: Tile) -> npt.NDArray[Any]:
         """Read a tile and correct it: physical values of all bands."""
@@ -237,7 +263,8 @@ class Correction:
         """Pixels around a tile that are read with it."""
         if not self.chain.runs:
             return 0
-        return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo)
+        reach = LEVEL_REACH if self.want_stderr else 0
+        return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo, reach)
 
     def _compensated(self, around: Any, tile: Tile, outer: Tile) -> Compensated:
         """The tile after the chain; `around`, the block with its halo, is worked on in place where that can be.
@@ -250,7 +277,7 @@ class Correction:
         state = State.own(around) if self.chain.in_place else State.of(around)
         apply_stages(state, self.chain.before)
         clean, replaced = finish(state, around)[place], state.replaced[place]
-        level = None if state.water is None else state.water[place]
+        level, units = None if state.water is None else state.water[place], state.units
         inner = core_of(tile.crop_of(middle), middle.shape)
         inside = self._water_of(clean, inner, tile)
         if self.model.fits:
@@ -260,11 +287,19 @@ class Correction:
             clean = finish(state, clean)
             replaced = replaced | state.replaced
         within = (slice(None), *inner)
+        levels = self._levels(units, level, inner)
         if raw is None or level is None:
-            return Compensated(inside, clean[within], replaced[within])
+            return Compensated(inside, clean[within], replaced[within], None, *levels)
         found = things(raw, level, self.chain.protection).cropped(inner)
         clean = put_back(clean[within], level[within], found)
-        return Compensated(inside, clean, replaced[within] & ~found.mask, found.mask)
+        return Compensated(inside, clean, replaced[within] & ~found.mask, found.mask, *levels)
+
+    def _levels(self, units: Any, level: Any, inner: tuple[slice, slice]) -> tuple[Any, Any, tuple[slice, slice]]:
+        """The level before and after removal, where a standard error is wanted, and where the tile lies in it."""
+        if level is None or not self.want_stderr:
+            return None, None, inner
+        level = level * units.astype(np.float32)[:, None, None]
+        return level, apply(level, self.model) if self.model.fits else level, inner
 
     def _water_of(self, block: Any, inner: tuple[slice, slice], tile: Tile) -> npt.NDArray[np.bool_] | None:
         """Where correction is wanted, told by compensated bands: sparkle is no boat there."""
@@ -352,6 +387,9 @@ class Compensated:
     clean: Any
     replaced: npt.NDArray[np.bool_]
     held: npt.NDArray[np.bool_] | None = None
+    level: Any = None
+    removed_level: Any = None
+    inner: tuple[slice, slice] = (slice(None), slice(None))
 
 
 def _saturated(scene: Scene, physical: Any, flags: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.int64]:

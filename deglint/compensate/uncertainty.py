@@ -1,0 +1,366 @@
+"""How far a deglinted pixel may be from the water's own radiance: its standard error, told by the scene itself.
+
+Two kinds of pixels, and what their errors are made of. A pixel *passed on* by a compensation keeps its own noise: the
+variance of clean pixels about the level of the water, as a line in the level. A *replaced* pixel has the error of
+the level in its place: the covariance of neighbouring clean pixels about it (their noise is not common to neighbours,
+the error of the level is), and more where the level changes within a few pixels. Both may hold glint that is left:
+where it covers much of the sea the level rises with it, and by how much is seen in the near infrared, whose water is
+even. A band that removal corrects keeps of it what the references do not explain. Without a compensation the error is
+that of removal: what differs from pixel to pixel in its result, as a line in the square of what was removed, and the
+standard error of the slope.
+
+Root mean square errors, bias and all, not halves of an interval: errors are not normal. Assumes dark, even water in the
+reference; that things narrower than the element are not there (an opening erases them, and nothing tells); that
+errors which all pixels share (calibration, atmosphere, the level of removal) are not asked for.
+
+References
+----------
+Curran, Dungan (1989), IEEE Transactions on Geoscience and Remote Sensing 27, 620-628, doi:10.1109/TGRS.1989.35945
+(noise as what neighbours do not share); Immerkaer (1996), Computer Vision and Image Understanding 64, 300-302,
+doi:10.1006/cviu.1996.0060 (noise from second differences)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import FitError, InputError
+from ..remove import GlintModel
+from .state import Float32Array, Mask
+
+REACH = 3
+"""Pixels around a pixel in which the level is looked at."""
+FEWEST = 256
+"""Fewest clean pixels that a variance is taken from."""
+GROUPS = 24
+"""Groups of pixels of like brightness through whose variances a line is laid."""
+LOWEST = 1.0
+"""Percentile of the reference's level that counts as water without glint [%]."""
+LEFT = 1.05
+"""Glint left in a band that is not corrected, relative to what the reference shows."""
+LEFT_CORRECTED = 0.4
+"""The same in a corrected band, times the root of the share of its variance that the references do not explain."""
+FULL_COVER = 0.2
+"""Share of glinted pixels from which on what the reference shows above its lowest level is all glint."""
+STANDS_OUT = 1.5
+"""Below that cover it is noise of the level, save what exceeds its median by this factor."""
+OF_LEVEL = 1.4
+"""Variance of a replaced pixel's level, relative to that of the level under clean pixels."""
+OF_RELIEF = 0.155
+"""Error of a replaced pixel, relative to how far the level spans within `REACH`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """A deglinted block and what it came from, (band, row, column), all bands of the scene.
+
+    Attributes
+    ----------
+    before, after : float32 ndarray
+        Physical values; NaN where not valid.
+    where : (row, column) bool ndarray
+        Pixels that were to be corrected.
+    replaced : bool ndarray, optional
+        What a compensation replaced; None where there was none.
+    kept : (row, column) bool ndarray, optional
+        Things, which were put back.
+    level, removed_level : float32 ndarray, optional
+        Level of the water before removal, and what removal makes of it, with `REACH` more pixels on every side where
+        the scene has them.
+    inner : (slice, slice)
+        Where the block lies in the levels.
+    """
+
+    before: Float32Array
+    after: Float32Array
+    where: Mask
+    replaced: Mask | None = None
+    kept: Mask | None = None
+    level: Float32Array | None = None
+    removed_level: Float32Array | None = None
+    inner: tuple[slice, slice] = (slice(None), slice(None))
+
+
+@dataclass(frozen=True, slots=True)
+class BandError:
+    """Of one band, in the scene's unit and its square.
+
+    Attributes
+    ----------
+    band : int
+        0-based.
+    fixed, growing : float
+        Variance of a clean pixel: at 0, and per unit of the level (or of the squared amount, without compensation).
+    level : float
+        Variance of the level in the place of a replaced pixel.
+    relief : float
+        Mean square of how far the level spans around a clean pixel.
+    left : float
+        Glint left, per unit of what the reference shows above its lowest level.
+    index : int
+        Which of the model's indexes it follows; -1 for none.
+    slope_error : float
+        Standard error of its slope, relative to the slope.
+    """
+
+    band: int
+    fixed: float
+    growing: float
+    level: float = 0.0
+    relief: float = 0.0
+    left: float = 0.0
+    index: int = -1
+    slope_error: float = 0.0
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """What a scene says of the errors of its deglinted bands.
+
+    Attributes
+    ----------
+    bands : tuple of BandError
+    reference : int
+        0-based band whose level shows the glint that is left; -1 without compensation.
+    lowest : float
+        Its level without glint.
+    usual : float
+        Median of how far its level stands above that.
+    share : float
+        Part of it that is glint, from 0 to 1.
+    """
+
+    bands: tuple[BandError, ...]
+    reference: int = -1
+    lowest: float = 0.0
+    usual: float = 0.0
+    share: float = 1.0
+
+    @property
+    def halo(self) -> int:
+        """Pixels around a tile that `stderr` looks at."""
+        return REACH if self.reference >= 0 else 0
+
+    def numbers(self) -> dict[str, Any]:
+        """For the sidecar."""
+        return asdict(self)
+
+
+def fit(
+    looks: Sequence[Parts],
+    model: GlintModel,
+    bands: Sequence[int],
+    *,
+    reference: int = -1,
+    glint: Mapping[int, float] | None = None,
+    cover: float = 1.0,
+) -> Uncertainty:
+    """Learn from some deglinted tiles how large the errors are.
+
+    Parameters
+    ----------
+    looks : sequence of Parts
+    model : GlintModel
+        Of the removal.
+    bands : sequence of int
+        0-based bands that may have changed.
+    reference : int
+        0-based NIR band; needed with compensation.
+    glint : mapping of int to float, optional
+        Mean brightness of glint in each band, with compensation.
+    cover : float
+        Share of glinted pixels in the reference.
+
+    Raises
+    ------
+    FitError
+        Too few clean pixels.
+    InputError
+        A compensation without a level.
+
+    Notes
+    -----
+    The constants of this module were set on simulated seas and checked on others: see docs/uncertainty.md.
+    """
+    compensated = any(p.replaced is not None for p in looks)
+    if compensated and any(p.level is None for p in looks):
+        raise InputError("a standard error needs a compensation with replace-level, or none (--compensate off).")
+    fits = {f.band: f for f in model.fits}
+    found = []
+    for band in bands:
+        error = _of_level(looks, band) if compensated else _of_removal(looks, band)
+        if band in fits:
+            fitted = fits[band]
+            relative = float(fitted.stderr or 0.0) / abs(fitted.slope) if fitted.slope else 0.0
+            error = replace(error, index=fitted.index, slope_error=relative)
+        found.append(error)
+    if not compensated:
+        return Uncertainty(tuple(found))
+    glint = glint or {}
+    levels = np.concatenate([_level(p)[reference][p.where] for p in looks])
+    lowest, middle = map(float, np.percentile(levels[np.isfinite(levels)], [LOWEST, 50.0]))
+    per_unit = 1.0 / max(glint.get(reference, 0.0), float(np.finfo(np.float32).tiny))
+    for i, error in enumerate(found):
+        share = LEFT if error.index < 0 else LEFT_CORRECTED * (1 - (fits[error.band].r2 or 0.0)) ** 0.5
+        found[i] = replace(error, left=share * glint.get(error.band, 0.0) * per_unit)
+    return Uncertainty(tuple(found), reference, lowest, middle - lowest, min(1.0, cover / FULL_COVER))
+
+
+def stderr(parts: Parts, uncertainty: Uncertainty, *, steps: Sequence[float] = ()) -> Float32Array:
+    """Standard error of a deglinted block.
+
+    Parameters
+    ----------
+    parts : Parts
+    uncertainty : Uncertainty
+    steps : sequence of float, optional
+        Of the whole numbers that each of the scene's bands is rounded to [unit of the scene].
+
+    Returns
+    -------
+    (band, row, column) float32 ndarray
+        Of `uncertainty.bands`; NaN where not valid or not corrected.
+    """
+    out = np.empty((len(uncertainty.bands), *parts.where.shape), np.float32)
+    for i, error in enumerate(uncertainty.bands):
+        variance = _local(parts, error, uncertainty) if uncertainty.reference >= 0 else _plain(parts, error)
+        if error.slope_error:
+            variance += (error.slope_error * _followed(parts, error.band)) ** 2
+        if steps:
+            touched: Any = True if error.index >= 0 or parts.replaced is None else parts.replaced[error.band]
+            variance += np.where(touched, steps[error.band] ** 2 / 12, 0.0)
+        variance[~(parts.where & np.isfinite(parts.after[error.band]))] = np.nan
+        out[i] = np.sqrt(variance)
+    return out
+
+
+def _local(parts: Parts, error: BandError, uncertainty: Uncertainty) -> npt.NDArray[np.float64]:
+    """Variance after a compensation."""
+    assert parts.replaced is not None
+    assert parts.level is not None
+    assert parts.removed_level is not None
+    level = parts.removed_level[error.band]
+    span = np.maximum(_span(level)[parts.inner].astype(np.float64) ** 2 - error.relief, 0.0)
+    of_level = error.level + OF_RELIEF**2 * span
+    kept = np.zeros_like(parts.where) if parts.kept is None else parts.kept
+    base = np.where(kept, parts.after[error.band], level[parts.inner])
+    noise = error.fixed + error.growing * np.maximum(base, 0).astype(np.float64)
+    replaced = parts.replaced[error.band]
+    variance = np.where(replaced & ~kept, of_level, noise) + np.where(kept, of_level, 0.0)
+    return np.asarray(variance + error.left**2 * _shown(parts, uncertainty))
+
+
+def _shown(parts: Parts, uncertainty: Uncertainty) -> npt.NDArray[np.float64]:
+    """Mean square of the glint that the reference shows to be left."""
+    above = np.maximum(_level(parts)[uncertainty.reference].astype(np.float64) - uncertainty.lowest, 0.0)
+    sure = np.maximum(above - STANDS_OUT * uncertainty.usual, 0.0)
+    return np.asarray(uncertainty.share**2 * above**2 + (1 - uncertainty.share**2) * sure**2)
+
+
+def _plain(parts: Parts, error: BandError) -> npt.NDArray[np.float64]:
+    """Variance after a removal alone."""
+    return np.asarray(error.fixed + error.growing * _removed(parts, error.band) ** 2)
+
+
+def _of_level(looks: Sequence[Parts], band: int) -> BandError:
+    """How clean pixels lie about the level."""
+    away, place, spans, pairs = [], [], [], [0.0, 0.0]
+    for parts in looks:
+        assert parts.replaced is not None
+        assert parts.removed_level is not None
+        wide = parts.removed_level[band]
+        level = wide[parts.inner].astype(np.float64)
+        rest = parts.after[band] - level
+        clean = parts.where & ~parts.replaced[band] & np.isfinite(rest)
+        if parts.kept is not None:
+            clean &= ~parts.kept
+        away.append(rest[clean])
+        place.append(level[clean])
+        spans.append(_span(wide)[parts.inner][clean].astype(np.float64))
+        for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+            both = clean[a] & clean[b]
+            pairs[0] += float((rest[a][both] * rest[b][both]).sum())
+            pairs[1] += int(both.sum())
+    rest, level, span = np.concatenate(away), np.concatenate(place), np.concatenate(spans)
+    if rest.size < FEWEST or not pairs[1]:
+        return _too_few(rest.size)
+    fixed, growing = _line(np.maximum(level, 0.0), (rest - rest.mean()) ** 2)
+    of_level = OF_LEVEL * max(pairs[0] / pairs[1], 0.0)
+    return BandError(band, fixed, growing, of_level, float(np.median(span**2)))
+
+
+def _of_removal(looks: Sequence[Parts], band: int) -> BandError:
+    """How pixels differ from their neighbours after removal."""
+    squares, place = [], []
+    for parts in looks:
+        amount = _removed(parts, band) ** 2
+        value = np.where(parts.where, parts.after[band], np.nan).astype(np.float64)
+        for a, v in ((amount, value), (amount.T, value.T)):
+            bent = (v[:-2] - 2 * v[1:-1] + v[2:]) ** 2 / 6
+            known = np.isfinite(bent)
+            squares.append(bent[known])
+            place.append(((a[:-2] + 4 * a[1:-1] + a[2:]) / 6)[known])
+    bent, amount = np.concatenate(squares), np.concatenate(place)
+    if bent.size < FEWEST:
+        return _too_few(bent.size)
+    return BandError(band, *_line(amount, bent))
+
+
+def _too_few(count: int) -> BandError:
+    raise FitError(
+        f"{count} clean pixels, need {FEWEST} to tell a standard error by. Widen --mask, or leave out --stderr."
+    )
+
+
+def _line(place: npt.NDArray[np.float64], squares: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """The line through variances, neither part below 0; groups count by their relative errors."""
+    order = np.argsort(place, kind="stable")
+    groups = [g for g in np.array_split(order, GROUPS) if g.size]
+    x, y = (np.array([v[g].mean() for g in groups]) for v in (place, squares))
+    mean = float(squares.mean())
+    if mean == 0:
+        return 0.0, 0.0
+    weight = np.array([float(g.size) for g in groups])
+    fixed, growing = mean, 0.0
+    for _ in range(4):  # the variance of a mean square goes with the square of the variance
+        w = weight / np.maximum((fixed + growing * x) / mean, 1e-3) ** 2
+        middle, height = (w * x).sum() / w.sum(), (w * y).sum() / w.sum()
+        power = (w * (x - middle) ** 2).sum()
+        growing = max(float((w * (x - middle) * (y - height)).sum() / power), 0.0) if power > 0 else 0.0
+        fixed = float(height - growing * middle)
+        if fixed < 0:
+            fixed, growing = 0.0, float((w * x * y).sum() / (w * x * x).sum())
+    scale = mean / float((weight * (fixed + growing * x)).sum() / weight.sum())
+    return fixed * scale, growing * scale
+
+
+def _span(level: Float32Array) -> Float32Array:
+    """How far a level spans within `REACH` pixels."""
+    import cv2
+
+    element = np.ones((2 * REACH + 1, 2 * REACH + 1), np.uint8)
+    known = np.isfinite(level)
+    high = cv2.dilate(np.where(known, level, np.float32(-np.inf)), element)
+    low = cv2.erode(np.where(known, level, np.float32(np.inf)), element)
+    return np.where(known, high - low, np.float32(0))
+
+
+def _level(parts: Parts) -> Float32Array:
+    assert parts.level is not None
+    return parts.level[(slice(None), *parts.inner)]
+
+
+def _removed(parts: Parts, band: int) -> npt.NDArray[np.float64]:
+    return np.subtract(parts.before[band], parts.after[band], dtype=np.float64)
+
+
+def _followed(parts: Parts, band: int) -> npt.NDArray[np.float64]:
+    """What removal took away: slope times how far the index stands above its level."""
+    if parts.level is None or parts.removed_level is None:
+        return _removed(parts, band)
+    at = (band, *parts.inner)
+    return np.subtract(parts.level[at], parts.removed_level[at], dtype=np.float64)

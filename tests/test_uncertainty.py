@@ -1,0 +1,217 @@
+"""Standard errors: as large as the errors are, local, and NaN where there is nothing to say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deglint import Recipe, fit_scene, open_scene, remove_glint
+from deglint.compensate import uncertainty as module
+from deglint.compensate.uncertainty import BandError, Parts, Uncertainty, fit, stderr
+from deglint.errors import FitError, InputError
+from deglint.physics.presets import preset
+from deglint.pipeline.correct import Correction
+from deglint.pipeline.uncertain import with_stderr
+from deglint.raster.output import Layout
+from deglint.raster.simulated import write_scene
+from deglint.remove import GlintModel
+from deglint.remove.model import BandFit, GlintIndex
+from deglint.simulate import Setup, simulate
+from deglint.tiles import Tile
+
+MODEL = GlintModel("joyce", (GlintIndex((1,), (1.0,), 2.0),), (BandFit(0, "B", 0, 0.5, 0.1, 0.75),), ("B", "NIR"))
+SIDE = 192
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """Two simulated seas, seeds that no constant was set on: their paths and truths."""
+    folder, found = tmp_path_factory.mktemp("seas"), {}
+    for name, wind, delay, seed in (("calm", 5.0, 0.06, 31), ("even", 6.0, 0.0, 32)):
+        setup = Setup(
+            sensor=preset("thesis").delayed(delay), size=(SIDE, SIDE), wind=wind, patch=0.005, sky="cardioidal",
+            seed=seed,
+        )  # fmt: skip
+        scene = simulate(setup)
+        write_scene(scene, folder / name)
+        found[name] = folder / f"{name}.tif", scene.truth.astype(np.float64)
+    return found
+
+
+def correction(path, compensate="auto"):
+    scene = open_scene(path)
+    fitted = fit_scene(scene, Recipe(mask="none", compensate=compensate), threads=1)
+    layout = Layout(scene.source.info, tuple(range(len(scene.bands))), "float32", None, {})
+    work = Correction(scene, fitted.model, False, False, layout, None, None, (), None, fitted.chain)
+    whole = Tile(0, scene.height, 0, scene.width)
+    return with_stderr(work, [whole], (), 1), whole
+
+
+@pytest.fixture(scope="module")
+def calm(simulated):
+    return correction(simulated["calm"][0])
+
+
+def ratio(error, claimed, where):
+    """Root mean square of the errors over that of the standard errors."""
+    return np.sqrt((error[where] ** 2).mean() / (claimed[where].astype(np.float64) ** 2).mean())
+
+
+def test_clean_and_replaced_pixels_err_as_much_as_is_claimed(simulated, calm):
+    work, whole = calm
+    claimed = work(whole).stderr
+    parts = replace(work, uncertainty=None)(whole).parts
+    error = parts.after - simulated["calm"][1]
+    assert parts.kept is None or parts.kept.mean() < 0.01
+    for kind, where in (("clean", ~parts.replaced), ("replaced", parts.replaced)):
+        assert where[:5].mean() > 0.05, kind
+        assert 0.8 < ratio(error[:5], claimed[:5], where[:5]) < 1.25, kind
+        assert 0.8 < ratio(error[5:], claimed[5:], where[5:]) < 1.25, kind
+    normal = (error / claimed)[:5][~parts.replaced[:5]]
+    assert 0.75 < np.diff(np.percentile(normal, [16, 84]))[0] / 2 < 1.25
+
+
+def test_removal_alone_errs_as_much_as_is_claimed(simulated):
+    path, truth = simulated["even"]
+    work, whole = correction(path, "off")
+    claimed, parts = work(whole).stderr, replace(work, uncertainty=None)(whole).parts
+    for i, band in enumerate(work.changed):
+        everywhere = np.ones((SIDE, SIDE), np.bool_)
+        assert 0.75 < ratio(parts.after[band] - truth[band], claimed[i], everywhere) < 1.25, band
+
+
+@pytest.mark.parametrize("kind", ["calm", "plain"])
+def test_tiles_give_what_the_whole_gives(kind, calm, simulated):
+    work, whole = calm if kind == "calm" else correction(simulated["calm"][0], "off")
+    expected = work(whole).stderr
+    found = np.full_like(expected, -1)
+    for row in range(0, SIDE, 61):
+        for column in range(0, SIDE, 100):
+            tile = Tile(row, min(row + 61, SIDE), column, min(column + 100, SIDE))
+            found[:, tile.row0 : tile.row1, tile.col0 : tile.col1] = work(tile).stderr
+    np.testing.assert_array_equal(found, expected)
+
+
+def looks(seed=0, shape=(40, 50), noise=0.2, texture=0.0):
+    """A flat level, pixels about it with a known noise, and texture that neighbours share."""
+    rng = np.random.default_rng(seed)
+    level = np.full((2, *shape), 10.0, np.float32)
+    shared = np.repeat(np.repeat(rng.standard_normal((2, shape[0] // 10, shape[1] // 10)), 10, 1), 10, 2)
+    after = (level + noise * rng.standard_normal(level.shape) + texture * shared).astype(np.float32)
+    replaced = rng.random(level.shape) < 0.2
+    after[replaced] = level[replaced]
+    return Parts(after, after, np.ones(shape, np.bool_), replaced, None, level, level)
+
+
+def test_every_pixel_is_what_its_parts_say():
+    """Against loops over pixels in float64."""
+    rng = np.random.default_rng(1)
+    wide = rng.uniform(5, 15, (2, 12, 14)).astype(np.float32)
+    inner = slice(2, 10), slice(3, 13)
+    after = rng.uniform(5, 15, (2, 8, 10)).astype(np.float32)
+    after[1, 2, 2] = np.nan
+    where, replaced, kept = rng.random((8, 10)) < 0.9, rng.random((2, 8, 10)) < 0.4, rng.random((8, 10)) < 0.1
+    parts = Parts(after, after, where, replaced, kept, wide, wide - np.float32(3), inner)
+    told = Uncertainty((BandError(0, 0.3, 0.02, 0.05, 1.5, 0.4, 0, 0.1),), 1, 6.0, 2.0, 0.5)
+    found = stderr(parts, told, steps=(0.6, 0.6))
+    for r, c in np.ndindex(8, 10):
+        level, shown = float(wide[0, r + 2, c + 3]) - 3, max(float(wide[1, r + 2, c + 3]) - 6.0, 0.0)
+        near = wide[0, max(r - 1, 0) : r + 6, max(c, 0) : c + 7].astype(float)
+        of_level = 0.05 + module.OF_RELIEF**2 * max(float(np.float32(near.max() - near.min())) ** 2 - 1.5, 0)
+        noise = 0.3 + 0.02 * float(after[0, r, c] if kept[r, c] else level)
+        variance = noise + of_level if kept[r, c] else of_level if replaced[0, r, c] else noise
+        variance += 0.4**2 * (0.25 * shown**2 + 0.75 * max(shown - module.STANDS_OUT * 2.0, 0) ** 2)
+        variance += (0.1 * 3.0) ** 2 + 0.6**2 / 12
+        assert found[0, r, c] == pytest.approx(np.sqrt(variance), rel=1e-5) if where[r, c] else np.isnan(found[0, r, c])
+
+
+def test_noise_is_the_clean_pixels_own_and_the_level_is_what_neighbours_share():
+    told = fit([looks(seed, texture=0.1) for seed in range(6)], MODEL, [0], reference=1, glint={0: 1.0, 1: 1.0})
+    (band,) = told.bands
+    assert band.fixed + 10 * band.growing == pytest.approx(0.2**2 + 0.1**2, rel=0.05)
+    assert band.level == pytest.approx(module.OF_LEVEL * 0.1**2 * 0.9, rel=0.25)  # nine in ten pairs share it
+
+
+def test_line_is_found_and_never_below_zero():
+    rng = np.random.default_rng(3)
+    place = rng.uniform(0, 10, 40_000)
+    fixed, growing = module._line(place, (2 + 0.5 * place) * rng.standard_normal(place.size) ** 2)
+    assert (fixed, growing) == (pytest.approx(2, rel=0.1), pytest.approx(0.5, rel=0.1))
+    falling = module._line(place, 12 - place)
+    assert falling == (pytest.approx(7.0, rel=0.02), 0.0)
+    assert module._line(place, 3 * np.maximum(place - 5, 0))[0] == 0.0
+    assert module._line(np.full(500, 7.0), np.full(500, 4.0)) == (4.0, 0.0)
+    assert module._line(np.zeros(500), np.zeros(500)) == (0.0, 0.0)
+
+
+def test_whole_numbers_add_their_steps(sea, write, tmp_path):
+    path = write(tmp_path / "in.tif", sea())
+    for dtype in ("uint16", "float32"):
+        recipe = Recipe(method="joyce", compensate="off", sample="all", mask="none")
+        remove_glint(path, tmp_path / f"{dtype}.tif", recipe, stderr=tmp_path / f"{dtype}_se.tif", dtype=dtype)
+    with_steps, without = (open_scene(tmp_path / f"{t}_se.tif").read() for t in ("uint16", "float32"))
+    np.testing.assert_allclose(with_steps**2 - without**2, 1 / 12, rtol=0.02)
+
+
+def test_nan_where_not_valid_and_known_elsewhere(tmp_path, sea, write, deglint, read):
+    """From the command: nodata stays NaN; the error against the water itself is as claimed; the image is the same."""
+    image = sea(dtype="float32", seed=5)
+    image[:, 10:14, 20:25] = -1
+    path = write(tmp_path / "in.tif", image, nodata=-1)
+    options = ("--method", "joyce", "--sample", "all", "--mask", "none", "--compensate", "off", "-q")
+    assert deglint("remove", path, tmp_path / "a.tif", *options, "--stderr", tmp_path / "se.tif").code == 0
+    assert deglint("remove", path, tmp_path / "b.tif", *options).code == 0
+    clean, claimed = read(tmp_path / "a.tif"), read(tmp_path / "se.tif")
+    np.testing.assert_array_equal(clean, read(tmp_path / "b.tif"))
+    assert claimed.shape == (3, 80, 100)
+    assert claimed.dtype == np.float32
+    hidden = np.zeros((80, 100), np.bool_)
+    hidden[10:14, 20:25] = True
+    np.testing.assert_array_equal(np.isnan(claimed), np.broadcast_to(hidden, claimed.shape))
+    error = clean[:3] - np.median(clean[:3][:, ~hidden], axis=1)[:, None, None]
+    assert 0.9 < ratio(error, claimed, np.broadcast_to(~hidden, error.shape)) < 1.1
+    assert abs(np.median(clean[0][~hidden]) - 900.0) < 20
+
+
+def test_files_say_whose_error_they_hold(simulated, tmp_path):
+    path = simulated["calm"][0]
+    done = remove_glint(path, tmp_path / "out.tif", Recipe(mask="none"), stderr=tmp_path / "se.tif")
+    errors = open_scene(tmp_path / "se.tif")
+    assert errors.names[0] == f"standard error of {open_scene(path).names[0]}"
+    assert done.sidecar["uncertainty"]["reference"] == 6
+    assert len(done.sidecar["uncertainty"]["bands"]) == len(errors.bands) == 8
+
+
+@pytest.mark.parametrize(
+    ("compensate", "why"),
+    [("normalise, identify-median:5, replace-bands, median:5, remove", "replace-level"), ("identify-level:5", "level")],
+)
+def test_a_compensation_without_a_level_is_refused(simulated, tmp_path, compensate, why):
+    with pytest.raises(InputError, match=why):
+        remove_glint(
+            simulated["calm"][0], tmp_path / "out.tif", Recipe(mask="none", compensate=compensate),
+            stderr=tmp_path / "se.tif",
+        )  # fmt: skip
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_too_few_pixels():
+    few = looks(shape=(10, 10))
+    with pytest.raises(FitError, match="need 256"):
+        fit([few], MODEL, [0], reference=1)
+    with pytest.raises(FitError, match="need 256"):
+        fit([Parts(few.after, few.after, few.where)], MODEL, [0])
+    with pytest.raises(InputError, match="replace-level"):
+        fit([replace(few, level=None)], MODEL, [0], reference=1)
+
+
+def test_one_band_and_gaps_in_the_level():
+    part = looks()
+    level = part.level.copy()
+    level[:, 5:8, 5:8] = np.nan
+    part = replace(part, level=level, removed_level=level, where=part.where & np.isfinite(level[0]))
+    model = replace(MODEL, fits=(), indexes=())
+    told = fit([part], model, [1], reference=1, glint={1: 1.0})
+    found = stderr(part, told)
+    assert found.shape == (1, 40, 50)
+    assert np.array_equal(np.isnan(found[0]), ~part.where)
