@@ -38,7 +38,8 @@ STATES = {
     TOO_FEW: "the ring has too few valid pixels: no score",
 }
 """What `flags` say of a pixel; 0: nothing."""
-_ASIDE = 255
+_ASIDE, _DIRECT = 255, 254
+"""To be taken one by one, in compiled code; and in numpy: many bands, or a window that moves inside the scene."""
 _RANK = 10 * np.finfo(np.float64).eps
 
 
@@ -229,10 +230,14 @@ def _score_cell(
         corner = tuple(a - rule.halo + rule.outer * rule.inner * (rule.outer - rule.inner) for a, _ in cell)
         ring_scores(x, known, corner, rule.inner, rule.outer, rule.ddof, rule.ridge, scores, states)
         if rule.border == "shift":
-            states[inside & _near_edge(cell, rule)] = _ASIDE
+            states[inside & _near_edge(cell, rule)] = _DIRECT
+        if (states == _ASIDE).any():
+            from ._ring_kernel import settle
+
+            settle(x, known, rule.inner, rule.outer, rule.ddof, rule.ridge, _RANK, scores, states)
     else:
-        states[inside] = _ASIDE
-    for r, c in np.argwhere(states == _ASIDE):
+        states[inside] = _DIRECT
+    for r, c in np.argwhere(states == _DIRECT):
         row, column = int(r) + cell[0][0], int(c) + cell[1][0]
         scores[r, c], states[r, c] = _direct(block, good, origin, row, column, rule)
     return scores, states

@@ -18,8 +18,9 @@ Introduction to Statistical Modeling of Extreme Values", ch. 4, doi:10.1007/978-
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,9 @@ KEEP = 1 << 18
 _LEAST_EXCEEDANCES = 50
 _POOR_FIT = 0.05
 """Kolmogorov distance from which a fitted tail is called poor."""
+
+_SPLINE_END, _SPLINE_NODES, _SPLINE_LEAST = 80.0, 8001, 1e-290
+"""Of the spline through the p-values: how far it goes, nodes, and the least p-value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +198,34 @@ def p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArray[np.
         return np.asarray(chdtrc(bands, distance))
     w = distance * (n / (n * n - 1))
     return np.asarray(betaincc(bands / 2, (n - bands) / 2, w / (1 + w)))
+
+
+def fast_p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArray[np.float64]:
+    """As `p_value` to 1e-8 of itself, in a tenth of the time: for whole scenes.
+
+    A cubic spline through its logarithm, a smooth function of the square root of the score; p-values below 1e-290, and
+    distances above 80 standard deviations, are computed as there. It is the same for any cut into tiles.
+    """
+    _check(0.5, bands, n)
+    distance = np.maximum(np.asarray(scores, np.float64), 0)
+    end, spline = _log_survival(bands, n)
+    root = np.sqrt(distance)
+    found = np.asarray(np.exp(spline(np.minimum(root, end))))
+    beyond = root > end
+    if beyond.any():
+        found[beyond] = p_value(distance[beyond], bands, n)
+    return found
+
+
+@cache
+def _log_survival(bands: int, n: int | None) -> tuple[float, Callable[[Scores], Scores]]:
+    """Where the spline of log p ends, in square roots of the score, and the spline."""
+    from scipy.interpolate import CubicSpline
+
+    nodes = np.linspace(0, _SPLINE_END, _SPLINE_NODES)
+    values = p_value(nodes**2, bands, n)
+    last = int(np.count_nonzero(values > _SPLINE_LEAST))
+    return float(nodes[last - 1]), CubicSpline(nodes[:last], np.log(values[:last]))
 
 
 def from_quantile(scores: Scores | Tail, pfa: float) -> Threshold:

@@ -346,7 +346,7 @@ class Scoring:
         found = scores.astype(np.float32, copy=False)
         p_values = None
         if self.want_p and self.law:
-            p_values = cutting.p_value(found, self.law.bands, self.law.n).astype(np.float32)
+            p_values = cutting.fast_p_value(found, self.law.bands, self.law.n).astype(np.float32)
         tail = None if self.highest is None else self.highest.of(found)
         return Scored(found, _count(found, mask, states), tail, p_values)
 

@@ -103,7 +103,7 @@ def deglinted(plan: Plan) -> str | None:
         made = read_json(f"{plan.scene.path}.json", "sidecar")
         model = made["model"]
         kept = {model["band_names"][b] for index in model["indexes"] for b in index["bands"]} <= set(plan.names)
-        affine = model["method"] in AFFINE and bool(model["fits"])
+        affine = model["method"] in AFFINE and bool(model["fits"]) and not made["pixels"]["protected"]
     except (DeglintError, KeyError, TypeError, IndexError):
         return None
     if not (affine and kept):

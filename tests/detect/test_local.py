@@ -37,7 +37,7 @@ def brute(image, inner, outer, border="shrink", ddof=1, ridge=0.0, good=None):
         _, values, vectors = np.linalg.svd(x, full_matrices=False)
         kept = values > 1e-9 * values[0]
         out[r, c] = (len(ring) - ddof) * ((vectors[kept] @ away / values[kept]) ** 2).sum()
-        sway[r, c] = 2e-16 * (values[0] / values[kept][-1]) ** 2
+        sway[r, c] = 2e-16 * (values[0] / values[kept][-1]) ** 2 if kept.any() else 0
     return out, sway
 
 
@@ -274,3 +274,32 @@ def test_both_ways_agree():
     image = image_of(local.KERNEL_BANDS, 30, 30).astype(np.float32)
     direct = local_rx(np.concatenate([image, image_of(1, 30, 30, 9).astype(np.float32) * 0 + 1]), inner=3, outer=13)
     np.testing.assert_allclose(local_rx(image, inner=3, outer=13), direct, rtol=1e-5)
+
+
+@pytest.mark.parametrize("border", ["shrink", "mirror"])
+@pytest.mark.parametrize(("window", "ridge"), [((5, 13), 0.0), ((1, 3), 0.0), ((3, 9), 0.1)])
+def test_a_flat_region(border, window, ridge):
+    """Flat in all bands but one, or in all, and a pixel that stands out of it: as the pseudo-inverse."""
+    rng = np.random.default_rng(0)
+    image = rng.normal(size=(4, 30, 28)) + 10
+    image[:, 6:26, 4:22] = 5
+    image[3, 14:20, 10:16] += rng.normal(size=(6, 6))
+    image[:, 11, 8] += np.arange(4)
+    flags = np.zeros((30, 28), np.uint8)
+    found = local_rx(image, inner=window[0], outer=window[1], border=border, ridge=ridge, flags=flags)
+    expected, _ = brute(image, *window, border, ridge=ridge)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+    assert np.count_nonzero(flags == DEFICIENT) > 20
+
+
+def test_rings_one_by_one_keep_their_digits():
+    """A band that follows from others but for its rounding to six digits, against the ring's singular values."""
+    from detect._ring_kernel import ASIDE, settle
+
+    image = image_of(4, 24, 24).astype(np.float32).astype(np.float64)
+    image[3] = np.round(image[0] + image[1], 6)
+    scores, states = np.zeros((16, 16)), np.full((16, 16), ASIDE, np.uint8)
+    settle(image.transpose(1, 0, 2).copy(), np.ones((24, 24)), 3, 9, 1, 0.0, 2e-15, scores, states)
+    expected, _ = brute(image, 3, 9)
+    np.testing.assert_allclose(scores, expected[4:-4, 4:-4], rtol=1e-6)
+    assert not states.any()
