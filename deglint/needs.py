@@ -112,7 +112,7 @@ class Needs:
         if self.cover:
             covers = " ".join(f"{100 * c:.0f}" for c in self.cover)
             out.append(f"glint stands above the water beside it in, by band, {covers} % of the pixels")
-        if self.optics != "known" and self.stages:
+        if self.optics != "known" and self.element and self.stages:
             out.append(f"optics: {self.optics}")
         return out + [str(stage) for stage in self.stages]
 
