@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from deglint import Recipe, fit_scene, open_scene, remove
+from deglint import Recipe, correct, fit_scene, open_scene, remove
 from deglint.errors import DeglintError
 from deglint.readers.areas import open_area
 from deglint.remove import METHODS, REGRESSIONS
@@ -62,7 +62,7 @@ def simulated(quick: bool) -> None:
         image = scene.read().astype(np.float64)
         truth = open_scene(DATA / "simulated" / f"{name}_truth.tif").read().astype(np.float64)
         raw.append(both(image, truth))
-        by_default.append(unaided(scene, image, truth))
+        by_default.append(unaided(scene, truth))
         for method, regression in rows:
             try:
                 clean, took = cleaned(scene, image, method, regression, 1 if quick else 3)
@@ -87,13 +87,13 @@ def simulated(quick: bool) -> None:
     say("The same beside recorded errors [%]", head, checks, note)
 
 
-def unaided(scene: Scene, image: np.ndarray, truth: np.ndarray) -> str:
+def unaided(scene: Scene, truth: np.ndarray) -> str:
     """Errors of what `deglint remove` does when it is told nothing, and the method it chose."""
     try:
-        model = fit_scene(scene, Recipe(mask="none")).model
+        fitted = fit_scene(scene, Recipe(mask="none"))
     except DeglintError:
         return "-"
-    return f"{both(remove.apply(image, model), truth)} ({model.method})"
+    return f"{both(correct(scene, fitted), truth)} ({fitted.model.method})"
 
 
 def cleaned(scene: Scene, image: np.ndarray, method: str, regression: str, repeats: int) -> tuple[np.ndarray, float]:
@@ -130,7 +130,14 @@ def real(quick: bool) -> None:
         found = combinations(quick) if sample == polygon else [c for c in combinations(quick) if c[1]]
         for method, regression in found:
             said = "polygon" if sample == polygon else "auto"
-            recipe = Recipe(method=method, sample=sample, regression=regression or "auto", nir=("B08",), mask="none")
+            recipe = Recipe(
+                method=method,
+                sample=sample,
+                regression=regression or "auto",
+                nir=("B08",),
+                mask="none",
+                compensate="off",
+            )
             label = f"{method} {regression}".strip()
             try:
                 model = fit_scene(scene, recipe).model

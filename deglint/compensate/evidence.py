@@ -103,7 +103,8 @@ class Protection:
     def numbers(self) -> dict[str, Any]:
         """What goes into a sidecar: all but the tables."""
         names = "bands", "irradiance", "noise", "water", "wavelength", "threshold", "reason"
-        return {name: getattr(self, name) for name in names} | {"halo": self.halo}
+        threshold = self.threshold if np.isfinite(self.threshold) else None  # JSON knows no infinity
+        return {name: getattr(self, name) for name in names} | {"threshold": threshold, "halo": self.halo}
 
     def saved(self) -> dict[str, Any]:
         """Everything as plain numbers, tables and all, to be read back by `protection_from`."""
@@ -117,6 +118,7 @@ class Protection:
 def protection_from(data: Mapping[str, Any]) -> Protection:
     """Read back what `Protection.saved` says."""
     plain = {k: v for k, v in data.items() if k not in ("shapes", "first", "following", "halo")}
+    plain["threshold"] = np.inf if plain["threshold"] is None else plain["threshold"]
     for name in ("bands", "irradiance", "water", "wavelength"):
         plain[name] = tuple(plain[name])
     plain["noise"] = tuple((float(a), float(b)) for a, b in plain["noise"])

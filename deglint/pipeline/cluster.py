@@ -8,7 +8,6 @@ again, with the same result.
 
 from __future__ import annotations
 
-import pickle
 import re
 import secrets
 import shutil
@@ -227,7 +226,9 @@ class _Shipped:
 
                 cv2.setNumThreads(1)  # the worker's threads are all the threads
                 threadpool_limits(1, user_api="blas")
-                self._work = pickle.loads(self._packed)
+                import cloudpickle
+
+                self._work = cloudpickle.loads(self._packed)  # from the scheduler, never from a disk
         return self._work(tile)  # type: ignore[misc]
 
 
@@ -278,7 +279,9 @@ class _Kept:
     def load(self) -> Any:
         """With its arrays, which are read from the files as they are used."""
         try:
-            return replace(self.done, **{name: np.load(path, mmap_mode="r") for name, path in self.paths.items()})
+            return replace(
+                self.done, **{name: np.lib.format.open_memmap(path, mode="r") for name, path in self.paths.items()}
+            )
         except (OSError, ValueError) as error:
             raise WriteError(
                 f"a tile that a worker wrote is not in {next(iter(self.paths.values())).parent}: workers and this "
