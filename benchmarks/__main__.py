@@ -10,7 +10,7 @@ from pathlib import Path
 BENCHMARKS = {
     "speed": ("speed", ("quick", "directory", "rounds", "peers")),
     "error": ("error", ("quick",)),
-    "digits": ("digits", ("quick",)),
+    "digits": ("stress", ("quick",)),
     "targets": ("targets", ("quick",)),
     "uncertainty": ("uncertainty", ("quick",)),
     "compensation": ("compensation", ("quick",)),
