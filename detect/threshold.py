@@ -100,7 +100,8 @@ class Tail:
         """How many scores are greater than a value; None where it lies below all that was kept."""
         if len(self.values) < self.n and not (len(self.values) and value >= self.values[-1]):
             return None
-        return int(np.count_nonzero(self.values > value))
+        with np.errstate(over="ignore"):  # beyond float32 is above all of float32
+            return int(np.count_nonzero(self.values > value))
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,8 @@ class Threshold:
 
     def exceeded(self, scores: Scores) -> npt.NDArray[np.bool_]:
         """True where a score is greater than the threshold; False where it is NaN."""
-        return np.asarray(np.asarray(scores) > self.value)
+        with np.errstate(over="ignore"):
+            return np.asarray(np.asarray(scores) > self.value)
 
     def measured(self, above: int, n: int) -> Threshold:
         """The same with the rate that it gave: `above` of `n` valid scores were greater."""
