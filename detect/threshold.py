@@ -300,10 +300,12 @@ def from_gpd(scores: Scores | Tail, pfa: float, *, tail_fraction: float = 0.01) 
     if k < _LEAST_EXCEEDANCES or excess[0] == excess[-1]:
         raise FitError(
             f"the tail of {tail.n} scores has {k} different enough to be fitted, need {_LEAST_EXCEEDANCES}. "
-            "Take more pixels, or a threshold by quantile."
+            "Take more pixels, or a threshold by quantile (empirical)."
         )
     if k / tail.n < pfa:
-        raise InputError(f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile.")
+        raise InputError(
+            f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile (empirical)."
+        )
     shape, scale, moments = pareto.fit(excess)
     value = u + pareto.excess_at(k / tail.n / pfa, shape, scale)
     error = pareto.standard_error(tail.n, k, pfa, shape, scale)

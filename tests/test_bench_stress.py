@@ -269,7 +269,7 @@ def test_a_window_that_would_take_the_memory_is_refused():
     from deglint.errors import InputError
     from detect.local import local_rx
 
-    with pytest.raises(InputError, match="GiB a thread.*smaller window"):
+    with pytest.raises(InputError, match=r"GiB a thread.*smaller window"):
         local_rx(np.zeros((8, 40, 50)), inner=3, outer=4001)
 
 
