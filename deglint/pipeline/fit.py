@@ -243,12 +243,12 @@ def _fit_sampled(
     rows = [places.index(b) for b in plan.read_bands]
 
     reach = halo + sampler.halo + moved_halo(chain)
-    ready = job.blocks is not None and all(job.blocks.image(t, reach) is not None for t in sampler.tiles)
+    ready = job.blocks if job.blocks and all(job.blocks.image(t, reach) is not None for t in sampler.tiles) else None
 
     def work(tile: Tile) -> Any:
-        outer = tile.grown(reach if ready else reach + chain.halo_before, scene.height, scene.width)
+        outer = tile.grown(reach + (0 if ready else chain.halo_before), scene.height, scene.width)
         middle = tile.grown(halo, scene.height, scene.width)
-        block: Any = job.blocks.image(tile, reach) if ready and job.blocks else scene.source.read(outer.window, columns)
+        block: Any = ready.image(tile, reach) if ready else scene.source.read(outer.window, columns)
         if chain.before and not ready:
             block = finish(apply_stages(State.of(block), chain.before), block)
         mask = sampler.mask(block, columns, outer)
