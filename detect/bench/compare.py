@@ -79,23 +79,27 @@ class Change:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What changed, the largest first; what must be known to read it; and how many numbers each verdict got."""
+    """What changed, the largest first; what must be known to read it; and how many numbers each verdict got.
+
+    `failed` names experiments that went well in the old one and not in the new one.
+    """
 
     changes: tuple[Change, ...]
     notes: tuple[str, ...]
     counts: dict[Verdict, int]
+    failed: tuple[str, ...] = ()
 
     def fails(self, on: Literal["worse", "changed"]) -> bool:
         """Whether something got worse or slower or went missing; or, with "changed", anything that was there moved."""
         bad = {"worse", "slower", "gone"} | ({"changed", "better", "faster"} if on == "changed" else set())
-        return any(change.verdict in bad for change in self.changes)
+        return bool(self.failed) or any(change.verdict in bad for change in self.changes)
 
 
 def compare(old: Run, new: Run) -> Comparison:
     """Every number of both."""
     same_machine, same_scenes = _machine(old) == _machine(new), _scenes(old) == _scenes(new)
     changes, counts = [], dict.fromkeys((*SHOWN, "same", "left out"), 0)
-    for name in sorted(old.numbers.keys() | new.numbers.keys()):
+    for name in sorted(n for n in old.numbers.keys() | new.numbers.keys() if _both_ran(n, old, new)):
         a, b = old.numbers.get(name), new.numbers.get(name)
         if a is None or b is None:
             verdict: Verdict = "new" if a is None else "gone"
@@ -105,7 +109,14 @@ def compare(old: Run, new: Run) -> Comparison:
         if verdict in SHOWN:
             changes.append(Change(name, verdict, a, b, 0.0 if a is None or b is None else moved(a.value, b.value)))
     changes.sort(key=lambda c: (SHOWN.index(c.verdict), -c.size, c.name))
-    return Comparison(tuple(changes), tuple(_notes(old, new, counts["left out"])), counts)
+    failed = tuple(sorted(new.failed.keys() - old.failed.keys()))
+    return Comparison(tuple(changes), tuple(_notes(old, new, counts["left out"])), counts, failed)
+
+
+def _both_ran(number: str, old: Run, new: Run) -> bool:
+    """Whether the experiment of a number was asked for, and went well, in both."""
+    name = number.partition("/")[0]
+    return all(name in run.made.get("experiments", (name,)) and name not in run.failed for run in (old, new))
 
 
 def judge(old: Number, new: Number, *, same_machine: bool = True, same_scenes: bool = True) -> Verdict:
@@ -182,4 +193,7 @@ def _notes(old: Run, new: Run, left_out: int) -> list[str]:
     out += [f"versions differ: {', '.join(differ)}"] if differ else []
     out += [f"{name} failed in {said}: {why}" for said, run in (("old", old), ("new", new))
             for name, why in run.failed.items()]  # fmt: skip
+    for said, run, other in (("old", old, new), ("new", new, old)):
+        alone = [n for n in run.made.get("experiments", ()) if n not in other.made.get("experiments", (n,))]
+        out += [f"only {said} ran {', '.join(alone)}: not compared"] if alone else []
     return out
