@@ -88,8 +88,8 @@ def plot(
     legend : bool
         Name the series above the plot, in the drawing itself, which grows by that much.
     """
-    named, high = _legend([one.name for one in series], size.width) if legend else ("", 0)
-    field = _Field(x, y, size, high)
+    named, above = _legend([one.name for one in series], size.width) if legend else ("", 0)
+    field = _Field(x, y, size, above)
     parts = [named, _frame(field)]
     if chance is not None:
         parts.append(f'<path d="{field.path(*chance)}" fill="none" stroke="#888" stroke-dasharray="1 4"/>')
@@ -106,17 +106,17 @@ def plot(
             parts.append(f'<circle cx="{cx:.1f}" cy="{cy:.1f}" r="3.6" fill="#fff" stroke="{colour(i)}" '
                          'stroke-width="1.8"/>')  # fmt: skip
     said = escape(title, quote=True)
-    tall = size.height + high
+    tall = size.height + above
     return f'<svg viewBox="0 0 {size.width} {tall}" role="img" aria-label="{said}">{"".join(parts)}</svg>'
 
 
 def _legend(names: Sequence[str], width: int) -> tuple[str, int]:
     """Lines and names of series in rows, and how high they are."""
-    parts, x, y = [], _LEFT, 14
+    parts, x, y = [], float(_LEFT), 14
     for i, name in enumerate(names):
         wide = 44 + 7.2 * len(name) + 18
         if x > _LEFT and x + wide > width - _RIGHT:
-            x, y = _LEFT, y + 20
+            x, y = float(_LEFT), y + 20
         dash = f' stroke-dasharray="{dashes(i)}"' if dashes(i) else ""
         parts.append(f'<path d="M{x:.0f} {y}h34" fill="none" stroke="{colour(i)}" stroke-width="2.6"{dash}/>'
                      f'<text x="{x + 41:.0f}" y="{y + 4.5}">{escape(name)}</text>')  # fmt: skip
