@@ -44,8 +44,8 @@ class Task:
     window: tuple[int, int] | None = None
 
     def __str__(self) -> str:
-        kind = f"local {self.window[0]}, {self.window[1]}" if self.window else "global"
-        return f"{kind}, {self.bands} x {self.side}^2"
+        kind = f"local, window {self.window[0]}, {self.window[1]}" if self.window else "global"
+        return f"{kind}, {self.bands} bands of {self.side} x {self.side}"
 
     @property
     def slug(self) -> str:

@@ -21,7 +21,7 @@ def run(effort: Effort) -> Section:
     """Everything beside everything."""
     python, sensingpy = peers_files.interpreter(effort.peers)
     others, _ = peers_arrays.installed()
-    cases = [(Case(1024), 3)] if effort.quick else [(Case(4096), 5), (Case(2048, "uint16", "deflate"), 3)]
+    cases = [(Case(1024), 2)] if effort.quick else [(Case(4096), 5), (Case(2048, "uint16", "deflate"), 3)]
     with tempfile.TemporaryDirectory(dir=effort.directory) as name:
         place = Path(name)
         files, known = [], {}
@@ -77,7 +77,8 @@ def said(numbers: dict[str, Number], case: Case) -> tuple[str, ...]:
         low, high = (numbers[f"peers/growth/size/{s}/remove/peak"].value for s in (sides[0], sides[-1]))
         copy = numbers.get(f"peers/growth/size/{sides[-1]}/copy/peak")
         more = f", where a block copy takes {copy.value:.0f} MB" if copy is not None else ""
-        out.append(f"From {sides[0]}^2 to {sides[-1]}^2 pixels, {(sides[-1] / sides[0]) ** 2:.0f} times as many, the "
+        many = (sides[-1] / sides[0]) ** 2
+        out.append(f"From a side of {sides[0]} to {sides[-1]} pixels, {many:.0f} times as many, the "
                    f"memory of {REMOVE} goes from {low:.0f} to {high:.0f} MB{more}.")  # fmt: skip
     return tuple(out)
 

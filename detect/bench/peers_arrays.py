@@ -63,5 +63,5 @@ def run(effort: Effort) -> Section:
     tables = [Table.of("Time", ("", "program", "wall time [s]", "ns a pixel", f"times {OURS}"), rows, note)]
     if more:
         tables.append(Table.of("Memory beside the image", ("program", "[MB]", "of the image"), more,
-                               f"Global RX, {space[0].bands} x {space[0].side}^2 float32."))  # fmt: skip
+                               f"{space[0]}, float32."))  # fmt: skip
     return Section("peers/arrays", "RX on arrays in memory", tables=tuple(tables), numbers=numbers)

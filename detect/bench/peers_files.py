@@ -31,7 +31,7 @@ class Case:
     bands: int = 8
 
     def __str__(self) -> str:
-        return f"{self.bands} x {self.side}^2 {self.dtype} {self.compress or 'uncompressed'}"
+        return f"{self.bands} bands of {self.side} x {self.side}, {self.dtype}, {self.compress or 'uncompressed'}"
 
     @property
     def slug(self) -> str:

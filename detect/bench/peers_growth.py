@@ -35,7 +35,7 @@ def drawn(title: str, lines: Mapping[str, Mapping[float, float]], x: str, y: str
 
 def sizes(effort: Effort, place: Path, known: Mapping[int, Found]) -> Section:
     """Processor time and memory against the side of the scene; `known` sides were measured already."""
-    sides = (256, 512, 1024) if effort.quick else (512, 1024, 2048, 4096, 8192)
+    sides = (256, 1024) if effort.quick else (512, 1024, 2048, 4096, 8192)
     numbers: dict[str, Number] = {}
     cpu: dict[str, dict[float, float]] = {COPY: {}, REMOVE: {}, SCORE: {}}
     peak: dict[str, dict[float, float]] = {COPY: {}, REMOVE: {}, SCORE: {}}
@@ -53,7 +53,7 @@ def sizes(effort: Effort, place: Path, known: Mapping[int, Found]) -> Section:
             numbers |= {f"{stem}/cpu": time, f"{stem}/peak": memory}
             values = case.bands * side**2 / 1e6
             cpu[name][values], peak[name][values] = time.value, memory.value
-            rows.append((f"{side}^2", name, time, 1e3 * time.value / values, memory))
+            rows.append((f"{side} x {side}", name, time, 1e3 * time.value / values, memory))
         if side > 4096:
             (place / f"{case.slug}.tif").unlink(missing_ok=True)
     head = ("scene", "program", "processor time [s]", "[ms] a megapixel-band", "peak memory [MB]")
@@ -95,7 +95,7 @@ def bands(effort: Effort, place: Path, peers: tuple[str, ...]) -> Section:
             numbers[f"peers/growth/bands/{task.bands}/{name}/wall"] = number
             wall[label][task.bands] = 1e9 * number.value / (task.bands * task.side**2)
     figures = (drawn("Removal against bands", cpu, "bands", "processor time a value [ns]",
-                     f"From file to file, {512 if effort.quick else 1024}^2 pixels, start-up in it."),
+                     f"From file to file, {case.side} x {case.side} pixels, start-up in it."),
                drawn("Global RX against bands", wall, "bands", "time a value [ns]",
                      f"In memory, one thread, {8 * pixels / 1e6:.0f} million values."))  # fmt: skip
     return Section("peers/growth/bands", "Bands", figures=figures, numbers=numbers)
@@ -107,7 +107,7 @@ def threads(effort: Effort, place: Path) -> Section:
     case = Case(1024 if effort.quick else 4096)
     commands = {str(n): case.commands(place / f"{case.slug}.tif", effort.directory / "out.tif", "", n)[REMOVE]
                 for n in many}  # fmt: skip
-    found = measure(case, effort, 3, commands, place)
+    found = measure(case, effort, 2 if effort.quick else 3, commands, place)
     runs: dict[int, list[Run]] = {int(n): own for n, own in found.items() if not isinstance(own, str)}
     numbers: dict[str, Number] = {}
     rows: list[tuple[Cell, ...]] = []
@@ -139,7 +139,7 @@ def windows(effort: Effort, peers: tuple[str, ...]) -> Section:
             number = timed(seconds, "s", "lower" if name == OURS else "")
             numbers[f"peers/growth/window/{task.window[1]}/{name}/wall"] = number
             lines[name][task.window[1]] = 1e6 * median(seconds) / task.side**2
-    caption = f"8 bands; {OURS} on {large[0].side}^2 pixels"
-    caption += f", {SPECTRAL} on {side}^2, since it takes long." if others else "."
+    caption = f"8 bands; {OURS} on {large[0].side} x {large[0].side} pixels"
+    caption += f", {SPECTRAL} on {side} x {side}, since it takes long." if others else "."
     figure = drawn("Local RX against its outer window", lines, "outer window [pixel]", "time a pixel [us]", caption)
     return Section("peers/growth/window", "Window of local RX", figures=(figure,), numbers=numbers)

@@ -54,9 +54,20 @@ class Axis:
             return [i * step for i in range(first, math.floor(self.high / step + 1e-9) + 1)], []
         decades = range(math.floor(math.log10(self.low) + 1e-9), math.ceil(math.log10(self.high) - 1e-9) + 1)
         inside = [10.0**d for d in decades if self.low * (1 - 1e-9) <= 10.0**d <= self.high * (1 + 1e-9)]
+        if len(inside) < 3:  # a decade or two: 1, 2 and 5 of each, or numbers at even steps within less than that
+            return self._few(decades)
         every = max(1, -(-len(inside) // 8))
         minor = [m * 10.0**d for d in decades for m in range(2, 10) if self.low < m * 10.0**d < self.high]
         return inside[::-1][::every][::-1], minor if len(inside) <= 8 else []
+
+    def _few(self, decades: range) -> tuple[list[float], list[float]]:
+        """Ticks of a logarithmic axis that is short."""
+        every = [float(f"{m}e{d}") for d in decades for m in range(1, 10) if self.low <= float(f"{m}e{d}") <= self.high]
+        round_ones = [v for v in every if f"{v:e}"[0] in "125"]
+        if len(round_ones) >= 3:
+            return round_ones, [v for v in every if v not in round_ones]
+        step = _nice((self.high - self.low) / 4)
+        return [i * step for i in range(math.ceil(self.low / step), math.floor(self.high / step + 1e-9) + 1)], []
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +233,7 @@ def _frame(field: _Field) -> str:
 
 
 def _number(value: float, log: bool) -> str:
-    if not log or 1e-3 < value < 1e4:
+    if not log or 1e-3 < value < 1e4 or f"{value:e}"[0] != "1":
         return f"{value:g}"
     power = round(math.log10(value))
     sign = "&minus;" if power < 0 else ""
