@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from . import peers_arrays, peers_files, peers_growth
+from . import kernels, peers_arrays, peers_files, peers_growth
 from .arrays import OURS, SKLEARN, SPECTRAL
 from .peers_files import COPY, NUMPY, REMOVE, SCORE, SENSINGPY, SLUGS, Case
 from .section import Effort, Number, Section
@@ -41,6 +41,7 @@ def run(effort: Effort) -> Section:
         Section("peers/files", "From file to file", (_about_sensingpy(python, sensingpy),),
                 tuple(t for s in files for t in s.tables), (), _numbers(*files)),
         arrays,
+        kernels.run(effort),
         *growth,
     )  # fmt: skip
     numbers = _numbers(*parts)
