@@ -40,6 +40,7 @@ def run(effort: Effort) -> Section:
     parts = (
         Section("peers/files", "From file to file", (_about_sensingpy(python, sensingpy),),
                 tuple(t for s in files for t in s.tables), (), _numbers(*files)),
+        peers_files.start_up(effort),
         arrays,
         kernels.run(effort),
         *growth,

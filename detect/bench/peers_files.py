@@ -13,10 +13,11 @@ from .seas import write_sea
 from .section import Better, Cell, Effort, Number, Section, Table, timed
 
 COPY, TWICE = "block copy", "read twice, write one band"
+ALL_CPUS, RESULT = "block copy, compressing on all cores", "block copy of the result"
 REMOVE, PLAIN, SCORE = "deglint remove", "deglint remove, hedley, window", "rxdetect score"
 NUMPY, SENSINGPY = "whole array in numpy, hedley, window", "sensingpy, hedley, window"
 SLUGS = {COPY: "copy", TWICE: "read-twice", REMOVE: "remove", PLAIN: "remove-hedley", SCORE: "score", NUMPY: "numpy",
-         SENSINGPY: "sensingpy"}  # fmt: skip
+         SENSINGPY: "sensingpy", ALL_CPUS: "copy-all-cores", RESULT: "copy-result"}  # fmt: skip
 OURS = (REMOVE, PLAIN, SCORE)
 Found = Mapping[str, list[Run] | str]
 
@@ -57,6 +58,10 @@ class Case:
             REMOVE: remove,
             PLAIN: [*remove, "--method", "hedley", "--sample", self.window, "--mask", "none", "--compensate", "off"],
         }
+        if self.compress:
+            found[ALL_CPUS] = [*found[COPY], "--all-cpus"]
+            result = str(scene.with_name("result.tif"))
+            found[RESULT] = [python, "-m", "detect.bench.floor", "copy", result, str(out)]
         if self.dtype == "float32" and self.bands == 8:
             found[NUMPY] = [python, "-I", others(), "numpy", *both, self.window]
             if peers:
@@ -90,6 +95,8 @@ def measure(case: Case, effort: Effort, rounds: int, commands: Mapping[str, Comm
     scene = place / f"{case.slug}.tif"
     if not scene.exists():
         case.make(scene)
+    if RESULT in commands:  # corrected water compresses otherwise than glint
+        in_turns({REMOVE: [sys.executable, "-m", "deglint", "remove", "-q", str(scene), str(place / "result.tif")]}, 1)
     return in_turns(commands, rounds, [str(effort.directory / "out.tif*")])
 
 
@@ -112,6 +119,27 @@ def beside(case: Case, effort: Effort, rounds: int, peers: str, place: Path) -> 
     note += f"The floor of {SCORE} is: {TWICE}; of all else the block copy. Ratios of wall times within a round."
     table = Table.of(str(case), head, rows, " ".join([note, *wrong]))
     return Section(f"peers/files/{case.slug}", str(case), tables=(table,), numbers=numbers), found
+
+
+def start_up(effort: Effort) -> Section:
+    """What a run costs before any pixel."""
+    python = sys.executable
+    commands: dict[str, Command] = {
+        "interpreter": [python, "-c", "pass"], "import numpy": [python, "-c", "import numpy"],
+        "import rasterio": [python, "-c", "import rasterio"], "import deglint": [python, "-c", "import deglint"],
+        "deglint --help": [python, "-m", "deglint", "--help"], "rxdetect --help": [python, "-m", "detect", "--help"],
+    }  # fmt: skip
+    found = in_turns(commands, 3 if effort.quick else 7)
+    numbers: dict[str, Number] = {}
+    rows: list[tuple[Cell, ...]] = []
+    for name, runs in found.items():
+        if not isinstance(runs, str):
+            better: Better = "lower" if "deglint" in name or "rxdetect" in name else ""
+            cpu = timed([r.cpu for r in runs], "s", better)
+            numbers[f"peers/start/{name.replace(' ', '-')}/cpu"] = cpu
+            rows.append((name, cpu, timed([r.wall for r in runs], "s"), max(r.peak for r in runs)))
+    head = ("", "processor time [s]", "wall time [s]", "peak memory [MB]")
+    return Section("peers/start", "Start-up", tables=(Table.of("Start-up", head, rows),), numbers=numbers)
 
 
 def of(name: str, runs: list[Run], found: Found) -> dict[str, Number]:
