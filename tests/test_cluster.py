@@ -90,7 +90,7 @@ def test_a_worker_killed_in_mid_run_changes_nothing(cluster, scene, tmp_path, st
     killed = []
 
     def progress(now, done, total):
-        if now == stage and done == 3 and not killed:
+        if now == stage and done >= 3 and not killed:
             assert total > 20
             killed.append(next(iter(before.values())))
             os.kill(killed[0], signal.SIGKILL)

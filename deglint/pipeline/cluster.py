@@ -27,7 +27,7 @@ import numpy as np
 
 from ..errors import DeglintError, InputError, WriteError
 from ..raster.environment import environment
-from ..tiles import Run, Tile
+from ..tiles import Combine, Run, Tile, hull, rows_of
 
 AHEAD = 3
 """Tiles that each thread of a worker has been given, or has done and not been asked for."""
@@ -57,10 +57,12 @@ class Cluster:
         threads: int = 1,  # noqa: ARG002
         progress: Callable[[int, int], None] | None = None,
         start: Callable[[], None] | None = None,  # noqa: ARG002
+        combine: Combine | None = None,
     ) -> Iterator[tuple[Tile, Any]]:
         """Do work on every tile and yield (tile, result) in order, as `deglint.tiles.run` does.
 
-        Threads are those of the workers; each task enters GDAL's environment by itself.
+        Threads are those of the workers; each task enters GDAL's environment by itself. What `combine` makes of a row
+        of tiles is made on a worker, to which the others send theirs: it alone comes here.
 
         Raises
         ------
@@ -69,22 +71,31 @@ class Cluster:
         """
         import cloudpickle
 
-        total, todo, most = len(everything), iter(everything), 0
         shipped = self.client.submit(_Shipped, cloudpickle.dumps(work), key=f"deglint-work-{secrets.token_hex(8)}")
-        waiting: deque[tuple[Tile, Any]] = deque()
+        rows = [[tile] for tile in everything] if combine is None else rows_of(everything)
+        todo, waiting = iter(rows), deque[tuple[list[Tile], Any]]()
+        done = given = most = 0
+        counted = -_RECOUNT
         try:
-            for done in range(total):
-                if done % _RECOUNT == 0:
-                    most = AHEAD * max(sum(self.client.nthreads().values()), 1)
-                while len(waiting) < most and (tile := next(todo, None)) is not None:
-                    waiting.append((tile, self.client.submit(_do, shipped, tile, pure=False)))
-                tile, future = waiting.popleft()
-                yield tile, self._result(future)
+            for _ in rows:
+                if done - counted >= _RECOUNT:
+                    counted, most = done, AHEAD * max(sum(self.client.nthreads().values()), 1)
+                while given - done < most and (row := next(todo, None)) is not None:
+                    waiting.append((row, self._submit(shipped, row, combine)))
+                    given += len(row)
+                row, future = waiting.popleft()
+                yield hull(row), self._result(future)
                 del future
+                done += len(row)
                 if progress:
-                    progress(done + 1, total)
+                    progress(done, len(everything))
         finally:
             self.client.cancel([f for _, f in waiting] + [shipped], force=True)
+
+    def _submit(self, shipped: Any, row: list[Tile], combine: Combine | None) -> Any:
+        """What a row comes to, some time; what its tiles come to stays on the workers."""
+        found = [self.client.submit(_do, shipped, tile, pure=False) for tile in row]
+        return found[0] if combine is None else self.client.submit(combine, found, pure=False)
 
     @contextmanager
     def by_files(self, target: Path) -> Iterator[Run]:
