@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from ..readers.roles import find_band
 from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
+from .blocks import one_thread_each
 from .cluster import Cluster
 from .correct import Correction, Tally, changed_bands
 from .fit import Fitted, Progress, default_threads, fit_scene
@@ -344,22 +345,6 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
             ]
     assert out is not None
     return out
-
-
-@contextmanager
-def one_thread_each(wanted: bool) -> Iterator[None]:
-    """OpenCV on one thread, where the tiles are on several already."""
-    if not wanted:
-        yield
-        return
-    import cv2
-
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:

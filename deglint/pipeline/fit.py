@@ -33,7 +33,8 @@ from ..remove import (
 from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
-from .compensation import Plan, fit_after, fit_before, fit_references, plan, tiles_of
+from .blocks import Blocks, cleaned, tiles_of
+from .compensation import Plan, fit_after, fit_before, fit_references, plan
 from .following import find_moves, moved, moved_halo, with_moves
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
@@ -171,9 +172,11 @@ def _fit_look(
         notes.append(look.water.reason)
     given = sampler_of(scene, recipe, look, threads) if recipe.sample != "auto" else None
     todo = plan(scene, recipe, request, look, given, threads)
-    chain = fit_before(scene, recipe, look, todo, threads) if todo.runs else Chain()
+    chain, blocks = fit_before(scene, recipe, look, todo, threads) if todo.runs else (Chain(), None)
     sampled = METHODS[_method(recipe)].plan is not None
-    sampler = (given or sampler_of(scene, recipe, look, threads, chain)) if sampled else None
+    auto = blocks is not None and sampled and given is None
+    clean = cleaned(scene, look.tiles, chain, blocks, threads) if auto and blocks else None
+    sampler = (given or sampler_of(scene, recipe, look, threads, clean)) if sampled else None
     place = len(notes)
     numbers: dict[str, Any] = {"water": look.water.numbers() if look.water else None, "sample": None}
     name = _compensated_method(request) if todo.runs and recipe.method == "auto" else _method(recipe)
@@ -185,14 +188,14 @@ def _fit_look(
         model, outline = METHODS[name].fit(request, None), None
         chosen = replace(recipe, method=model.method, regression="auto")
     else:
-        job = _Job(scene, recipe, request, sampler, chain, name, todo, run)
+        job = _Job(scene, recipe, request, sampler, chain, name, todo, run, blocks)
         model, said, outline = _fit_sampled(job, threads, want_sample, progress)
         notes += said.pop("notes")
         floor = said.pop("floor_percentile")
         chosen = replace(recipe, method=model.method, regression=model.regression or "auto", floor_percentile=floor)
         numbers["sample"] = said
-    if todo.runs:
-        chain = fit_after(scene, recipe, look, todo, chain, model, threads)
+    if blocks is not None:
+        chain = fit_after(recipe, todo, chain, blocks, model, threads)
         model = replace(model, warnings=(*model.warnings, *_heavy(todo)))
         if todo.after and not chain.after:
             needs = todo.needs.without("second opening", "removal changed no band")
@@ -230,6 +233,7 @@ class _Job:
     method: str
     todo: Plan
     run: tiling.Run
+    blocks: Blocks | None = None
 
 
 def _fit_sampled(
@@ -250,11 +254,16 @@ def _fit_sampled(
     places = columns + list(range(count, count + len(chain.moves)))
     rows = [places.index(b) for b in plan.read_bands]
 
+    reach = halo + sampler.halo + moved_halo(chain)
+    ready = job.blocks is not None and all(job.blocks.image(t, reach) is not None for t in sampler.tiles)
+
+    blocks = job.blocks if ready else None  # work goes to other processes: without the job, and what it need not
+
     def work(tile: Tile) -> Any:
-        outer = tile.grown(halo + sampler.halo + chain.halo_before + moved_halo(chain), scene.height, scene.width)
+        outer = tile.grown(reach if ready else reach + chain.halo_before, scene.height, scene.width)
         middle = tile.grown(halo, scene.height, scene.width)
-        block = scene.source.read(outer.window, columns)
-        if chain.before:
+        block: Any = blocks.image(tile, reach) if blocks else scene.source.read(outer.window, columns)
+        if chain.before and not ready:
             block = finish(apply_stages(State.of(block), chain.before), block)
         mask = sampler.mask(block, columns, outer)
         if chain.moves:
@@ -271,7 +280,8 @@ def _fit_sampled(
     largest = max(sampler.tiles, key=lambda t: t.shape[0] * t.shape[1])
     at_once = tiling.affordable(threads, largest.shape, 4 * len(columns))  # statistics take several copies
     options: dict[str, Any] = {"threads": at_once, "progress": note, "start": enter_thread}
-    for _row, (part, box, found) in job.run(sampler.tiles, work, combine=partial(_row_of, plan), **options):
+    run = tiling.run if ready else job.run
+    for _row, (part, box, found) in run(sampler.tiles, work, combine=partial(_row_of, plan), **options):
         parts.append(part)
         boxes.append(box)
         features += found
