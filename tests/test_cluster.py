@@ -1,6 +1,7 @@
 """Tiles on the workers of a real cluster: the same bits as on threads, whatever becomes of a worker."""
 
 import json
+import operator
 import os
 import signal
 import sys
@@ -15,6 +16,8 @@ from deglint.errors import DeglintError, InputError, ReadError
 pytest.importorskip("distributed", reason="needs pip install 'deglint[cluster]'")
 
 from deglint.pipeline.cluster import connect
+from deglint.tiles import run as run_threads
+from deglint.tiles import tiles
 from detect.pipeline import Recipe as Scoring
 from detect.pipeline import score_file
 
@@ -71,7 +74,7 @@ def assert_same(one, other, names=("out.tif", "f.tif", "a.tif")):
 
 def said(folder):
     found = json.loads((folder / "out.tif.json").read_text())
-    return {k: v for k, v in found.items() if k not in ("seconds", "output")}
+    return {k: v for k, v in found.items() if k not in ("seconds", "output", "cluster")}
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -130,6 +133,19 @@ def test_memory_of_a_worker_is_told_and_below_its_limit(cluster, scene, tmp_path
     held = cluster.memory()
     assert len(held) == 2
     assert all(0 < n < LIMIT for n in held.values())
+    noted = json.loads((tmp_path / "workers" / "out.tif.json").read_text())["cluster"]
+    assert noted["workers"] == 2
+    assert 0 < noted["most_memory_of_one_MB"] <= max(held.values()) / 1e6 + 0.1
+
+
+def test_rows_of_tiles_are_reduced_on_the_workers(cluster):
+    """What comes to this process is one result a row, and it is the same as on threads."""
+    everything = tiles(300, 500, (100, 100))
+    options = {"work": operator.attrgetter("col0", "row1"), "combine": sorted}
+    assert list(cluster.run(everything, **options)) == list(run_threads(everything, **options))
+    made = [pid for _row, pid in cluster.run(everything, hash, combine=lambda _: os.getpid())]
+    assert len(made) == 3
+    assert set(made) <= set(cluster.client.run(os.getpid).values())
 
 
 def test_commands_take_the_address_of_a_cluster(cluster, deglint, scene, tmp_path):
@@ -154,7 +170,12 @@ def test_what_fails_on_a_worker_is_one_line_here_and_leaves_nothing(cluster, sce
 
 @pytest.mark.parametrize(
     "options",
-    [("--workers", "2", "--cluster", "tcp://127.0.0.1:1"), ("--workers", "2", "--threads", "2"), ("--workers", "0")],
+    [
+        ("--workers", "2", "--cluster", "tcp://127.0.0.1:1"),
+        ("--workers", "2", "--threads", "2"),
+        ("--workers", "0"),
+        ("--cluster", "tcp://127.0.0.1:1", "--worker-memory", "1GiB"),
+    ],
 )
 def test_options_that_exclude_each_other(deglint, scene, options):
     assert deglint("remove", scene, "out.tif", *RUN, *options).code == 2
@@ -182,6 +203,12 @@ def test_the_extra_is_named_where_it_is_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(DeglintError, match=r"pip install 'deglint\[cluster\]'"), connect(workers=1):
         pass
+
+
+def test_the_memory_of_a_worker_is_a_size(deglint, scene):
+    ran = deglint("remove", scene, "out.tif", *RUN, "--workers", "1", "--worker-memory", "much")
+    assert (ran.code, ran.err.count("\n")) == (1, 1)
+    assert "such as 1GiB" in ran.err
 
 
 def test_a_cluster_is_named_in_one_way():

@@ -147,6 +147,11 @@ class Cluster:
         """Most memory that each worker process has held so far [byte]; empty where none was needed."""
         return dict(self.client.run(_peak)) if "client" in vars(self) else {}
 
+    def numbers(self) -> dict[str, Any]:
+        """What the sidecar says of the workers: how many there are, and the most memory that one has held so far."""
+        held = self.memory().values()
+        return {"workers": len(held), "most_memory_of_one_MB": round(max(held, default=0) / 1e6, 1)}
+
 
 @contextmanager
 def connect(address: str | None = None, *, workers: int | None = None, memory: str = "auto") -> Iterator[Cluster]:
@@ -179,6 +184,8 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
         raise InputError("want the address of a cluster or a number of workers, one of the two.")
     if workers is not None and workers < 1:
         raise InputError(f"workers: want at least 1, got {workers}.")
+    if not re.fullmatch(r"auto|\d+(\.\d+)? ?[kKMGT]i?B", memory):
+        raise InputError(f"memory of a worker: want a number and its unit, such as 1GiB or 800MB, got {memory!r}.")
     try:
         from distributed import Client, LocalCluster
     except ModuleNotFoundError as error:

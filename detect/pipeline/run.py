@@ -252,6 +252,8 @@ def _run(
                 "seconds": round(time.perf_counter() - begun, 3),
             }
         )
+        if cluster:
+            said["cluster"] = cluster.numbers()
         write_json(scratch, targets.sidecar, said)
     return Result(tally, background, threshold, found, said)
 
