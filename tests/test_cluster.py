@@ -4,7 +4,9 @@ import json
 import operator
 import os
 import signal
+import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -214,3 +216,42 @@ def test_the_memory_of_a_worker_is_a_size(deglint, scene):
 def test_a_cluster_is_named_in_one_way():
     with pytest.raises(InputError, match="one of the two"), connect():
         pass
+
+
+@pytest.fixture
+def elsewhere(tmp_path):
+    """A scheduler and a worker as processes of their own: (address, scheduler)."""
+    said = tmp_path / "scheduler.json"
+    common = ["--scheduler-file", str(said), "--no-dashboard"]
+    call = [sys.executable, "-W", "ignore", "-m", "distributed.cli.dask_"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    local = ["--host", "127.0.0.1"]
+    scheduler = subprocess.Popen([*call[:-1], f"{call[-1]}scheduler", *common, *local, "--port", "0"], **quiet)
+    worker = subprocess.Popen([*call[:-1], f"{call[-1]}worker", *common, "--nthreads", "1", "--no-nanny"], **quiet)
+    try:
+        until = time.monotonic() + 30
+        while not said.exists() and time.monotonic() < until:
+            time.sleep(0.1)
+        yield json.loads(said.read_text())["address"], scheduler
+    finally:
+        for process in (worker, scheduler):
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.parametrize("stage", ["fit", "correct"])
+def test_a_scheduler_that_is_lost_is_one_line(elsewhere, scene, tmp_path, stage):
+    address, scheduler = elsewhere
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "out.tif").write_bytes(b"old")
+
+    def progress(now, done, total):
+        if now == stage:
+            scheduler.kill()
+
+    with connect(address) as found, pytest.raises(DeglintError, match="lost the cluster") as caught:
+        remove_glint(scene, tmp_path / "out" / "out.tif", RECIPES["over everything"], cluster=found,
+                     progress=progress, overwrite=True)  # fmt: skip
+    assert "\n" not in str(caught.value)
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["out.tif"]
+    assert (tmp_path / "out" / "out.tif").read_bytes() == b"old"

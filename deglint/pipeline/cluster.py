@@ -36,6 +36,7 @@ PATIENCE = 60.0
 _POLL = 5.0
 _RECOUNT = 16
 _CONNECT = 15.0
+_LOST = "lost the cluster: its scheduler does not answer any more. Start one, and give the command again."
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,8 @@ class Cluster:
         try:
             for _ in rows:
                 if done - counted >= _RECOUNT:
-                    counted, most = done, AHEAD * max(sum(self.client.nthreads().values()), 1)
+                    with _scheduler():
+                        counted, most = done, AHEAD * max(sum(self.client.nthreads().values()), 1)
                 while given - done < most and (row := next(todo, None)) is not None:
                     waiting.append((row, self._submit(shipped, row, combine)))
                     given += len(row)
@@ -141,11 +143,12 @@ class Cluster:
             except (FutureCancelledError, OSError) as error:
                 if isinstance(error, DeglintError):
                     raise
-                raise DeglintError(f"lost the cluster: {error}. Is its scheduler still there?") from error
+                raise DeglintError(_LOST) from error
 
     def memory(self) -> dict[str, int]:
         """Most memory that each worker process has held so far [byte]; empty where none was needed."""
-        return dict(self.client.run(_peak)) if "client" in vars(self) else {}
+        with _scheduler():
+            return dict(self.client.run(_peak)) if "client" in vars(self) else {}
 
     def numbers(self) -> dict[str, Any]:
         """What the sidecar says of the workers: how many there are, and the most memory that one has held so far."""
@@ -224,6 +227,15 @@ def _client(kind: Any, address: str | None) -> Any:
         client.close()
         raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
     return client
+
+
+@contextmanager
+def _scheduler() -> Iterator[None]:
+    """Asking the scheduler, which may be gone."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        raise DeglintError(_LOST) from error
 
 
 class _Shipped:
@@ -344,3 +356,5 @@ def _quiet() -> None:
 
     for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker"):
         logging.getLogger(name).setLevel(logging.ERROR)
+    for name in ("distributed.client", "distributed.utils"):  # tracebacks of what is told in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)
