@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from .psf import PSF
-from .sharpen import mirrored, separable, share_of
+from .sharpen import all_finite, blur_and_back, inside, mirrored, share_of
 from .state import Float32Array
 
 SMALLEST = 5
@@ -164,15 +164,14 @@ def blurred(band: Float32Array, psf: PSF) -> Float32Array:
 
     NaN has no share and stays. Exact at tile edges with `psf.radius` pixels around a tile.
     """
-    blur = separable([(down[::-1], across[::-1]) for down, across in psf.factors(2)])
-    halo = psf.radius
-    wide = mirrored(band, (0, len(band)), halo)
-    inner = slice(halo, halo + band.shape[0]), slice(halo, halo + band.shape[1])
+    blur, halo = blur_and_back(psf)[0], psf.radius
+    wide = mirrored(band, (0, len(band)), halo, band.shape[1] + 2 * halo)
+    inner = inside(wide.shape, halo)
+    if all_finite(wide):
+        return blur(wide)[inner]
     valid = np.isfinite(wide)
-    if valid.all():
-        return blur(wide, None)[inner]
     wide[~valid] = 0.0
-    out = (blur(wide, None) / share_of(valid, blur, halo))[inner]
+    out = (blur(wide) / share_of(valid, blur, halo))[inner]
     out[~valid[inner]] = np.nan
     return out
 
