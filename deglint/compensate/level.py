@@ -53,7 +53,7 @@ def _elements(size: int, shape: str) -> list[npt.NDArray[np.uint8]]:
         return [np.ones((size, size), np.uint8)]
     radius = size // 2
     if shape == "diamond":
-        steps = []
+        steps: list[int] = []
         while sum(steps) < radius:
             steps.append(min(max(sum(steps), 1), radius - sum(steps)))
         return [_star(step) for step in steps]
