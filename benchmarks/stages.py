@@ -58,7 +58,7 @@ def main(quick: bool) -> None:
         "psf: 2 iterations": lambda: [richardson_lucy(b, p, iterations=2) for b, p in zip(block, psfs, strict=True)],
         "opening, square of 13": lambda: [rank_opening(b, 13) for b in block],
         "opening, octagon of 11, grown back": lambda: [detail_of(b, m, 11) for b, m in zip(block, level, strict=True)],
-        "details that neighbouring bands share": lambda: agreeing([d.copy() for d in details], spectrum),
+        "details that neighbouring bands share": lambda: agreeing(np.stack(details), spectrum),
         "level blurred again": lambda: [blurred(m, p) for m, p in zip(level, psfs, strict=True)],
     }
     jobs |= {f"chain: {text}": (lambda c=chain: apply_chain(block, c)) for text, chain in chains.items()}
