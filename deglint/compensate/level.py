@@ -74,9 +74,7 @@ def diamond_of(size: int) -> int:
     return 2 * round(size / 2**0.5 - 0.5) + 1
 
 
-def rank_opening(
-    band: Float32Array, size: int, *, shape: str = "square", corners: bool = False
-) -> Float32Array:
+def rank_opening(band: Float32Array, size: int, *, shape: str = "square", corners: bool = False) -> Float32Array:
     """Take away what is brighter than its surroundings and smaller than an element.
 
     ``m = dilate_n(median_3(erode_n(a)))``, or with corners ``m = dilate_n(max(e, median_3(e)))``, ``e = erode_n(a)``
@@ -148,7 +146,7 @@ def detail_of(band: Float32Array, base: Float32Array, size: int, whole: int) -> 
     found = rank_opening(band, size, shape="octagon")
     grown = cap(cv2.dilate(found, _CROSS), rank_opening(band, _GUIDE))
     found = keep(found, grown)
-    found = keep(found, rank_opening(band, diamond_of(whole), shape="diamond", corners=True))
+    np.fmax(found, rank_opening(band, diamond_of(whole), shape="diamond", corners=True), out=found)
     np.subtract(found, base, out=found)
     np.nan_to_num(found, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
     return np.maximum(found, np.float32(0.0), out=found)  # with a number, OpenCV stumbles over a single pixel
