@@ -286,7 +286,7 @@ def test_the_default_chain_step_by_step():
 def test_halos_add_up():
     chain = fitted("psf:2, identify-level:13, replace-level, identify-level:5, replace-level")
     radius = max(p.radius for p in PSFS)
-    assert [s.halo for s in chain.before] == [5 * radius, 13, 0, 5, 0]
-    assert chain.halo == 5 * radius + 18
+    assert [s.halo for s in chain.before] == [5 * radius, 19, 0, 7, 0]
+    assert chain.halo == 5 * radius + 26
     assert chain.runs
     assert not Chain().runs

@@ -38,6 +38,7 @@ _GUIDE = 3
 _NOTHING = np.finfo(np.float32).max
 """What OpenCV takes for the pixels beyond an edge when it erodes; minus this when it dilates."""
 _SQUARE = np.ones((3, 3), np.uint8)
+_PATCH = np.ones((2, 2), np.uint8)
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 
 
@@ -53,7 +54,7 @@ def _elements(size: int, shape: str) -> list[npt.NDArray[np.uint8]]:
         return [np.ones((size, size), np.uint8)]
     radius = size // 2
     if shape == "diamond":
-        steps = []
+        steps: list[int] = []
         while sum(steps) < radius:
             steps.append(min(max(sum(steps), 1), radius - sum(steps)))
         return [_star(step) for step in steps]
@@ -77,7 +78,7 @@ def diamond_of(size: int) -> int:
 def rank_opening(band: Float32Array, size: int, *, shape: str = "square", corners: bool = False) -> Float32Array:
     """Take away what is brighter than its surroundings and smaller than an element.
 
-    ``m = dilate_n(median_3(erode_n(a)))``, or with corners ``m = dilate_n(max(e, median_3(e)))``, ``e = erode_n(a)``
+    ``m = dilate_n(median_3(e)), e = erode_n(a)``, or with corners ``m = dilate_n(max(median_3(e), open_2(e)))``
 
     Parameters
     ----------
@@ -88,8 +89,8 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square", corner
     shape : {"square", "octagon", "diamond"}
         Of the element; of the width n.
     corners : bool
-        The median may lift single dark minima, but takes none away: it would cut the corners off an object into which
-        the element just fits, whose minima are a patch of a few pixels.
+        The median takes no patch of 2 x 2 minima or more away: it would cut the corners off an object into which the
+        element just fits, whose minima are a patch of a few pixels.
 
     Returns
     -------
@@ -121,9 +122,12 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square", corner
     found: Any = np.where(missing, _NOTHING, band) if some else band
     for element in elements:
         found = cv2.erode(found, element)
-    middle = cv2.medianBlur(found, 3)
-    keep: Any = cv2.max
-    found = keep(found, middle) if corners else middle
+    middle: Any = cv2.medianBlur(found, 3)
+    if corners:
+        keep: Any = cv2.max
+        patches = cv2.dilate(cv2.erode(found, _PATCH, anchor=(0, 0)), _PATCH, anchor=(1, 1))
+        middle = keep(middle, patches)
+    found = middle
     if some:
         found[found == _NOTHING] = -_NOTHING
     for element in elements:
