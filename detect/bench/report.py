@@ -22,7 +22,8 @@ td small.span{font-size:12.5px}
 figure h4{margin-top:10px}
 .finding{font-weight:600}
 details summary{cursor:pointer;color:var(--soft);font-size:14px}
-@media print{nav ol{columns:2}h4{break-after:avoid}h2{break-before:page}h2.first{break-before:auto}}
+@media print{nav ol{columns:2}h4{break-after:avoid}h2{margin:24px 0 6px;padding-top:8px;font-size:20px}
+.facts{margin:12px 0 4px}.lead{font-size:15px}.facts div{padding:7px 16px}.pair{gap:12px;grid-template-columns:1fr 1fr}figure>svg{max-height:320px}}
 @media(max-width:560px){nav ol{columns:1}}
 """
 SMALL = 560
@@ -79,7 +80,7 @@ def _contents(found: Collected) -> str:
         f"<small>{escape(duration(found.seconds.get(s.name, 0)))}</small></li>"
         for s in found.sections
     )
-    return f'<nav><h2 class="first">Contents</h2><ol>{items}</ol></nav>'
+    return f"<nav><h2>Contents</h2><ol>{items}</ol></nav>"
 
 
 def _how(made: Mapping[str, Any]) -> str:
@@ -89,7 +90,7 @@ def _how(made: Mapping[str, Any]) -> str:
         f"{machine['processor']}, {machine['cores']} cores, {machine['memory']} memory, {machine['system']}",
         f"load {_load(machine, 'start')} at the start, {_load(machine, 'end')} at the end",
     ]
-    return f'<h2 class="first" id="how">How this was made</h2>{pieces.made(facts)}{READING}'
+    return f'<h2 id="how">How this was made</h2>{pieces.made(facts)}{READING}'
 
 
 def _load(machine: Mapping[str, Any], when: str) -> str:
