@@ -23,7 +23,8 @@ figure h4{margin-top:10px}
 .finding{font-weight:600}
 details summary{cursor:pointer;color:var(--soft);font-size:14px}
 @media print{nav ol{columns:2}h4{break-after:avoid}h2{margin:24px 0 6px;padding-top:8px;font-size:20px}
-.facts{margin:12px 0 4px}.lead{font-size:15px}.facts div{padding:7px 16px}.pair{gap:12px;grid-template-columns:1fr 1fr}figure>svg{max-height:320px}}
+.facts{margin:12px 0 4px}.lead{font-size:15px}.facts div{padding:7px 16px}
+.pair{gap:12px;grid-template-columns:1fr 1fr}figure>svg{max-height:320px}}
 @media(max-width:560px){nav ol{columns:1}}
 """
 SMALL = 560
