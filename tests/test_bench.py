@@ -1,5 +1,6 @@
 """The benchmark's frame, with experiments that are not there: page, JSON, comparison, failures, what is left behind."""
 
+import importlib
 import importlib.util
 import json
 import math
@@ -185,6 +186,11 @@ def test_the_trace_of_a_failure_is_shown_on_demand(experiments, rxdetect):
     experiments(stress=fail)
     assert "Traceback" not in rxdetect("bench").err
     assert "Traceback" in rxdetect("bench", "--overwrite", "-vv").err
+
+
+def test_a_package_that_is_missing_is_said_with_its_remedy(experiments, rxdetect):
+    experiments(stress=lambda _: importlib.import_module("no_such_package"))
+    assert "No module named 'no_such_package'. Install what the benchmark needs: pip" in rxdetect("bench").err
 
 
 def test_documentation_is_remade_between_its_marks(experiments, rxdetect, tmp_path):
