@@ -19,20 +19,24 @@ nav small{color:var(--soft);font-variant-numeric:tabular-nums}
 h2{font-size:24px}h3{font-size:19px;margin-top:34px}h4{font-size:15px;margin:24px 0 4px}
 td.t,th.t{text-align:left;white-space:normal}
 td small.span{font-size:12.5px}
+td small.in{font-size:12.5px;min-width:6.6em;text-align:left;padding-left:8px}
+.three{grid-template-columns:repeat(auto-fit,minmax(290px,1fr));gap:18px}
 figure h4{margin-top:10px}
 .finding{font-weight:600}
 details summary{cursor:pointer;color:var(--soft);font-size:14px}
 @media print{nav ol{columns:2}h4{break-after:avoid}h2{margin:24px 0 6px;padding-top:8px;font-size:20px}
 .facts{margin:12px 0 4px}.lead{font-size:15px}.facts div{padding:7px 16px}
-.pair{gap:12px;grid-template-columns:1fr 1fr}figure>svg{max-height:320px}}
+.pair{gap:12px;grid-template-columns:1fr 1fr}.three{grid-template-columns:1fr 1fr 1fr}figure>svg{max-height:320px}}
 @media(max-width:560px){nav ol{columns:1}}
 """
 SMALL = 560
 """Figures no wider than this stand side by side."""
+MOST_BESIDE = 4
+"""Columns of numbers up to which intervals stand beside their values, not below."""
 
-READING = """<p class="small">A figure with a range below it is a mean over scenes of different seeds with its 95 %
-interval (Student's t), or the median of repeated timings and the range of them. Ratios of times are taken within one
-round, in which everything ran once, so that a busy machine slows all alike. Figures that are not times or memory
+READING = """<p class="small">A figure with a range beside or below it is a mean over scenes of different seeds with its
+95 % interval (Student's t), or the median of repeated timings and the range of them. Ratios of times are taken within
+one round, in which everything ran once, so that a busy machine slows all alike. Figures that are not times or memory
 come out the same again for the same seeds and versions, to rounding.</p>"""
 
 
@@ -116,7 +120,8 @@ def figures(found: Sequence[Figure]) -> str:
             side.append(figure(one))
             continue
         if side:
-            out.append(f'<div class="pair">{"".join(side)}</div>')
+            three = " three" * (len(side) % 3 == 0)
+            out.append(f'<div class="pair{three}">{"".join(side)}</div>')
             side = []
         if one is not None:
             out.append(figure(one))
@@ -139,18 +144,22 @@ def table(one: Table) -> str:
     """A table with its title and note; columns of text lie to the left."""
     texts = [_is_text(row[i] for row in one.rows if i < len(row)) for i in range(len(one.head))]
     head = [f'<th class="t">{escape(h)}</th>' if t else escape(h) for h, t in zip(one.head, texts, strict=True)]
+    ranged = [any(isinstance(row[i], Number) for row in one.rows if i < len(row)) for i in range(len(one.head))]
+    beside = sum(ranged) <= MOST_BESIDE
     rows = []
     for row in one.rows:
-        cells = [cell(c) for c in row]
+        cells = [cell(c, beside=beside) for c in row]
         rows.append([f'<td class="t">{c}</td>' if t else c for c, t in zip(cells, texts, strict=False)])
     note = f'<p class="small">{escape(one.note)}</p>' if one.note else ""
     return f"<h4>{escape(one.title)}</h4>{pieces.table(head, rows)}{note}"
 
 
-def cell(value: Cell) -> str:
-    """A cell of a table as HTML."""
+def cell(value: Cell, *, beside: bool = False) -> str:
+    """A cell of a table as HTML; an interval stands below its value, or beside it."""
     if isinstance(value, Number):
         middle, span = shown(value)
+        if beside:
+            return f'{middle}<small class="in">{span}</small>'
         return middle + (f'<small class="span">{span}</small>' if span else "")
     if isinstance(value, str):
         return escape(value)
