@@ -142,13 +142,14 @@ def width(svg: str) -> float:
 
 def table(one: Table) -> str:
     """A table with its title and note; columns of text lie to the left."""
-    texts = [_is_text(row[i] for row in one.rows if i < len(row)) for i in range(len(one.head))]
+    columns = [[row[i] for row in one.rows if i < len(row)] for i in range(len(one.head))]
+    texts = [_is_text(column) for column in columns]
     head = [f'<th class="t">{escape(h)}</th>' if t else escape(h) for h, t in zip(one.head, texts, strict=True)]
-    ranged = [any(isinstance(row[i], Number) for row in one.rows if i < len(row)) for i in range(len(one.head))]
-    beside = sum(ranged) <= MOST_BESIDE
+    ranged = [any(isinstance(c, Number) and shown(c)[1] for c in column) for column in columns]
+    beside = [r and sum(ranged) <= MOST_BESIDE for r in ranged]
     rows = []
     for row in one.rows:
-        cells = [cell(c, beside=beside) for c in row]
+        cells = [cell(c, beside=b) for c, b in zip(row, beside, strict=False)]
         rows.append([f'<td class="t">{c}</td>' if t else c for c, t in zip(cells, texts, strict=False)])
     note = f'<p class="small">{escape(one.note)}</p>' if one.note else ""
     return f"<h4>{escape(one.title)}</h4>{pieces.table(head, rows)}{note}"

@@ -51,8 +51,8 @@ class Bench(click.Command):
 @click.option("--docs", metavar="DIR", help="Remake the page benchmark.md and its figures in this directory, too.")
 @click.option("--peers", metavar="PYTHON", default="", help="Interpreter of an environment with other programs, such "
               "as sensingpy. [default: this one]")  # fmt: skip
-@click.option("--scratch", metavar="DIR", help="Where scratch files go, 6 GB of them (--quick: 0.1). [default: the system's "
-              "temporary directory]")  # fmt: skip
+@click.option("--scratch", metavar="DIR", help="Where scratch files go, up to 6 GB; --quick 0.1. [default: the "
+              "system's temporary directory]")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where an experiment fails.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
