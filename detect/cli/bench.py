@@ -163,12 +163,13 @@ def _write_docs(page: Path, found: Collected, made: dict[str, Any]) -> None:
     """Write the documentation's page and its figures; figures that it had before and has no more go."""
     from deglint.raster.output import Scratch, write_text
 
-    from ..bench.markdown import EMPTY, pages, stale
+    from ..bench.markdown import EMPTY, FOLDER, pages, stale
 
     files = pages(found, made, page.read_text(encoding="utf-8") if page.exists() else EMPTY)
+    (page.parent / FOLDER).mkdir(exist_ok=True)
     with Scratch() as scratch:
         for name, text in files.items():
-            write_text(scratch, page.with_name(name), text)
+            write_text(scratch, page.parent / name, text)
     for left in stale(page.parent, files):
         left.unlink()
 
