@@ -17,7 +17,7 @@ from .section import Cell, Figure, Number, Section, Table
 PAGE, FOLDER = "benchmark.md", "benchmark"
 BEGIN, END = "<!-- measured -->", "<!-- end of what was measured -->"
 EMPTY = f"# Which method, and what does it cost?\n\n{BEGIN}\n{END}\n"
-MOST_ROWS, MOST_BYTES = 30, 200_000
+MOST_ROWS, MOST_BYTES = 30, 300_000
 """Longer tables and larger figures are left to the report."""
 STYLE = (
     "<style>text{font:13px system-ui,-apple-system,'Segoe UI',Roboto,Arial,sans-serif;fill:#444}"
