@@ -20,7 +20,8 @@ EMPTY = f"# Which method, and what does it cost?\n\n{BEGIN}\n{END}\n"
 MOST_ROWS, MOST_BYTES = 30, 300_000
 """Longer tables and larger figures are left to the report."""
 STYLE = (
-    "<style>text{font:13px system-ui,-apple-system,'Segoe UI',Roboto,Arial,sans-serif;fill:#444}"
+    "<style>text{font-family:system-ui,-apple-system,'Segoe UI',Roboto,Arial,sans-serif}"
+    "text:not([font-size]){font-size:13px}text:not([fill]){fill:#444}"
     "text.name{font-size:14px;fill:#1b1f24}</style>"
 )
 

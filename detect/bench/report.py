@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -20,19 +20,25 @@ h2{font-size:24px}h3{font-size:19px;margin-top:34px}h4{font-size:15px;margin:24p
 td.t,th.t{text-align:left;white-space:normal}
 td small.span{font-size:12.5px}
 td small.in{font-size:12.5px;min-width:6.6em;text-align:left;padding-left:8px}
+.many table{font-size:12.5px}.many th{white-space:normal;font-size:11.5px}
+.many th,.many td{padding:3px 6px 3px 0}
+.many th:first-child,.many td:first-child{min-width:6em}
 .three{grid-template-columns:repeat(auto-fit,minmax(290px,1fr));gap:18px}
 figure h4{margin-top:10px}
-.finding{font-weight:600}
-details summary{cursor:pointer;color:var(--soft);font-size:14px}
 @media print{nav ol{columns:2}h4{break-after:avoid}h2{margin:24px 0 6px;padding-top:8px;font-size:20px}
 .facts{margin:12px 0 4px}.lead{font-size:15px}.facts div{padding:7px 16px}
-.pair{gap:12px;grid-template-columns:1fr 1fr}.three{grid-template-columns:1fr 1fr 1fr}figure>svg{max-height:320px}}
+.pair{gap:12px;grid-template-columns:1fr 1fr}
+.three{grid-template-columns:1fr 1fr 1fr}figure>svg{max-height:320px}
+.many table{font-size:7.5pt}.many th{font-size:7pt}}
 @media(max-width:560px){nav ol{columns:1}}
 """
 SMALL = 560
 """Figures no wider than this stand side by side."""
 MOST_BESIDE = 4
 """Columns of numbers up to which intervals stand beside their values, not below."""
+
+MANY = 8
+"""Tables of more columns than this are set smaller."""
 
 READING = """<p class="small">A figure with a range beside or below it is a mean over scenes of different seeds with its
 95 % interval (Student's t), or the median of repeated timings and the range of them. Ratios of times are taken within
@@ -152,7 +158,10 @@ def table(one: Table) -> str:
         cells = [cell(c, beside=b) for c, b in zip(row, beside, strict=False)]
         rows.append([f'<td class="t">{c}</td>' if t else c for c, t in zip(cells, texts, strict=False)])
     note = f'<p class="small">{escape(one.note)}</p>' if one.note else ""
-    return f"<h4>{escape(one.title)}</h4>{pieces.table(head, rows)}{note}"
+    drawn = pieces.table(head, rows)
+    if len(one.head) > MANY:
+        drawn = f'<div class="many">{drawn}</div>'
+    return f"<h4>{escape(one.title)}</h4>{drawn}{note}"
 
 
 def cell(value: Cell, *, beside: bool = False) -> str:
@@ -178,9 +187,10 @@ def shown(number: Number) -> tuple[str, str]:
     return middle, f"{low}&ndash;{high}" if number.low >= 0 else f"{low} to {high}"
 
 
-def _is_text(cells: Iterable[Cell]) -> bool:
-    """Whether a column holds words."""
-    return any(isinstance(c, str) and re.match(r"\s*[A-Za-z(]", c) and c not in ("nan", "inf") for c in cells)
+def _is_text(cells: Sequence[Cell]) -> bool:
+    """Whether a column holds words, but for a few that stand in for numbers."""
+    said = [isinstance(c, str) and re.match(r"\s*[A-Za-z(]", c) and c not in ("nan", "inf") for c in cells]
+    return 2 * sum(map(bool, said)) > len(said)
 
 
 def anchor(name: str) -> str:
