@@ -18,6 +18,7 @@ nav li{break-inside:avoid;margin:2px 0}nav a,a{color:#0b5394;text-decoration:non
 nav small{color:var(--soft);font-variant-numeric:tabular-nums}
 h2{font-size:24px}h3{font-size:19px;margin-top:34px}h4{font-size:15px;margin:24px 0 4px}
 td.t,th.t{text-align:left;white-space:normal}
+td.t:not(:first-child),th.t:not(:first-child){padding-left:10px}
 td small.span{font-size:12.5px}
 td small.in{font-size:12.5px;min-width:6.6em;text-align:left;padding-left:8px}
 .many table{font-size:12.5px}.many th{white-space:normal;font-size:11.5px}
@@ -189,7 +190,7 @@ def shown(number: Number) -> tuple[str, str]:
 
 def _is_text(cells: Sequence[Cell]) -> bool:
     """Whether a column holds words, but for a few that stand in for numbers."""
-    said = [isinstance(c, str) and re.match(r"\s*[A-Za-z(]", c) and c not in ("nan", "inf") for c in cells]
+    said = [isinstance(c, str) and re.match(r"\s*[A-Za-z(]", c) and c not in ("nan", "inf") for c in cells if c != ""]
     return 2 * sum(map(bool, said)) > len(said)
 
 
