@@ -43,6 +43,14 @@ def test_error():
         assert float(ours) == pytest.approx(float(theirs), rel=0.005)
 
 
+def test_the_product_is_called_by_its_names(tmp_path):
+    (tmp_path / "old.json").write_text('{"made": {}, "numbers": {}, "failed": {}}')
+    said = printed("benchmarks", "compare", *[str(tmp_path / "old.json")] * 2)
+    assert "nothing changed" in said
+    for name in ("peers", "report", "docs"):
+        assert "[OUT.html]" in printed("benchmarks", name, "--help")
+
+
 def test_plan():
     table = rows(printed("benchmarks", "plan", "--quick"))
     assert {"reticle", "answer of the page", "deglint plan -o plan.png"} <= set(table)
