@@ -83,14 +83,13 @@ def _contents(found: Collected) -> str:
 
 
 def _how(made: Mapping[str, Any]) -> str:
-    shown = {k: v for k, v in made.items() if k not in ("experiments", "quick")}
-    shown["seconds"] = f"{made['seconds']:,.0f}"
     machine = made["machine"]
-    shown["machine"] = [
+    facts = {k: v for k, v in made.items() if k in ("command", "date", "seeds", "threads", "versions")}
+    facts["machine"] = [
         f"{machine['processor']}, {machine['cores']} cores, {machine['memory']} memory, {machine['system']}",
         f"load {_load(machine, 'start')} at the start, {_load(machine, 'end')} at the end",
     ]
-    return f'<h2 class="first" id="how">How this was made</h2>{pieces.made(shown)}{READING}'
+    return f'<h2 class="first" id="how">How this was made</h2>{pieces.made(facts)}{READING}'
 
 
 def _load(machine: Mapping[str, Any], when: str) -> str:
@@ -149,12 +148,22 @@ def table(one: Table) -> str:
 def cell(value: Cell) -> str:
     """A cell of a table as HTML."""
     if isinstance(value, Number):
-        span = "" if math.isnan(value.low) or math.isnan(value.high) else (
-            f'<small class="span">{words.short(value.low)}&ndash;{words.short(value.high)}</small>')  # fmt: skip
-        return words.short(value.value) + span
+        middle, span = shown(value)
+        return middle + (f'<small class="span">{span}</small>' if span else "")
     if isinstance(value, str):
         return escape(value)
     return f"{value:,}" if isinstance(value, int) else words.short(value)
+
+
+def shown(number: Number) -> tuple[str, str]:
+    """A value, and its interval where it has one, as HTML; no more digits than the interval leaves certain."""
+    half = (number.high - number.low) / 2
+    if not half > 0 or not math.isfinite(half) or not 1e-3 <= abs(number.value) < 1e6:
+        return words.short(number.value), ""
+    most = 3 - math.floor(math.log10(abs(number.value)))
+    places = max(0, min(1 - math.floor(math.log10(half)), most))
+    middle, low, high = (f"{v:,.{places}f}".replace("-", "&minus;") for v in (number.value, number.low, number.high))
+    return middle, f"{low}&ndash;{high}" if number.low >= 0 else f"{low} to {high}"
 
 
 def _is_text(cells: Iterable[Cell]) -> bool:
