@@ -71,23 +71,22 @@ def of_errors(found: Found) -> str:
             if over_seeds([a.error - b.error for a, b in pairs]).low > 0:
                 before, after = (found.error(at, s).value for s in ("after", state))
                 worse.append(f"{look(at)} ({before:.3g} % becomes {after:.3g} %)")
-        parts.append(
-            f"{name} makes the error larger, beyond the interval of the difference: {', '.join(worse) or 'nowhere'}"
-        )
+        where = ", ".join(worse) or "nowhere"
+        parts.append(f"{name} makes the error larger, beyond the interval of the difference: {where}")
     return f"{'; '.join(parts)}."
 
 
 def of_object(found: Found, kind: int) -> tuple[str, ...]:
     """What the curves of one kind of object show, and where removal hurts."""
-    area = {(at, s): found.auc(at, s, kind).value for at in found.looks for s in ("before", "after", "compensated")}
-    lost = max(found.looks, key=lambda at: area[at, "before"] - area[at, "after"])
-    won = max(found.looks, key=lambda at: area[at, "compensated"] - area[at, "after"])
-    left = min(found.looks, key=lambda at: area[at, "compensated"])
+    before, after, cleaned = ({at: found.auc(at, s, kind).value for at in found.looks}
+                              for s in ("before", "after", "compensated"))  # fmt: skip
+    lost = max(found.looks, key=lambda at: before[at] - after[at])
+    won = max(found.looks, key=lambda at: cleaned[at] - after[at])
+    left = min(found.looks, key=lambda at: cleaned[at])
     shows = (
-        f"System effects cost most at {look(lost)}: an AUC of {area[lost, 'before']:.3f} becomes {area[lost, 'after']:.3f}. "
-        f"Removal by default wins most at {look(won)}, from {area[won, 'after']:.3f} to {area[won, 'compensated']:.3f}; "
-        f"after it the AUC is lowest at {look(left)}, {area[left, 'compensated']:.3f} "
-        f"(0.5 is chance)."
+        f"System effects cost most at {look(lost)}: an AUC of {before[lost]:.3f} becomes {after[lost]:.3f}. Removal by "
+        f"default wins most at {look(won)}, from {after[won]:.3f} to {cleaned[won]:.3f}; after it the AUC is lowest at "
+        f"{look(left)}, {cleaned[left]:.3f} (0.5 is chance)."
     )
     said = [_compared(found, kind, state, name) for state, name in
             (("compensated", "Removal by default"), ("thesis-chain", "The thesis' chain with Joyce"))]  # fmt: skip
@@ -101,8 +100,8 @@ def _at_rate(found: Found, kind: int) -> str:
                - found.pd(at, "after", kind, 0).value)  # fmt: skip
     after, cleaned, limit = (found.pd(best, s, kind, 0).value for s in ("after", "compensated", "limit"))
     return (
-        f"At a Pfa of {RATES[0]:g} removal by default changes most at {look(best)}: Pd {after:.3f} becomes {cleaned:.3f}; "
-        f"without glint it would be {limit:.3f}."
+        f"At a Pfa of {RATES[0]:g} it wins most at {look(best)}: Pd {after:.3f} becomes {cleaned:.3f}, and would be "
+        f"{limit:.3f} without glint."
     )
 
 

@@ -99,19 +99,22 @@ def _table(found: Found, method: str) -> Table:
 
 
 def _summary(found: Found) -> Table:
-    """Every method in deep water, at no delay and at the longest."""
-    rows: list[tuple[Cell, ...]] = []
-    for delay in sorted({min(found.delays), max(found.delays)}):
-        for method in METHODS:
-            for chain in CHAINS:
-                cells = [_cell(found.mean(w, delay, method, chain, "deep")) for w in found.winds]
-                rows.append((f"{1000 * delay:g} ms", f"{TITLES[method]}, {SAID[chain]}", *cells))
-        cells = [_cell(found.mean(w, delay, "noise", "alone", "deep")) for w in found.winds]
-        rows.append((f"{1000 * delay:g} ms", "Noise alone", *cells))
-    note = "Deep water on the left, without objects [% of the water level]; errors of whole scenes follow by method."
+    """Every method at the wind that is shown, without delay and at the longest; deep water beside the whole."""
+    ends = sorted({min(found.delays), max(found.delays)})
+    rows: list[list[Cell]] = []
+    for method in METHODS:
+        for what, name in (("whole", "whole scene"), ("deep", "deep water")):
+            cells = [_cell(found.mean(found.shown, d, method, c, what)) for d in ends for c in CHAINS]
+            rows.append([TITLES[method], name, *cells])
+    for what, name in (("whole", "whole scene"), ("deep", "deep water")):
+        noise = [_cell(found.mean(found.shown, d, "noise", "alone", what)) for d in ends]
+        rows.append(["Noise alone", name, *(cell for n in noise for cell in (n, "", ""))])
+    note = "Error [% of the water level]: mean over seeds, and its 95 % interval. Deep water has no objects."
     if found.failed:
         note += f" -: could not be fitted in some scene ({len(found.failed)} of all combinations)."
-    return Table.of("Error in deep water", _head(found, "method"), rows, note)
+    short = {"alone": "alone", "thesis-chain": "thesis' chain", "compensated": "auto"}
+    head = ["method", "error of", *(f"{1000 * d:g} ms, {short[c]}" for d in ends for c in CHAINS)]
+    return Table.of(f"Every method at {found.shown:g} m/s", head, rows, note)
 
 
 def _head(found: Found, second: str) -> list[str]:
