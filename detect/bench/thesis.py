@@ -42,7 +42,8 @@ def section(found: Found, seeds: int) -> Section:
 
 def _part(found: Found, method: str) -> Section:
     figures = [_against_wind(found, method, chain) for chain in CHAINS]
-    figures += [_before_and_after(found, method)] * bool(found.pictures)
+    if found.pictures:
+        figures.append(_before_and_after(found, method))
     return Section(f"thesis/{method}", TITLES[method], thesis_words.of_method(found, method), (_table(found, method),),
                    tuple(figures))  # fmt: skip
 
