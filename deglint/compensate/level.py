@@ -4,7 +4,8 @@ Sparkle is bright and small. The darkest pixel within an element, the median of 
 these within the element again, is what remains when everything brighter than its surroundings and smaller than the
 element is taken away. Of one frame alone nothing tells a glint from a small bright object; where bands see the sea at
 different instants something does: an object is there in all of them. So a second, rounder opening, which follows the
-outline of an object more closely and lets more sparkle through, counts only where neighbouring bands agree.
+outline of an object more closely and lets more sparkle through, counts only where neighbouring bands agree; so does
+the opening by a diamond as large as the square, for objects that stand on their corners.
 
 Arrays only. Local: a tile with `halo` pixels around it gives what the whole image gives, to the bit.
 
@@ -23,7 +24,7 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from .psf import PSF
-from .sharpen import mirrored, separable, share_of
+from .sharpen import all_finite, blur_and_back, inside, mirrored, share_of
 from .state import Float32Array
 
 SMALLEST = 5
@@ -42,7 +43,8 @@ _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 
 def level_halo(size: int, detail: int = 0) -> int:
     """Pixels that `opened_level` needs around a tile."""
-    return max(2 * (size // 2) + 1, 2 * (detail // 2) + 2 if detail else 0)
+    diamond = 2 * (diamond_of(size) // 2) + 1
+    return max(2 * (size // 2) + 1, 2 * (detail // 2) + 2 if detail else 0, diamond if detail else 0)
 
 
 def _elements(size: int, shape: str) -> list[npt.NDArray[np.uint8]]:
@@ -50,15 +52,34 @@ def _elements(size: int, shape: str) -> list[npt.NDArray[np.uint8]]:
     if shape == "square":
         return [np.ones((size, size), np.uint8)]
     radius = size // 2
+    if shape == "diamond":
+        steps: list[int] = []
+        while sum(steps) < radius:
+            steps.append(min(max(sum(steps), 1), radius - sum(steps)))
+        return [_star(step) for step in steps]
     reach = round(1.45 * radius)  # |row| + |column| at most
     square, crosses = reach - radius, 2 * radius - reach
     return [np.ones((2 * square + 1, 2 * square + 1), np.uint8)] * (square > 0) + [_CROSS] * crosses
 
 
-def rank_opening(band: Float32Array, size: int, *, shape: str = "square") -> Float32Array:
+def _star(reach: int) -> npt.NDArray[np.uint8]:
+    """A pixel, and the four so far from it along the axes."""
+    out = np.zeros((2 * reach + 1, 2 * reach + 1), np.uint8)
+    out[reach, [0, reach, -1]] = out[[0, -1], reach] = 1
+    return out
+
+
+def diamond_of(size: int) -> int:
+    """Width of the diamond that is as large as a square of this width, odd [pixel]."""
+    return 2 * round(size / 2**0.5 - 0.5) + 1
+
+
+def rank_opening(
+    band: Float32Array, size: int, *, shape: str = "square", corners: bool = False
+) -> Float32Array:
     """Take away what is brighter than its surroundings and smaller than an element.
 
-    ``m = dilate_n(median_3(erode_n(a)))``
+    ``m = dilate_n(median_3(erode_n(a)))``, or with corners ``m = dilate_n(max(e, median_3(e)))``, ``e = erode_n(a)``
 
     Parameters
     ----------
@@ -66,8 +87,11 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square") -> Flo
         Any unit; NaN is not valid.
     size : int
         n, odd [pixel].
-    shape : {"square", "octagon"}
+    shape : {"square", "octagon", "diamond"}
         Of the element; of the width n.
+    corners : bool
+        The median may lift single dark minima, but takes none away: it would cut the corners off an object into which
+        the element just fits, whose minima are a patch of a few pixels.
 
     Returns
     -------
@@ -99,7 +123,9 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square") -> Flo
     found: Any = np.where(missing, _NOTHING, band) if some else band
     for element in elements:
         found = cv2.erode(found, element)
-    found = cv2.medianBlur(found, 3)
+    middle = cv2.medianBlur(found, 3)
+    keep: Any = cv2.max
+    found = keep(found, middle) if corners else middle
     if some:
         found[found == _NOTHING] = -_NOTHING
     for element in elements:
@@ -109,18 +135,20 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square") -> Flo
     return np.asarray(found)
 
 
-def detail_of(band: Float32Array, base: Float32Array, size: int) -> Float32Array:
-    """By how much a rounder, smaller opening exceeds a level: outlines of objects, and clumps of sparkle.
+def detail_of(band: Float32Array, base: Float32Array, size: int, whole: int) -> Float32Array:
+    """By how much other openings exceed a level: outlines of objects, and clumps of sparkle.
 
-    An octagon's opening, grown back by one pixel under the opening by a square of 3.
+    A rounder, smaller one, by an octagon of this size, grown back by one pixel under the opening by a square of 3; and
+    that by a diamond as large as the square of the level, `whole`.
     """
     import cv2
 
     keep: Any = cv2.max
     cap: Any = cv2.min
     found = rank_opening(band, size, shape="octagon")
-    grown = cap(cv2.dilate(found, _SQUARE), rank_opening(band, _GUIDE))
+    grown = cap(cv2.dilate(found, _CROSS), rank_opening(band, _GUIDE))
     found = keep(found, grown)
+    found = keep(found, rank_opening(band, diamond_of(whole), shape="diamond", corners=True))
     np.subtract(found, base, out=found)
     np.nan_to_num(found, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
     return np.maximum(found, np.float32(0.0), out=found)  # with a number, OpenCV stumbles over a single pixel
@@ -164,15 +192,14 @@ def blurred(band: Float32Array, psf: PSF) -> Float32Array:
 
     NaN has no share and stays. Exact at tile edges with `psf.radius` pixels around a tile.
     """
-    blur = separable([(down[::-1], across[::-1]) for down, across in psf.factors(2)])
-    halo = psf.radius
-    wide = mirrored(band, (0, len(band)), halo)
-    inner = slice(halo, halo + band.shape[0]), slice(halo, halo + band.shape[1])
+    blur, halo = blur_and_back(psf)[0], psf.radius
+    wide = mirrored(band, (0, len(band)), halo, band.shape[1] + 2 * halo)
+    inner = inside(wide.shape, halo)
+    if all_finite(wide):
+        return blur(wide)[inner]
     valid = np.isfinite(wide)
-    if valid.all():
-        return blur(wide, None)[inner]
     wide[~valid] = 0.0
-    out = (blur(wide, None) / share_of(valid, blur, halo))[inner]
+    out = (blur(wide) / share_of(valid, blur, halo))[inner]
     out[~valid[inner]] = np.nan
     return out
 
@@ -210,9 +237,9 @@ def opened_level(
     """
     base, details = [], []
     for band in bands:
-        base.append(rank_opening(band, size))
+        base.append(rank_opening(band, size, corners=True))
         if detail:
-            details.append(detail_of(band, base[-1], detail))
+            details.append(detail_of(band, base[-1], detail, size))
     if detail:
         agreeing([details[b] for b in order], [spectrum[b] for b in order])
         for low, more in zip(base, details, strict=True):
