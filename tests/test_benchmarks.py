@@ -26,9 +26,8 @@ def rows(text):
 
 def test_digits():
     table = rows(printed("benchmarks", "digits", "--quick"))
-    for name in ("NIST NumAcc4", "float32, counts 10000 +- 10, 1e+05 px"):
-        for cell in table[name][:2]:  # both engines of deglint
-            assert min(map(int, re.findall(r"\d+", cell))) >= 13
+    assert float(table["NumAcc4, mean"][0]) > 15
+    assert float(table["plain"][0]) > 15
 
 
 @pytest.mark.shared
