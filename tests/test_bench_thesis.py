@@ -238,7 +238,8 @@ def test_single_effects(effort, monkeypatch):
 
 
 def test_levels_and_looks_have_names():
-    assert [effects.EFFECTS[0].said(n) for n in (0, 2)] == ["no noise", "2 times the usual"]
+    assert [effects.EFFECTS[0].said(n) for n in (0, 1, 2)] == ["no noise", "the usual noise", "2 times the usual"]
+    assert [effects.EFFECTS[3].said(n) for n in (0, 1)] == ["no delay", "1 ms"]
     assert effects.EFFECTS[1].said(30.0) == "f/30"
     assert roc_words.look((20.0, 180.0)) == "20 deg to the glint"
     assert roc_words.look((0.0, 0.0)) == "nadir"

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 LEAST = 0.001
 """Change of an area that is worth a word."""
-TITLES = {"before": "before system effects", "after": "after system effects", "compensated": "after removal by default"}
+TITLES = {"before": "before system effects", "after": "after system effects",
+          "thesis-chain": "after the thesis' chain and Joyce", "compensated": "after removal by default"}  # fmt: skip
 
 
 def look(at: Look) -> str:
