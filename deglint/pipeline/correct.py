@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ..compensate import Chain, State, apply_stages, finish
 from ..compensate.evidence import REACH, grown
 from ..compensate.protect import put_back, things
+from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
 from ..compensate.uncertainty import Parts, Uncertainty, stderr
 from ..masks import WaterRule, opened, valid_for, water
@@ -277,6 +278,7 @@ class Correction:
         looked = tile.grown(self.chain.protection.halo, height, width)
         raw = around[_place(looked, outer)].copy() if self.chain.protection.possible else None
         state = State.own(around) if self.chain.in_place else State.of(around)
+        state.sound = all_finite(state.image)
         apply_stages(state, self.chain.before, middle.crop_of(outer))
         clean, replaced = finish(state, around[_place(middle, outer)]), state.replaced
         level, units, within = state.water, state.units, _place(tile, middle)
@@ -286,7 +288,9 @@ class Correction:
             clean = removed(clean, self.model)
         replaced = replaced[within]
         if self.chain.after:
-            state = apply_stages(State.own(clean), self.chain.after, tile.crop_of(middle))
+            sound, state = state.sound, State.own(clean)
+            state.sound = sound and all_finite(clean)
+            apply_stages(state, self.chain.after, tile.crop_of(middle))
             clean = finish(state, clean[within])
             replaced = replaced | state.replaced
         else:
