@@ -237,7 +237,7 @@ def main(quick: bool) -> None:
     """Measure and print."""
     from .stages import main as stages
 
-    print("## Compensation\n\n" + machine("opencv-contrib-python-headless"))
+    print("## Compensation\n\n" + machine())
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         if (DATA / "simulated").exists():

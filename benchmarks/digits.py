@@ -152,7 +152,7 @@ def score(statistics: Statistics, x: np.ndarray, expected: Truth) -> str:
 
 def main(quick: bool) -> None:
     """Measure and print."""
-    print("## Correct digits\n\n" + machine("numba", "scikit-learn", "spectral"))
+    print("## Correct digits\n\n" + machine())
     installed = {name: find_spec(module) is not None for name, (_, module) in PROGRAMS.items()}
     rows = []
     for name, x in data_sets(quick).items():

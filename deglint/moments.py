@@ -124,6 +124,35 @@ class CellMoments:
         """The same cells in row-major order."""
         return self.where(np.lexsort((self.keys[:, 1], self.keys[:, 0])))
 
+    def joined(self, levels: int) -> CellMoments:
+        """Cells of one row merged in groups of 2**levels that follow each other from the scene's edge on; by place.
+
+        Within a group, neighbours are merged first. A group that was merged before stays as it is.
+        """
+        out = self.by_place()
+        for level in range(1, levels + 1):
+            out = out._pairs_merged(level)
+        return out
+
+    def _pairs_merged(self, level: int) -> CellMoments:
+        """Cells in order; of those whose columns differ in the last `level` bits alone, neighbours are merged."""
+        groups = self.keys >> np.array([0, level])
+        same = np.append((groups[1:] == groups[:-1]).all(axis=1), False)
+        run = np.arange(len(same)) - np.maximum.accumulate(
+            np.where(np.append(True, ~same[:-1]), np.arange(len(same)), 0)
+        )
+        first = np.flatnonzero(same & (run % 2 == 0))
+        if not len(first):
+            return self
+        both = self.where(np.stack([first, first + 1], axis=1).ravel())
+        n, mean, rest, comoment = _merge_neighbours(both.n, both.mean, both.rest, both.comoment)
+        low = np.minimum(both.minimum[::2], both.minimum[1::2])
+        high = np.maximum(both.maximum[::2], both.maximum[1::2])
+        merged = CellMoments(both.keys[::2], n, mean, comoment, low, high, rest)
+        alone = np.ones(len(self.n), np.bool_)
+        alone[first] = alone[first + 1] = False
+        return CellMoments.concatenate([merged, self.where(alone)]).by_place()
+
     def where(self, chosen: npt.NDArray[Any]) -> CellMoments:
         """Some of the cells, by index or by mask."""
         return CellMoments(*(getattr(self, name)[chosen] for name in _FIELDS))

@@ -11,7 +11,8 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -199,6 +200,19 @@ def part_of(
     good = np.isfinite(block).all(axis=0)
     rows, columns = np.nonzero(thinned(good if mask is None else good & mask, origin, share))
     return Part(cells, np.stack([rows + origin[0], columns + origin[1]]), block[:, rows, columns])
+
+
+def combine(parts: Sequence[Part]) -> Part:
+    """One part in place of those of a row of tiles: the cells of each row are merged to one."""
+    cells = CellMoments.concatenate([p.cells for p in parts]).by_place()
+    rows, starts = np.unique(cells.keys[:, 0], return_index=True)
+    if len(rows):
+        each = [cells.where(np.arange(*ends)).total() for ends in pairwise([*starts.tolist(), len(cells.n)])]
+        cells = CellMoments.concatenate([CellMoments.from_moments(m) for m in each])
+        cells = replace(cells, keys=np.stack([rows, np.zeros_like(rows)], axis=1))
+    kept = [p for p in parts if p.values is not None]
+    places = np.concatenate([p.places for p in parts], axis=1)
+    return Part(cells, places, np.concatenate([p.values for p in kept], axis=1) if kept else None)
 
 
 def fit(

@@ -15,40 +15,34 @@ ZERO, INFINITY = np.float32(0.0), np.float32(np.inf)
 
 
 @nb.njit(cache=True, nogil=True)
-def highest(a, b, c, out):  # type: ignore[no-untyped-def]
-    """The largest number of three rows, minus infinity where there is none."""
-    apart()
-    for j in range(out.size):
-        most = a[j] if a[j] > -INFINITY else -INFINITY
-        most = b[j] if b[j] > most else most
-        out[j] = c[j] if c[j] > most else most
-
-
-@nb.njit(cache=True, nogil=True)
-def above(here, beside, guide, base, out):  # type: ignore[no-untyped-def]
-    """By how much `here`, grown sideways from `beside` (one pixel wider on either side) under the guide, exceeds base;
-    0 where that is no number."""
+def exceeding(here, beside, up, down, guide, diamond, base, out):  # type: ignore[no-untyped-def]
+    """By how much a row exceeds base: `here`, or grown from its neighbours (`beside` is the row, one pixel wider on
+    either side) under the guide, or the diamond; 0 where that is no number."""
     apart()
     left, right = beside, beside[2:]
-    middle = beside[1:]
     for j in range(out.size):
-        most = left[j] if left[j] > right[j] else right[j]
-        most = most if most > middle[j] else middle[j]
+        most = here[j] if here[j] > -INFINITY else -INFINITY
+        most = left[j] if left[j] > most else most
+        most = right[j] if right[j] > most else most
+        most = up[j] if up[j] > most else most
+        most = down[j] if down[j] > most else most
         most = most if most < guide[j] else guide[j]
         most = here[j] if here[j] > most else most
+        most = diamond[j] if (diamond[j] > most) | (most != most) else most
         most = most - base[j]
         out[j] = most if most > ZERO and most < INFINITY else ZERO
 
 
 @nb.njit(cache=True, nogil=True)
-def outlines(octagon, guide, base, out):  # type: ignore[no-untyped-def]
-    """max(0, max(octagon, min(dilated octagon, guide)) - base)."""
+def outlines(octagon, guide, diamond, base, out):  # type: ignore[no-untyped-def]
+    """max(0, max(octagon, min(octagon dilated by a cross, guide), diamond) - base)."""
     rows, columns = octagon.shape
     beside = np.empty(columns + 2, np.float32)
     for i in range(rows):
-        highest(octagon[max(i - 1, 0)], octagon[i], octagon[min(i + 1, rows - 1)], beside[1 : columns + 1])
+        beside[1 : columns + 1] = octagon[i]
         beside[0], beside[columns + 1] = beside[1], beside[columns]
-        above(octagon[i], beside, guide[i], base[i], out[i])
+        up, down = octagon[max(i - 1, 0)], octagon[min(i + 1, rows - 1)]
+        exceeding(octagon[i], beside, up, down, guide[i], diamond[i], base[i], out[i])
 
 
 @nb.njit(cache=True, nogil=True)

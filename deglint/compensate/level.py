@@ -4,7 +4,8 @@ Sparkle is bright and small. The darkest pixel within an element, the median of 
 these within the element again, is what remains when everything brighter than its surroundings and smaller than the
 element is taken away. Of one frame alone nothing tells a glint from a small bright object; where bands see the sea at
 different instants something does: an object is there in all of them. So a second, rounder opening, which follows the
-outline of an object more closely and lets more sparkle through, counts only where neighbouring bands agree.
+outline of an object more closely and lets more sparkle through, counts only where neighbouring bands agree; so does
+the opening by a diamond as large as the square, for objects that stand on their corners.
 
 Arrays only. Local: a tile with `halo` pixels around it gives what the whole image gives, to the bit.
 
@@ -38,12 +39,14 @@ _GUIDE = 3
 _NOTHING = np.finfo(np.float32).max
 """What OpenCV takes for the pixels beyond an edge when it erodes; minus this when it dilates."""
 _SQUARE = np.ones((3, 3), np.uint8)
+_PATCH = np.array([[0, 0, 0], [0, 1, 1], [0, 1, 1]], np.uint8)  # of 2 x 2; in 3 x 3 OpenCV is faster
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 
 
 def level_halo(size: int, detail: int = 0) -> int:
     """Pixels that `opened_level` needs around a tile."""
-    return max(2 * (size // 2) + 1, 2 * (detail // 2) + 2 if detail else 0)
+    diamond = 2 * (diamond_of(size) // 2) + 1
+    return max(2 * (size // 2) + 1, 2 * (detail // 2) + 2 if detail else 0, diamond if detail else 0)
 
 
 def _elements(size: int, shape: str) -> list[npt.NDArray[np.uint8]]:
@@ -51,15 +54,34 @@ def _elements(size: int, shape: str) -> list[npt.NDArray[np.uint8]]:
     if shape == "square":
         return [np.ones((size, size), np.uint8)]
     radius = size // 2
+    if shape == "diamond":
+        steps: list[int] = []
+        while sum(steps) < radius:
+            steps.append(min(max(sum(steps), 1), radius - sum(steps)))
+        return [_star(step) for step in steps]
     reach = round(1.45 * radius)  # |row| + |column| at most
     square, crosses = reach - radius, 2 * radius - reach
     return [np.ones((2 * square + 1, 2 * square + 1), np.uint8)] * (square > 0) + [_CROSS] * crosses
 
 
-def rank_opening(band: Float32Array, size: int, *, shape: str = "square", sound: bool = False) -> Float32Array:
+def _star(reach: int) -> npt.NDArray[np.uint8]:
+    """A pixel, and the four so far from it along the axes."""
+    out = np.zeros((2 * reach + 1, 2 * reach + 1), np.uint8)
+    out[reach, [0, reach, -1]] = out[[0, -1], reach] = 1
+    return out
+
+
+def diamond_of(size: int) -> int:
+    """Width of the diamond that is as large as a square of this width, odd [pixel]."""
+    return 2 * round(size / 2**0.5 - 0.5) + 1
+
+
+def rank_opening(
+    band: Float32Array, size: int, *, shape: str = "square", corners: bool = False, sound: bool = False
+) -> Float32Array:
     """Take away what is brighter than its surroundings and smaller than an element.
 
-    ``m = dilate_n(median_3(erode_n(a)))``
+    ``m = dilate_n(median_3(e)), e = erode_n(a)``, or with corners ``m = dilate_n(max(median_3(e), open_2(e)))``
 
     Parameters
     ----------
@@ -67,8 +89,11 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square", sound:
         Any unit; NaN is not valid.
     size : int
         n, odd [pixel].
-    shape : {"square", "octagon"}
+    shape : {"square", "octagon", "diamond"}
         Of the element; of the width n.
+    corners : bool
+        The median takes no patch of 2 x 2 minima or more away: it would cut the corners off an object into which the
+        element just fits, whose minima are a patch of a few pixels.
     sound : bool
         Every number is known to be finite, and is not looked at for that.
 
@@ -102,7 +127,12 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square", sound:
     found: Any = np.where(missing, _NOTHING, band) if some and missing is not None else band
     for element in elements:
         found = cv2.erode(found, element)
-    found = cv2.medianBlur(found, 3)
+    middle: Any = cv2.medianBlur(found, 3)
+    if corners:
+        keep: Any = cv2.max
+        patches = cv2.dilate(cv2.erode(found, _PATCH), _PATCH[::-1, ::-1])
+        middle = keep(middle, patches)
+    found = middle
     if some:
         found[found == _NOTHING] = -_NOTHING
     for element in elements:
@@ -113,17 +143,20 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square", sound:
 
 
 def detail_of(
-    band: Float32Array, base: Float32Array, size: int, *, sound: bool = False, out: Float32Array | None = None
-) -> Float32Array:
-    """By how much a rounder, smaller opening exceeds a level: outlines of objects, and clumps of sparkle.
+    band: Float32Array, base: Float32Array, size: int, whole: int, *, sound: bool = False,
+    out: Float32Array | None = None,
+) -> Float32Array:  # fmt: skip
+    """By how much other openings exceed a level: outlines of objects, and clumps of sparkle.
 
-    An octagon's opening, grown back by one pixel under the opening by a square of 3.
+    A rounder, smaller one, by an octagon of this size, grown back by one pixel under the opening by a square of 3; and
+    that by a diamond as large as the square of the level, `whole`.
     """
     from ._level_kernels import outlines
 
     found = np.empty_like(base) if out is None else out
     octagon = rank_opening(band, size, shape="octagon", sound=sound)
-    outlines(octagon, rank_opening(band, _GUIDE, sound=sound), base, found)
+    diamond = rank_opening(band, diamond_of(whole), shape="diamond", corners=True, sound=sound)
+    outlines(octagon, rank_opening(band, _GUIDE, sound=sound), diamond, base, found)
     return found
 
 
@@ -212,10 +245,10 @@ def opened_level(
     base, details = [], None
     for band in bands:
         whole = sound or all_finite(band)
-        base.append(rank_opening(band, size, sound=whole))
+        base.append(rank_opening(band, size, corners=True, sound=whole))
         if detail:
             details = np.empty((len(spectrum), *band.shape), np.float32) if details is None else details
-            detail_of(band, base[-1], detail, sound=whole, out=details[len(base) - 1])
+            detail_of(band, base[-1], detail, size, sound=whole, out=details[len(base) - 1])
     if details is not None:
         agreeing(details, spectrum, order=order)
     rows, columns = within or tuple((0, n) for n in base[0].shape)
