@@ -60,7 +60,7 @@ def main(quick: bool) -> None:
         "openings, octagon of 11 grown back, diamond": lambda: [
             detail_of(b, m, 11, 13) for b, m in zip(block, level, strict=True)
         ],
-        "details that neighbouring bands share": lambda: agreeing([d.copy() for d in details], spectrum),
+        "details that neighbouring bands share": lambda: agreeing(np.stack(details), spectrum),
         "level blurred again": lambda: [blurred(m, p) for m, p in zip(level, psfs, strict=True)],
     }
     jobs |= {f"chain: {text}": (lambda c=chain: apply_chain(block, c)) for text, chain in chains.items()}

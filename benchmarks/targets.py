@@ -17,9 +17,10 @@ import numpy as np
 from deglint import open_scene, remove_glint
 from deglint.compensate.evidence import Protection
 from deglint.pipeline import compensation
+from detect.bench.measure import rms_error
 
 from .compensation import changed
-from .error import DATA, DEEP, rms_error
+from .error import DATA, DEEP
 from .implants import COLOURS, SCALE, SIZES, STEP, Array, Sea, contrast, implant, shared, simulated, survive, write
 from .timing import machine, say
 

@@ -169,7 +169,7 @@ def test_details_are_kept_where_two_neighbours_agree(count):
     details = rng.gamma(1.0, 3.0, (count, 20, 30)).astype(np.float32)
     spectrum = rng.uniform(0.5, 2.0, count)
     found = details.copy()
-    agreeing(list(found), list(spectrum))
+    agreeing(found, list(spectrum))
     if count < 3:
         assert not found.any()
         return
@@ -184,7 +184,7 @@ def test_a_flash_of_one_band_is_no_detail_and_a_thing_of_all_is():
     alone[2, 4, 4] = 5
     everywhere[:, 4, 4] = 5
     for details in (alone, everywhere):
-        agreeing(list(details), [1.0] * 5)
+        agreeing(details, [1.0] * 5)
     assert not alone.any()
     assert (everywhere[:, 4, 4] == 5).all()
 

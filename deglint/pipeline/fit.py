@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,18 @@ from ..masks import WaterRule
 from ..needs import HEAVY_COVER, Needs
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
-from ..remove import METHODS, FitRequest, GlintModel, SampleStatistics, gather, merge, useless
+from ..remove import (
+    METHODS,
+    FitRequest,
+    GlintModel,
+    SamplePlan,
+    SampleStatistics,
+    combine,
+    gather,
+    levels_for,
+    merge,
+    useless,
+)
 from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
@@ -233,7 +245,7 @@ def _fit_sampled(
         request = replace(request, floor_percentile=HEAVY_FLOOR)
     plan = METHODS[method].plan(request)  # type: ignore[misc]
     share = max(1, -(-sampler.pixels // KEPT_PIXELS))
-    plan = replace(plan, share=share, compiled=sampler.pixels > COMPILED_PIXELS)
+    plan = replace(plan, share=share, compiled=sampler.pixels > COMPILED_PIXELS, levels=levels_for(sampler.pixels))
     halo = max(plan.halo, 0)
     count = len(scene.bands)
     columns = sorted({b for b in plan.read_bands if b < count} | set(sampler.bands) | {m.nir for m in chain.moves})
@@ -258,18 +270,19 @@ def _fit_sampled(
         inner = (slice(top, mask.shape[0] - bottom), slice(left, mask.shape[1] - right))
         mask, block = mask[inner], block[(slice(None), *inner)][rows]
         part = gather(block, mask, plan, origin=(tile.row0, tile.col0), crop=tile.crop_of(middle))
-        return part, mask[core_of(tile.crop_of(middle), mask.shape)]
+        mask = mask[core_of(tile.crop_of(middle), mask.shape)]
+        return part, _box(mask, tile), to_geojson(mask, (tile.row0, tile.col0), scene) if want_sample else []
 
     parts, features, boxes = [], [], []
     note = (lambda done, total: progress("fit", done, total)) if progress else None
     largest = max(sampler.tiles, key=lambda t: t.shape[0] * t.shape[1])
     at_once = tiling.affordable(threads, largest.shape, 4 * len(columns))  # statistics take several copies
+    options: dict[str, Any] = {"threads": at_once, "progress": note, "start": enter_thread}
     run = tiling.run if ready else job.run
-    for tile, (part, mask) in run(sampler.tiles, work, threads=at_once, progress=note, start=enter_thread):
+    for _row, (part, box, found) in run(sampler.tiles, work, combine=partial(_row_of, plan), **options):
         parts.append(part)
-        boxes.append(_box(mask, tile))
-        if want_sample:
-            features += to_geojson(mask, (tile.row0, tile.col0), scene)
+        boxes.append(box)
+        features += found
     stats = merge(parts, plan)
     notes: list[str] = []
     model = METHODS[method].fit(request, stats)
@@ -293,6 +306,14 @@ def _fit_sampled(
         "notes": [*notes, f"sample ({recipe.sample}): {stats.moments.n} pixels, {_place(box)}"],
     }
     return model, said, collection(features, scene) if want_sample else None
+
+
+def _row_of(
+    plan: SamplePlan, tiles: list[tuple[Any, Window | None, list[Any]]]
+) -> tuple[Any, Window | None, list[Any]]:
+    """What a row of tiles comes to: its part of the statistics, where the sample lies in it, its outlines."""
+    parts, boxes, features = zip(*tiles, strict=True)
+    return combine(parts, plan), _union(boxes), [f for some in features for f in some]
 
 
 def _choose(

@@ -22,11 +22,11 @@ from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_
 from .model import HALO, BandFit, GlintIndex, GlintModel, apply
 from .regression import REGRESSIONS
 from .request import FitRequest, useless
-from .statistics import SamplePlan, SampleStatistics, gather, merge
+from .statistics import SamplePlan, SampleStatistics, combine, gather, levels_for, merge
 
 __all__ = [
     "HALO", "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "apply", "fit", "gather", "merge", "nir_request", "useless",
+    "SampleStatistics", "apply", "combine", "fit", "gather", "levels_for", "merge", "nir_request", "useless",
 ]  # fmt: skip
 
 
