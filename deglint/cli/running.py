@@ -107,6 +107,8 @@ def _explained(error: BaseException) -> tuple[int, str]:
         return 1, "Error: out of memory. Use fewer --threads, or a machine with more."
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return 1, "Error: too many open files. Use fewer --threads or inputs, or raise the limit (ulimit -n)."
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO) and not error.filename:
+        return 1, f"Error: cannot write to standard output: {error.strerror}."  # a file's trouble is told by who wrote
     line = (str(error).splitlines() or [""])[0]
     return 1, f"Error: {type(error).__name__}: {printable(line)} (a fault of deglint's own; -vv shows where)"
 

@@ -22,6 +22,7 @@ from ..raster.output import (
     Layout,
     RasterWriter,
     Scratch,
+    check_image,
     check_target,
     plain,
     write_bytes,
@@ -91,7 +92,7 @@ class Outputs:
     @property
     def sidecar(self) -> Path:
         """Name of the sidecar."""
-        return self.image.with_name(self.image.name + ".json")
+        return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
         """All files that will be written."""
@@ -184,6 +185,7 @@ def remove_glint(
         raise InputError("two outputs have the same name; give each its own.")
     for path in targets.every():
         check_target(path, overwrite=targets.overwrite)
+    check_image(targets.image)
     with environment():
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):

@@ -28,6 +28,10 @@ from .scratch import Scratch, real
 
 BLOCK = 512
 """Side of the output's blocks [pixel] where the input's do not serve."""
+OTHER_FORMATS = frozenset(
+    (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")
+)
+"""Endings of files that a GeoTIFF should not be called."""
 _SIDES = (64, 128, 256, BLOCK)
 
 
@@ -106,6 +110,19 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
         raise WriteError(f"{path} is not a regular file, and would be replaced by one. Name another output.")
     if path.exists() and not overwrite:
         raise WriteError(f"{path} exists already. Give --overwrite to replace it, or another name.")
+
+
+def check_image(path: Path) -> None:
+    """Refuse the name of another format for a GeoTIFF.
+
+    Raises
+    ------
+    WriteError
+    """
+    if path.suffix.lower() in OTHER_FORMATS:
+        raise WriteError(
+            f"{path} would hold a GeoTIFF, not what its name says. Name it {path.with_suffix('.tif').name}."
+        )
 
 
 class RasterWriter:
