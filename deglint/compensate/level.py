@@ -74,9 +74,7 @@ def diamond_of(size: int) -> int:
     return 2 * round(size / 2**0.5 - 0.5) + 1
 
 
-def rank_opening(
-    band: Float32Array, size: int, *, shape: str = "square", corners: bool = False
-) -> Float32Array:
+def rank_opening(band: Float32Array, size: int, *, shape: str = "square", corners: bool = False) -> Float32Array:
     """Take away what is brighter than its surroundings and smaller than an element.
 
     ``m = dilate_n(median_3(erode_n(a)))``, or with corners ``m = dilate_n(max(e, median_3(e)))``, ``e = erode_n(a)``
