@@ -127,8 +127,8 @@ def deep(path, directories, *, loop=False):
     return path
 
 
-@pytest.mark.parametrize(("directories", "loop"), [(50_000, False), (3, True)], ids=["many", "in a circle"])
-def test_deep_overviews_take_no_time(deglint, tmp_path, directories, loop):
+@pytest.mark.parametrize(("directories", "loop"), [(5_000, False), (3, True)], ids=["many", "in a circle"])
+def test_deep_overviews_do_no_harm(deglint, tmp_path, directories, loop):
     """GDAL stops by itself; the scene is read all the same."""
     ran = deglint("info", deep(tmp_path / "a.tif", directories, loop=loop))
     assert ran.code == 0, ran.err

@@ -92,7 +92,7 @@ class Cluster:
                 if progress:
                     progress(done, len(everything))
         finally:
-            self.client.cancel([f for _, f in waiting] + [shipped], force=True)
+            self.client.cancel([future for _row, future in waiting])  # what they wait for is then wanted by nobody
 
     def _submit(self, shipped: Any, row: list[Tile], combine: Combine | None) -> Any:
         """What a row comes to, some time; what its tiles come to stays on the workers."""
@@ -135,8 +135,8 @@ class Cluster:
             try:
                 return future.result(timeout=_POLL)
             except TimeoutError as error:
-                if future.done():
-                    raise
+                if future.done():  # just now; or the work itself has run out of time
+                    return future.result()
                 if self.client.nthreads():
                     without = time.monotonic()
                 elif time.monotonic() - without > PATIENCE:
