@@ -25,8 +25,9 @@ from deglint.physics.sensor import Sensor, mtf
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate, thesis_array
 from deglint.simulate.light import light
+from detect.bench.measure import VISIBLE
 
-from .error import DATA, VISIBLE
+from .error import DATA
 
 Array = npt.NDArray[np.float64]
 Curve = Callable[[Array], Array]

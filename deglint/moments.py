@@ -41,7 +41,7 @@ class Moments:
         Pixels in which every variable is finite.
     mean : (variables,) ndarray
     comoment : (variables, variables) ndarray
-        Sum over pixels of (x - mean)(x - mean)^T.
+        Sum over pixels of (x - mean)(x - mean)^T; not finite where values reach beyond some 1e150.
     minimum, maximum : (variables,) ndarray
         +inf and -inf where n is 0.
     rest : (variables,) ndarray
@@ -163,8 +163,9 @@ class CellMoments:
         if not len(n):
             v = mean.shape[1]
             return Moments(0, np.zeros(v), np.zeros((v, v)), np.full(v, np.inf), np.full(v, -np.inf), np.zeros(v))
-        while len(n) > 1:
-            n, mean, rest, comoment = _merge_neighbours(n, mean, rest, comoment)
+        with np.errstate(over="ignore", invalid="ignore"):
+            while len(n) > 1:
+                n, mean, rest, comoment = _merge_neighbours(n, mean, rest, comoment)
         low, high = self.minimum.min(axis=0), self.maximum.max(axis=0)
         return Moments(int(n[0]), mean[0], comoment[0], low, high, rest[0])
 
@@ -285,13 +286,20 @@ def _reduce_cells(
         if count < good.size:
             x = x[:, good]
         n[i], low[i], high[i] = count, x.min(axis=1), x.max(axis=1)
-        shift = x[:, 0].copy()
+        shift = _typical(x)
         x -= shift[:, None]
         centre = x.mean(axis=1)
         x -= centre[:, None]
         left = x.mean(axis=1)
         mean[i], rest[i] = _two_sum(shift, centre + left)
-        comoment[i] = x @ x.T - count * np.outer(left, left)
+        with np.errstate(over="ignore", invalid="ignore"):  # whoever uses it looks whether it is finite
+            comoment[i] = x @ x.T - count * np.outer(left, left)
+
+
+def _typical(x: Float64) -> Float64:
+    """Of each row the middle one of three values: exactly that of a constant, and not a single stray pixel."""
+    a, b, c = x[:, 0], x[:, x.shape[1] // 2], x[:, -1]
+    return np.asarray(np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)))
 
 
 def _two_sum(a: Float64, b: Float64) -> tuple[Float64, Float64]:

@@ -292,6 +292,14 @@ def estimate(
             "to tell them apart. Check nodata and the background's area."
         )
     matrix, mean, rest, shrinkage = moments.covariance(), moments.mean, moments.rest, 0.0
+    beyond = ~np.isfinite(np.diag(matrix)) | ((np.diag(matrix) == 0) & (moments.minimum < moments.maximum))
+    if beyond.any():
+        b = int(np.argmax(beyond))
+        raise FitError(
+            f"{names[b] if names else f'band {b + 1}'} goes from {moments.minimum[b]:g} to {moments.maximum[b]:g}, "
+            "squares of which are beyond double precision. Bring it to other units, or mark what is not valid as "
+            "nodata."
+        )
     if covariance == "ridge":
         matrix, shrinkage = estimates.ridged(matrix, ridge), ridge
     elif covariance == "oas":

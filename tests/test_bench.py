@@ -1,5 +1,6 @@
 """The benchmark's frame, with experiments that are not there: page, JSON, comparison, failures, what is left behind."""
 
+import importlib
 import importlib.util
 import json
 import math
@@ -187,12 +188,18 @@ def test_the_trace_of_a_failure_is_shown_on_demand(experiments, rxdetect):
     assert "Traceback" in rxdetect("bench", "--overwrite", "-vv").err
 
 
+def test_a_package_that_is_missing_is_said_with_its_remedy(experiments, rxdetect):
+    experiments(stress=lambda _: importlib.import_module("no_such_package"))
+    assert "No module named 'no_such_package'. Install what the benchmark needs: pip" in rxdetect("bench").err
+
+
 def test_documentation_is_remade_between_its_marks(experiments, rxdetect, tmp_path):
     experiments(thesis=lambda _: section("thesis"))
     docs = tmp_path / "docs"
     docs.mkdir()
     (docs / "benchmark.md").write_text(f"# Mine\n\n{markdown.BEGIN}\nold\n{markdown.END}\n\nAfter.\n")
-    (docs / "benchmark-old.svg").write_text("<svg/>")
+    (docs / "benchmark").mkdir()
+    (docs / "benchmark" / "old.svg").write_text("<svg/>")
     (docs / "other.svg").write_text("<svg/>")
     assert rxdetect("bench", "--docs", "docs", "-q").code == 0
     text = (docs / "benchmark.md").read_text(encoding="utf-8")
@@ -201,10 +208,11 @@ def test_documentation_is_remade_between_its_marks(experiments, rxdetect, tmp_pa
     assert "\nold\n" not in text
     assert "<script" not in text.replace("\\<script", "")
     assert re.search(r"\| joyce \| 1\.1\d* \(1\.0\d*-1\.2\d*\) \| 1 \| 2\.5 \| 3 \|", text)
-    figures = {p.name for p in docs.glob("*.svg")}
-    assert figures == {*re.findall(r"\((benchmark-[^)]*\.svg)\)", text), "other.svg"}
-    assert len(figures) == 4
-    for name in figures - {"other.svg"}:
+    figures = {f"benchmark/{p.name}" for p in (docs / "benchmark").iterdir()}
+    assert figures == set(re.findall(r"\((benchmark/[^)]*\.svg)\)", text))
+    assert len(figures) == 3
+    assert (docs / "other.svg").exists()
+    for name in figures:
         assert ET.parse(docs / name).getroot().tag == "{http://www.w3.org/2000/svg}svg"
     assert rxdetect("bench", "--docs", "docs", "--only", "thesis", "--overwrite").code == 2
     (docs / "benchmark.md").write_text("no marks")
@@ -228,6 +236,8 @@ def test_effort_and_sections():
     assert str(Number(1.2345)) == "1.23"
     assert str(number) == f"2 ({number.low:.3g}-{number.high:.3g})"
     assert list(section("x").every_number())[-1] == "loose"
+    with pytest.raises(ValueError, match="longer than its head of 1"):
+        Table.of("T", ("a",), [(1, 2)])
     found = collect.Collected((section("x"),))
     assert "x/loose" in found.numbers()
 

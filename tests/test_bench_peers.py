@@ -151,6 +151,13 @@ def test_what_is_run_on_a_scene_runs(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["8x96_float32.tif"]
 
 
+def test_there_is_nothing_to_compare_where_a_program_of_ours_fails(monkeypatch, tmp_path):
+    monkeypatch.setattr(peers_files, "in_turns", lambda commands, *_: dict.fromkeys(commands, "no memory"))
+    monkeypatch.setattr(peers_files, "write_sea", lambda path, *_, **__: path.write_text(""))
+    with pytest.raises(DeglintError, match="block copy failed on 8 bands of 96 x 96, float32, uncompressed: no memory"):
+        peers_files.beside(peers_files.Case(96), Effort(True, 1, tmp_path, 1), 1, "", tmp_path)
+
+
 @pytest.mark.parametrize("quick", [True, False])
 def test_every_part_and_the_words_from_its_numbers(monkeypatch, tmp_path, quick):
     """With times that are made up: every program takes 1 s, deglint 3; sensingpy fails."""

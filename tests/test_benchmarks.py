@@ -26,9 +26,8 @@ def rows(text):
 
 def test_digits():
     table = rows(printed("benchmarks", "digits", "--quick"))
-    for name in ("NIST NumAcc4", "float32, counts 10000 +- 10, 1e+05 px"):
-        for cell in table[name][:2]:  # both engines of deglint
-            assert min(map(int, re.findall(r"\d+", cell))) >= 13
+    assert float(table["NumAcc4, mean"][0]) > 15
+    assert float(table["plain"][0]) > 15
 
 
 @pytest.mark.shared
@@ -41,6 +40,14 @@ def test_error():
     assert len(recorded) == 6
     for ours, theirs in recorded:
         assert float(ours) == pytest.approx(float(theirs), rel=0.005)
+
+
+def test_the_product_is_called_by_its_names(tmp_path):
+    (tmp_path / "old.json").write_text('{"made": {}, "numbers": {}, "failed": {}}')
+    said = printed("benchmarks", "compare", *[str(tmp_path / "old.json")] * 2)
+    assert "nothing changed" in said
+    for name in ("peers", "report", "docs"):
+        assert "[OUT.html]" in printed("benchmarks", name, "--help")
 
 
 def test_plan():

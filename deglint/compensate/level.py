@@ -23,8 +23,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
+from ..scene import Window
 from .psf import PSF
-from .sharpen import all_finite, blur_and_back, inside, mirrored, share_of
+from .sharpen import all_finite, blur_and_back, inside, share_of, surrounded
 from .state import Float32Array
 
 SMALLEST = 5
@@ -38,6 +39,7 @@ _GUIDE = 3
 _NOTHING = np.finfo(np.float32).max
 """What OpenCV takes for the pixels beyond an edge when it erodes; minus this when it dilates."""
 _SQUARE = np.ones((3, 3), np.uint8)
+_PATCH = np.array([[0, 0, 0], [0, 1, 1], [0, 1, 1]], np.uint8)  # of 2 x 2; in 3 x 3 OpenCV is faster
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 
 
@@ -74,10 +76,12 @@ def diamond_of(size: int) -> int:
     return 2 * round(size / 2**0.5 - 0.5) + 1
 
 
-def rank_opening(band: Float32Array, size: int, *, shape: str = "square", corners: bool = False) -> Float32Array:
+def rank_opening(
+    band: Float32Array, size: int, *, shape: str = "square", corners: bool = False, sound: bool = False
+) -> Float32Array:
     """Take away what is brighter than its surroundings and smaller than an element.
 
-    ``m = dilate_n(median_3(erode_n(a)))``, or with corners ``m = dilate_n(max(e, median_3(e)))``, ``e = erode_n(a)``
+    ``m = dilate_n(median_3(e)), e = erode_n(a)``, or with corners ``m = dilate_n(max(median_3(e), open_2(e)))``
 
     Parameters
     ----------
@@ -88,8 +92,10 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square", corner
     shape : {"square", "octagon", "diamond"}
         Of the element; of the width n.
     corners : bool
-        The median may lift single dark minima, but takes none away: it would cut the corners off an object into which
-        the element just fits, whose minima are a patch of a few pixels.
+        The median takes no patch of 2 x 2 minima or more away: it would cut the corners off an object into which the
+        element just fits, whose minima are a patch of a few pixels.
+    sound : bool
+        Every number is known to be finite, and is not looked at for that.
 
     Returns
     -------
@@ -116,14 +122,17 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square", corner
     if size < 1 or size % 2 == 0:
         raise InputError(f"an element must have an odd size of 1 pixel or more, got {size}.")
     elements = _elements(size, shape)
-    missing = np.isnan(band)
-    some = bool(missing.any())
-    found: Any = np.where(missing, _NOTHING, band) if some else band
+    missing = None if sound or all_finite(band) else np.isnan(band)
+    some = missing is not None and bool(missing.any())
+    found: Any = np.where(missing, _NOTHING, band) if some and missing is not None else band
     for element in elements:
         found = cv2.erode(found, element)
-    middle = cv2.medianBlur(found, 3)
-    keep: Any = cv2.max
-    found = keep(found, middle) if corners else middle
+    middle: Any = cv2.medianBlur(found, 3)
+    if corners:
+        keep: Any = cv2.max
+        patches = cv2.dilate(cv2.erode(found, _PATCH), _PATCH[::-1, ::-1])
+        middle = keep(middle, patches)
+    found = middle
     if some:
         found[found == _NOTHING] = -_NOTHING
     for element in elements:
@@ -133,65 +142,59 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square", corner
     return np.asarray(found)
 
 
-def detail_of(band: Float32Array, base: Float32Array, size: int, whole: int) -> Float32Array:
+def detail_of(
+    band: Float32Array, base: Float32Array, size: int, whole: int, *, sound: bool = False,
+    out: Float32Array | None = None,
+) -> Float32Array:  # fmt: skip
     """By how much other openings exceed a level: outlines of objects, and clumps of sparkle.
 
     A rounder, smaller one, by an octagon of this size, grown back by one pixel under the opening by a square of 3; and
     that by a diamond as large as the square of the level, `whole`.
     """
-    import cv2
+    from ._level_kernels import outlines
 
-    keep: Any = cv2.max
-    cap: Any = cv2.min
-    found = rank_opening(band, size, shape="octagon")
-    grown = cap(cv2.dilate(found, _CROSS), rank_opening(band, _GUIDE))
-    found = keep(found, grown)
-    found = keep(found, rank_opening(band, diamond_of(whole), shape="diamond", corners=True))
-    np.subtract(found, base, out=found)
-    np.nan_to_num(found, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-    return np.maximum(found, np.float32(0.0), out=found)  # with a number, OpenCV stumbles over a single pixel
+    found = np.empty_like(base) if out is None else out
+    octagon = rank_opening(band, size, shape="octagon", sound=sound)
+    diamond = rank_opening(band, diamond_of(whole), shape="diamond", corners=True, sound=sound)
+    outlines(octagon, rank_opening(band, _GUIDE, sound=sound), diamond, base, found)
+    return found
 
 
-def agreeing(details: Sequence[Float32Array], spectrum: Sequence[float], slack: float = SLACK) -> None:
+def agreeing(
+    details: Float32Array, spectrum: Sequence[float], slack: float = SLACK, *, order: Sequence[int] | None = None
+) -> None:
     """Keep of every band's detail what two neighbouring bands have as well, in place.
 
     Parameters
     ----------
-    details : sequence of (row, column) float32 ndarray
-        In the order of wavelength; with fewer than three nothing is kept.
+    details : (band, row, column) float32 ndarray
+        With fewer than three nothing is kept.
     spectrum : sequence of float
         Brightness of glint in each band, in which details are compared.
     slack : float
         A detail may be so many times brighter than the fainter of its neighbours.
+    order : sequence of int, optional
+        Bands by wavelength; as they stand by default. Those that are not named are left as they are.
     """
-    import cv2
+    from ._level_kernels import agree
 
-    cap: Any = cv2.min
-    keep: Any = cv2.max
-    count = len(details)
-    if count < 3:
-        for detail in details:
-            detail[...] = 0.0
+    bands = list(range(len(details)) if order is None else order)
+    if len(bands) < 3:
+        details[bands] = 0.0
         return
-    scaled = [detail / np.float32(s) for detail, s in zip(details, spectrum, strict=True)]
-    pairs = [cap(scaled[i], scaled[i + 1]) for i in range(count - 1)]
-    for i, detail in enumerate(details):
-        limits = [pairs[i - 2]] if i >= 2 else []
-        limits += [cap(scaled[i - 1], scaled[i + 1])] if 0 < i < count - 1 else []
-        limits += [pairs[i + 1]] if i + 2 < count else []
-        most = limits[0]
-        for limit in limits[1:]:
-            most = keep(most, limit)
-        cap(detail, most * np.float32(slack * spectrum[i]), dst=detail)
+    brightness = np.array([spectrum[b] for b in bands])
+    agree(details, np.array(bands), brightness.astype(np.float32), (slack * brightness).astype(np.float32))
 
 
-def blurred(band: Float32Array, psf: PSF) -> Float32Array:
+def blurred(band: Float32Array, psf: PSF, within: Window | None = None) -> Float32Array:
     """A level of sharpened pixels as the sensor would see it: convolved with the PSF's separable form.
 
-    NaN has no share and stays. Exact at tile edges with `psf.radius` pixels around a tile.
+    NaN has no share and stays. Exact at tile edges with `psf.radius` pixels around a tile; `within` names the rows and
+    columns that are wanted.
     """
     blur, halo = blur_and_back(psf)[0], psf.radius
-    wide = mirrored(band, (0, len(band)), halo, band.shape[1] + 2 * halo)
+    rows, columns = within or ((0, band.shape[0]), (0, band.shape[1]))
+    wide = surrounded(band, rows, columns, halo)
     inner = inside(wide.shape, halo)
     if all_finite(wide):
         return blur(wide)[inner]
@@ -210,6 +213,7 @@ def opened_level(
     order: Sequence[int] = (),
     spectrum: Sequence[float] = (),
     psfs: Sequence[PSF] | None = None,
+    within: Window | None = None,
 ) -> Float32Array:
     """The level of the water of every band.
 
@@ -228,21 +232,27 @@ def opened_level(
         Brightness of glint in each band.
     psfs : sequence of PSF, optional
         Blur the level with these: of sharpened bands.
+    within : ((row0, row1), (col0, col1)), optional
+        Only these rows and columns are wanted.
 
     Returns
     -------
     (band, row, column) float32 ndarray
     """
-    base, details = [], []
+    base, details = [], None
     for band in bands:
-        base.append(rank_opening(band, size, corners=True))
+        sound = all_finite(band)
+        base.append(rank_opening(band, size, corners=True, sound=sound))
         if detail:
-            details.append(detail_of(band, base[-1], detail, size))
-    if detail:
-        agreeing([details[b] for b in order], [spectrum[b] for b in order])
-        for low, more in zip(base, details, strict=True):
-            low += more
-    out = np.empty((len(base), *base[0].shape), np.float32)
-    for i, low in enumerate(base):
-        out[i] = low if psfs is None else blurred(low, psfs[i])
+            details = np.empty((len(spectrum), *band.shape), np.float32) if details is None else details
+            detail_of(band, base[-1], detail, size, sound=sound, out=details[len(base) - 1])
+    if details is not None:
+        agreeing(details, spectrum, order=order)
+    rows, columns = within or tuple((0, n) for n in base[0].shape)
+    out = np.empty((len(base), rows[1] - rows[0], columns[1] - columns[0]), np.float32)
+    for i in range(len(out)):
+        low, base[i] = base[i], base[i][:0]  # and its memory with it
+        if details is not None:
+            low += details[i]
+        out[i] = low[slice(*rows), slice(*columns)] if psfs is None else blurred(low, psfs[i], (rows, columns))
     return out

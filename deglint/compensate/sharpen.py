@@ -15,11 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
+from ..scene import Window
 from .psf import PSF, Float64Array
 
 Float32Array = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
 Blur = Callable[[Float32Array, Float32Array | None], Float32Array]
+Work = Callable[[Float32Array], Float32Array]
 Form = Literal["separable", "fir", "fft"]
 FORMS: tuple[str, ...] = get_args(Form)
 
@@ -50,6 +52,7 @@ def richardson_lucy(
     form: Form = "separable",
     rank: int = 2,
     pedestal: float = 0.0,
+    within: Window | None = None,
 ) -> Float32Array:
     """Sharpen one band.
 
@@ -73,6 +76,8 @@ def richardson_lucy(
     pedestal : float
         Added before and taken off after [unit of the band]: where noise makes values of dark water negative, a few
         standard deviations of it. Sharpening grows weaker with it.
+    within : ((row0, row1), (col0, col1)), optional
+        Only these rows and columns are wanted; what lies around them is looked at.
 
     Returns
     -------
@@ -113,36 +118,43 @@ def richardson_lucy(
     _check(band, iterations, form, rank)
     if not np.isfinite(pedestal):
         raise InputError(f"pedestal must be a finite number, got {pedestal}.")
+    rows, columns = within or ((0, band.shape[0]), (0, band.shape[1]))
     if iterations == 0 or band.size == 0:
-        return band.astype(np.float32)
-    out = np.empty(band.shape, np.float32)
-    halo, columns, slab = sharpen_halo(psf, iterations), None, SLAB
-    work: Callable[[Float32Array], Float32Array]
-    if form == "separable":
-        work = partial(_by_products, both=blur_and_back(psf, rank), iterations=iterations)
-        columns = band.shape[1] + 2 * halo
-    elif form == "fir":
-        filters = Filters(fir(flipped(psf.kernel)), fir(psf.kernel.astype(np.float32)), psf.radius, halo)
-        work = partial(_iterate, filters=filters, iterations=iterations)
-    else:
-        filters = _fft_filters(band.shape, psf, iterations)
-        work = partial(_iterate, filters=filters, iterations=iterations)
-        halo, columns, slab = filters.halo, filters.columns, len(band)
-    for first in range(0, len(band), slab):
-        last = min(first + slab, len(band))
-        _sharpened(mirrored(band, (first, last), halo, columns), halo, work, pedestal, out[first:last])
+        return band[slice(*rows), slice(*columns)].astype(np.float32)
+    out = np.empty((rows[1] - rows[0], columns[1] - columns[0]), np.float32)
+    work, halo, slab = _worker(form, band.shape, psf, rank, iterations)
+    for first in range(rows[0], rows[1], slab):
+        last = min(first + slab, rows[1])
+        if form == "separable":
+            y = surrounded(band, (first, last), columns, halo)
+        else:
+            y = mirrored(band, (first, last), halo, None if form == "fir" else _fft_columns(band.shape[1], halo))
+        some = out[first - rows[0] : last - rows[0]]
+        _sharpened(y, halo, work, pedestal, some, 0 if form == "separable" else columns[0])
     return out
+
+
+def _worker(form: Form, shape: tuple[int, ...], psf: PSF, rank: int, iterations: int) -> tuple[Work, int, int]:
+    """What iterates on an array with its margins, the margins, and how many rows at a time."""
+    if form == "separable":
+        both, halo = blur_and_back(psf, rank), sharpen_halo(psf, iterations)
+        return partial(_by_products, both=both, iterations=iterations), halo, SLAB
+    if form == "fir":
+        halo = sharpen_halo(psf, iterations)
+        filters = Filters(fir(flipped(psf.kernel)), fir(psf.kernel.astype(np.float32)), psf.radius, halo)
+        return partial(_iterate, filters=filters, iterations=iterations), halo, SLAB
+    filters = _fft_filters(shape, psf, iterations)
+    return partial(_iterate, filters=filters, iterations=iterations), filters.halo, shape[0]
 
 
 @dataclass(frozen=True)
 class Filters:
-    """P and its transpose, where they reach, how many pixels of margin they want, and how wide an array is to be."""
+    """P and its transpose, where they reach, and how many pixels of margin they want."""
 
     blur: Blur
     back: Blur
     radius: int
     halo: int
-    columns: int | None = None
 
 
 def _check(band: npt.NDArray[Any], iterations: int, form: str, rank: int) -> None:
@@ -248,7 +260,7 @@ def _fft_filters(shape: tuple[int, ...], psf: PSF, iterations: int) -> Filters:
 
     half = len(psf.wide) // 2
     halo = 2 * iterations * half
-    rows, columns = shape[0] + 2 * halo, fft.next_fast_len(shape[1] + 2 * halo, real=True)
+    rows, columns = shape[0] + 2 * halo, _fft_columns(shape[1], halo)
     padded = np.zeros((rows, columns), np.float32)
     padded[: len(psf.wide), : len(psf.wide)] = psf.wide
     otf = fft.rfft2(np.roll(padded, (-half, -half), axis=(0, 1)))
@@ -262,20 +274,24 @@ def _fft_filters(shape: tuple[int, ...], psf: PSF, iterations: int) -> Filters:
 
         return convolve
 
-    return Filters(by(otf), by(otf.conj()), half, halo, columns)
+    return Filters(by(otf), by(otf.conj()), half, halo)
 
 
-def _sharpened(
-    y: Float32Array, halo: int, work: Callable[[Float32Array], Float32Array], pedestal: float, out: Float32Array
-) -> None:
-    """Put some rows of a band, given with their halo, sharpened into `out`; `y` is overwritten."""
-    inner = slice(halo, halo + out.shape[0]), slice(halo, halo + out.shape[1])
+def _fft_columns(columns: int, halo: int) -> int:
+    """Width of the arrays that are transformed."""
+    from scipy import fft
+
+    return int(fft.next_fast_len(columns + 2 * halo, real=True))
+
+
+def _sharpened(y: Float32Array, halo: int, work: Work, pedestal: float, out: Float32Array, left: int = 0) -> None:
+    """Put some rows of a band, given with their halo, sharpened into `out`, from column `left`; `y` is overwritten."""
+    inner = slice(halo, halo + out.shape[0]), slice(halo + left, halo + left + out.shape[1])
     original = None if all_finite(y) else y[inner].copy()
     if pedestal:
         y += np.float32(pedestal)
     a = work(y)
-    a = a[inner] if a.shape == y.shape else a
-    np.subtract(a, np.float32(pedestal), out=out)
+    np.subtract(a if a.shape == out.shape else a[inner], np.float32(pedestal), out=out)
     if original is not None:
         np.copyto(out, original, where=~np.isfinite(original))
 
@@ -353,6 +369,16 @@ def mirrored(band: npt.NDArray[Any], rows: tuple[int, int], halo: int, columns: 
     wanted = columns or -(-(band.shape[1] + 2 * halo) // VECTOR) * VECTOR
     margins = halo - (first - top), halo - (bottom - last), halo, wanted - band.shape[1] - halo
     return np.asarray(cv2.copyMakeBorder(part, *margins, cv2.BORDER_REFLECT_101))
+
+
+def surrounded(band: npt.NDArray[Any], rows: tuple[int, int], columns: tuple[int, int], halo: int) -> Float32Array:
+    """Some rows and columns of a band with `halo` pixels around them, mirrored where the band ends, as float32."""
+    import cv2
+
+    ends = [(max(a - halo, 0), min(b + halo, n)) for (a, b), n in zip((rows, columns), band.shape, strict=True)]
+    part = np.asarray(band[slice(*ends[0]), slice(*ends[1])], np.float32)
+    beyond = [(halo - (a - low), halo - (high - b)) for (a, b), (low, high) in zip((rows, columns), ends, strict=True)]
+    return np.asarray(cv2.copyMakeBorder(part, *beyond[0], *beyond[1], cv2.BORDER_REFLECT_101))
 
 
 def share_of(valid: BoolArray, blur: Blur, radius: int, least: float = LEAST_RATIO) -> Float32Array:

@@ -1,4 +1,4 @@
-"""The benchmark as a page of the documentation: markdown between two marks, and its figures as files beside it."""
+"""The benchmark as a page of the documentation: markdown between two marks, and its figures in a folder beside it."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from .collect import Collected
 from .report import duration, shown
 from .section import Cell, Figure, Number, Section, Table
 
-PAGE = "benchmark.md"
+PAGE, FOLDER = "benchmark.md", "benchmark"
 BEGIN, END = "<!-- measured -->", "<!-- end of what was measured -->"
 EMPTY = f"# Which method, and what does it cost?\n\n{BEGIN}\n{END}\n"
-MOST_ROWS, MOST_BYTES = 30, 200_000
+MOST_ROWS, MOST_BYTES = 30, 300_000
 """Longer tables and larger figures are left to the report."""
 STYLE = (
-    "<style>text{font:13px system-ui,-apple-system,'Segoe UI',Roboto,Arial,sans-serif;fill:#444}"
+    "<style>text{font-family:system-ui,-apple-system,'Segoe UI',Roboto,Arial,sans-serif}"
+    "text:not([font-size]){font-size:13px}text:not([fill]){fill:#444}"
     "text.name{font-size:14px;fill:#1b1f24}</style>"
 )
 
@@ -52,7 +53,7 @@ def pages(found: Collected, made: Mapping[str, Any], old: str) -> dict[str, str]
 
 def stale(directory: Path, files: Mapping[str, str]) -> list[Path]:
     """Figures of an earlier page that this one has not."""
-    return [path for path in directory.glob("benchmark-*.svg") if path.name not in files]
+    return [path for path in (directory / FOLDER).glob("*.svg") if f"{FOLDER}/{path.name}" not in files]
 
 
 def _head(found: Collected, made: Mapping[str, Any]) -> str:
@@ -81,11 +82,11 @@ def _section(one: Section, level: int, files: dict[str, str]) -> str:
 def _figure(one: Figure, section: str, files: dict[str, str]) -> str:
     if len(one.svg) > MOST_BYTES:
         return f"*{text(one.title)}: in the report.*"
-    stem = re.sub(r"[^a-z0-9]+", "-", f"benchmark {section} {one.title}".lower()).strip("-")[:80]
-    while f"{stem}.svg" in files:
+    stem = re.sub(r"[^a-z0-9]+", "-", f"{section} {one.title}".lower()).strip("-")[:80]
+    while f"{FOLDER}/{stem}.svg" in files:
         stem += "-2"
-    files[f"{stem}.svg"] = alone(one.svg)
-    return f"![{text(one.title)}]({stem}.svg)" + (f"\n\n{text(one.caption)}" if one.caption else "")
+    files[f"{FOLDER}/{stem}.svg"] = alone(one.svg)
+    return f"![{text(one.title)}]({FOLDER}/{stem}.svg)" + (f"\n\n{text(one.caption)}" if one.caption else "")
 
 
 def alone(svg: str) -> str:

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from deglint.errors import DeglintError
+
 from .processes import Command, Run, in_turns
 from .seas import write_sea
 from .section import Better, Cell, Effort, Number, Section, Table, timed
@@ -91,13 +93,23 @@ def interpreter(asked: str) -> tuple[str, str]:
 
 
 def measure(case: Case, effort: Effort, rounds: int, commands: Mapping[str, Command], place: Path) -> Found:
-    """Run everything on a scene in turns; the scene is made where it is not there yet."""
+    """Run everything on a scene in turns; the scene is made where it is not there yet.
+
+    Raises
+    ------
+    DeglintError
+        One that is not of other programs fails: there is nothing to compare with.
+    """
     scene = place / f"{case.slug}.tif"
     if not scene.exists():
         case.make(scene)
     if RESULT in commands:  # corrected water compresses otherwise than glint
         in_turns({REMOVE: [sys.executable, "-m", "deglint", "remove", "-q", str(scene), str(place / "result.tif")]}, 1)
-    return in_turns(commands, rounds, [str(effort.directory / "out.tif*")])
+    found = in_turns(commands, rounds, [str(effort.directory / "out.tif*")])
+    for name, runs in found.items():
+        if isinstance(runs, str) and name not in (NUMPY, SENSINGPY):
+            raise DeglintError(f"{name} failed on {case}: {runs}")
+    return found
 
 
 def beside(case: Case, effort: Effort, rounds: int, peers: str, place: Path) -> tuple[Section, Found]:

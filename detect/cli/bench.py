@@ -51,7 +51,8 @@ class Bench(click.Command):
 @click.option("--docs", metavar="DIR", help="Remake the page benchmark.md and its figures in this directory, too.")
 @click.option("--peers", metavar="PYTHON", default="", help="Interpreter of an environment with other programs, such "
               "as sensingpy. [default: this one]")  # fmt: skip
-@click.option("--scratch", metavar="DIR", help="Where scratch files go. [default: the system's temporary directory]")
+@click.option("--scratch", metavar="DIR", help="Where scratch files go, up to 6 GB; --quick 0.1. [default: the "
+              "system's temporary directory]")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where an experiment fails.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
@@ -162,12 +163,13 @@ def _write_docs(page: Path, found: Collected, made: dict[str, Any]) -> None:
     """Write the documentation's page and its figures; figures that it had before and has no more go."""
     from deglint.raster.output import Scratch, write_text
 
-    from ..bench.markdown import EMPTY, pages, stale
+    from ..bench.markdown import EMPTY, FOLDER, pages, stale
 
     files = pages(found, made, page.read_text(encoding="utf-8") if page.exists() else EMPTY)
+    (page.parent / FOLDER).mkdir(exist_ok=True)
     with Scratch() as scratch:
         for name, text in files.items():
-            write_text(scratch, page.with_name(name), text)
+            write_text(scratch, page.parent / name, text)
     for left in stale(page.parent, files):
         left.unlink()
 
