@@ -145,7 +145,7 @@ class RasterWriter:
         _check_space(path.parent, target, layout, profile)
         self._dataset: Any = None
         try:
-            with _refusals(target, layout.options), _write_errors(target):
+            with _refusals(target, layout.options), write_errors(target):
                 with unplaced():
                     self._dataset = rasterio.open(path, "w", **profile)
                 _describe(self._dataset, layout)
@@ -159,25 +159,26 @@ class RasterWriter:
     def write(self, block: npt.NDArray[Any], window: Window) -> None:
         """Write all bands of a window; a single band may be (row, column)."""
         block = block[None] if block.ndim == 2 else block
-        with _write_errors(self.target):
+        with write_errors(self.target):
             self._dataset.write(block, window=window)
 
     def write_mask(self, valid: npt.NDArray[np.bool_], window: Window) -> None:
         """Write the mask of a window, where the input has one."""
-        with _write_errors(self.target):
+        with write_errors(self.target):
             self._dataset.write_mask(valid.astype(np.uint8) * 255, window=window)
 
-    def close(self) -> None:
-        """Finish the file and make sure that all of it is on disk.
+    def close(self, *, whole: bool = True) -> None:
+        """Finish the file and make sure that all of it is on disk, if all of it was to be written.
 
         Raises
         ------
         WriteError
             The disk is full, or refuses.
         """
-        with _write_errors(self.target):
+        with write_errors(self.target):
             self._dataset.close()
-        _check_whole(self.path, self.target)
+        if whole:
+            check_whole(self.path, self.target)
 
     def abort(self) -> None:
         """Let go of the file, whatever state it is in."""
@@ -323,7 +324,8 @@ _SHORT = "the disk or a quota is full, or files may not grow so large (ulimit -f
 
 
 @contextlib.contextmanager
-def _write_errors(target: Path) -> Iterator[None]:
+def write_errors(target: Path) -> Iterator[None]:
+    """Make one clear line of what goes wrong while a file is written."""
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
 
@@ -378,9 +380,9 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
         error = error.__cause__ or error.__context__
 
 
-def _check_whole(path: Path, target: Path) -> None:
+def check_whole(path: Path, target: Path) -> None:
     """Every block that was to be written is inside the file: GDAL does not report what fails while it closes."""
-    with _write_errors(target), open_dataset(str(path)) as dataset:
+    with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
         for band in planes:
