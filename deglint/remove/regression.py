@@ -13,7 +13,8 @@ Sen (1968), Journal of the American Statistical Association 63, 1379-1389, doi:1
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,6 +95,47 @@ def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
     score = about[:, :bands, bands:] - slope * power_of_cell
     count = len(cells.n)
     return np.sqrt((score**2).sum(axis=0) * count / (count - 1)) / power
+
+
+def glint_error(stats: SampleStatistics, band: int, references: Sequence[int], weights: Sequence[float]) -> float:
+    """Relative standard error of the glint that a mixture of references takes from a band.
+
+    .. math:: \\sqrt{\\mathrm{tr}(V C) / w^T C w}, \\quad s_c = C_{ri,c} - C_{rr,c} w,
+        \\quad V = C^{-1} \\Big( \\frac{G}{G - 1} \\sum_c s_c s_c^T \\Big) C^{-1}
+
+    with C the comoments of the references and s_c the score of cell c, of G: the cluster-robust covariance V of the
+    weights w (Liang and Zeger 1986), in the unit of the mixture's own spread. For one reference it is the slope's
+    standard error over the slope.
+
+    Parameters
+    ----------
+    stats : SampleStatistics
+    band : int
+        Its place among the plan's bands.
+    references : sequence of int
+        Places among the variables (the plan's bands, then its indexes).
+    weights : sequence of float
+        One a reference.
+
+    Returns
+    -------
+    float
+        Infinite where the sample spans fewer than `CLUSTERS` cells, or the mixture does not vary.
+    """
+    cells, rows, w = stats.cells, list(references), np.asarray(weights, np.float64)
+    power = stats.regressed.comoment[np.ix_(rows, rows)]
+    removed = float(w @ power @ w)
+    count = len(cells.n)
+    if count < CLUSTERS or not removed > 0:
+        return math.inf
+    away = cells.mean - stats.regressed.mean
+    about = cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
+    score = about[:, rows, band] - about[:, rows][:, :, rows] @ w
+    scale = np.sqrt(np.diag(power))  # references of any unit
+    scaled = np.linalg.pinv(power / np.outer(scale, scale), hermitian=True)
+    half = scaled @ (score / scale).T
+    spread = half @ half.T * count / (count - 1)
+    return math.sqrt(max(float(np.trace(spread @ (power / np.outer(scale, scale)))), 0.0) / removed)
 
 
 def explained(stats: SampleStatistics, slope: Float64) -> Float64:
