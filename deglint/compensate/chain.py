@@ -7,7 +7,8 @@ made of the sample, and is then a frozen value of plain numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
@@ -322,6 +323,7 @@ def fit_stages(
     setting: Setting,
     *,
     bands: Sequence[int] | None = None,
+    each: Callable[..., Iterable[Any]] = map,
 ) -> tuple[Stage, ...]:
     """Fit stages to a sample, each on what the one before it made; the sample's images are worked on in place.
 
@@ -333,6 +335,8 @@ def fit_stages(
     setting : Setting
     bands : sequence of int, optional
         Bands that `identify-level` looks at; all by default.
+    each : callable
+        What works on the blocks: `map`, or the map of a pool of threads.
 
     Raises
     ------
@@ -341,14 +345,13 @@ def fit_stages(
     """
     fitted = []
     for step in steps:
-        stage = _fit_stage(step, sample, setting, bands)
-        for state in sample.states:
-            stage.apply(state)
+        stage = _fit_stage(step, sample, setting, bands, each)
+        deque(each(stage.apply, sample.states), maxlen=0)
         fitted.append(stage)
     return tuple(fitted)
 
 
-def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any) -> Stage:
+def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, each: Callable[..., Iterable[Any]]) -> Stage:
     size = int(step.number or 0)
     units = sample.states[0].units
     floor, steps = (None if known is None else list(known / units) for known in (setting.floor, setting.steps))
@@ -372,7 +375,7 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any) -> Stag
         detail = size - 2 if setting.detail and size >= 5 else 0
         return fit_identify_level(
             sample.states, sample.inside, size=size, order=setting.order, saturation=setting.saturation,
-            detail=detail, bands=bands, floor=floor, steps=steps,
+            detail=detail, bands=bands, floor=floor, steps=steps, each=each,
         )  # fmt: skip
     if step.name == "replace-bands":
         return ReplaceBands(neighbours([b.wavelength for b in setting.bands]))

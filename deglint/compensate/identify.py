@@ -19,7 +19,7 @@ doi:10.1080/01621459.1993.10476408 (median absolute deviation and its lower-side
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -165,6 +165,7 @@ def fit_identify_level(
     bands: Sequence[int] | None = None,
     floor: Sequence[float] | None = None,
     steps: Sequence[float] | None = None,
+    each: Callable[..., Iterable[Any]] = map,
 ) -> IdentifyLevel:
     """How pixels without glint lie about the opened level.
 
@@ -188,6 +189,8 @@ def fit_identify_level(
         Least standard deviation of each band of the scene.
     steps : sequence of float, optional
         Of the numbers of each band of the scene, where they come in whole steps.
+    each : callable
+        What works on the blocks: `map`, or the map of a pool of threads.
 
     Raises
     ------
@@ -195,11 +198,12 @@ def fit_identify_level(
         Too few pixels to tell the spread of.
     """
     chosen = tuple(range(len(states[0].image)) if bands is None else sorted(set(bands)))
-    away: list[list[Float32Array]] = [[] for _ in chosen]
-    for state, mask in zip(states, inside, strict=True):
+
+    def above(state: State, mask: Mask) -> list[Float32Array]:
         level = _levels(state, chosen, size, 0, order, ())
-        for i, band in enumerate(chosen):
-            away[i].append(np.subtract(state.image[band], level[i])[mask])
+        return [np.subtract(state.image[band], level[i])[mask] for i, band in enumerate(chosen)]
+
+    away = zip(*each(above, states, inside), strict=True)
     whole = steps if states[0].psfs is None else None  # a blurred level is no whole number
     found = [
         _about(np.concatenate(a), floor[band] if floor else 0.0, whole[band] if whole else 0.0)

@@ -161,8 +161,7 @@ def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection)
     white = np.array(found.irradiance)[:, None, None]
     kept, order = list(valid), tuple(range(len(found.bands)))
     for again in (True, False):
-        y = [((r - m) / white)[:, k] for (r, m), k in zip(pairs, kept, strict=True)]
-        first, following = tables(np.concatenate(y, axis=1))
+        first, following = tables(((r - m) / white)[:, k] for (r, m), k in zip(pairs, kept, strict=True))
         found = replace(found, first=first, following=following)
         judged = replace(found, bands=order)
         scores = [score(r, m, judged)[0] for r, m in pairs]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ from ..readers.roles import find_band
 from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
+from .blocks import one_thread_each
 from .cluster import Cluster
 from .correct import Correction, Tally, changed_bands
 from .fit import Fitted, Progress, default_threads, fit_scene
@@ -205,6 +207,7 @@ def _run(
         run = tiling.run if cluster is None else cluster.run
         want = targets.sample is not None
         fitted = fit_scene(scene, recipe, threads=threads, want_sample=want, progress=progress, run=run)
+        _give_back()
     else:
         fitted = given_model(scene, recipe, model, threads, chain)
     if targets.sample and fitted.sample is None:
@@ -235,6 +238,12 @@ def _run(
             said["batch"] = {"request": targets.request, "inputs": checksum.fingerprints(), "outputs": made}
         write_json(scratch, targets.sidecar, said)
     return Result(fitted, tally, said, tuple(said["warnings"]))
+
+
+def _give_back() -> None:
+    """Give the memory that the fit has freed back to the system, where the allocator (glibc's) keeps it."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _write_tiles(
@@ -344,22 +353,6 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
             ]
     assert out is not None
     return out
-
-
-@contextmanager
-def one_thread_each(wanted: bool) -> Iterator[None]:
-    """OpenCV on one thread, where the tiles are on several already."""
-    if not wanted:
-        yield
-        return
-    import cv2
-
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:

@@ -22,7 +22,8 @@ from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, SampleStatisti
 from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
-from .compensation import Plan, fit_after, fit_before, fit_references, plan, tiles_of
+from .blocks import Blocks, cleaned, tiles_of
+from .compensation import Plan, fit_after, fit_before, fit_references, plan
 from .following import find_moves, moved, moved_halo, with_moves
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
@@ -159,9 +160,11 @@ def _fit_look(
         notes.append(look.water.reason)
     given = sampler_of(scene, recipe, look, threads) if recipe.sample != "auto" else None
     todo = plan(scene, recipe, request, look, given, threads)
-    chain = fit_before(scene, recipe, look, todo, threads) if todo.runs else Chain()
+    chain, blocks = fit_before(scene, recipe, look, todo, threads) if todo.runs else (Chain(), None)
     sampled = METHODS[_method(recipe)].plan is not None
-    sampler = (given or sampler_of(scene, recipe, look, threads, chain)) if sampled else None
+    auto = blocks is not None and sampled and given is None
+    clean = cleaned(scene, look.tiles, chain, blocks, threads) if auto and blocks else None
+    sampler = (given or sampler_of(scene, recipe, look, threads, clean)) if sampled else None
     place = len(notes)
     numbers: dict[str, Any] = {"water": look.water.numbers() if look.water else None, "sample": None}
     name = _compensated_method(request) if todo.runs and recipe.method == "auto" else _method(recipe)
@@ -173,14 +176,14 @@ def _fit_look(
         model, outline = METHODS[name].fit(request, None), None
         chosen = replace(recipe, method=model.method, regression="auto")
     else:
-        job = _Job(scene, recipe, request, sampler, chain, name, todo, run)
+        job = _Job(scene, recipe, request, sampler, chain, name, todo, run, blocks)
         model, said, outline = _fit_sampled(job, threads, want_sample, progress)
         notes += said.pop("notes")
         floor = said.pop("floor_percentile")
         chosen = replace(recipe, method=model.method, regression=model.regression or "auto", floor_percentile=floor)
         numbers["sample"] = said
-    if todo.runs:
-        chain = fit_after(scene, recipe, look, todo, chain, model, threads)
+    if blocks is not None:
+        chain = fit_after(recipe, todo, chain, blocks, model, threads)
         model = replace(model, warnings=(*model.warnings, *_heavy(todo)))
         if todo.after and not chain.after:
             needs = todo.needs.without("second opening", "removal changed no band")
@@ -218,6 +221,7 @@ class _Job:
     method: str
     todo: Plan
     run: tiling.Run
+    blocks: Blocks | None = None
 
 
 def _fit_sampled(
@@ -238,11 +242,14 @@ def _fit_sampled(
     places = columns + list(range(count, count + len(chain.moves)))
     rows = [places.index(b) for b in plan.read_bands]
 
+    reach = halo + sampler.halo + moved_halo(chain)
+    ready = job.blocks if job.blocks and all(job.blocks.image(t, reach) is not None for t in sampling.pool) else None
+
     def work(plan: SamplePlan, tile: Tile) -> Any:
-        outer = tile.grown(halo + sampler.halo + chain.halo_before + moved_halo(chain), scene.height, scene.width)
+        outer = tile.grown(reach + (0 if ready else chain.halo_before), scene.height, scene.width)
         middle = tile.grown(halo, scene.height, scene.width)
-        block = scene.source.read(outer.window, columns)
-        if chain.before:
+        block: Any = ready.image(tile, reach) if ready else scene.source.read(outer.window, columns)
+        if chain.before and not ready:
             block = finish(apply_stages(State.of(block), chain.before), block)
         mask = sampler.mask(block, columns, outer)
         if chain.moves:
@@ -256,9 +263,9 @@ def _fit_sampled(
     features, boxes = [], []
     note = (lambda done, total: progress("fit", done, total)) if progress else None
     at_once = tiling.affordable(threads, sampling.largest, 4 * len(columns))  # statistics take several copies
+    run = tiling.run if ready else job.run
     for tiles, plan in sampling:
-        for tile, (part, mask) in job.run(tiles, partial(work, plan), threads=at_once, progress=note,
-                                          start=enter_thread):  # fmt: skip
+        for tile, (part, mask) in run(tiles, partial(work, plan), threads=at_once, progress=note, start=enter_thread):
             sampling.parts.append(part)
             boxes.append(_box(mask, tile))
             if want_sample:

@@ -69,13 +69,13 @@ class Sampling:
     taken: int = 0
 
     def __post_init__(self) -> None:
-        self._pool = _pool(self.scene, self.sampler) if self.tolerance else list(self.sampler.tiles)
-        self.total = sum(map(_area, self._pool))
+        self.pool = _pool(self.scene, self.sampler) if self.tolerance else list(self.sampler.tiles)
+        self.total = sum(map(_area, self.pool))
 
     @property
     def largest(self) -> tuple[int, int]:
         """Rows and columns of the largest tile."""
-        return max(self._pool, key=_area).shape
+        return max(self.pool, key=_area).shape
 
     def __iter__(self) -> Iterator[tuple[Sequence[Tile], SamplePlan]]:
         if not self.tolerance:
@@ -83,11 +83,11 @@ class Sampling:
             share = max(1, -(-pixels // KEPT_PIXELS))
             self.plan = replace(self.plan, share=share, compiled=pixels > COMPILED_PIXELS)
             self.taken = self.total
-            yield self._pool, self.plan
+            yield self.pool, self.plan
             return
         wanted, done = LOOK_PIXELS, set[Tile]()
         while True:
-            chosen = tiling.spread(self._pool, wanted) if wanted < self.total else self._pool
+            chosen = tiling.spread(self.pool, wanted) if wanted < self.total else self.pool
             batch = [t for t in chosen if t not in done]
             done.update(batch)
             fresh = sum(map(_area, batch))
@@ -103,7 +103,7 @@ class Sampling:
                 wanted = int(self.taken * min(max(grows, GROWTH[0]), GROWTH[1]))
             else:
                 wanted = int(wanted * GROWTH[0])
-            if len(done) == len(self._pool):
+            if len(done) == len(self.pool):
                 return
 
     def statistics(self) -> SampleStatistics:
