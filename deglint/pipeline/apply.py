@@ -23,6 +23,7 @@ from ..raster.output import (
     RasterWriter,
     Scratch,
     check_target,
+    copied_whole,
     plain,
     write_bytes,
     write_json,
@@ -273,6 +274,8 @@ def _write_tiles(
         work = with_stderr(work, everything, fitted.recipe.nir, at_once)
         fitted.numbers["uncertainty"] = work.uncertainty.numbers() if work.uncertainty else None
     tally = Tally(len(scene.bands))
+    if work.copies and copied_whole(scratch, image, targets.image):
+        return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     with ExitStack() as stack:
         stack.enter_context(one_thread_each(bool(fitted.chain.runs)))
