@@ -22,6 +22,7 @@ from ..compensate.psf import PSF
 from ..compensate.reference import SIZE, ReferenceRule, fit_reference
 from ..errors import FitError, InputError
 from ..needs import (
+    HIGH_PASS,
     LITTLE_COVER,
     PSF_COVER,
     SMALLEST_OBJECT,
@@ -100,10 +101,14 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     wanted = (
         None if recipe.compensate == "auto" else parse(THESIS if recipe.compensate == "thesis" else recipe.compensate)
     )
+    tiles = some(look.tiles) if sampler is None else tiles_of(scene, sampler)
+    nir = request.indexes[0].bands[0]
     if wanted is None and not needs.element:
         why = f"things {smallest:.3g} pixels wide are to be kept, and an opening has {SMALLEST} or more"
+        sample = read_blocks(scene, recipe, look, tiles, sampler, HIGH_PASS // 2, threads).sample
+        alike = coherence([s.image for s in sample.states], sample.inside, scene.bands, nir)
+        needs = replace(needs, coherence=alike, offsets=_offsets(scene, nir))
         return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
-    tiles = some(look.tiles) if sampler is None else tiles_of(scene, sampler)
     whole = _steps_of(scene)
     floor = None if whole is None else tuple(LEAST_SPREAD * step for step in whole)
     psfs, optics = _psfs(scene, wanted), "known"
@@ -115,7 +120,6 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     blocks = read_blocks(scene, recipe, look, tiles, sampler, halo_of(usual, psfs), threads)
     sample = blocks.sample
     found = Plan(needs, steps, setting, blocks, sampler)
-    nir = request.indexes[0].bands[0]
     alike = coherence([s.image for s in sample.states], sample.inside, scene.bands, nir)
     if psfs is None and _wants_psf(wanted):
         psfs, optics = estimated_psfs(scene, sample)
