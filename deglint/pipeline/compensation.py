@@ -111,7 +111,8 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
         return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
     whole = _steps_of(scene)
     floor = None if whole is None else tuple(LEAST_SPREAD * step for step in whole)
-    psfs, optics = _psfs(scene, wanted), "known"
+    psfs = _psfs(scene, wanted)
+    optics = "known" if psfs else "not looked for"
     setting = Setting(scene.bands, psfs, floor=floor, steps=whole)
     steps = wanted or parse(f"identify-level:{needs.element}, replace-level")
     usual = wanted or parse(
@@ -121,7 +122,7 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     sample = blocks.sample
     found = Plan(needs, steps, setting, blocks, sampler)
     alike = coherence([s.image for s in sample.states], sample.inside, scene.bands, nir)
-    if psfs is None and _wants_psf(wanted):
+    if psfs is None and wanted is not None and _wants_psf(wanted):
         psfs, optics = estimated_psfs(scene, sample)
         setting = replace(setting, psfs=psfs)
         found = replace(found, setting=setting)
@@ -130,10 +131,10 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     if wanted is not None:
         stages = tuple(StageNeed(s.name, True, "asked for") for s in wanted if s.name != "remove")
         return replace(found, needs=replace(needs, stages=stages), setting=setting)
-    return _automatic(replace(found, needs=needs, setting=setting), sample, threads)
+    return _automatic(scene, replace(found, needs=needs, setting=setting), sample, threads)
 
 
-def _automatic(found: Plan, sample: Sample, threads: int) -> Plan:
+def _automatic(scene: Scene, found: Plan, sample: Sample, threads: int) -> Plan:
     """The default chain, without what this scene does not need."""
     needs, setting = found.needs, found.setting
     assert setting is not None
@@ -148,6 +149,10 @@ def _automatic(found: Plan, sample: Sample, threads: int) -> Plan:
     if most < LITTLE_COVER:
         why = f"at most {most:.3%} of a band is too bright for noise (threshold {LITTLE_COVER:.2%})"
         return Plan(replace(needs, stages=(StageNeed("compensation", False, why, "all of its time"),)))
+    if setting.psfs is None:
+        psfs, optics = estimated_psfs(scene, sample)
+        needs, setting = replace(needs, optics=optics), replace(setting, psfs=psfs)
+        found = replace(found, setting=setting)
     if needs.simultaneous and setting.psfs is not None and min(p.centre for p in setting.psfs) < BLURRED:
         why = "the bands see the sea at one instant, and are blurred over several pixels, each by its own wavelength"
         taken = "matched bands share their sparkle, and the removal takes it"
