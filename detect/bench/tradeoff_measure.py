@@ -110,14 +110,16 @@ class Found:
         return {c: [i for i, own in enumerate(self.conditions) if own == c] for c in dict.fromkeys(self.conditions)}
 
 
-def measure(effort: Effort) -> Found:
-    """Every choice on every scene, one after the other."""
+def measure(effort: Effort, also: Callable[[Seen], None] | None = None) -> Found:
+    """Every choice on every scene, one after the other; and what else is `also` done with those at one instant."""
     found = Found()
     every = choices(effort.quick)
     for number, (condition, seen) in enumerate(scenes(effort)):
         if not number:  # what is loaded or compiled at the first use is no time of a choice
             for choice in every:
                 cleaned(seen, choice)
+        if also and condition.endswith(", 0 ms"):
+            also(seen)
         found.conditions.append(condition)
         found.raw.append(rms_error(seen.raw, seen.truth))
         found.noise.append(rms_error(seen.noisy, seen.truth))

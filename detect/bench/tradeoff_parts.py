@@ -151,11 +151,16 @@ def _said(parts: Parts, sizes: Sequence[int]) -> tuple[str, ...]:
         a / b for m in METHODS
         for a, b in zip(parts.seconds[m, "float64", whole], parts.seconds[m, "float32", whole], strict=True)
     ])  # fmt: skip
+    fewest, all_ = (mean("hedley", "float32", n) for n in (sizes[0], whole))
+    falling = (
+        f" The error of hedley rises with the sample, from {fewest:.3g} to {all_:.3g} %: its level is the minimum, and "
+        "more pixels hold a darker one."
+    ) * (all_ > 1.05 * fewest)
     rounding = max(max(v) for v in parts.rounding.values())
     pixels = (
         f"Fitted to fewer pixels, spread evenly over the same {whole} of deep water. Pixels from which on the error is "
         f"within 5 % of that of all: {listed}. What more pixels buy beyond that is time alone; a sample is therefore "
-        "cut off where its slopes are known well enough (--tolerance)."
+        f"cut off where its slopes are known well enough (--tolerance).{falling}"
     )
     types = (
         f"Numbers of eight bytes in place of four: fits take {time:.2g} times as long, and results differ by at most "
