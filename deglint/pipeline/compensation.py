@@ -50,6 +50,8 @@ NOMINAL_PITCH = 8e-6
 """Pitch that an f-number is estimated for [m]; the PSF in pixels does not depend on it."""
 BLURRED = 0.2
 """Share of a point's light in its pixel, in the band that is blurred most, below which bands are matched."""
+SHARP = 0.9
+"""The same share from which on, in every band, sharpening gains less than a tenth of the noise."""
 DARK_NOISE = 0.2
 """Share of the variance over water that does not grow with the signal, where nothing more is known of the noise."""
 
@@ -175,6 +177,9 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, threads: int) -> Plan:
         )
     elif needs.simultaneous:
         stages.append(StageNeed("psf", False, "the bands see the sea at one instant", "a third of the time"))
+    elif (share := min(p.centre for p in setting.psfs)) >= SHARP:
+        why = f"the optics leave {share:.0%} of a point's light in its pixel (threshold {SHARP:.0%})"
+        stages.append(StageNeed("psf", False, why, "a third of the time"))
     else:
         text.append("psf:2")
         stages.append(

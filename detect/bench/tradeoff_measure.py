@@ -75,6 +75,8 @@ class Found:
         Of each scene.
     rms : dict of str to list of float
         Whole scene [% of the water level]; NaN where a scene cannot be fitted so.
+    deep : dict of str to list of float
+        The same of deep water, without objects.
     loss : dict of str to list of float
         Of AUC, mean over the objects' reflectances, against the truth with noise.
     fit, apply : dict of str to list of float
@@ -85,6 +87,7 @@ class Found:
 
     conditions: list[str] = field(default_factory=list)
     rms: dict[str, list[float]] = field(default_factory=dict)
+    deep: dict[str, list[float]] = field(default_factory=dict)
     loss: dict[str, list[float]] = field(default_factory=dict)
     fit: dict[str, list[float]] = field(default_factory=dict)
     apply: dict[str, list[float]] = field(default_factory=dict)
@@ -126,8 +129,9 @@ def measure(effort: Effort, also: Callable[[Seen], None] | None = None) -> Found
         best = auc(seen, seen.noisy)
         for choice in every[number:] + every[:number]:
             clean, fit, apply = cleaned(seen, choice)
-            values = (math.nan, math.nan) if clean is None else (rms_error(clean, seen.truth), best - auc(seen, clean))
-            for kept, value in zip((found.rms, found.loss, found.fit, found.apply), (*values, fit, apply), strict=True):
+            values = (math.nan,) * 3 if clean is None else (*errors(seen, clean), best - auc(seen, clean))
+            lists = found.rms, found.deep, found.loss, found.fit, found.apply
+            for kept, value in zip(lists, (*values, fit, apply), strict=True):
                 kept.setdefault(choice.name, []).append(value)
     return found
 
@@ -163,6 +167,11 @@ def spent(work: Callable[[], Any]) -> tuple[float, Any]:
     return time.process_time() - start, out
 
 
+def errors(seen: Seen, image: Float64) -> tuple[float, float]:
+    """RMS error of the whole scene, and of its deep water [% of the water level]."""
+    return rms_error(image, seen.truth), rms_error(image, seen.truth, seen.deep)
+
+
 def auc(seen: Seen, image: Float64) -> float:
     """Area under the ROC curve of global RX, mean over the objects' reflectances."""
     found = curves(rx_scores(image, seen.sample), seen.kinds, range(1, len(REFLECTANCES) + 1))
@@ -175,6 +184,7 @@ def numbers(found: Found) -> dict[str, Number]:
     for name in found.usable:
         key = "tradeoff/" + name.replace(", ", "-").replace(" ", "-")
         out[f"{key}/rms"] = Number(found.typical(found.rms[name]), "%", better="lower")
+        out[f"{key}/deep"] = Number(found.typical(found.deep[name]), "%", better="lower")
         out[f"{key}/auc-loss"] = Number(float(np.mean(found.loss[name])), "", better="lower")
         out[f"{key}/fit"] = timed(found.fit[name], "ns")
         out[f"{key}/apply"] = timed(found.apply[name], "ns")
