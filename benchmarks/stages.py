@@ -45,8 +45,8 @@ def main(quick: bool) -> None:
     cv2.setNumThreads(1)
     block, bands, psfs = sea(512 if quick else 1024)
     setting = Setting(bands, psfs, detail=True)
-    level = [rank_opening(b, 13) for b in block]
-    details = [detail_of(b, m, 11) for b, m in zip(block, level, strict=True)]
+    level = [rank_opening(b, 13, corners=True) for b in block]
+    details = [detail_of(b, m, 11, 13) for b, m in zip(block, level, strict=True)]
     spectrum = [1.0] * len(bands)
     chains = {text: fitted(text, block, setting) for text in (
         "identify-level:13, replace-level", "psf:2, identify-level:13, replace-level",
@@ -56,9 +56,11 @@ def main(quick: bool) -> None:
         "read once (sum of each band)": lambda: [float(b.sum()) for b in block],
         "normalise": lambda: [b / np.float32(2) for b in block],
         "psf: 2 iterations": lambda: [richardson_lucy(b, p, iterations=2) for b, p in zip(block, psfs, strict=True)],
-        "opening, square of 13": lambda: [rank_opening(b, 13) for b in block],
-        "opening, octagon of 11, grown back": lambda: [detail_of(b, m, 11) for b, m in zip(block, level, strict=True)],
-        "details that neighbouring bands share": lambda: agreeing([d.copy() for d in details], spectrum),
+        "opening, square of 13": lambda: [rank_opening(b, 13, corners=True) for b in block],
+        "openings, octagon of 11 grown back, diamond": lambda: [
+            detail_of(b, m, 11, 13) for b, m in zip(block, level, strict=True)
+        ],
+        "details that neighbouring bands share": lambda: agreeing(np.stack(details), spectrum),
         "level blurred again": lambda: [blurred(m, p) for m, p in zip(level, psfs, strict=True)],
     }
     jobs |= {f"chain: {text}": (lambda c=chain: apply_chain(block, c)) for text, chain in chains.items()}

@@ -101,7 +101,9 @@ def _range(row, m, low, high):  # type: ignore[no-untyped-def]
 @njit(nogil=True, cache=True, fastmath=_FAST)
 def _centred(row, m):  # type: ignore[no-untyped-def]
     """Take the mean away from the first m entries; returns it in two parts, and the mean that rounding has left."""
-    shift, total, left = row[0], 0.0, 0.0
+    first, middle, last = row[0], row[m // 2], row[m - 1]
+    shift = max(min(first, middle), min(max(first, middle), last))  # of a constant, that; never one stray pixel
+    total, left = 0.0, 0.0
     for p in range(m):
         row[p] -= shift
         total += row[p]

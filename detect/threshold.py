@@ -175,11 +175,12 @@ def from_f(pfa: float, bands: int, n: int) -> Threshold:
     of one new observation (Anderson 2003, "An Introduction to Multivariate Statistical Analysis", sec. 5.2).
     It becomes chi2 as n grows.
     """
-    from scipy.special import betainccinv
+    from scipy.special import betainccinv, betaincinv
 
     _check(pfa, bands, n)
-    z = betainccinv(bands / 2, (n - bands) / 2, pfa)  # z/(1-z) = F bands/(n-bands), without loss at small pfa
-    return Threshold(float((n * n - 1) / n * z / (1 - z)), "f", pfa, n=n)
+    # z / rest = F bands/(n-bands) and z + rest = 1; either may be too near to 1 to tell the other
+    z, rest = betainccinv(bands / 2, (n - bands) / 2, pfa), betaincinv((n - bands) / 2, bands / 2, pfa)
+    return Threshold(float((n * n - 1) / n * z / rest), "f", pfa, n=n)
 
 
 def p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArray[np.float64]:
@@ -190,14 +191,15 @@ def p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArray[np.
     ndarray
         float64 of the scores' shape; NaN where a score is NaN.
     """
-    from scipy.special import betaincc, chdtrc
+    from scipy.special import betainc, betaincc, chdtrc
 
     _check(0.5, bands, n)
     distance = np.maximum(np.asarray(scores, np.float64), 0)
     if n is None:
         return np.asarray(chdtrc(bands, distance))
     w = distance * (n / (n * n - 1))
-    return np.asarray(betaincc(bands / 2, (n - bands) / 2, w / (1 + w)))
+    half, other = bands / 2, (n - bands) / 2  # of the two shares of 1, the smaller keeps its digits
+    return np.asarray(np.where(w < 1, betaincc(half, other, w / (1 + w)), betainc(other, half, 1 / (1 + w))))
 
 
 def fast_p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArray[np.float64]:

@@ -86,7 +86,7 @@ class Sharpen:
         """Sharpen every band, or promise to do so, one at a time, when the level is built."""
         if not self.image:
             source, psfs, iterations = state.image, self.psfs, self.iterations
-            state.sharp = lambda b: richardson_lucy(source[b], psfs[b], iterations=iterations)
+            state.sharp = lambda b, at: richardson_lucy(source[b], psfs[b], iterations=iterations, within=at)
             state.psfs = self.psfs
             return
         for b, (band, psf) in enumerate(zip(state.image, self.psfs, strict=True)):
@@ -382,17 +382,31 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, each: C
     return ReplaceLevel() if step.name == "replace-level" else Median(size or 25)
 
 
-def apply_stages(state: State, stages: Sequence[Stage]) -> State:
-    """Work on a block, in place.
+def apply_stages(state: State, stages: Sequence[Stage], cut: tuple[int, int, int, int] = (0, 0, 0, 0)) -> State:
+    """Work on a block, in place where nothing is cut off.
 
     Parameters
     ----------
     state : State
         The block with its halo.
     stages : sequence of stages
+    cut : (int, int, int, int)
+        Rows above and below, columns left and right, that are no part of the result. Stages need not work on what the
+        stages after them do not look at.
     """
+    reach = sum(stage.halo for stage in stages)
+    pending, done = 0, [0, 0, 0, 0]
     for stage in stages:
+        reach -= stage.halo
+        promised = isinstance(stage, Sharpen) and not stage.image  # it looks around when the level is built
+        pending = pending + stage.halo if promised else pending
+        if isinstance(stage, IdentifyLevel):
+            pending = 0
+        spare = [max(n - reach - pending, 0) for n in cut]
+        a, b, c, d = (now - before for now, before in zip(spare, done, strict=True))
+        state.spare, done = (a, b, c, d), spare
         stage.apply(state)
+        state.cut()
     return state
 
 

@@ -21,7 +21,18 @@ import numpy.typing as npt
 
 from ..errors import FitError, InputError
 from ..scene import Band, FloatArray
-from .evidence import LEAST_SCORE, REACH, BoolArray, Float64, Protection, clusters, grown, plain, score, tables
+from .evidence import (
+    LEAST_SCORE,
+    REACH,
+    BoolArray,
+    Float64,
+    Protection,
+    clusters,
+    grown,
+    plain,
+    score,
+    tables,
+)
 from .shapes import shapes
 from .things import Things, put_back, things
 

@@ -234,6 +234,7 @@ def _run(
         if targets.picture:
             write_bytes(scratch, targets.picture, before_after(scene, scratch.file(targets.image), fitted.model))
         said = plain(sidecar(scene, fitted, targets, tally, checksum, time.perf_counter() - begun))
+        said |= {"cluster": cluster.numbers()} if cluster else {}
         if targets.request:
             made = {p.name: fingerprint(scratch.file(p)) for p in targets.every() if p != targets.sidecar}
             said["batch"] = {"request": targets.request, "inputs": checksum.fingerprints(), "outputs": made}

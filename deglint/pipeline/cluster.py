@@ -27,7 +27,7 @@ import numpy as np
 
 from ..errors import DeglintError, InputError, WriteError
 from ..raster.environment import environment
-from ..tiles import Run, Tile
+from ..tiles import Combine, Run, Tile, hull, rows_of
 
 AHEAD = 3
 """Tiles that each thread of a worker has been given, or has done and not been asked for."""
@@ -36,6 +36,7 @@ PATIENCE = 60.0
 _POLL = 5.0
 _RECOUNT = 16
 _CONNECT = 15.0
+_LOST = "lost the cluster: its scheduler does not answer any more. Start one, and give the command again."
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +58,12 @@ class Cluster:
         threads: int = 1,  # noqa: ARG002
         progress: Callable[[int, int], None] | None = None,
         start: Callable[[], None] | None = None,  # noqa: ARG002
+        combine: Combine | None = None,
     ) -> Iterator[tuple[Tile, Any]]:
         """Do work on every tile and yield (tile, result) in order, as `deglint.tiles.run` does.
 
-        Threads are those of the workers; each task enters GDAL's environment by itself.
+        Threads are those of the workers; each task enters GDAL's environment by itself. What `combine` makes of a row
+        of tiles is made on a worker, to which the others send theirs: it alone comes here.
 
         Raises
         ------
@@ -69,22 +72,32 @@ class Cluster:
         """
         import cloudpickle
 
-        total, todo, most = len(everything), iter(everything), 0
         shipped = self.client.submit(_Shipped, cloudpickle.dumps(work), key=f"deglint-work-{secrets.token_hex(8)}")
-        waiting: deque[tuple[Tile, Any]] = deque()
+        rows = [[tile] for tile in everything] if combine is None else rows_of(everything)
+        todo, waiting = iter(rows), deque[tuple[list[Tile], Any]]()
+        done = given = most = 0
+        counted = -_RECOUNT
         try:
-            for done in range(total):
-                if done % _RECOUNT == 0:
-                    most = AHEAD * max(sum(self.client.nthreads().values()), 1)
-                while len(waiting) < most and (tile := next(todo, None)) is not None:
-                    waiting.append((tile, self.client.submit(_do, shipped, tile, pure=False)))
-                tile, future = waiting.popleft()
-                yield tile, self._result(future)
+            for _ in rows:
+                if done - counted >= _RECOUNT:
+                    with _scheduler():
+                        counted, most = done, AHEAD * max(sum(self.client.nthreads().values()), 1)
+                while given - done < most and (row := next(todo, None)) is not None:
+                    waiting.append((row, self._submit(shipped, row, combine)))
+                    given += len(row)
+                row, future = waiting.popleft()
+                yield hull(row), self._result(future)
                 del future
+                done += len(row)
                 if progress:
-                    progress(done + 1, total)
+                    progress(done, len(everything))
         finally:
             self.client.cancel([f for _, f in waiting] + [shipped], force=True)
+
+    def _submit(self, shipped: Any, row: list[Tile], combine: Combine | None) -> Any:
+        """What a row comes to, some time; what its tiles come to stays on the workers."""
+        found = [self.client.submit(_do, shipped, tile, pure=False) for tile in row]
+        return found[0] if combine is None else self.client.submit(combine, found, pure=False)
 
     @contextmanager
     def by_files(self, target: Path) -> Iterator[Run]:
@@ -130,11 +143,17 @@ class Cluster:
             except (FutureCancelledError, OSError) as error:
                 if isinstance(error, DeglintError):
                     raise
-                raise DeglintError(f"lost the cluster: {error}. Is its scheduler still there?") from error
+                raise DeglintError(_LOST) from error
 
     def memory(self) -> dict[str, int]:
         """Most memory that each worker process has held so far [byte]; empty where none was needed."""
-        return dict(self.client.run(_peak)) if "client" in vars(self) else {}
+        with _scheduler():
+            return dict(self.client.run(_peak)) if "client" in vars(self) else {}
+
+    def numbers(self) -> dict[str, Any]:
+        """What the sidecar says of the workers: how many there are, and the most memory that one has held so far."""
+        held = self.memory().values()
+        return {"workers": len(held), "most_memory_of_one_MB": round(max(held, default=0) / 1e6, 1)}
 
 
 @contextmanager
@@ -168,6 +187,8 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
         raise InputError("want the address of a cluster or a number of workers, one of the two.")
     if workers is not None and workers < 1:
         raise InputError(f"workers: want at least 1, got {workers}.")
+    if not re.fullmatch(r"auto|\d+(\.\d+)? ?[kKMGT]i?B", memory):
+        raise InputError(f"memory of a worker: want a number and its unit, such as 1GiB or 800MB, got {memory!r}.")
     try:
         from distributed import Client, LocalCluster
     except ModuleNotFoundError as error:
@@ -206,6 +227,15 @@ def _client(kind: Any, address: str | None) -> Any:
         client.close()
         raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
     return client
+
+
+@contextmanager
+def _scheduler() -> Iterator[None]:
+    """Asking the scheduler, which may be gone."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        raise DeglintError(_LOST) from error
 
 
 class _Shipped:
@@ -326,3 +356,5 @@ def _quiet() -> None:
 
     for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker"):
         logging.getLogger(name).setLevel(logging.ERROR)
+    for name in ("distributed.client", "distributed.utils"):  # tracebacks of what is told in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -18,6 +18,7 @@ from ..compensate.evidence import Protection
 from ..compensate.identify import IdentifyLevel
 from ..compensate.level import SMALLEST, level_halo
 from ..compensate.median import Median
+from ..compensate.protect import LEAST_DELAY
 from ..compensate.psf import PSF
 from ..compensate.reference import SIZE, ReferenceRule, fit_reference
 from ..errors import FitError, InputError
@@ -108,8 +109,7 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     if wanted is None and not needs.element:
         why = f"things {smallest:.3g} pixels wide are to be kept, and an opening has {SMALLEST} or more"
         sample = read_blocks(scene, recipe, look, tiles, sampler, HIGH_PASS // 2, threads).sample
-        alike = coherence([s.image for s in sample.states], sample.inside, scene.bands, nir)
-        needs = replace(needs, coherence=alike, offsets=_offsets(scene, nir))
+        needs = replace(needs, coherence=_alike(scene, sample, nir), offsets=_offsets(scene, nir))
         return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
     whole = _steps_of(scene)
     floor = None if whole is None else tuple(LEAST_SPREAD * step for step in whole)
@@ -123,7 +123,7 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     blocks = read_blocks(scene, recipe, look, tiles, sampler, halo_of(usual, psfs), threads)
     sample = blocks.sample
     found = Plan(needs, steps, setting, blocks, sampler)
-    alike = coherence([s.image for s in sample.states], sample.inside, scene.bands, nir)
+    alike = _alike(scene, sample, nir)
     if psfs is None and wanted is not None and _wants_psf(wanted):
         psfs, optics = estimated_psfs(scene, sample)
         setting = replace(setting, psfs=psfs)
@@ -134,6 +134,12 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
         stages = tuple(StageNeed(s.name, True, "asked for") for s in wanted if s.name != "remove")
         return replace(found, needs=replace(needs, stages=stages), setting=setting)
     return _automatic(scene, replace(found, needs=needs, setting=setting), sample, threads)
+
+
+def _alike(scene: Scene, sample: Sample, nir: int) -> float | None:
+    """Coherence of the bands."""
+    delayed = (_offsets(scene, nir) or 0.0) >= LEAST_DELAY
+    return coherence([s.image for s in sample.states], sample.inside, scene.bands, nir, delayed=delayed)
 
 
 def _automatic(scene: Scene, found: Plan, sample: Sample, threads: int) -> Plan:

@@ -18,7 +18,7 @@ from ..masks import WaterRule
 from ..needs import HEAVY_COVER, Needs
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
-from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, SampleStatistics, gather, useless
+from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, SampleStatistics, combine, gather, useless
 from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
@@ -258,18 +258,19 @@ def _fit_sampled(
         inner = (slice(top, mask.shape[0] - bottom), slice(left, mask.shape[1] - right))
         mask, block = mask[inner], block[(slice(None), *inner)][rows]
         part = gather(block, mask, plan, origin=(tile.row0, tile.col0), crop=tile.crop_of(middle))
-        return part, mask[core_of(tile.crop_of(middle), mask.shape)]
+        mask = mask[core_of(tile.crop_of(middle), mask.shape)]
+        return part, _box(mask, tile), to_geojson(mask, (tile.row0, tile.col0), scene) if want_sample else []
 
     features, boxes = [], []
     note = (lambda done, total: progress("fit", done, total)) if progress else None
     at_once = tiling.affordable(threads, sampling.largest, 4 * len(columns))  # statistics take several copies
+    options: dict[str, Any] = {"threads": at_once, "progress": note, "start": enter_thread}
     run = tiling.run if ready else job.run
     for tiles, plan in sampling:
-        for tile, (part, mask) in run(tiles, partial(work, plan), threads=at_once, progress=note, start=enter_thread):
+        for _row, (part, box, found) in run(tiles, partial(work, plan), combine=partial(_row_of, plan), **options):
             sampling.parts.append(part)
-            boxes.append(_box(mask, tile))
-            if want_sample:
-                features += to_geojson(mask, (tile.row0, tile.col0), scene)
+            boxes.append(box)
+            features += found
     stats = sampling.statistics()
     tolerance, notes, doubts = sampling.said()
     model = METHODS[method].fit(request, stats)
@@ -295,6 +296,14 @@ def _fit_sampled(
         "notes": [*notes, f"sample ({recipe.sample}): {stats.moments.n} pixels, {_place(box)}"],
     }
     return model, said, collection(features, scene) if want_sample else None
+
+
+def _row_of(
+    plan: SamplePlan, tiles: list[tuple[Any, Window | None, list[Any]]]
+) -> tuple[Any, Window | None, list[Any]]:
+    """What a row of tiles comes to: its part of the statistics, where the sample lies in it, its outlines."""
+    parts, boxes, features = zip(*tiles, strict=True)
+    return combine(parts, plan), _union(boxes), [f for some in features for f in some]
 
 
 def _choose(

@@ -18,7 +18,7 @@ from typing import Any
 from .. import tiles as tiling
 from ..errors import FitError
 from ..moments import in_share
-from ..remove import METHODS, FitRequest, SamplePlan, SampleStatistics, glint_error, merge
+from ..remove import METHODS, FitRequest, SamplePlan, SampleStatistics, glint_error, levels_for, merge
 from ..remove.request import MIN_PIXELS, USELESS_R2
 from ..remove.statistics import SamplePart
 from ..scene import Scene
@@ -83,7 +83,8 @@ class Sampling:
         if not self.tolerance:
             pixels = self.sampler.pixels
             share = max(1, -(-pixels // KEPT_PIXELS))
-            self.plan = replace(self.plan, share=share, compiled=pixels > COMPILED_PIXELS)
+            many = pixels > COMPILED_PIXELS
+            self.plan = replace(self.plan, share=share, compiled=many, levels=levels_for(pixels))
             self.taken = self.total
             yield self.pool, self.plan
             return
@@ -95,7 +96,8 @@ class Sampling:
             fresh = sum(map(_area, batch))
             self.taken += fresh
             share = 1 << max(0, math.ceil(math.log2(self.taken / KEPT_PIXELS)))
-            self.plan = replace(self.plan, share=share, compiled=fresh > COMPILED_PIXELS)
+            many = fresh > COMPILED_PIXELS
+            self.plan = replace(self.plan, share=share, compiled=many, levels=levels_for(self.taken))
             if batch:
                 yield batch, self.plan
                 worst = self._worst()

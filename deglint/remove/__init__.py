@@ -22,11 +22,12 @@ from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_
 from .model import HALO, BandFit, GlintIndex, GlintModel, apply
 from .regression import REGRESSIONS, glint_error
 from .request import FitRequest, Weighted, slope_weights, useless
-from .statistics import SamplePlan, SampleStatistics, gather, merge
+from .statistics import SamplePlan, SampleStatistics, combine, gather, levels_for, merge
 
 __all__ = [
     "HALO", "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "Weighted", "apply", "fit", "gather", "glint_error", "merge", "nir_request", "useless",
+    "SampleStatistics", "Weighted", "apply", "combine", "fit", "gather", "glint_error", "levels_for", "merge",
+    "nir_request", "useless",
 ]  # fmt: skip
 
 

@@ -57,9 +57,9 @@ def huber(stats: SampleStatistics) -> Slopes:
     from sklearn.linear_model import HuberRegressor
 
     def slope_of(x: Float64, y: Float64) -> float:
-        scale_x, scale_y = np.std(x), np.std(y)
-        if scale_y == 0:
+        if y.min() == y.max():  # whose standard deviation need not be 0
             return 0.0
+        scale_x, scale_y = np.std(x), np.std(y)
         fit = HuberRegressor(alpha=0.0, max_iter=1000, tol=1e-8)
         fit.fit(((x - np.mean(x)) / scale_x)[:, None], (y - np.mean(y)) / scale_y)
         return float(fit.coef_[0] * scale_y / scale_x)
@@ -71,7 +71,8 @@ def theil_sen(stats: SampleStatistics) -> Slopes:
     """Median of the slopes between all pairs (by SciPy) of at most `PAIRED_PIXELS` pixels of the sample."""
     from scipy.stats import theilslopes
 
-    return _pixelwise(stats, lambda x, y: float(theilslopes(y, x).slope), PAIRED_PIXELS)
+    with np.errstate(invalid="ignore"):  # of an interval that is not asked for, where values are tied
+        return _pixelwise(stats, lambda x, y: float(theilslopes(y, x).slope), PAIRED_PIXELS)
 
 
 REGRESSIONS: dict[str, Callable[[SampleStatistics], Slopes]] = {
@@ -90,7 +91,7 @@ def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
         unexplained = (1 - explained(stats, slope)) * np.diag(stats.regressed.comoment)[:bands, None]
         return np.sqrt(np.maximum(unexplained, 0) / max(stats.regressed.n - 2, 1) / power)
     cells = stats.cells
-    away = cells.mean - stats.regressed.mean
+    away = (cells.mean - stats.regressed.mean) + (cells.rest - stats.regressed.rest)
     about = cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
     power_of_cell = np.diagonal(about, axis1=1, axis2=2)[:, None, bands:]
     score = about[:, :bands, bands:] - slope * power_of_cell

@@ -170,8 +170,21 @@ def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
                 f"{name} is constant ({stats.moments.minimum[v]:g}) over the {stats.moments.n} pixels of the "
                 "sample, so no slope can be fitted. Choose another --nir, or a --sample where glint varies."
             )
-        if not stats.regressed.comoment[v, v] > 0:
+        if not stats.regressed.comoment[v, v] > 0 and request.regression == "detrended":
             raise FitError(f"{name} does not vary within windows of the sample; use --regression ols.")
+        if not stats.moments.comoment[v, v] > 0:
+            raise _beyond_squares(name, stats, v)
+    for i, band in enumerate(request.correct):
+        if not np.isfinite(stats.moments.comoment[i]).all():
+            raise _beyond_squares(request.bands[band].name, stats, i)
+
+
+def _beyond_squares(name: str, stats: SampleStatistics, v: int) -> FitError:
+    low, high = stats.moments.minimum[v], stats.moments.maximum[v]
+    return FitError(
+        f"{name} goes from {low:g} to {high:g}, squares of which are beyond double precision. Bring it to other "
+        "units, or mark what is not valid as nodata."
+    )
 
 
 def sample_warnings(stats: SampleStatistics) -> list[str]:

@@ -76,6 +76,8 @@ def collect(
 def line_of(error: Exception) -> str:
     """What went wrong, in a line."""
     said = " ".join(str(error).split())
+    if isinstance(error, ModuleNotFoundError):
+        return f"{said}. Install what the benchmark needs: pip install 'deglint[bench]'"
     return f"{type(error).__name__}: {said}" if said else type(error).__name__
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -18,19 +18,32 @@ nav li{break-inside:avoid;margin:2px 0}nav a,a{color:#0b5394;text-decoration:non
 nav small{color:var(--soft);font-variant-numeric:tabular-nums}
 h2{font-size:24px}h3{font-size:19px;margin-top:34px}h4{font-size:15px;margin:24px 0 4px}
 td.t,th.t{text-align:left;white-space:normal}
+td.t:not(:first-child),th.t:not(:first-child){padding-left:10px}
 td small.span{font-size:12.5px}
+td small.in{font-size:12.5px;min-width:6.6em;text-align:left;padding-left:8px}
+.many table{font-size:12.5px}.many th{white-space:normal;font-size:11.5px}
+.many th,.many td{padding:3px 6px 3px 0}
+.many th:first-child,.many td:first-child{min-width:6em}
+.three{grid-template-columns:repeat(auto-fit,minmax(290px,1fr));gap:18px}
 figure h4{margin-top:10px}
-.finding{font-weight:600}
-details summary{cursor:pointer;color:var(--soft);font-size:14px}
-@media print{nav ol{columns:2}h4{break-after:avoid}h2{break-before:page}h2.first{break-before:auto}}
+@media print{nav ol{columns:2}h4{break-after:avoid}h2{margin:24px 0 6px;padding-top:8px;font-size:20px}
+.facts{margin:12px 0 4px}.lead{font-size:15px}.facts div{padding:7px 16px}
+.pair{gap:12px;grid-template-columns:1fr 1fr}
+.three{grid-template-columns:1fr 1fr 1fr}figure>svg{max-height:320px}
+.many table{font-size:7.5pt}.many th{font-size:7pt}}
 @media(max-width:560px){nav ol{columns:1}}
 """
 SMALL = 560
 """Figures no wider than this stand side by side."""
+MOST_BESIDE = 4
+"""Columns of numbers up to which intervals stand beside their values, not below."""
 
-READING = """<p class="small">A figure with a range below it is a mean over scenes of different seeds with its 95 %
-interval (Student's t), or the median of repeated timings and the range of them. Ratios of times are taken within one
-round, in which everything ran once, so that a busy machine slows all alike. Figures that are not times or memory
+MANY = 8
+"""Tables of more columns than this are set smaller."""
+
+READING = """<p class="small">A figure with a range beside or below it is a mean over scenes of different seeds with its
+95 % interval (Student's t), or the median of repeated timings and the range of them. Ratios of times are taken within
+one round, in which everything ran once, so that a busy machine slows all alike. Figures that are not times or memory
 come out the same again for the same seeds and versions, to rounding.</p>"""
 
 
@@ -79,18 +92,17 @@ def _contents(found: Collected) -> str:
         f"<small>{escape(duration(found.seconds.get(s.name, 0)))}</small></li>"
         for s in found.sections
     )
-    return f'<nav><h2 class="first">Contents</h2><ol>{items}</ol></nav>'
+    return f"<nav><h2>Contents</h2><ol>{items}</ol></nav>"
 
 
 def _how(made: Mapping[str, Any]) -> str:
-    shown = {k: v for k, v in made.items() if k not in ("experiments", "quick")}
-    shown["seconds"] = f"{made['seconds']:,.0f}"
     machine = made["machine"]
-    shown["machine"] = [
+    facts = {k: v for k, v in made.items() if k in ("command", "date", "seeds", "threads", "versions")}
+    facts["machine"] = [
         f"{machine['processor']}, {machine['cores']} cores, {machine['memory']} memory, {machine['system']}",
         f"load {_load(machine, 'start')} at the start, {_load(machine, 'end')} at the end",
     ]
-    return f'<h2 class="first" id="how">How this was made</h2>{pieces.made(shown)}{READING}'
+    return f'<h2 id="how">How this was made</h2>{pieces.made(facts)}{READING}'
 
 
 def _load(machine: Mapping[str, Any], when: str) -> str:
@@ -115,7 +127,8 @@ def figures(found: Sequence[Figure]) -> str:
             side.append(figure(one))
             continue
         if side:
-            out.append(f'<div class="pair">{"".join(side)}</div>')
+            three = " three" * (len(side) % 3 == 0)
+            out.append(f'<div class="pair{three}">{"".join(side)}</div>')
             side = []
         if one is not None:
             out.append(figure(one))
@@ -136,30 +149,49 @@ def width(svg: str) -> float:
 
 def table(one: Table) -> str:
     """A table with its title and note; columns of text lie to the left."""
-    texts = [_is_text(row[i] for row in one.rows if i < len(row)) for i in range(len(one.head))]
+    columns = [[row[i] for row in one.rows if i < len(row)] for i in range(len(one.head))]
+    texts = [_is_text(column) for column in columns]
     head = [f'<th class="t">{escape(h)}</th>' if t else escape(h) for h, t in zip(one.head, texts, strict=True)]
+    ranged = [any(isinstance(c, Number) and shown(c)[1] for c in column) for column in columns]
+    beside = [r and sum(ranged) <= MOST_BESIDE for r in ranged]
     rows = []
     for row in one.rows:
-        cells = [cell(c) for c in row]
+        cells = [cell(c, beside=b) for c, b in zip(row, beside, strict=False)]
         rows.append([f'<td class="t">{c}</td>' if t else c for c, t in zip(cells, texts, strict=False)])
     note = f'<p class="small">{escape(one.note)}</p>' if one.note else ""
-    return f"<h4>{escape(one.title)}</h4>{pieces.table(head, rows)}{note}"
+    drawn = pieces.table(head, rows)
+    if len(one.head) > MANY:
+        drawn = f'<div class="many">{drawn}</div>'
+    return f"<h4>{escape(one.title)}</h4>{drawn}{note}"
 
 
-def cell(value: Cell) -> str:
-    """A cell of a table as HTML."""
+def cell(value: Cell, *, beside: bool = False) -> str:
+    """A cell of a table as HTML; an interval stands below its value, or beside it."""
     if isinstance(value, Number):
-        span = "" if math.isnan(value.low) or math.isnan(value.high) else (
-            f'<small class="span">{words.short(value.low)}&ndash;{words.short(value.high)}</small>')  # fmt: skip
-        return words.short(value.value) + span
+        middle, span = shown(value)
+        if beside:
+            return f'{middle}<small class="in">{span}</small>'
+        return middle + (f'<small class="span">{span}</small>' if span else "")
     if isinstance(value, str):
         return escape(value)
     return f"{value:,}" if isinstance(value, int) else words.short(value)
 
 
-def _is_text(cells: Iterable[Cell]) -> bool:
-    """Whether a column holds words."""
-    return any(isinstance(c, str) and re.match(r"\s*[A-Za-z(]", c) and c not in ("nan", "inf") for c in cells)
+def shown(number: Number) -> tuple[str, str]:
+    """A value, and its interval where it has one, as HTML; no more digits than the interval leaves certain."""
+    half = (number.high - number.low) / 2
+    if not half > 0 or not math.isfinite(half) or not 1e-3 <= abs(number.value) < 1e6:
+        return words.short(number.value), ""
+    most = 3 - math.floor(math.log10(abs(number.value)))
+    places = max(0, min(1 - math.floor(math.log10(half)), most))
+    middle, low, high = (f"{v:,.{places}f}".replace("-", "&minus;") for v in (number.value, number.low, number.high))
+    return middle, f"{low}&ndash;{high}" if number.low >= 0 else f"{low} to {high}"
+
+
+def _is_text(cells: Sequence[Cell]) -> bool:
+    """Whether a column holds words, but for a few that stand in for numbers."""
+    said = [isinstance(c, str) and re.match(r"\s*[A-Za-z(]", c) and c not in ("nan", "inf") for c in cells if c != ""]
+    return 2 * sum(map(bool, said)) > len(said)
 
 
 def anchor(name: str) -> str:

@@ -97,6 +97,10 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
 
+    def __post_init__(self) -> None:
+        if any(len(row) > len(self.head) for row in self.rows):
+            raise ValueError(f"table {self.title!r} has rows that are longer than its head of {len(self.head)}")
+
     @classmethod
     def of(cls, title: str, head: Iterable[str], rows: Iterable[Iterable[Cell]], note: str = "") -> Table:
         """From any sequences."""

@@ -6,7 +6,7 @@ import shlex
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,6 +14,9 @@ from deglint.cli.options import Talk, names
 from deglint.cli.running import printable
 
 from ..bench import EXPERIMENTS
+
+if TYPE_CHECKING:
+    from ..bench.collect import Collected
 
 SEEDS = {True: 2, False: 5}
 """Scenes of each kind, quick and not."""
@@ -45,9 +48,11 @@ class Bench(click.Command):
 @click.option("--seeds", type=click.IntRange(1, 1000), metavar="N",
               help=f"Scenes of each kind. [default: {SEEDS[False]}; with --quick {SEEDS[True]}]")  # fmt: skip
 @click.option("--json", "json_file", metavar="FILE", help="Where every number goes. [default: OUT.html.json]")
+@click.option("--docs", metavar="DIR", help="Remake the page benchmark.md and its figures in this directory, too.")
 @click.option("--peers", metavar="PYTHON", default="", help="Interpreter of an environment with other programs, such "
               "as sensingpy. [default: this one]")  # fmt: skip
-@click.option("--scratch", metavar="DIR", help="Where scratch files go. [default: the system's temporary directory]")
+@click.option("--scratch", metavar="DIR", help="Where scratch files go, up to 6 GB; --quick 0.1. [default: the "
+              "system's temporary directory]")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where an experiment fails.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
@@ -73,6 +78,7 @@ def bench(out: str, **given: Any) -> None:
         raise click.UsageError(f"OUT.html and --json are both {out}: name two files.")
     for target in targets:
         check_target(target, overwrite=given["overwrite"])
+    docs = _docs(given)
     talk = Talk(quiet=given["quiet"])
     start, load = time.perf_counter(), load_now()
     tell = _Progress(talk, len(wanted))
@@ -85,9 +91,13 @@ def bench(out: str, **given: Any) -> None:
         with Scratch(overwrite=given["overwrite"]) as scratch:
             write_text(scratch, targets[0], page(found, made))
             write_json(scratch, targets[1], as_json(found, made))
+        if docs is not None and not found.failed:
+            _write_docs(docs, found, made)
     finally:
         talk.clear()
     talk.say(f"{targets[0]} and {targets[1]}: written in {time.perf_counter() - start:.0f} s")
+    if docs is not None:
+        talk.say(f"{docs}: {'left as it was: an experiment failed' if found.failed else 'remade'}")
     if given["verbose"] > 1:
         for trace in found.traces.values():
             click.echo(trace, err=True)
@@ -134,11 +144,41 @@ def _scratch(directory: str | None) -> str | None:
     return directory
 
 
+def _docs(given: dict[str, Any]) -> Path | None:
+    """The documentation's page, if it is to be remade and can be."""
+    from deglint.raster.output import check_target
+
+    from ..bench.markdown import PAGE
+
+    if given["docs"] is None:
+        return None
+    if given["only"]:
+        raise click.UsageError("--docs remakes the whole page: leave out --only.")
+    page = Path(given["docs"]) / PAGE
+    check_target(page, overwrite=True)
+    return page
+
+
+def _write_docs(page: Path, found: Collected, made: dict[str, Any]) -> None:
+    """Write the documentation's page and its figures; figures that it had before and has no more go."""
+    from deglint.raster.output import Scratch, write_text
+
+    from ..bench.markdown import EMPTY, FOLDER, pages, stale
+
+    files = pages(found, made, page.read_text(encoding="utf-8") if page.exists() else EMPTY)
+    (page.parent / FOLDER).mkdir(exist_ok=True)
+    with Scratch() as scratch:
+        for name, text in files.items():
+            write_text(scratch, page.parent / name, text)
+    for left in stale(page.parent, files):
+        left.unlink()
+
+
 def _command(out: str, given: dict[str, Any]) -> str:
     """The command line that does the same again, with every number that matters spelled out."""
     words = ["rxdetect", "bench", out, *["--quick"] * given["quick"]]
     words += ["--only", ",".join(given["only"])] if given["only"] else []
     words += ["--seeds", str(given["seeds"] or SEEDS[given["quick"]])]
-    for key, flag in {"json_file": "--json", "peers": "--peers", "scratch": "--scratch"}.items():
+    for key, flag in {"json_file": "--json", "docs": "--docs", "peers": "--peers", "scratch": "--scratch"}.items():
         words += [flag, given[key]] if given[key] else []
     return shlex.join([*words, *["--overwrite"] * given["overwrite"]])

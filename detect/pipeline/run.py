@@ -28,7 +28,16 @@ from deglint.tiles import LARGEST, Tile
 
 from .. import objects as marking
 from .. import threshold as cutting
-from ..background import COMPILED_PIXELS, Background, Gathering, estimate, fourth_moments, part_of, sample_share
+from ..background import (
+    COMPILED_PIXELS,
+    Background,
+    Gathering,
+    combine,
+    estimate,
+    fourth_moments,
+    part_of,
+    sample_share,
+)
 from ..local import DEFICIENT, TOO_FEW, score_part
 from ..rx import Detector, detector, score
 from ..threshold import Tail, Threshold
@@ -243,6 +252,8 @@ def _run(
                 "seconds": round(time.perf_counter() - begun, 3),
             }
         )
+        if cluster:
+            said["cluster"] = cluster.numbers()
         write_json(scratch, targets.sidecar, said)
     return Result(tally, background, threshold, found, said)
 
@@ -276,7 +287,8 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
         block = read(silent.scene, tile, bands)
         return part_of(block, where(tile), (tile.row0, tile.col0), share, compiled=compiled)
 
-    for _tile, part in run(plan.tiles, gather, threads=plan.threads, progress=plan.note("fit"), start=enter_thread):
+    options: dict[str, Any] = {"threads": plan.threads, "start": enter_thread}
+    for _row, part in run(plan.tiles, gather, combine=combine, progress=plan.note("fit"), **options):
         gathering.add(part)
     moments = gathering.moments()
     fourths = []
@@ -285,8 +297,8 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
         def fourth(tile: Tile) -> Any:
             return fourth_moments(read(silent.scene, tile, bands), where(tile), moments, (tile.row0, tile.col0))
 
-        found = run(plan.tiles, fourth, threads=plan.threads, progress=plan.note("shrink"), start=enter_thread)
-        fourths = [part for _tile, part in found]
+        found = run(plan.tiles, fourth, combine=np.concatenate, progress=plan.note("shrink"), **options)
+        fourths = [part for _row, part in found]
     return estimate(
         moments, recipe.covariance, ridge=recipe.ridge, names=plan.names, sample=gathering.sample(), fourths=fourths
     )

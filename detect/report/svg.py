@@ -54,9 +54,20 @@ class Axis:
             return [i * step for i in range(first, math.floor(self.high / step + 1e-9) + 1)], []
         decades = range(math.floor(math.log10(self.low) + 1e-9), math.ceil(math.log10(self.high) - 1e-9) + 1)
         inside = [10.0**d for d in decades if self.low * (1 - 1e-9) <= 10.0**d <= self.high * (1 + 1e-9)]
+        if len(inside) < 3:  # a decade or two: 1, 2 and 5 of each, or numbers at even steps within less than that
+            return self._few(decades)
         every = max(1, -(-len(inside) // 8))
         minor = [m * 10.0**d for d in decades for m in range(2, 10) if self.low < m * 10.0**d < self.high]
         return inside[::-1][::every][::-1], minor if len(inside) <= 8 else []
+
+    def _few(self, decades: range) -> tuple[list[float], list[float]]:
+        """Ticks of a logarithmic axis that is short."""
+        every = [float(f"{m}e{d}") for d in decades for m in range(1, 10) if self.low <= float(f"{m}e{d}") <= self.high]
+        round_ones = [v for v in every if f"{v:e}"[0] in "125"]
+        if len(round_ones) >= 3:
+            return round_ones, [v for v in every if v not in round_ones]
+        step = _nice((self.high - self.low) / 4)
+        return [i * step for i in range(math.ceil(self.low / step), math.floor(self.high / step + 1e-9) + 1)], []
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +99,8 @@ def plot(
     legend : bool
         Name the series above the plot, in the drawing itself, which grows by that much.
     """
-    named, high = _legend([one.name for one in series], size.width) if legend else ("", 0)
-    field = _Field(x, y, size, high)
+    named, above = _legend([one.name for one in series], size.width) if legend else ("", 0)
+    field = _Field(x, y, size, above)
     parts = [named, _frame(field)]
     if chance is not None:
         parts.append(f'<path d="{field.path(*chance)}" fill="none" stroke="#888" stroke-dasharray="1 4"/>')
@@ -106,17 +117,17 @@ def plot(
             parts.append(f'<circle cx="{cx:.1f}" cy="{cy:.1f}" r="3.6" fill="#fff" stroke="{colour(i)}" '
                          'stroke-width="1.8"/>')  # fmt: skip
     said = escape(title, quote=True)
-    tall = size.height + high
+    tall = size.height + above
     return f'<svg viewBox="0 0 {size.width} {tall}" role="img" aria-label="{said}">{"".join(parts)}</svg>'
 
 
 def _legend(names: Sequence[str], width: int) -> tuple[str, int]:
     """Lines and names of series in rows, and how high they are."""
-    parts, x, y = [], _LEFT, 14
+    parts, x, y = [], float(_LEFT), 14
     for i, name in enumerate(names):
         wide = 44 + 7.2 * len(name) + 18
         if x > _LEFT and x + wide > width - _RIGHT:
-            x, y = _LEFT, y + 20
+            x, y = float(_LEFT), y + 20
         dash = f' stroke-dasharray="{dashes(i)}"' if dashes(i) else ""
         parts.append(f'<path d="M{x:.0f} {y}h34" fill="none" stroke="{colour(i)}" stroke-width="2.6"{dash}/>'
                      f'<text x="{x + 41:.0f}" y="{y + 4.5}">{escape(name)}</text>')  # fmt: skip
@@ -222,7 +233,7 @@ def _frame(field: _Field) -> str:
 
 
 def _number(value: float, log: bool) -> str:
-    if not log or 1e-3 < value < 1e4:
+    if not log or 1e-3 < value < 1e4 or f"{value:e}"[0] != "1":
         return f"{value:g}"
     power = round(math.log10(value))
     sign = "&minus;" if power < 0 else ""
