@@ -18,7 +18,7 @@ from .tradeoff_measure import spent
 BANDS = (("blue", 480), ("green", 550), ("red", 660), ("nir", 842))
 LEVELS = (900.0, 700.0, 400.0, 100.0)
 NOISE = 4.0
-SIDES, QUICK_SIDES = (1024, 2048, 4096), (512, 1024)
+SIDES, QUICK_SIDES = (1024, 2048, 4096), (1024,)
 KINDS = {
     "cog": "tiled, header first, deflate",
     "plain": "tiled, header first, uncompressed",
