@@ -136,7 +136,8 @@ def section(found: Copies) -> Section:
         f"{found.ratio(largest, 'plain'):.2f} times of an uncompressed one, and {found.ratio(largest, 'strips'):.2f} "
         "times where strips are made tiles."
     )
-    return Section("skipping/copy", "A scene that needs nothing", (said,), (table,), (_figure(found),), out)
+    figures = (_figure(found),) if len(found.sides) > 1 else ()
+    return Section("skipping/copy", "A scene that needs nothing", (said,), (table,), figures, out)
 
 
 def _figure(found: Copies) -> Figure:

@@ -204,11 +204,20 @@ def section(found: dict[str, Ran], copies: copying.Copies) -> Section:
             "added is below noise")  # fmt: skip
     note = "Errors in percent of the water level; time: processor time of the whole run, against every stage forced."
     table = Table.of("What runs, and what leaving it out does", head, rows, note)
-    why = [(name, stage, said.partition(": ")[2]) for name, one in found.items() for stage, said in one.stages.items()
-           if said.startswith("skipped: ")]  # fmt: skip
-    reasons = Table.of("Why a stage was skipped", ("scene", "stage", "why"), why)
+    reasons = _reasons(found)
     return Section("skipping", "What a scene does not need", _said(found), (table, reasons), (), out,
                    (copying.section(copies),), finding(found, copies))  # fmt: skip
+
+
+def _reasons(found: dict[str, Ran]) -> Table:
+    """Why stages were skipped, a row a reason."""
+    rows: dict[tuple[str, str], list[str]] = {}
+    for name, one in found.items():
+        for stage, said in one.stages.items():
+            if said.startswith("skipped: "):
+                rows.setdefault((name, said.partition(": ")[2]), []).append(stage)
+    cells = [(name, ", ".join(stages), why) for (name, why), stages in rows.items()]
+    return Table.of("Why a stage was skipped", ("scene", "stages", "why"), cells)
 
 
 def finding(found: dict[str, Ran], copies: copying.Copies) -> str:

@@ -117,7 +117,8 @@ def _said(kept: Kept) -> tuple[str, ...]:
     inside = [np.abs(r) <= 2 * c for t in TOLERANCES for r, c in zip(kept.real(t), kept.claimed[t], strict=True)]
     loose = np.mean(kept.read[TOLERANCES[0]])
     said = (
-        f"{len(kept.winds)} scene{'s' * (len(kept.winds) > 1)}; ordinary least squares of a whole scene as the sample. A tolerance of "
+        f"{len(kept.winds)} scene{'s' * (len(kept.winds) > 1)}; ordinary least squares of a whole scene as the sample. "
+        "A tolerance of "
         f"{TOLERANCES[0]:g} reads {loose:.0%} of the pixels, and never less than a first look at a scene does. Of all "
         f"slopes, {np.mean(inside):.0%} lie within twice the standard error that was claimed for them (95 % would be "
         "right for independent cells of a Gaussian sea); a sample in which few cells hold most of the glint is not "

@@ -195,7 +195,7 @@ def _psf(found: Found) -> Section:
     said = (
         "Iterations of Richardson-Lucy before the first opening; each costs as much again. Where bands look at one "
         f"instant the error of the whole scene is least with {best[0]} and that of deep water with {deep[0]}; where "
-        f"they do not, with {best[1]} and {deep[1]}. The default takes two iterations, and none where bands look at one "
+        f"they do not, with {best[1]} and {deep[1]}. The default takes two, and none where bands look at one "
         f"instant: there deep water comes out at {twice:.3g} % with two, at {plain:.3g} % without."
     )
     errors = [f"{where}, {k} [%]" for k in kinds for where in ("whole", "deep")]
