@@ -23,6 +23,7 @@ from ..raster.output import (
     Scratch,
     check_image,
     check_target,
+    copied_whole,
     plain,
     write_bytes,
     write_json,
@@ -274,6 +275,8 @@ def _write_tiles(
         work = with_stderr(work, everything, fitted.recipe.nir, at_once)
         fitted.numbers["uncertainty"] = work.uncertainty.numbers() if work.uncertainty else None
     tally = Tally(len(scene.bands))
+    if work.copies and copied_whole(scratch, image, targets.image):
+        return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.changed))
     with ExitStack() as stack:

@@ -44,10 +44,11 @@ NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED, REPLACED, PROTECTED 
 
 @dataclass
 class Tally:
-    """Pixels of the whole run; bands in scene order."""
+    """Pixels of the whole run; bands in scene order. What was `copied` was not looked at: only its total is known."""
 
     bands: int
     total: int = 0
+    copied: bool = False
     nodata: int = 0
     not_water: int = 0
     corrected: int = 0
@@ -65,6 +66,7 @@ class Tally:
     def add(self, other: Tally) -> None:
         """Add a tile's counts."""
         counts = ("total", "nodata", "not_water", "usable", "corrected", "protected")
+        self.copied |= other.copied
         for name in (*counts, "replaced", "negative", "clipped", "saturated"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
@@ -134,6 +136,8 @@ class Correction:
 
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and bring it into the output's type."""
+        if self.copies:
+            return self._copied(tile)
         read = self._read(tile)
         raw, valid, physical, where, known = read.raw, read.valid, read.physical, read.where, read.known
         tally, source = read.tally, raster_of(self.scene)
@@ -161,6 +165,21 @@ class Correction:
             return Corrected(raw, tally, file_valid, flags, amount, None, parts)
         error = stderr(parts, self.uncertainty, steps=self._steps)
         return Corrected(raw, tally, file_valid, flags, amount, error)
+
+    @property
+    def copies(self) -> bool:
+        """No band may change and nothing is to be said of single pixels: nothing is looked at either."""
+        return not self.changed and not self.want_flags
+
+    def _copied(self, tile: Tile) -> Corrected:
+        """A tile as it is, in the output's type."""
+        raw, valid = raster_of(self.scene).read_raw(tile.window)
+        file_valid = self._file_valid(raw, valid)
+        raw, lost = self._retyped(raw, valid)
+        tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1], copied=True)
+        if lost is not None:
+            tally.clipped = np.count_nonzero(lost, axis=(1, 2))
+        return Corrected(raw, tally, file_valid)
 
     def _parts(self, before: Any, physical: Any, where: Any, after: Compensated | None) -> Parts:
         """What the standard error of the tile is told by."""
@@ -194,11 +213,12 @@ class Correction:
             around, place = physical, (slice(None), *core_of(tile.crop_of(outer), outer.shape))
             physical, raw = around[place].copy(), raw[place].copy()
             valid = None if valid is None else valid[place]
-            after = self._compensated(around, tile, outer)
-            inside = after.inside
+            known = self._known(physical, valid)
+            if known is None or known.any():
+                after = self._compensated(around, tile, outer)
+            inside = None if after is None else after.inside
         else:
-            inside = self._inside(tile, physical)
-        known = self._known(physical, valid)
+            known, inside = self._known(physical, valid), self._inside(tile, physical)
         where = known if inside is None else inside if known is None else known & inside
         tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
         tally.usable = tally.total if where is None else int(np.count_nonzero(where))
