@@ -222,9 +222,9 @@ def copied_whole(scratch: Scratch, layout: Layout, target: Path) -> bool:
         if not _stands_alone(dataset, info) or dataset.nodata != layout.nodata:  # NaN is not itself: written anew
             return False
     path = scratch.add(target)
-    with _write_errors(target):
+    with write_errors(target):
         shutil.copyfile(info.paths[0], path)
-    _check_whole(path, target)
+    check_whole(path, target)
     return True
 
 
