@@ -14,7 +14,7 @@ from deglint.errors import FitError
 from deglint.moments import moments
 from deglint.remove.detrend import detrend
 from detect.background import fit
-from detect.bench import stress_cases, stress_rates, stress_truth
+from detect.bench import stress_cases, stress_rates, stress_truth, stress_words
 from detect.bench.stress_cases import Case, digits, sea
 from detect.bench.stress_ours import measure
 from detect.local import local_rx
@@ -185,6 +185,17 @@ def test_f_thresholds_and_p_values_of_small_samples(bands, n, pfa):
         tail = mpmath.betainc(mpmath.mpf(n - bands) / 2, mpmath.mpf(bands) / 2, 0, 1 / (1 + w), regularized=True)
     assert float(tail) == pytest.approx(pfa, rel=1e-12)
     assert float(p_value(np.array(at), bands, n)) == pytest.approx(float(tail), rel=1e-12)
+
+
+def test_the_finding_counts_lost_digits_of_what_both_compute():
+    found = {
+        "deglint": {"mean": {"a": 16.0, "b": 5.0, "c": "refused", "d": 9.0}},
+        "numpy": {"mean": {"a": 2.0, "b": 3.0, "c": 1.0, "d": "refused"}, "other": {"a": 0.0}},
+        "none": {"other": {"a": 1.0}},
+    }
+    said = stress_words.finding(found)
+    assert said.endswith("of what both compute: numpy 2 of 2 (deglint 1).")
+    assert stress_words.finding({"deglint": found["deglint"]}) == ""
 
 
 def test_heat_map_shows_every_number():

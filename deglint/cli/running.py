@@ -18,7 +18,7 @@ import click
 
 from ..errors import DeglintError, NoWaterError
 
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
 
 
 class Commands(click.Group):
@@ -89,6 +89,7 @@ def keep_memory() -> None:
         mallopt = ctypes.CDLL(None).mallopt
         mallopt(_TRIM_THRESHOLD, 512 << 20)
         mallopt(_MMAP_THRESHOLD, 64 << 20)
+        mallopt(_ARENA_MAX, 1)  # threads of their own arenas give whole pieces of 64 MB back, whatever the threshold
 
 
 def printable(text: str) -> str:

@@ -40,6 +40,8 @@ class State:
         Identified glint that is not replaced yet.
     replaced : (band, row, column) bool ndarray
         What has been replaced.
+    sound : bool
+        Every number of the image is known to be finite; stages leave it so.
     spare : (int, int, int, int)
         Rows above and below, columns left and right, that may be cut off: nothing after the stage looks at them.
     """
@@ -53,6 +55,7 @@ class State:
     water: Float32Array | None = None
     hit: Mask | None = None
     replaced: Mask = field(default_factory=lambda: np.zeros((0, 0, 0), np.bool_))
+    sound: bool = False
     spare: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def __post_init__(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -133,6 +133,26 @@ def regression_model(
         warnings += r2_warning(fit)
     indexes = tuple(GlintIndex(x.bands, x.weights, level(stats, k)) for k, x in enumerate(request.indexes))
     return GlintModel(method, indexes, tuple(fits), request.names, request.regression, tuple(warnings))
+
+
+@dataclass(frozen=True, slots=True)
+class Weighted:
+    """What takes glint from one band: its place among the plan's bands, places of its references among the variables,
+    their weights, and the share of its variance that they explain."""
+
+    band: int
+    references: tuple[int, ...]
+    weights: tuple[float, ...]
+    r2: float
+
+
+def slope_weights(request: FitRequest, stats: SampleStatistics) -> Iterator[Weighted]:
+    """Each band's index and slope, by the request's regression."""
+    check_sample(request, stats)
+    slopes = REGRESSIONS[request.regression](stats)
+    for i, follows in enumerate(request.follows):
+        k = int(np.argmax(slopes.r2[i])) if follows is None else follows
+        yield Weighted(i, (len(request.correct) + k,), (float(slopes.slope[i, k]),), float(slopes.r2[i, k]))
 
 
 def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
