@@ -294,13 +294,13 @@ def _reduce_cells(
         if count < good.size:
             x = x[:, good]
         n[i], low[i], high[i] = count, x.min(axis=1), x.max(axis=1)
-        shift = _typical(x)
-        x -= shift[:, None]
-        centre = x.mean(axis=1)
-        x -= centre[:, None]
-        left = x.mean(axis=1)
-        mean[i], rest[i] = _two_sum(shift, centre + left)
         with np.errstate(over="ignore", invalid="ignore"):  # whoever uses it looks whether it is finite
+            shift = _typical(x)
+            x -= shift[:, None]
+            centre = x.mean(axis=1)
+            x -= centre[:, None]
+            left = x.mean(axis=1)
+            mean[i], rest[i] = _two_sum(shift, centre + left)
             comoment[i] = x @ x.T - count * np.outer(left, left)
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ..compensate import Chain, State, apply_stages, finish
 from ..compensate.evidence import REACH, grown
 from ..compensate.protect import put_back, things
+from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
 from ..compensate.uncertainty import Parts, Uncertainty, stderr
 from ..masks import WaterRule, opened, valid_for, water
@@ -20,6 +21,7 @@ from ..raster.info import same_nodata
 from ..raster.output import Layout
 from ..readers.areas import Area
 from ..remove import GlintModel, apply
+from ..remove.model import apply_compiled
 from ..scene import Scene
 from ..tiles import Tile
 from .following import moved_halo, nir_to_follow, remove_following
@@ -291,28 +293,35 @@ class Correction:
 
         Each stage sees no more of the halo than the stages after it need.
         """
-        middle = tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
-        place = (slice(None), *core_of(middle.crop_of(outer), outer.shape))
-        raw = around[place].copy() if self.chain.protection.possible else None
+        height, width = self.scene.height, self.scene.width
+        middle = tile.grown(self._halo - self.chain.halo_before, height, width)
+        looked = tile.grown(self.chain.protection.halo, height, width)
+        raw = around[_place(looked, outer)].copy() if self.chain.protection.possible else None
         state = State.own(around) if self.chain.in_place else State.of(around)
-        apply_stages(state, self.chain.before)
-        clean, replaced = finish(state, around)[place], state.replaced[place]
-        level, units = None if state.water is None else state.water[place], state.units
-        inner = core_of(tile.crop_of(middle), middle.shape)
+        state.sound = all_finite(state.image)
+        apply_stages(state, self.chain.before, middle.crop_of(outer))
+        clean, replaced = finish(state, around[_place(middle, outer)]), state.replaced
+        level, units, within = state.water, state.units, _place(tile, middle)
+        inner = (within[1], within[2])
         inside = self._water_of(clean, inner, tile)
         if self.model.fits:
-            clean = apply(clean, self.model)
+            clean = removed(clean, self.model)
+        replaced = replaced[within]
         if self.chain.after:
-            state = apply_stages(State.of(clean), self.chain.after)
-            clean = finish(state, clean)
+            sound, state = state.sound, State.own(clean)
+            state.sound = sound and all_finite(clean)
+            apply_stages(state, self.chain.after, tile.crop_of(middle))
+            clean = finish(state, clean[within])
             replaced = replaced | state.replaced
-        within = (slice(None), *inner)
+        else:
+            clean = clean[within]
         levels = self._levels(units, level, inner)
         if raw is None or level is None:
-            return Compensated(inside, clean[within], replaced[within], None, *levels)
-        found = things(raw, level, self.chain.protection).cropped(inner)
-        clean = put_back(clean[within], level[within], found)
-        return Compensated(inside, clean, replaced[within] & ~found.mask, found.mask, *levels)
+            return Compensated(inside, clean, replaced, None, *levels)
+        found = things(raw, level[_place(looked, middle)], self.chain.protection)
+        found = found.cropped(core_of(tile.crop_of(looked), looked.shape))
+        clean = put_back(clean, level[within], found)
+        return Compensated(inside, clean, replaced & ~found.mask, found.mask, *levels)
 
     def _levels(self, units: Any, level: Any, inner: tuple[slice, slice]) -> tuple[Any, Any, tuple[slice, slice]]:
         """The level before and after removal, where a standard error is wanted, and where the tile lies in it."""
@@ -388,6 +397,19 @@ class Correction:
         if known is not None:
             flags[~known] = NODATA
         return flags
+
+
+def _place(tile: Tile, outer: Tile) -> tuple[slice, slice, slice]:
+    """Where a tile lies in the block of a larger one."""
+    return (slice(None), *core_of(tile.crop_of(outer), outer.shape))
+
+
+def removed(block: Any, model: GlintModel) -> Any:
+    """What removal leaves of a block, which is overwritten where that is faster."""
+    if block.dtype != np.float32 or not block.flags.c_contiguous:
+        return apply(block, model)
+    apply_compiled(block, model)
+    return block
 
 
 def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int, ...] = ()) -> list[int]:

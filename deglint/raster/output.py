@@ -29,6 +29,10 @@ from .scratch import Scratch, real
 
 BLOCK = 512
 """Side of the output's blocks [pixel] where the input's do not serve."""
+OTHER_FORMATS = frozenset(
+    (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")
+)
+"""Endings of files that a GeoTIFF should not be called."""
 _SIDES = (64, 128, 256, BLOCK)
 
 
@@ -109,6 +113,19 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
         raise WriteError(f"{path} exists already. Give --overwrite to replace it, or another name.")
 
 
+def check_image(path: Path) -> None:
+    """Refuse the name of another format for a GeoTIFF.
+
+    Raises
+    ------
+    WriteError
+    """
+    if path.suffix.lower() in OTHER_FORMATS:
+        raise WriteError(
+            f"{path} would hold a GeoTIFF, not what its name says. Name it {path.with_suffix('.tif').name}."
+        )
+
+
 class RasterWriter:
     """A GeoTIFF being written, window by window, by one thread.
 
@@ -129,7 +146,7 @@ class RasterWriter:
         _check_space(path.parent, target, layout, profile)
         self._dataset: Any = None
         try:
-            with _refusals(target, layout.options), _write_errors(target):
+            with _refusals(target, layout.options), write_errors(target):
                 with unplaced():
                     self._dataset = rasterio.open(path, "w", **profile)
                 _describe(self._dataset, layout)
@@ -143,25 +160,26 @@ class RasterWriter:
     def write(self, block: npt.NDArray[Any], window: Window) -> None:
         """Write all bands of a window; a single band may be (row, column)."""
         block = block[None] if block.ndim == 2 else block
-        with _write_errors(self.target):
+        with write_errors(self.target):
             self._dataset.write(block, window=window)
 
     def write_mask(self, valid: npt.NDArray[np.bool_], window: Window) -> None:
         """Write the mask of a window, where the input has one."""
-        with _write_errors(self.target):
+        with write_errors(self.target):
             self._dataset.write_mask(valid.astype(np.uint8) * 255, window=window)
 
-    def close(self) -> None:
-        """Finish the file and make sure that all of it is on disk.
+    def close(self, *, whole: bool = True) -> None:
+        """Finish the file and make sure that all of it is on disk, if all of it was to be written.
 
         Raises
         ------
         WriteError
             The disk is full, or refuses.
         """
-        with _write_errors(self.target):
+        with write_errors(self.target):
             self._dataset.close()
-        _check_whole(self.path, self.target)
+        if whole:
+            check_whole(self.path, self.target)
 
     def abort(self) -> None:
         """Let go of the file, whatever state it is in."""
@@ -204,9 +222,9 @@ def copied_whole(scratch: Scratch, layout: Layout, target: Path) -> bool:
         if not _stands_alone(dataset, info) or dataset.nodata != layout.nodata:  # NaN is not itself: written anew
             return False
     path = scratch.add(target)
-    with _write_errors(target):
+    with write_errors(target):
         shutil.copyfile(info.paths[0], path)
-    _check_whole(path, target)
+    check_whole(path, target)
     return True
 
 
@@ -348,7 +366,8 @@ _SHORT = "the disk or a quota is full, or files may not grow so large (ulimit -f
 
 
 @contextlib.contextmanager
-def _write_errors(target: Path) -> Iterator[None]:
+def write_errors(target: Path) -> Iterator[None]:
+    """Make one clear line of what goes wrong while a file is written."""
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
 
@@ -403,9 +422,9 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
         error = error.__cause__ or error.__context__
 
 
-def _check_whole(path: Path, target: Path) -> None:
+def check_whole(path: Path, target: Path) -> None:
     """Every block that was to be written is inside the file: GDAL does not report what fails while it closes."""
-    with _write_errors(target), open_dataset(str(path)) as dataset:
+    with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
         for band in planes:

@@ -170,7 +170,7 @@ def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
                 f"{name} is constant ({stats.moments.minimum[v]:g}) over the {stats.moments.n} pixels of the "
                 "sample, so no slope can be fitted. Choose another --nir, or a --sample where glint varies."
             )
-        if not stats.regressed.comoment[v, v] > 0 and request.regression == "detrended":
+        if stats.regressed.comoment[v, v] == 0 and request.regression == "detrended":
             raise FitError(f"{name} does not vary within windows of the sample; use --regression ols.")
         if not stats.moments.comoment[v, v] > 0:
             raise _beyond_squares(name, stats, v)
