@@ -15,9 +15,11 @@ BENCHMARKS = {
     "targets": ("targets", ("quick",)),
     "uncertainty": ("uncertainty", ("quick",)),
     "compensation": ("compensation", ("quick",)),
+    "rates": ("rates", ("quick", "rounds", "directory")),
     "plan": ("plan_speed", ("quick", "rounds")),
     "scale": ("scale", ("quick", "directory", "docs")),
     "ships": ("ships", ("directory",)),
+    "workers": ("workers", ("quick", "directory")),
 }
 """What is no experiment of `rxdetect bench`: module of each, and the options that its `main` takes."""
 
@@ -48,8 +50,10 @@ def main() -> None:
     )  # fmt: skip
     parser.add_argument("what", choices=list(BENCHMARKS))
     parser.add_argument("--quick", action="store_true", help="less of everything")
-    parser.add_argument("--rounds", type=int, help="plan: runs of everything")
-    parser.add_argument("--directory", type=Path, help="scale: where scratch files go; ships: where the scenes lie")
+    parser.add_argument("--rounds", type=int, help="rates, plan: runs of everything")
+    parser.add_argument(
+        "--directory", type=Path, help="rates, scale, workers: where scratch files go; ships: where the scenes lie"
+    )
     parser.add_argument("--docs", action="store_true", help="scale: write the picture and the tables of docs/, too")
     given = parser.parse_args()
     module, options = BENCHMARKS[given.what]

@@ -20,15 +20,17 @@ from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
 from ..raster.output import (
     Layout,
-    RasterWriter,
     Scratch,
+    check_image,
     check_target,
+    copied_whole,
     plain,
     write_bytes,
     write_json,
     write_text,
     writing,
 )
+from ..raster.parts import writing_parts
 from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
 from ..remove import GlintModel
@@ -91,7 +93,7 @@ class Outputs:
     @property
     def sidecar(self) -> Path:
         """Name of the sidecar."""
-        return self.image.with_name(self.image.name + ".json")
+        return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
         """All files that will be written."""
@@ -184,6 +186,7 @@ def remove_glint(
         raise InputError("two outputs have the same name; give each its own.")
     for path in targets.every():
         check_target(path, overwrite=targets.overwrite)
+    check_image(targets.image)
     with environment():
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
@@ -220,9 +223,7 @@ def _run(
                 f"no band is corrected, so there is nothing to write: leave out --{option}, or name a --method."
             )
     with Scratch(overwrite=targets.overwrite) as scratch:
-        with ExitStack() as stack:
-            run = tiling.run if cluster is None else stack.enter_context(cluster.by_files(targets.image))
-            tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress, only, run)
+        tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress, only, cluster)
         if tally.corrected == 0 and fitted.model.fits:
             why = "every pixel is nodata" if tally.nodata == tally.total else "no pixel is water inside the mask"
             raise NoWaterError(f"nothing to correct in {scene.path}: {why}. Check --nodata and --mask.")
@@ -249,7 +250,7 @@ def _give_back() -> None:
 
 def _write_tiles(
     scratch: Scratch, scene: Scene, fitted: Fitted, targets: Outputs, area: Area | None, threads: int,
-    progress: Progress | None, only: tuple[int, ...], run: tiling.Run,
+    progress: Progress | None, only: tuple[int, ...], cluster: Cluster | None,
 ) -> Tally:  # fmt: skip
     info = raster_of(scene).info
     every = tuple(range(len(scene.bands)))
@@ -274,31 +275,38 @@ def _write_tiles(
         work = with_stderr(work, everything, fitted.recipe.nir, at_once)
         fitted.numbers["uncertainty"] = work.uncertainty.numbers() if work.uncertainty else None
     tally = Tally(len(scene.bands))
+    if work.copies and copied_whole(scratch, image, targets.image):
+        return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
+    images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.changed))
     with ExitStack() as stack:
         stack.enter_context(one_thread_each(bool(fitted.chain.runs)))
-        writers: list[tuple[RasterWriter, str]] = [(stack.enter_context(writing(scratch, targets.image, image)), "raw")]
-        if targets.flags:
-            layout = Layout(info, (0,), "uint8", None, targets.options, scaled=False, names=("flags",), tile=shape)
-            writers.append((stack.enter_context(writing(scratch, targets.flags, layout)), "flags"))
-        for path, what, said in (
-            (targets.amount, "amount", "glint in"),
-            (targets.stderr, "stderr", "standard error of"),
-        ):
-            if path:
-                bands = tuple(work.changed)
-                names = tuple(f"{said} {scene.bands[b].name}" for b in bands)
-                layout = Layout(
-                    info, bands, "float32", float("nan"), targets.options, scaled=False, names=names, tile=shape
-                )
-                writers.append((stack.enter_context(writing(scratch, path, layout)), what))
+        run = tiling.run
+        if cluster is not None:
+            layouts = {what: layout for what, (_path, layout) in images.items()}
+            run = stack.enter_context(cluster.by_files(targets.image, layouts))
+        way: Any = writing if cluster is None else writing_parts
+        writers = {what: stack.enter_context(way(scratch, *image)) for what, image in images.items()}
         for tile, done in run(everything, work, threads=at_once, progress=note, start=enter_thread):
-            for writer, what in writers:
+            for what, writer in writers.items():
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
-                writers[0][0].write_mask(done.valid, tile.window)
+                writers["raw"].write_mask(done.valid, tile.window)
             tally.add(done.tally)
     return tally
+
+
+def _beside(scene: Scene, targets: Outputs, image: Layout, changed: tuple[int, ...]) -> dict[str, tuple[Path, Layout]]:
+    """The rasters beside the image, by the fields of a tile's result: their names, and what they are like."""
+    options: dict[str, Any] = {"options": targets.options, "scaled": False, "tile": image.tile}
+    found = {}
+    if targets.flags:
+        found["flags"] = targets.flags, Layout(image.info, (0,), "uint8", None, names=("flags",), **options)
+    for path, what, said in ((targets.amount, "amount", "glint in"), (targets.stderr, "stderr", "standard error of")):
+        if path:
+            names = tuple(f"{said} {scene.bands[b].name}" for b in changed)
+            found[what] = path, Layout(image.info, changed, "float32", float("nan"), names=names, **options)
+    return found
 
 
 def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask: str | None = None) -> FloatArray:

@@ -22,7 +22,8 @@ from deglint.pipeline.look import raster_of
 from deglint.pipeline.sidecar import Checksum
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
-from deglint.raster.output import Layout, Scratch, check_target, plain, write_json, write_text, writing
+from deglint.raster.output import Layout, Scratch, check_image, check_target, plain, write_json, write_text, writing
+from deglint.raster.parts import writing_parts
 from deglint.scene import Scene
 from deglint.tiles import LARGEST, Tile
 
@@ -205,6 +206,7 @@ def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> Non
         raise InputError("two outputs have the same name; give each its own.")
     for path in targets.every():
         check_target(path, overwrite=targets.overwrite)
+    check_image(targets.image)
 
 
 @contextmanager
@@ -232,9 +234,7 @@ def _run(
     ready = detector(recipe.method, background, drop=recipe.drop, nir=plan.nir) if background else None
     law = _law(recipe, ready, background, len(plan.bands))
     with Scratch() as scratch:
-        with ExitStack() as stack:
-            run = tiling.run if cluster is None else stack.enter_context(cluster.by_files(targets.image))
-            tally, tail = _write_tiles(scratch, plan, targets, ready, law, run)
+        tally, tail = _write_tiles(scratch, plan, targets, ready, law, cluster)
         if not tally.scored:
             raise NoWaterError(f"nothing to score in {scene.path}: {_why_nothing(tally)}. Check --nodata and --mask.")
         threshold = None if tail is None else _threshold(recipe, tail, law, tally)
@@ -374,7 +374,7 @@ def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
 
 
 def _write_tiles(
-    scratch: Scratch, plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None, run: tiling.Run
+    scratch: Scratch, plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None, cluster: Cluster | None
 ) -> tuple[Tally, Tail | None]:
     info = raster_of(plan.scene).info
     info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
@@ -384,17 +384,22 @@ def _write_tiles(
     pfa = plan.recipe.pfa
     highest = None if pfa is None else Highest(Tail.keep_for(pfa, plan.scene.height * plan.scene.width))
     tally = Tally()
+    images = {"scores": (targets.image, base)}
+    if targets.p_value:
+        images["p_values"] = targets.p_value, replace(base, names=("p-value",))
+    work = Scoring(replace(plan, progress=None), ready, law, highest, bool(targets.p_value))
     with ExitStack() as stack:
-        image = stack.enter_context(writing(scratch, targets.image, base))
-        p_image = None
-        if targets.p_value:
-            p_image = stack.enter_context(writing(scratch, targets.p_value, replace(base, names=("p-value",))))
-        work = Scoring(replace(plan, progress=None), ready, law, highest, p_image is not None)
+        run = tiling.run
+        if cluster is not None:
+            layouts = {what: layout for what, (_path, layout) in images.items()}
+            run = stack.enter_context(cluster.by_files(targets.image, layouts))
+        way: Any = writing if cluster is None else writing_parts
+        writers = {what: stack.enter_context(way(scratch, *image)) for what, image in images.items()}
         done = run(plan.tiles, work, threads=plan.threads, progress=plan.note("score"), start=enter_thread)
         for tile, scored in done:
-            image.write(scored.scores, tile.window)
-            if p_image is not None and scored.p_values is not None:
-                p_image.write(scored.p_values, tile.window)
+            for what, writer in writers.items():
+                if (block := getattr(scored, what)) is not None:
+                    writer.write(block, tile.window)
             tally.add(scored.tally)
             if highest and scored.tail:
                 highest.add(scored.tail)
