@@ -15,6 +15,7 @@ BENCHMARKS = {
     "targets": ("targets", ("quick",)),
     "uncertainty": ("uncertainty", ("quick",)),
     "compensation": ("compensation", ("quick",)),
+    "rates": ("rates", ("quick", "rounds", "directory")),
     "plan": ("plan_speed", ("quick", "rounds")),
     "scale": ("scale", ("quick", "directory", "docs")),
     "ships": ("ships", ("directory",)),
@@ -49,9 +50,9 @@ def main() -> None:
     )  # fmt: skip
     parser.add_argument("what", choices=list(BENCHMARKS))
     parser.add_argument("--quick", action="store_true", help="less of everything")
-    parser.add_argument("--rounds", type=int, help="plan: runs of everything")
+    parser.add_argument("--rounds", type=int, help="rates, plan: runs of everything")
     parser.add_argument(
-        "--directory", type=Path, help="scale, workers: where scratch files go; ships: where the scenes lie"
+        "--directory", type=Path, help="rates, scale, workers: where scratch files go; ships: where the scenes lie"
     )
     parser.add_argument("--docs", action="store_true", help="scale: write the picture and the tables of docs/, too")
     given = parser.parse_args()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,8 @@ from deglint.compensate.sharpen import richardson_lucy
 from deglint.physics.presets import preset
 from deglint.scene import Band
 from deglint.simulate import Setup, simulate
+from detect.bench.kernels import in_turns
 
-from .kernels import rates, timed
 from .timing import say
 
 
@@ -36,6 +37,11 @@ def fitted(text: str, block: np.ndarray, setting: Setting) -> Chain:
     steps = parse(text)
     stages = fit_stages(steps[:-1], Sample([State.of(part)], [np.ones(part.shape[1:], np.bool_)]), setting)
     return Chain(stages, (), text)
+
+
+def rates(values: int, seconds: list[float]) -> str:
+    """Millions of values a second, best and median, as text."""
+    return f"{values / 1e6 / min(seconds):.0f} / {values / 1e6 / median(seconds):.0f}"
 
 
 def main(quick: bool) -> None:
@@ -64,7 +70,7 @@ def main(quick: bool) -> None:
         "level blurred again": lambda: [blurred(m, p) for m, p in zip(level, psfs, strict=True)],
     }
     jobs |= {f"chain: {text}": (lambda c=chain: apply_chain(block, c)) for text, chain in chains.items()}
-    found = timed(jobs, 3 if quick else 7)
+    found = in_turns(jobs, 3 if quick else 7)
     base = min(found["read once (sum of each band)"])
     rows = [[name, rates(block.size, s), f"{min(s) / base:.1f}"] for name, s in found.items()]
     size = f"{len(block)} x {block.shape[1]}^2 float32, one thread"

@@ -261,13 +261,21 @@ def thinned(mask: npt.NDArray[np.bool_], origin: tuple[int, int], share: int) ->
     """One masked pixel in `share`, chosen by a hash of its place in the scene alone: the same in any tiling."""
     if share <= 1:
         return mask
-    rows = np.arange(origin[0], origin[0] + mask.shape[0], dtype=np.uint64)[:, None] * np.uint64(0x9E3779B1)
-    columns = np.arange(origin[1], origin[1] + mask.shape[1], dtype=np.uint64) * np.uint64(0x85EBCA77)
-    mixed = rows + columns
+    rows = np.arange(origin[0], origin[0] + mask.shape[0])[:, None]
+    columns = np.arange(origin[1], origin[1] + mask.shape[1])
+    return np.asarray(mask & in_share(rows, columns, share))
+
+
+def in_share(
+    rows: npt.NDArray[np.integer], columns: npt.NDArray[np.integer], share: int
+) -> npt.NDArray[np.bool_]:  # fmt: skip
+    """Whether `thinned` keeps a pixel of this row and column; of a share that divides another, it keeps all of the
+    other's."""
+    mixed = rows.astype(np.uint64) * np.uint64(0x9E3779B1) + columns.astype(np.uint64) * np.uint64(0x85EBCA77)
     mixed ^= mixed >> np.uint64(15)
     mixed *= np.uint64(0x2C1B3C6D)
     mixed ^= mixed >> np.uint64(12)
-    return np.asarray(mask & (mixed % np.uint64(share) == 0))
+    return np.asarray(mixed % np.uint64(share) == 0)
 
 
 def _reduce_cells(
@@ -286,13 +294,13 @@ def _reduce_cells(
         if count < good.size:
             x = x[:, good]
         n[i], low[i], high[i] = count, x.min(axis=1), x.max(axis=1)
-        shift = _typical(x)
-        x -= shift[:, None]
-        centre = x.mean(axis=1)
-        x -= centre[:, None]
-        left = x.mean(axis=1)
-        mean[i], rest[i] = _two_sum(shift, centre + left)
         with np.errstate(over="ignore", invalid="ignore"):  # whoever uses it looks whether it is finite
+            shift = _typical(x)
+            x -= shift[:, None]
+            centre = x.mean(axis=1)
+            x -= centre[:, None]
+            left = x.mean(axis=1)
+            mean[i], rest[i] = _two_sum(shift, centre + left)
             comoment[i] = x @ x.T - count * np.outer(left, left)
 
 

@@ -100,7 +100,8 @@ class Tail:
         """How many scores are greater than a value; None where it lies below all that was kept."""
         if len(self.values) < self.n and not (len(self.values) and value >= self.values[-1]):
             return None
-        return int(np.count_nonzero(self.values > value))
+        with np.errstate(over="ignore"):  # beyond float32 is above all of float32
+            return int(np.count_nonzero(self.values > value))
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,8 @@ class Threshold:
 
     def exceeded(self, scores: Scores) -> npt.NDArray[np.bool_]:
         """True where a score is greater than the threshold; False where it is NaN."""
-        return np.asarray(np.asarray(scores) > self.value)
+        with np.errstate(over="ignore"):
+            return np.asarray(np.asarray(scores) > self.value)
 
     def measured(self, above: int, n: int) -> Threshold:
         """The same with the rate that it gave: `above` of `n` valid scores were greater."""
@@ -298,10 +300,12 @@ def from_gpd(scores: Scores | Tail, pfa: float, *, tail_fraction: float = 0.01) 
     if k < _LEAST_EXCEEDANCES or excess[0] == excess[-1]:
         raise FitError(
             f"the tail of {tail.n} scores has {k} different enough to be fitted, need {_LEAST_EXCEEDANCES}. "
-            "Take more pixels, or a threshold by quantile."
+            "Take more pixels, or a threshold by quantile (empirical)."
         )
     if k / tail.n < pfa:
-        raise InputError(f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile.")
+        raise InputError(
+            f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile (empirical)."
+        )
     shape, scale, moments = pareto.fit(excess)
     value = u + pareto.excess_at(k / tail.n / pfa, shape, scale)
     error = pareto.standard_error(tail.n, k, pfa, shape, scale)

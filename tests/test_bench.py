@@ -323,6 +323,13 @@ def test_other_machines_and_other_scenes():
         assert words in said
 
 
+def test_a_busy_machine_is_said():
+    busy = {"machine": {"processor": "p", "cores": 2, "load at the start": 0.1, "load at the end": 7.5}}
+    found = compare.compare(run_of({}), run_of({}, **busy))
+    assert "new ran on a busy machine (load 7.5): what is said of times may be chance" in found.notes
+    assert not any("old ran on a busy" in note for note in found.notes)
+
+
 def test_new_gone_failed_and_not_run():
     old = run_of({"a/n": of(1), "a/gone": of(1), "b/n": of(1), "c/n": of(1)}, experiments={"a": 1, "b": 1, "c": 1})
     new = run_of({"a/n": of(1), "a/new": of(1)}, experiments={"a": 1, "c": 1})

@@ -1,7 +1,10 @@
 """The stress section: its references are right, its numbers are named, and what it found stays mended."""
 
 import math
+import subprocess
+import sys
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from deglint.errors import FitError
 from deglint.moments import moments
 from deglint.remove.detrend import detrend
 from detect.background import fit
-from detect.bench import stress_cases, stress_rates, stress_truth
+from detect.bench import stress_cases, stress_rates, stress_truth, stress_words
 from detect.bench.stress_cases import Case, digits, sea
 from detect.bench.stress_ours import measure
 from detect.local import local_rx
@@ -184,6 +187,17 @@ def test_f_thresholds_and_p_values_of_small_samples(bands, n, pfa):
     assert float(p_value(np.array(at), bands, n)) == pytest.approx(float(tail), rel=1e-12)
 
 
+def test_the_finding_counts_lost_digits_of_what_both_compute():
+    found = {
+        "deglint": {"mean": {"a": 16.0, "b": 5.0, "c": "refused", "d": 9.0}},
+        "numpy": {"mean": {"a": 2.0, "b": 3.0, "c": 1.0, "d": "refused"}, "other": {"a": 0.0}},
+        "none": {"other": {"a": 1.0}},
+    }
+    said = stress_words.finding(found)
+    assert said.endswith("of what both compute: numpy 2 of 2 (deglint 1).")
+    assert stress_words.finding({"deglint": found["deglint"]}) == ""
+
+
 def test_heat_map_shows_every_number():
     svg = heat(["a", "b<"], ["x", "y"], {("a", "x"): 15.9, ("b<", "y"): "r"}, most=16, title="digits & more")
     assert ">15</text>" in svg
@@ -214,3 +228,87 @@ def test_section(monkeypatch, tmp_path):
     assert all(len(row) == len(t.head) for t in section.tables for row in t.rows)
     assert len(section.figures) == 2
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("dtype", "value"), [
+    ("float32", -3.4028234663852886e38), ("float32", 3.4028230607370965e38), ("float64", -3.4028234663852886e38),
+    ("float64", -1.7976931348623157e308),
+])  # fmt: skip
+def test_forgotten_nodata_is_not_valid(deglint, write, read, tmp_path, dtype, value):
+    import json
+
+    image = sea(80, 90).astype(dtype)
+    holes = np.random.default_rng(5).random((80, 90)) < 0.01
+    paths = {}
+    for name, fill in (("said", np.nan), ("forgotten", value)):
+        dirty = np.where(holes, np.asarray(fill, dtype), image)
+        source, out = write(tmp_path / f"{name}.tif", dirty), tmp_path / f"{name}_out.tif"
+        ran = deglint("remove", source, out, "--method", "hedley", "--compensate", "off", "--sample", "all", "--mask",
+                      "none", "--json")  # fmt: skip
+        assert ran.code == 0, ran.err
+        assert "Warning" not in ran.err
+        paths[name] = read(out), json.loads(ran.out)
+    np.testing.assert_array_equal(paths["forgotten"][0][:, ~holes], paths["said"][0][:, ~holes])
+    assert (paths["forgotten"][0][:, holes] == np.asarray(value, dtype)).all()  # passes as it is
+
+
+@pytest.mark.parametrize("out", [".", "", "out.jpg", "out.nc"])
+def test_outputs_without_a_name_or_with_that_of_another_format(deglint, sea, write, tmp_path, monkeypatch, out):
+    from detect.cli import run
+
+    monkeypatch.chdir(tmp_path)
+    source = write(tmp_path / "in.tif", sea())
+    ran = deglint("remove", source, out)
+    assert (ran.code, ran.err.count("\n")) == (1, 1)
+    assert "fault" not in ran.err
+    assert run(["score", source, out]) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["in.tif"]
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    (["."], "no name for a scene"), (["out", "--size", "100000000"], "8 to 16384"), (["out", "--size", "1"], "8 to"),
+])  # fmt: skip
+def test_scenes_that_cannot_be_simulated_are_refused_at_once(deglint, tmp_path, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    ran = deglint("simulate", *arguments)
+    assert ran.code in (1, 2)
+    assert said in ran.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_window_that_would_take_the_memory_is_refused():
+    from deglint.errors import InputError
+    from detect.local import local_rx
+
+    with pytest.raises(InputError, match=r"GiB a thread.*smaller window"):
+        local_rx(np.zeros((8, 40, 50)), inner=3, outer=4001)
+
+
+def test_a_full_standard_output_is_one_line(sea, write, tmp_path):
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("this system has no /dev/full")
+    source = write(tmp_path / "in.tif", sea())
+    with full.open("w") as out:
+        done = subprocess.run(
+            [sys.executable, "-m", "deglint", "info", source, "--json"], stdout=out, stderr=subprocess.PIPE, text=True,
+            check=False,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("Error: cannot write to standard output: No space left")
+
+
+def test_thresholds_beyond_float32_warn_of_nothing():
+    from detect.threshold import Tail, Threshold
+
+    scores = np.array([1.0, 2.0, 3.4e38], np.float32)
+    assert Tail.of(scores).above(1e99) == 0
+    assert not Threshold(1e99, "gpd", 1e-300).exceeded(scores).any()
+
+
+def test_numbers_beyond_float32_are_not_compensated():
+    from deglint.compensate.state import State
+    from deglint.errors import InputError
+
+    with pytest.raises(InputError, match=r"reach 1e\+200.*float32"):
+        State.of(np.full((1, 3, 3), 1e200))

@@ -100,6 +100,8 @@ def test_scenes_hold_what_they_should(tmp_path):
     assert 0.2 < same.mean() < 1  # what is no glint stays to the bit, and nothing is removed from it
     assert measure.rms_error(only, late.truth) < measure.rms_error(late.raw, late.truth)
     assert simulated.cleaned_or_none(late, "joyce", "off") is not None
+    bare = late.cleaned("none", "auto", protect=False)
+    assert (bare != only).any(axis=0).mean() < 0.1
     assert simulated.cleaned_or_none(late, "goodman", "identify-level:4") is None  # an even element is refused
     simulated.forget(scenes)
     assert list(tmp_path.iterdir()) == []
@@ -147,7 +149,7 @@ def test_error_against_wind(effort, monkeypatch):
     assert list(effort.directory.iterdir()) == []
     section = thesis.section(found, 2)
     well_made(section, "thesis")
-    assert len(section.numbers) == 2 * 2 * (3 * 3 + 1) * 2
+    assert len(section.numbers) == 2 * 2 * (3 * 3 + 2) * 2
     assert section.numbers["thesis/wind03/delay60/joyce/compensated/rms"].better == "lower"
     for wind in found.winds:
         for delay in found.delays:
@@ -185,6 +187,14 @@ def test_a_method_hurts_where_its_paired_difference_says_so(joyce, words):
     assert "Nowhere" in " ".join(said["hedley"].words)
     helped = "The thesis' chain makes it worse at 0 ms and 9 m/s" in " ".join(said["joyce"].words)
     assert helped == (joyce[2] == 29.0)  # there the chain takes away what Joyce had won
+
+
+def test_what_protection_keeps_is_said():
+    found = made_up((10.0, 20.0, 30.0))
+    assert "Protection of small things changes nothing here." in every_word(thesis.section(found, 3))
+    found.errors[9.0, 0.0, "auto", "unprotected"] = [thesis_measure.Errors(e, 5.0) for e in (3.0, 3.0, 6.0)]
+    words = every_word(thesis.section(found, 3))
+    assert "in 1 of 1 combinations of wind and delay, most at 0 ms and 9 m/s, where 4 % becomes 20 %." in words
 
 
 def test_one_seed_tells_no_interval_and_what_cannot_be_fitted_is_said():
@@ -238,7 +248,8 @@ def test_single_effects(effort, monkeypatch):
 
 
 def test_levels_and_looks_have_names():
-    assert [effects.EFFECTS[0].said(n) for n in (0, 2)] == ["no noise", "2 times the usual"]
+    assert [effects.EFFECTS[0].said(n) for n in (0, 1, 2)] == ["no noise", "the usual noise", "2 times the usual"]
+    assert [effects.EFFECTS[3].said(n) for n in (0, 1)] == ["no delay", "1 ms"]
     assert effects.EFFECTS[1].said(30.0) == "f/30"
     assert roc_words.look((20.0, 180.0)) == "20 deg to the glint"
     assert roc_words.look((0.0, 0.0)) == "nadir"

@@ -54,6 +54,7 @@ def row_of(x, first, down, across, left, spare, out):  # type: ignore[no-untyped
 
     The leftmost tap of out[0] is on column `left`. down, across : (product, tap); spare : a row of scratch
     """
+    apart()
     taps, depth = down.shape[1], len(x)
     wide = out.size + taps - 1
     to = spare[:wide]
@@ -109,47 +110,89 @@ def two_pairs(a, b, c, d, k, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
+def folded_both(m, a, b, c, d, e, f, k, q, out, other):  # type: ignore[no-untyped-def]
+    """`folded` with two kernels at once, put down."""
+    apart()
+    k0, k1, k2, k3 = k[0], k[1], k[2], k[3]
+    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
+    for j in range(out.size):
+        x, y, z = a[j] + b[j], c[j] + d[j], e[j] + f[j]
+        out[j] = k0 * m[j] + k1 * x + k2 * y + k3 * z
+        other[j] = q0 * m[j] + q1 * x + q2 * y + q3 * z
+
+
+@nb.njit(cache=True, nogil=True)
+def pair_both(a, b, k, q, out, other):  # type: ignore[no-untyped-def]
+    """`pair` with two kernels at once."""
+    apart()
+    for j in range(out.size):
+        x = a[j] + b[j]
+        out[j] = out[j] + k * x
+        other[j] = other[j] + q * x
+
+
+@nb.njit(cache=True, nogil=True)
+def two_pairs_both(a, b, c, d, k, q, out, other):  # type: ignore[no-untyped-def]
+    """`two_pairs` with two kernels at once."""
+    apart()
+    k0, k1, q0, q1 = k[0], k[1], q[0], q[1]
+    for j in range(out.size):
+        x, y = a[j] + b[j], c[j] + d[j]
+        out[j] = out[j] + k0 * x + k1 * y
+        other[j] = other[j] + q0 * x + q1 * y
+
+
+@nb.njit(cache=True, nogil=True)
+def across_even(to, k, radius, add, out):  # type: ignore[no-untyped-def]
+    """A row times taps that are the same from either end, put down or added; k : from the middle on."""
+    apart()
+    c = to[radius:]
+    folded(c, to[radius - 1 :], c[1:], to[radius - 2 :], c[2:], to[radius - 3 :], c[3:], k, add, out)
+    t = 4
+    while t < radius:
+        two_pairs(to[radius - t :], c[t:], to[radius - t - 1 :], c[t + 1 :], k[t:], out)
+        t += 2
+    if t == radius:
+        pair(to[radius - t :], c[t:], k[t], out)
+
+
+@nb.njit(cache=True, nogil=True)
 def row_of_even(x, first, down, across, left, spare, out):  # type: ignore[no-untyped-def]
-    """The same as `row_of` for columns and rows that are the same from either end, of radius 3 or more."""
+    """The same as `row_of` for two products of columns and rows that are the same from either end, of radius 3 or more;
+    spare : two rows of scratch."""
+    apart()
     radius, depth = down.shape[1] // 2, len(x)
     wide, m = out.size + 2 * radius, first + radius
-    end, to = left + wide, spare[:wide]
-    for r in range(len(down)):
-        k = down[r, radius:]
-        folded(
-            x[m % depth, left:end], x[(m - 1) % depth, left:end], x[(m + 1) % depth, left:end],
-            x[(m - 2) % depth, left:end], x[(m + 2) % depth, left:end], x[(m - 3) % depth, left:end],
-            x[(m + 3) % depth, left:end], k, False, to,
+    end, to, other = left + wide, spare[0, :wide], spare[1, :wide]
+    k, q = down[0, radius:], down[1, radius:]
+    folded_both(
+        x[m % depth, left:end], x[(m - 1) % depth, left:end], x[(m + 1) % depth, left:end],
+        x[(m - 2) % depth, left:end], x[(m + 2) % depth, left:end], x[(m - 3) % depth, left:end],
+        x[(m + 3) % depth, left:end], k, q, to, other,
+    )  # fmt: skip
+    t = 4
+    while t < radius:
+        two_pairs_both(
+            x[(m - t) % depth, left:end], x[(m + t) % depth, left:end],
+            x[(m - t - 1) % depth, left:end], x[(m + t + 1) % depth, left:end], k[t:], q[t:], to, other,
         )  # fmt: skip
-        t = 4
-        while t < radius:
-            two_pairs(
-                x[(m - t) % depth, left:end], x[(m + t) % depth, left:end],
-                x[(m - t - 1) % depth, left:end], x[(m + t + 1) % depth, left:end], k[t:], to,
-            )  # fmt: skip
-            t += 2
-        if t == radius:
-            pair(x[(m - t) % depth, left:end], x[(m + t) % depth, left:end], k[t], to)
-        k, c = across[r, radius:], to[radius:]
-        folded(c, to[radius - 1 :], c[1:], to[radius - 2 :], c[2:], to[radius - 3 :], c[3:], k, r > 0, out)
-        t = 4
-        while t < radius:
-            two_pairs(to[radius - t :], c[t:], to[radius - t - 1 :], c[t + 1 :], k[t:], out)
-            t += 2
-        if t == radius:
-            pair(to[radius - t :], c[t:], k[t], out)
+        t += 2
+    if t == radius:
+        pair_both(x[(m - t) % depth, left:end], x[(m + t) % depth, left:end], k[t], q[t], to, other)
+    across_even(to, across[0, radius:], radius, False, out)
+    across_even(other, across[1, radius:], radius, True, out)
 
 
 @nb.njit(cache=True, nogil=True)
 def correlate(x, down, across, even, out):  # type: ignore[no-untyped-def]
     """Correlation of x with the sum of columns times rows; what is nearer than the radius to an edge of out is left."""
-    spare, radius = np.empty(x.shape[1], np.float32), down.shape[1] // 2
+    spare, radius = np.empty((2, x.shape[1]), np.float32), down.shape[1] // 2
     for i in range(radius, len(x) - radius):
         to = out[i, radius : x.shape[1] - radius]
         if even:
             row_of_even(x, i - radius, down, across, 0, spare, to)
         else:
-            row_of(x, i - radius, down, across, 0, spare, to)
+            row_of(x, i - radius, down, across, 0, spare[0], to)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -191,7 +234,7 @@ def iterate(y, start, blur, back, even, iterations, invalid, shares, out):  # ty
     taps = blur.shape[2]
     radius, stages, wide = taps // 2, 2 * iterations, y.shape[1]
     kept = np.empty((stages, taps, wide), np.float32)
-    spare, some = np.empty(wide, np.float32), shares.size > 0
+    spare, some = np.empty((2, wide), np.float32), shares.size > 0
     none, never = np.empty(0, np.float32), np.empty(0, np.bool_)
     for step in range(radius, len(y) - radius + (stages - 1) * radius):
         for s in range(stages):
@@ -204,7 +247,7 @@ def iterate(y, start, blur, back, even, iterations, invalid, shares, out):  # ty
             if even:
                 row_of_even(x, i - radius, kernel[0], kernel[1], margin - radius, spare, to)
             else:
-                row_of(x, i - radius, kernel[0], kernel[1], margin - radius, spare, to)
+                row_of(x, i - radius, kernel[0], kernel[1], margin - radius, spare[0], to)
             share = shares[s % 2, i, margin : wide - margin] if some else none
             if s % 2 == 0:
                 as_ratio(y[i, margin : wide - margin], share, invalid[i, margin : wide - margin] if some else never, to)

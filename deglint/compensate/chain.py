@@ -85,8 +85,10 @@ class Sharpen:
     def apply(self, state: State) -> None:
         """Sharpen every band, or promise to do so, one at a time, when the level is built."""
         if not self.image:
-            source, psfs, iterations = state.image, self.psfs, self.iterations
-            state.sharp = lambda b, at: richardson_lucy(source[b], psfs[b], iterations=iterations, within=at)
+            source, sound = state.image, state.sound
+            state.sharp = lambda b, at: richardson_lucy(
+                source[b], self.psfs[b], iterations=self.iterations, within=at, sound=sound
+            )
             state.psfs = self.psfs
             return
         for b, (band, psf) in enumerate(zip(state.image, self.psfs, strict=True)):

@@ -285,7 +285,7 @@ def _levels(
     within = tuple((a - c, b - c) for (a, b), (c, _) in zip(state.inner(), outer, strict=True))
     return opened_level(
         source, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs,
-        within=(within[0], within[1]),
+        within=(within[0], within[1]), sound=state.sound,
     )  # fmt: skip
 
 

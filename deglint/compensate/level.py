@@ -186,7 +186,7 @@ def agreeing(
     agree(details, np.array(bands), brightness.astype(np.float32), (slack * brightness).astype(np.float32))
 
 
-def blurred(band: Float32Array, psf: PSF, within: Window | None = None) -> Float32Array:
+def blurred(band: Float32Array, psf: PSF, within: Window | None = None, *, sound: bool = False) -> Float32Array:
     """A level of sharpened pixels as the sensor would see it: convolved with the PSF's separable form.
 
     NaN has no share and stays. Exact at tile edges with `psf.radius` pixels around a tile; `within` names the rows and
@@ -196,7 +196,7 @@ def blurred(band: Float32Array, psf: PSF, within: Window | None = None) -> Float
     rows, columns = within or ((0, band.shape[0]), (0, band.shape[1]))
     wide = surrounded(band, rows, columns, halo)
     inner = inside(wide.shape, halo)
-    if all_finite(wide):
+    if sound or all_finite(wide):
         return blur(wide)[inner]
     valid = np.isfinite(wide)
     wide[~valid] = 0.0
@@ -214,6 +214,7 @@ def opened_level(
     spectrum: Sequence[float] = (),
     psfs: Sequence[PSF] | None = None,
     within: Window | None = None,
+    sound: bool = False,
 ) -> Float32Array:
     """The level of the water of every band.
 
@@ -234,6 +235,8 @@ def opened_level(
         Blur the level with these: of sharpened bands.
     within : ((row0, row1), (col0, col1)), optional
         Only these rows and columns are wanted.
+    sound : bool
+        Every number is known to be finite, and is not looked at for that.
 
     Returns
     -------
@@ -241,11 +244,11 @@ def opened_level(
     """
     base, details = [], None
     for band in bands:
-        sound = all_finite(band)
-        base.append(rank_opening(band, size, corners=True, sound=sound))
+        whole = sound or all_finite(band)
+        base.append(rank_opening(band, size, corners=True, sound=whole))
         if detail:
             details = np.empty((len(spectrum), *band.shape), np.float32) if details is None else details
-            detail_of(band, base[-1], detail, size, sound=sound, out=details[len(base) - 1])
+            detail_of(band, base[-1], detail, size, sound=whole, out=details[len(base) - 1])
     if details is not None:
         agreeing(details, spectrum, order=order)
     rows, columns = within or tuple((0, n) for n in base[0].shape)
@@ -254,5 +257,7 @@ def opened_level(
         low, base[i] = base[i], base[i][:0]  # and its memory with it
         if details is not None:
             low += details[i]
-        out[i] = low[slice(*rows), slice(*columns)] if psfs is None else blurred(low, psfs[i], (rows, columns))
+        out[i] = (
+            low[slice(*rows), slice(*columns)] if psfs is None else blurred(low, psfs[i], (rows, columns), sound=sound)
+        )
     return out

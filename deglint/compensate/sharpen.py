@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -21,7 +21,7 @@ from .psf import PSF, Float64Array
 Float32Array = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
 Blur = Callable[[Float32Array, Float32Array | None], Float32Array]
-Work = Callable[[Float32Array], Float32Array]
+Work = Callable[[Float32Array, BoolArray | None], Float32Array]
 Form = Literal["separable", "fir", "fft"]
 FORMS: tuple[str, ...] = get_args(Form)
 
@@ -53,6 +53,7 @@ def richardson_lucy(
     rank: int = 2,
     pedestal: float = 0.0,
     within: Window | None = None,
+    sound: bool = False,
 ) -> Float32Array:
     """Sharpen one band.
 
@@ -78,6 +79,8 @@ def richardson_lucy(
         standard deviations of it. Sharpening grows weaker with it.
     within : ((row0, row1), (col0, col1)), optional
         Only these rows and columns are wanted; what lies around them is looked at.
+    sound : bool
+        Every number is known to be finite, and is not looked at for that.
 
     Returns
     -------
@@ -130,7 +133,7 @@ def richardson_lucy(
         else:
             y = mirrored(band, (first, last), halo, None if form == "fir" else _fft_columns(band.shape[1], halo))
         some = out[first - rows[0] : last - rows[0]]
-        _sharpened(y, halo, work, pedestal, some, 0 if form == "separable" else columns[0])
+        _sharpened(y, (halo, 0 if form == "separable" else columns[0]), work, pedestal, some, sound)
     return out
 
 
@@ -176,7 +179,7 @@ class Products:
     ----------
     down, across : (product, tap) float32 ndarray
     even : bool
-        They are the same from either end, and the sums can be taken in pairs.
+        There are two products, the same from either end, and the sums can be taken in pairs.
     """
 
     down: Float32Array
@@ -200,14 +203,17 @@ class Products:
 def products(factors: Sequence[tuple[Float64Array, Float64Array]]) -> Products:
     """Correlation with the sum of pairs of columns and rows."""
     down, across = (np.array([pair[i] for pair in factors]) for i in (0, 1))
-    even = len(down[0]) > 2 * LEAST_PAIRS and all(
-        np.abs(k - k[:, ::-1]).max() <= UNEVEN * np.abs(k).max() for k in (down, across)
+    even = (
+        len(down) == 2
+        and len(down[0]) > 2 * LEAST_PAIRS
+        and all(np.abs(k - k[:, ::-1]).max() <= UNEVEN * np.abs(k).max() for k in (down, across))
     )
     if even:
         down, across = (down + down[:, ::-1]) / 2, (across + across[:, ::-1]) / 2
     return Products(down.astype(np.float32), across.astype(np.float32), even)
 
 
+@lru_cache(maxsize=256)
 def blur_and_back(psf: PSF, rank: int = 2) -> tuple[Products, Products]:
     """P and its transpose, as sums of products."""
     factors = psf.factors(rank)
@@ -284,16 +290,20 @@ def _fft_columns(columns: int, halo: int) -> int:
     return int(fft.next_fast_len(columns + 2 * halo, real=True))
 
 
-def _sharpened(y: Float32Array, halo: int, work: Work, pedestal: float, out: Float32Array, left: int = 0) -> None:
-    """Put some rows of a band, given with their halo, sharpened into `out`, from column `left`; `y` is overwritten."""
+def _sharpened(
+    y: Float32Array, margin: tuple[int, int], work: Work, pedestal: float, out: Float32Array, sound: bool
+) -> None:
+    """Put some rows of a band, given with halo and columns further left, sharpened into `out`; `y` is overwritten."""
+    halo, left = margin
     inner = slice(halo, halo + out.shape[0]), slice(halo + left, halo + left + out.shape[1])
-    original = None if all_finite(y) else y[inner].copy()
+    valid = None if sound or all_finite(y) else np.isfinite(y)
+    original = None if valid is None else y[inner].copy()
     if pedestal:
         y += np.float32(pedestal)
-    a = work(y)
+    a = work(y, valid)
     np.subtract(a if a.shape == out.shape else a[inner], np.float32(pedestal), out=out)
-    if original is not None:
-        np.copyto(out, original, where=~np.isfinite(original))
+    if original is not None and valid is not None:
+        np.copyto(out, original, where=~valid[inner])
 
 
 def all_finite(block: npt.NDArray[np.float32]) -> bool:
@@ -302,16 +312,18 @@ def all_finite(block: npt.NDArray[np.float32]) -> bool:
         return bool(np.isfinite(block.sum()) or np.isfinite(block).all())
 
 
-def _by_products(y: Float32Array, both: tuple[Products, Products], iterations: int) -> Float32Array:
+def _by_products(
+    y: Float32Array, valid: BoolArray | None, both: tuple[Products, Products], iterations: int
+) -> Float32Array:
     """Richardson-Lucy on an array that has its margins, without them; `y` is overwritten."""
     from ._sharpen_kernels import iterate
 
     radius = both[0].radius
     invalid, shares, start = np.empty((0, 0), np.bool_), np.empty((0, 0, 0), np.float32), y
-    if not all_finite(y):
-        invalid = ~np.isfinite(y)
+    if valid is not None:
+        invalid = ~valid
         y[invalid] = 0.0
-        shares = np.stack([np.nan_to_num(share_of(~invalid, f, radius), nan=1.0) for f in both])
+        shares = np.stack([np.nan_to_num(share_of(valid, f, radius), nan=1.0) for f in both])
     np.maximum(y, np.float32(NEXT_TO_NOTHING), out=y)
     if invalid.size:
         start = y.copy()
@@ -323,13 +335,13 @@ def _by_products(y: Float32Array, both: tuple[Products, Products], iterations: i
     return out
 
 
-def _iterate(y: Float32Array, filters: Filters, iterations: int) -> Float32Array:
+def _iterate(y: Float32Array, valid: BoolArray | None, filters: Filters, iterations: int) -> Float32Array:
     """Richardson-Lucy on an array that has its margins, by whole arrays; `y` is overwritten."""
     import cv2
 
     keep: Any = cv2.max  # with numbers these are three times as fast as numpy's, but not typed
     cap: Any = cv2.min
-    shares, valid = None, None if all_finite(y) else np.isfinite(y)
+    shares = None
     if valid is not None:
         y[~valid] = 0.0
         shares = [np.nan_to_num(share_of(valid, f, filters.radius), nan=1.0) for f in (filters.blur, filters.back)]

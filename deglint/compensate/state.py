@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import InputError
 from ..scene import FloatArray, Window
 from .psf import PSF
 
@@ -39,6 +40,8 @@ class State:
         Identified glint that is not replaced yet.
     replaced : (band, row, column) bool ndarray
         What has been replaced.
+    sound : bool
+        Every number of the image is known to be finite; stages leave it so.
     spare : (int, int, int, int)
         Rows above and below, columns left and right, that may be cut off: nothing after the stage looks at them.
     """
@@ -52,6 +55,7 @@ class State:
     water: Float32Array | None = None
     hit: Mask | None = None
     replaced: Mask = field(default_factory=lambda: np.zeros((0, 0, 0), np.bool_))
+    sound: bool = False
     spare: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def __post_init__(self) -> None:
@@ -63,12 +67,12 @@ class State:
     @classmethod
     def of(cls, block: FloatArray, where: Mask | None = None) -> State:
         """A state for a block, which is copied."""
-        return cls(np.array(block, np.float32), where)
+        return cls(_single(block), where)
 
     @classmethod
     def own(cls, block: FloatArray) -> State:
         """A state that works on the block itself where that is float32, and on a copy elsewhere."""
-        return cls(block if block.dtype == np.float32 and block.flags.writeable else np.array(block, np.float32))
+        return cls(block if block.dtype == np.float32 and block.flags.writeable else _single(block))
 
     def replace(self, hit: Mask, values: Float32Array) -> None:
         """Put values where there is glint."""
@@ -99,3 +103,22 @@ class State:
 def _moved(sharp: Callable[[int, Window], Float32Array], top: int, left: int) -> Callable[[int, Window], Float32Array]:
     """The same for rows and columns that are counted from elsewhere."""
     return lambda band, at: sharp(band, ((at[0][0] + top, at[0][1] + top), (at[1][0] + left, at[1][1] + left)))
+
+
+def _single(block: FloatArray) -> Float32Array:
+    """A copy in float32, in which stages compute.
+
+    Raises
+    ------
+    InputError
+        A number is beyond it.
+    """
+    try:
+        with np.errstate(over="raise"):
+            return np.array(block, np.float32)
+    except FloatingPointError as error:
+        largest = float(np.nanmax(np.abs(block)))
+        raise InputError(
+            f"numbers reach {largest:.3g}, and compensation computes in float32, up to 3.4e+38. Bring them to other "
+            "units, mark what is not valid as nodata, or compensate off."
+        ) from error

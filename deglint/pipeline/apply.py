@@ -21,7 +21,9 @@ from ..raster.environment import enter_thread, environment
 from ..raster.output import (
     Layout,
     Scratch,
+    check_image,
     check_target,
+    copied_whole,
     plain,
     write_bytes,
     write_json,
@@ -91,7 +93,7 @@ class Outputs:
     @property
     def sidecar(self) -> Path:
         """Name of the sidecar."""
-        return self.image.with_name(self.image.name + ".json")
+        return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
         """All files that will be written."""
@@ -184,6 +186,7 @@ def remove_glint(
         raise InputError("two outputs have the same name; give each its own.")
     for path in targets.every():
         check_target(path, overwrite=targets.overwrite)
+    check_image(targets.image)
     with environment():
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
@@ -272,6 +275,8 @@ def _write_tiles(
         work = with_stderr(work, everything, fitted.recipe.nir, at_once)
         fitted.numbers["uncertainty"] = work.uncertainty.numbers() if work.uncertainty else None
     tally = Tally(len(scene.bands))
+    if work.copies and copied_whole(scratch, image, targets.image):
+        return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.changed))
     with ExitStack() as stack:

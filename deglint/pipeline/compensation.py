@@ -51,6 +51,8 @@ NOMINAL_PITCH = 8e-6
 """Pitch that an f-number is estimated for [m]; the PSF in pixels does not depend on it."""
 BLURRED = 0.2
 """Share of a point's light in its pixel, in the band that is blurred most, below which bands are matched."""
+SHARP = 0.9
+"""The same share from which on, in every band, sharpening gains less than a tenth of the noise."""
 DARK_NOISE = 0.2
 """Share of the variance over water that does not grow with the signal, where nothing more is known of the noise."""
 
@@ -111,7 +113,8 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
         return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
     whole = _steps_of(scene)
     floor = None if whole is None else tuple(LEAST_SPREAD * step for step in whole)
-    psfs, optics = _psfs(scene, wanted), "known"
+    psfs = _psfs(scene, wanted)
+    optics = "known" if psfs else "not looked for"
     setting = Setting(scene.bands, psfs, floor=floor, steps=whole)
     steps = wanted or parse(f"identify-level:{needs.element}, replace-level")
     usual = wanted or parse(
@@ -121,7 +124,7 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     sample = blocks.sample
     found = Plan(needs, steps, setting, blocks, sampler)
     alike = _alike(scene, sample, nir)
-    if psfs is None and _wants_psf(wanted):
+    if psfs is None and wanted is not None and _wants_psf(wanted):
         psfs, optics = estimated_psfs(scene, sample)
         setting = replace(setting, psfs=psfs)
         found = replace(found, setting=setting)
@@ -130,7 +133,7 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     if wanted is not None:
         stages = tuple(StageNeed(s.name, True, "asked for") for s in wanted if s.name != "remove")
         return replace(found, needs=replace(needs, stages=stages), setting=setting)
-    return _automatic(replace(found, needs=needs, setting=setting), sample, threads)
+    return _automatic(scene, replace(found, needs=needs, setting=setting), sample, threads)
 
 
 def _alike(scene: Scene, sample: Sample, nir: int) -> float | None:
@@ -139,7 +142,7 @@ def _alike(scene: Scene, sample: Sample, nir: int) -> float | None:
     return coherence([s.image for s in sample.states], sample.inside, scene.bands, nir, delayed=delayed)
 
 
-def _automatic(found: Plan, sample: Sample, threads: int) -> Plan:
+def _automatic(scene: Scene, found: Plan, sample: Sample, threads: int) -> Plan:
     """The default chain, without what this scene does not need."""
     needs, setting = found.needs, found.setting
     assert setting is not None
@@ -154,6 +157,10 @@ def _automatic(found: Plan, sample: Sample, threads: int) -> Plan:
     if most < LITTLE_COVER:
         why = f"at most {most:.3%} of a band is too bright for noise (threshold {LITTLE_COVER:.2%})"
         return Plan(replace(needs, stages=(StageNeed("compensation", False, why, "all of its time"),)))
+    if setting.psfs is None:
+        psfs, optics = estimated_psfs(scene, sample)
+        needs, setting = replace(needs, optics=optics), replace(setting, psfs=psfs)
+        found = replace(found, setting=setting)
     if needs.simultaneous and setting.psfs is not None and min(p.centre for p in setting.psfs) < BLURRED:
         why = "the bands see the sea at one instant, and are blurred over several pixels, each by its own wavelength"
         taken = "matched bands share their sparkle, and the removal takes it"
@@ -176,6 +183,9 @@ def _automatic(found: Plan, sample: Sample, threads: int) -> Plan:
         )
     elif needs.simultaneous:
         stages.append(StageNeed("psf", False, "the bands see the sea at one instant", "a third of the time"))
+    elif (share := min(p.centre for p in setting.psfs)) >= SHARP:
+        why = f"the optics leave {share:.0%} of a point's light in its pixel (threshold {SHARP:.0%})"
+        stages.append(StageNeed("psf", False, why, "a third of the time"))
     else:
         text.append("psf:2")
         stages.append(

@@ -18,18 +18,7 @@ from ..masks import WaterRule
 from ..needs import HEAVY_COVER, Needs
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
-from ..remove import (
-    METHODS,
-    FitRequest,
-    GlintModel,
-    SamplePlan,
-    SampleStatistics,
-    combine,
-    gather,
-    levels_for,
-    merge,
-    useless,
-)
+from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, SampleStatistics, combine, gather, useless
 from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
@@ -39,12 +28,9 @@ from .following import find_moves, moved, moved_halo, with_moves
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
 from .sample import Sampler, sampler_of
+from .tolerance import Sampling, short_of
 
 Progress = Callable[[str, int, int], None]
-KEPT_PIXELS = 1 << 20
-"""Most single pixels that are kept for a percentile or a mode."""
-COMPILED_PIXELS = 10_000_000
-"""Pixels of a sample above which the compiled statistics kernel pays for its loading."""
 MAX_COVER = 0.6
 """Share of glinted pixels above which the mode of the NIR is no longer that of water."""
 HEAVY_FLOOR = 1.0
@@ -143,7 +129,9 @@ def fit_scene(
         wanted = recipe.mask == "auto" or (sampled and recipe.sample == "auto")
         for look in looks(scene, request.indexes[0].bands[0], threads, wanted=wanted):
             try:
-                return _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress, run)
+                fitted = _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress, run)
+                if look.whole or recipe.sample != "auto" or not short_of(fitted.numbers):
+                    return fitted
             except (NoWaterError, FitError):
                 # a look at a part may have missed the water, or the deep of it: look at more
                 if look.whole or (recipe.sample != "auto" and (look.water is None or look.water.has_water)):
@@ -244,8 +232,8 @@ def _fit_sampled(
     if method == "multiband" and recipe.method == "auto" and _heavy(job.todo):
         request = replace(request, floor_percentile=HEAVY_FLOOR)
     plan = METHODS[method].plan(request)  # type: ignore[misc]
-    share = max(1, -(-sampler.pixels // KEPT_PIXELS))
-    plan = replace(plan, share=share, compiled=sampler.pixels > COMPILED_PIXELS, levels=levels_for(sampler.pixels))
+    judge = recipe.method == "auto" and not recipe.bands
+    sampling = Sampling(scene, sampler, request, method, plan, recipe.tolerance, judge)
     halo = max(plan.halo, 0)
     count = len(scene.bands)
     columns = sorted({b for b in plan.read_bands if b < count} | set(sampler.bands) | {m.nir for m in chain.moves})
@@ -255,9 +243,9 @@ def _fit_sampled(
     rows = [places.index(b) for b in plan.read_bands]
 
     reach = halo + sampler.halo + moved_halo(chain)
-    ready = job.blocks if job.blocks and all(job.blocks.image(t, reach) is not None for t in sampler.tiles) else None
+    ready = job.blocks if job.blocks and all(job.blocks.image(t, reach) is not None for t in sampling.pool) else None
 
-    def work(tile: Tile) -> Any:
+    def work(plan: SamplePlan, tile: Tile) -> Any:
         outer = tile.grown(reach + (0 if ready else chain.halo_before), scene.height, scene.width)
         middle = tile.grown(halo, scene.height, scene.width)
         block: Any = ready.image(tile, reach) if ready else scene.source.read(outer.window, columns)
@@ -273,25 +261,27 @@ def _fit_sampled(
         mask = mask[core_of(tile.crop_of(middle), mask.shape)]
         return part, _box(mask, tile), to_geojson(mask, (tile.row0, tile.col0), scene) if want_sample else []
 
-    parts, features, boxes = [], [], []
+    features, boxes = [], []
     note = (lambda done, total: progress("fit", done, total)) if progress else None
-    largest = max(sampler.tiles, key=lambda t: t.shape[0] * t.shape[1])
-    at_once = tiling.affordable(threads, largest.shape, 4 * len(columns))  # statistics take several copies
+    at_once = tiling.affordable(threads, sampling.largest, 4 * len(columns))  # statistics take several copies
     options: dict[str, Any] = {"threads": at_once, "progress": note, "start": enter_thread}
     run = tiling.run if ready else job.run
-    for _row, (part, box, found) in run(sampler.tiles, work, combine=partial(_row_of, plan), **options):
-        parts.append(part)
-        boxes.append(box)
-        features += found
-    stats = merge(parts, plan)
-    notes: list[str] = []
+    for tiles, plan in sampling:
+        for _row, (part, box, found) in run(tiles, partial(work, plan), combine=partial(_row_of, plan), **options):
+            sampling.parts.append(part)
+            boxes.append(box)
+            features += found
+    stats = sampling.statistics()
+    tolerance, notes, doubts = sampling.said()
     model = METHODS[method].fit(request, stats)
+    model = replace(model, warnings=(*model.warnings, *doubts))
     numbers: dict[str, Any] = {"glint_cover": None, "glint_level": None, "left_alone": {}}
     numbers |= {"r2": {f.name: f.r2 for f in model.fits}, "slopes": {f.name: f.slope for f in model.fits}}
     floor = request.floor_percentile
+    numbers |= {"tolerance": tolerance} if tolerance else {}
     if recipe.method == "auto":
         choose = _keep_useful if job.todo.runs else _choose
-        model, floor, chosen = choose(request, stats, model, judge=not recipe.bands)
+        model, floor, chosen = choose(request, stats, model, judge=judge)
         notes += chosen.pop("notes")
         numbers |= chosen
     box = _union(boxes)

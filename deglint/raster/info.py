@@ -272,21 +272,32 @@ def _is_direct(dataset: Any, path: str) -> bool:
     if dataset.driver != "GTiff" or dataset.compression is not None or not dataset.profile.get("tiled", False):
         return False
     rows, columns = dataset.block_shapes[0]
-    down, across = -(-dataset.height // rows), -(-dataset.width // columns)
     by_pixel = dataset.profile.get("interleave") == "pixel"
-    planes = dataset.indexes[:1] if by_pixel else dataset.indexes
-    if down * across * len(planes) > _MOST_BLOCKS:
-        return False
     size = rows * columns * np.dtype(dataset.dtypes[0]).itemsize * (dataset.count if by_pixel else 1)
     try:
         last = Path(path).stat().st_size - size
     except OSError:
         return False
-    starts = (
-        dataset.get_tag_item(f"BLOCK_OFFSET_{x}_{y}", "TIFF", bidx=band)
-        for band in planes for y in range(down) for x in range(across)
-    )  # fmt: skip
-    return all(start is not None and int(start) <= last for start in starts)
+    return all(start is not None and int(start) <= last for start, _size in block_places(dataset, sizes=False))
+
+
+def block_places(dataset: Any, *, sizes: bool = True) -> Iterator[tuple[str | None, str | None]]:
+    """Offset and size in the file of each block of an open GeoTIFF [byte]; None for what is not there.
+
+    Of a file with too many blocks to look up one by one, a single (None, None).
+    """
+    rows, columns = dataset.block_shapes[0]
+    down, across = -(-dataset.height // rows), -(-dataset.width // columns)
+    planes = dataset.indexes[:1] if dataset.profile.get("interleave") == "pixel" else dataset.indexes
+    if down * across * len(planes) > _MOST_BLOCKS:
+        yield None, None
+        return
+    for band in planes:
+        for y in range(down):
+            for x in range(across):
+                start = dataset.get_tag_item(f"BLOCK_OFFSET_{x}_{y}", "TIFF", bidx=band)
+                size = dataset.get_tag_item(f"BLOCK_SIZE_{x}_{y}", "TIFF", bidx=band) if sizes else None
+                yield start, size
 
 
 def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:

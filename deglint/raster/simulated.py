@@ -102,6 +102,8 @@ def check_free(stem: str | Path, *, overwrite: bool = False) -> None:
 
 def _base(stem: str | Path) -> Path:
     path = Path(stem)
+    if not path.name:
+        raise WriteError(f"{str(stem)!r} is no name for a scene; give one, such as {path / 'scene'}.")
     return path.with_suffix("") if path.suffix.lower() in {".tif", ".tiff"} else path
 
 

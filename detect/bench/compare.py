@@ -183,6 +183,13 @@ def _notes(old: Run, new: Run, left_out: int) -> list[str]:
         out.append(f"{said}: {run.name}, {made.get('date', 'no date')}, deglint "
                    f"{(made.get('versions') or {}).get('deglint', '?')}, {processor}, {cores} cores, {effort}, "
                    f"seeds {made.get('seeds', '?')}")  # fmt: skip
+    for said, run in (("old", old), ("new", new)):
+        machine = run.made.get("machine") or {}
+        loads = [
+            load for when in ("start", "end") if isinstance(load := machine.get(f"load at the {when}"), (int, float))
+        ]
+        if loads and max(loads) > (machine.get("cores") or 1):
+            out.append(f"{said} ran on a busy machine (load {max(loads):g}): what is said of times may be chance")
     if _machine(old) != _machine(new):
         out.append(f"the machines differ: {left_out} times and sizes of memory are left out; ratios are compared")
     if _scenes(old) != _scenes(new):

@@ -56,7 +56,9 @@ class Effect:
         """A level in words."""
         if self.unit == "f/":
             return f"f/{level:g}"
-        return f"{level:g} {self.unit}" if level else f"no {self.title.lower()}"
+        if not level or (level == 1 and self.name == "noise"):
+            return f"{'the usual' if level else 'no'} {self.title.lower()}"
+        return f"{level:g} {self.unit}"
 
 
 def _noisy(sensor: Sensor, times: float) -> Sensor:

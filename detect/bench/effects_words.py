@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from . import simulated
+from .measure import percent
 from .section import Number, over_seeds
 
 if TYPE_CHECKING:
@@ -47,8 +48,8 @@ def finding(found: Found) -> str:
         worst = max(rise, key=lambda e: rise[e])
         levels = worst.chosen(found.quick)
         before, after = (found.error((worst.name, level), state).value for level in (levels[0], levels[-1]))
-        text.append(f"{SAID[state]} suffers most from {worst.title.lower()} ({worst.said(levels[-1])}: {before:.3g} % "
-                    f"becomes {after:.3g} %)")  # fmt: skip
+        text.append(f"{SAID[state]} suffers most from {worst.title.lower()} ({worst.said(levels[-1])}: "
+                    f"{percent(before)} becomes {percent(after)})")  # fmt: skip
     return f"Of the sensor's effects alone, {', '.join(text)}."
 
 
@@ -57,7 +58,7 @@ def of_effect(found: Found, effect: Effect) -> tuple[str, ...]:
     levels = effect.chosen(found.quick)
     first, last = (effect.name, levels[0]), (effect.name, levels[-1])
     errors = ", ".join(
-        f"{said} {found.error(first, state).value:.3g} to {found.error(last, state).value:.3g} %"
+        f"{said} {percent(found.error(first, state).value)} to {percent(found.error(last, state).value)}"
         f"{_sure(found.change(last, first, state))}"
         for state, said in SAID.items()
     )
@@ -100,7 +101,9 @@ def _worse(found: Found, effect: Effect, state: str, other: str) -> list[str]:
         pairs = list(zip(images[state], images[other], strict=True))
         said = []
         if over_seeds([a.error - b.error for a, b in pairs]).low > 0:
-            said.append(f"error {found.error(key, other).value:.3g} % becomes {found.error(key, state).value:.3g} %")
+            said.append(
+                f"error {percent(found.error(key, other).value)} becomes {percent(found.error(key, state).value)}"
+            )
         for kind, reflectance in enumerate(simulated.REFLECTANCES):
             less = over_seeds([float(b.auc[kind] - a.auc[kind]) for a, b in pairs])
             if less.low > 0 and less.value >= LEAST:

@@ -48,6 +48,17 @@ def bounded(number: Number, low: float, high: float = np.inf) -> Number:
     return replace(number, low=max(number.low, low), high=min(number.high, high))
 
 
+def percent(value: float) -> str:
+    """An error as words have it: three figures, and no powers of ten.
+
+    Examples
+    --------
+    >>> percent(3.14159), percent(3031.4)
+    ('3.14 %', '3031 %')
+    """
+    return f"{value:.3g} %" if value < 999.5 else f"{value:.0f} %"
+
+
 def rx_scores(image: npt.NDArray[Any], sample: Mask) -> Float64:
     """Squared Mahalanobis distance of every pixel from the pixels of a sample, over all bands."""
     image = np.asarray(image, np.float64)

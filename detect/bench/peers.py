@@ -90,7 +90,7 @@ def finding(numbers: dict[str, Number], case: Case) -> str:
     ratio = numbers.get(f"peers/files/{case.slug}/remove/ratio")
     out = []
     if ratio is not None:
-        out.append(f"{REMOVE} takes {ratio.value:.2g} times as long as a {COPY} of the same file")
+        out.append(f"On {case}, {REMOVE} takes {ratio.value:.2g} times as long as a {COPY} of the same file")
     for program in (SKLEARN, SPECTRAL):
         found = [
             n for k, n in numbers.items() if k.startswith("peers/arrays/global_8x") and k.endswith(f"/{program}/ratio")

@@ -141,7 +141,7 @@ def start_up(effort: Effort) -> Section:
         "import rasterio": [python, "-c", "import rasterio"], "import deglint": [python, "-c", "import deglint"],
         "deglint --help": [python, "-m", "deglint", "--help"], "rxdetect --help": [python, "-m", "detect", "--help"],
     }  # fmt: skip
-    found = in_turns(commands, 3 if effort.quick else 7)
+    found = in_turns(commands, 2 if effort.quick else 7)
     numbers: dict[str, Number] = {}
     rows: list[tuple[Cell, ...]] = []
     for name, runs in found.items():

@@ -125,9 +125,9 @@ def threads(effort: Effort, place: Path) -> Section:
 def windows(effort: Effort, peers: tuple[str, ...]) -> Section:
     """Time of local RX against its outer window."""
     outer = WINDOWS[::2] if effort.quick else WINDOWS
-    side = 48 if effort.quick else 96
+    side = 36 if effort.quick else 96
     others = tuple(p for p in peers if p == SPECTRAL)
-    todo = [Task(8, side, (OURS, *others), 2, (3, w)) for w in outer]
+    todo = [Task(8, side, (OURS, *others), 1 if effort.quick else 2, (3, w)) for w in outer]
     large = [replace(task, side=256 if effort.quick else 512, programs=(OURS,), rounds=3) for task in todo]
     numbers: dict[str, Number] = {}
     lines: dict[str, dict[float, float]] = {OURS: {}, **{p: {} for p in others}}

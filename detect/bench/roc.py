@@ -23,7 +23,7 @@ WIND = 9.0
 STATES = {"before": "before", "after": "after", "thesis-chain": "thesis' chain", "compensated": "default",
           "limit": "no glint"}  # fmt: skip
 """What each image is, in the heads of tables."""
-SHOWN = ("before", "after", "compensated")
+SHOWN = ("before", "after", "thesis-chain", "compensated")
 """States that are plotted."""
 RATES = (1e-3, 1e-2)
 """Pfa at which Pd is read."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from . import simulated
+from .measure import percent
 from .section import over_seeds
 
 if TYPE_CHECKING:
@@ -13,7 +14,8 @@ if TYPE_CHECKING:
 
 LEAST = 0.001
 """Change of an area that is worth a word."""
-TITLES = {"before": "before system effects", "after": "after system effects", "compensated": "after removal by default"}
+TITLES = {"before": "before system effects", "after": "after system effects",
+          "thesis-chain": "after the thesis' chain and Joyce", "compensated": "after removal by default"}  # fmt: skip
 
 
 def look(at: Look) -> str:
@@ -54,10 +56,9 @@ def finding(found: Found) -> str:
     kind = 0
     at = found.looks[0]
     before, after, cleaned = (found.auc(at, s, kind).value for s in ("before", "after", "compensated"))
-    percent = 100 * simulated.REFLECTANCES[kind]
     return (
-        f"Seen from {look(at)}, objects of {percent:g} % are told from water with an AUC of {before:.3f} before system "
-        f"effects, {after:.3f} after them, and {cleaned:.3f} after removal by default."
+        f"Seen from {look(at)}, objects of {100 * simulated.REFLECTANCES[kind]:g} % are told from water with an AUC of "
+        f"{before:.3f} before system effects, {after:.3f} after them, and {cleaned:.3f} after removal by default."
     )
 
 
@@ -70,7 +71,7 @@ def of_errors(found: Found) -> str:
             pairs = zip(found.images[at, state], found.images[at, "after"], strict=True)
             if over_seeds([a.error - b.error for a, b in pairs]).low > 0:
                 before, after = (found.error(at, s).value for s in ("after", state))
-                worse.append(f"{look(at)} ({before:.3g} % becomes {after:.3g} %)")
+                worse.append(f"{look(at)} ({percent(before)} becomes {percent(after)})")
         where = ", ".join(worse) or "nowhere"
         parts.append(f"{name} makes the error larger, beyond the interval of the difference: {where}")
     return f"{'; '.join(parts)}."

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deglint import Recipe, Scene, correct, fit_scene, open_scene
+from deglint.compensate.evidence import Protection
 from deglint.errors import DeglintError
 from deglint.physics.presets import preset
 from deglint.physics.sensor import Sensor
@@ -132,7 +133,7 @@ class Seen:
         near = cv2.dilate((labels > 0).astype(np.uint8), np.ones((2 * SPREAD + 1, 2 * SPREAD + 1), np.uint8)) > 0
         return np.where(labels > 0, (labels - 1) % len(REFLECTANCES) + 1, np.where(near, -1, 0))
 
-    def cleaned(self, method: str, compensate: str) -> Float64:
+    def cleaned(self, method: str, compensate: str, *, protect: bool = True) -> Float64:
         """Without glint.
 
         Parameters
@@ -141,6 +142,8 @@ class Seen:
             As in `Recipe`, or "none": no removal, only the stages of the compensation that stand before it.
         compensate : str
             As in `Recipe`.
+        protect : bool
+            Keep small things that stand out unlike glint, as `deglint remove` does.
 
         Raises
         ------
@@ -155,6 +158,9 @@ class Seen:
         fitted = fit_scene(self.scene, recipe, threads=1)
         if method == "none":
             fitted = replace(fitted, model=replace(fitted.model, fits=()), chain=replace(fitted.chain, after=()))
+        if not protect:
+            nothing = Protection(reason="left out, to see what it does")
+            fitted = replace(fitted, chain=replace(fitted.chain, protection=nothing))
         return correct(self.scene, fitted).astype(np.float64)
 
 
@@ -182,9 +188,9 @@ def each(work: Callable[[T], R], tasks: Sequence[T], threads: int) -> list[R]:
         return list(pool.map(work, tasks))
 
 
-def cleaned_or_none(seen: Seen, method: str, compensate: str) -> Float64 | None:
+def cleaned_or_none(seen: Seen, method: str, compensate: str, *, protect: bool = True) -> Float64 | None:
     """The scene without glint, or None where it cannot be fitted."""
     try:
-        return seen.cleaned(method, compensate)
+        return seen.cleaned(method, compensate, protect=protect)
     except DeglintError:
         return None

@@ -12,7 +12,7 @@ from detect.report.heat import heat
 from . import stress_certified, stress_ours, stress_peers, stress_rates, stress_truth
 from .section import Cell, Effort, Figure, Number, Section, Table
 from .stress_cases import Case, cases
-from .stress_words import paragraphs
+from .stress_words import finding, paragraphs
 
 LARGEST = 100_000_000
 """Pixels of the scene that is streamed, in full."""
@@ -63,6 +63,7 @@ def run(effort: Effort) -> Section:
         tuple(tables),
         _figures(found, [c.name for c in seen]),
         numbers,
+        finding=finding(found),
     )
 
 

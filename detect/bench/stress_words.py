@@ -42,6 +42,20 @@ def paragraphs(
     )
 
 
+def finding(found: Mapping[str, Rows]) -> str:
+    """For the head of the report: how often others lose the digits that float32 holds, of what both compute."""
+    parts, ours = [], found["deglint"]
+    for program, rows in found.items():
+        pairs = [(ours.get(operation, {}).get(name), b) for operation, row in rows.items() for name, b in row.items()]
+        both = [(a, b) for a, b in pairs if isinstance(a, float) and isinstance(b, float)]
+        lost = [sum(pair[i] < SINGLE for pair in both) for i in (0, 1)]
+        if program != "deglint" and both:
+            parts.append(f"{program} {lost[1]} of {len(both)} (deglint {lost[0]})")
+    if not parts:
+        return ""
+    return f"Results on hard pixels with fewer digits than float32 holds, of what both compute: {', '.join(parts)}."
+
+
 def _values(row: Mapping[str, float | str]) -> dict[str, float]:
     return {name: v for name, v in row.items() if isinstance(v, float)}
 

@@ -41,7 +41,8 @@ class Found:
     winds, delays : tuple of float
         [m/s], [s]
     errors : dict
-        By `Key`, one a seed; the method "noise" is the truth with noise.
+        By `Key`, one a seed; the method "noise" is the truth with noise, and "auto" has the chain "unprotected", too:
+        --compensate auto that keeps no small things.
     pictures : dict
         Pieces of one scene by "truth" and "METHOD/CHAIN".
     failed : tuple of Key
@@ -119,6 +120,8 @@ def _one_sea(
                 errors[wind, delay, method, chain] = None if clean is None else _errors(seen, clean)
                 if last and clean is not None:
                     pictures[f"{method}/{chain}"] = _piece(seen, clean)
+        bare = simulated.cleaned_or_none(seen, "auto", "auto", protect=False)
+        errors[wind, delay, "auto", "unprotected"] = None if bare is None else _errors(seen, bare)
         simulated.forget([seen])
     return errors, pictures
 

@@ -22,7 +22,7 @@ from deglint.pipeline.look import raster_of
 from deglint.pipeline.sidecar import Checksum
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
-from deglint.raster.output import Layout, Scratch, check_target, plain, write_json, write_text, writing
+from deglint.raster.output import Layout, Scratch, check_image, check_target, plain, write_json, write_text, writing
 from deglint.raster.parts import writing_parts
 from deglint.scene import Scene
 from deglint.tiles import LARGEST, Tile
@@ -206,6 +206,7 @@ def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> Non
         raise InputError("two outputs have the same name; give each its own.")
     for path in targets.every():
         check_target(path, overwrite=targets.overwrite)
+    check_image(targets.image)
 
 
 @contextmanager

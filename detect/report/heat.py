@@ -36,17 +36,18 @@ def heat(
     title : str
         Said to readers who do not see it.
     """
-    width, height = _LEFT + _CELL_WIDTH * len(columns) + 90, _TOP + _CELL_HEIGHT * len(rows) + 8
+    left = max(_LEFT, round(7.4 * max(map(len, rows), default=0)) + 12)
+    width, height = left + _CELL_WIDTH * len(columns) + 90, _TOP + _CELL_HEIGHT * len(rows) + 8
     parts = []
     for j, name in enumerate(columns):
-        x = _LEFT + _CELL_WIDTH * (j + 0.5) + 4
+        x = left + _CELL_WIDTH * (j + 0.5) + 4
         parts.append(f'<text transform="translate({x:g} {_TOP - 7}) rotate(-60)">{escape(name)}</text>')
     for i, name in enumerate(rows):
         y = _TOP + _CELL_HEIGHT * i
-        parts.append(f'<text x="{_LEFT - 8}" y="{y + 14}" text-anchor="end">{escape(name)}</text>')
+        parts.append(f'<text x="{left - 8}" y="{y + 14}" text-anchor="end">{escape(name)}</text>')
         for j, column in enumerate(columns):
             if (name, column) in values:
-                parts.append(_cell(values[name, column], most, _LEFT + _CELL_WIDTH * j, y, f"{name}, {column}"))
+                parts.append(_cell(values[name, column], most, left + _CELL_WIDTH * j, y, f"{name}, {column}"))
     said = escape(title, quote=True)
     return f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{said}">{"".join(parts)}</svg>'
 
