@@ -1,1 +1,1 @@
-"""Measurements that anyone can make again: `python -m benchmarks speed|error|digits|targets` (add --quick)."""
+"""Measurements that anyone can make again: `python -m benchmarks`, or `rxdetect bench`; `--help` lists them."""

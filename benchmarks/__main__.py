@@ -1,4 +1,4 @@
-"""`python -m benchmarks NAME [--quick]`; `--help` lists the names."""
+"""`python -m benchmarks [NAME] [--quick]`; without a name all of `rxdetect bench`; `--help` lists the names."""
 
 from __future__ import annotations
 
@@ -7,32 +7,54 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+from detect.bench import EXPERIMENTS
+
 BENCHMARKS = {
-    "speed": ("speed", ("quick", "directory", "rounds", "peers")),
     "error": ("error", ("quick",)),
-    "digits": ("digits", ("quick",)),
+    "digits": ("stress", ("quick",)),
     "targets": ("targets", ("quick",)),
     "uncertainty": ("uncertainty", ("quick",)),
     "compensation": ("compensation", ("quick",)),
+    "rates": ("rates", ("quick", "rounds", "directory")),
     "plan": ("plan_speed", ("quick", "rounds")),
     "scale": ("scale", ("quick", "directory", "docs")),
-    "detect": ("detect_speed", ("quick", "directory", "rounds")),
     "ships": ("ships", ("directory",)),
+    "workers": ("workers", ("quick", "directory")),
 }
-"""Module of each, and the options that its `main` takes."""
+"""What is no experiment of `rxdetect bench`: module of each, and the options that its `main` takes."""
+
+
+def bench(arguments: list[str]) -> int:
+    """`rxdetect bench`: `report`, an experiment's name, `compare`, `docs`, or its options."""
+    from detect.cli import run
+
+    first, *rest = arguments or ["report"]
+    if first == "report":
+        return run(["bench", *rest])
+    if first == "docs":
+        return run(["bench", "--docs", "docs", *rest])
+    if first in EXPERIMENTS:
+        return run(["bench", "--only", first, *rest])
+    return run(["bench", *arguments])
 
 
 def main() -> None:
-    """Run one benchmark and print its tables."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Measure deglint.")
+    """Run one benchmark and print its tables, or all experiments and write their report."""
+    first = sys.argv[1] if len(sys.argv) > 1 else ""
+    if first not in BENCHMARKS and first not in ("-h", "--help"):
+        sys.exit(bench(sys.argv[1:]))
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks", description="Measure deglint.",
+        epilog="Without a name, or with 'report': rxdetect bench. 'docs': the same, and remakes docs/benchmark.md. "
+        f"'compare OLD.json NEW.json': what changed. {', '.join(EXPERIMENTS)}: these alone.",
+    )  # fmt: skip
     parser.add_argument("what", choices=list(BENCHMARKS))
     parser.add_argument("--quick", action="store_true", help="less of everything")
-    parser.add_argument("--rounds", type=int, help="speed, plan, detect: runs of everything")
-    parser.add_argument("--directory", type=Path,
-                        help="speed, scale, detect: where scratch files go; ships: where the scenes lie")  # fmt: skip
+    parser.add_argument("--rounds", type=int, help="rates, plan: runs of everything")
+    parser.add_argument(
+        "--directory", type=Path, help="rates, scale, workers: where scratch files go; ships: where the scenes lie"
+    )
     parser.add_argument("--docs", action="store_true", help="scale: write the picture and the tables of docs/, too")
-    parser.add_argument("--peers", default=sys.executable, metavar="PYTHON",
-                        help="speed: interpreter of an environment in which sensingpy is installed")  # fmt: skip
     given = parser.parse_args()
     module, options = BENCHMARKS[given.what]
     import_module(f"benchmarks.{module}").main(*(getattr(given, option) for option in options))

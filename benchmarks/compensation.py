@@ -20,8 +20,9 @@ from deglint.compensate import THESIS, identify, level
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, SubmergedObject, simulate
+from detect.bench.measure import VISIBLE, curves, rms_error, rx_scores
 
-from .error import DATA, DEEP, VISIBLE, rms_error
+from .error import DATA, DEEP
 from .timing import machine, say
 
 REFLECTANCES = (0.02, 0.05, 0.10, 0.20)
@@ -84,19 +85,9 @@ def setup(condition: Condition, seed: int, patch: float, kind: str, sky: str) ->
 
 def scores(image: np.ndarray, labels: np.ndarray) -> list[float]:
     """Area under the ROC curve of global RX on the visible bands, objects of each reflectance against the rest."""
-    from scipy.stats import rankdata
-
-    x = image[:VISIBLE].reshape(VISIBLE, -1).astype(np.float64)
-    x -= x.mean(axis=1, keepdims=True)
-    score = np.einsum("ip,ip->p", x, np.linalg.pinv(np.cov(x)) @ x)
-    which = np.where(labels > 0, (labels.astype(int) - 1) % len(REFLECTANCES) + 1, 0).ravel()
-    out = []
-    for number in range(1, len(REFLECTANCES) + 1):
-        use = (which == 0) | (which == number)
-        hit = which[use] == number
-        rank, count = rankdata(score[use]), int(hit.sum())
-        out.append(float((rank[hit].sum() - count * (count + 1) / 2) / (count * (~hit).sum())))
-    return out
+    distances = rx_scores(image[:VISIBLE], np.ones(labels.shape, np.bool_))
+    kinds = np.where(labels > 0, (labels.astype(int) - 1) % len(REFLECTANCES) + 1, 0)
+    return [roc.auc for roc in curves(distances, kinds, range(1, len(REFLECTANCES) + 1))]
 
 
 def run(source: Path, place: Path, recipe: Recipe | None = None) -> np.ndarray:
@@ -237,7 +228,7 @@ def main(quick: bool) -> None:
     """Measure and print."""
     from .stages import main as stages
 
-    print("## Compensation\n\n" + machine("opencv-contrib-python-headless"))
+    print("## Compensation\n\n" + machine())
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         if (DATA / "simulated").exists():

@@ -17,12 +17,11 @@ from deglint.errors import DeglintError
 from deglint.readers.areas import open_area
 from deglint.remove import METHODS, REGRESSIONS
 from deglint.scene import Scene
+from detect.bench.measure import rms_error
 
 from .timing import machine, say
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
-VISIBLE = 5
-"""COASTAL to RED: the bands whose error counts."""
 NIR = 6
 DEEP = 184
 """Columns of deep water at the left of the simulated scenes: the sample."""
@@ -35,14 +34,6 @@ def combinations(quick: bool) -> list[tuple[str, str]]:
     """Every method with every regression that it knows."""
     regressions = ("ols", "detrended") if quick else tuple(REGRESSIONS)
     return [(m, r) for m, method in METHODS.items() for r in (regressions if method.regresses else ("",))]
-
-
-def rms_error(image: np.ndarray, truth: np.ndarray, columns: slice) -> float:
-    """Root mean square over the visible bands of RMSE / median(truth), in percent of the water level."""
-    away = (image - truth)[:VISIBLE, :, columns]
-    level = np.median(truth[:VISIBLE], axis=(1, 2))
-    each = np.sqrt((away**2).mean(axis=(1, 2))) / level
-    return float(100 * np.sqrt((each**2).mean()))
 
 
 def both(image: np.ndarray, truth: np.ndarray) -> str:

@@ -1,7 +1,8 @@
-"""Ships on glinted sea, with and without deglinting: `python -m benchmarks ships --directory DIRECTORY`.
+"""Ships on glinted sea, with and without deglinting: `python -m benchmarks ships [--directory DIRECTORY]`.
 
-DIRECTORY holds casablanca.tif and honolulu.tif (Sentinel-2, with B08 as NIR), and beside each its *_ships.tif: 0 or a
-ship's number, drawn by hand and loosely. Land is what is not water over more than a ship's area. A ship is found where
+First what contrast they keep, then how well they are found. DIRECTORY (by default beside the project) holds
+casablanca.tif and honolulu.tif (Sentinel-2, with B08 as NIR), and beside each its *_ships.tif: 0 or a ship's number,
+drawn by hand and loosely. Land is what is not water over more than a ship's area. A ship is found where
 any of its pixels exceeds the threshold that one water pixel in a thousand, or in ten thousand, exceeds.
 """
 
@@ -20,6 +21,8 @@ from detect import local_rx, residual_rx, subspace_rx
 from detect.objects import label
 from detect.rx import rx
 
+from .error import DATA
+from .harbours import ships as contrasts
 from .timing import say
 
 SHORES = (0, 10)  # pixels from land that are left out, with their surf, piers and mixed pixels
@@ -102,9 +105,11 @@ def tables(scene, ships: np.ndarray, shore: int) -> None:
 
 
 def main(directory: Path | None) -> None:
-    """Print a table for each scene and distance from the shore."""
-    if directory is None:
+    """Print the contrasts, and a table for each scene and distance from the shore."""
+    directory = directory or DATA / "sentinel2"
+    if not (directory / "casablanca_ships.tif").exists():
         raise SystemExit("ships: --directory names where casablanca.tif, honolulu.tif and their *_ships.tif lie.")
+    contrasts(directory)
     for name in ("casablanca", "honolulu"):
         scene = open_scene(directory / f"{name}.tif", nir="B08")
         ships = open_scene(directory / f"{name}_ships.tif").read()[0].astype(int)

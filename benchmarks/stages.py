@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,8 @@ from deglint.compensate.sharpen import richardson_lucy
 from deglint.physics.presets import preset
 from deglint.scene import Band
 from deglint.simulate import Setup, simulate
+from detect.bench.kernels import in_turns
 
-from .kernels import rates, timed
 from .timing import say
 
 
@@ -38,6 +39,11 @@ def fitted(text: str, block: np.ndarray, setting: Setting) -> Chain:
     return Chain(stages, (), text)
 
 
+def rates(values: int, seconds: list[float]) -> str:
+    """Millions of values a second, best and median, as text."""
+    return f"{values / 1e6 / min(seconds):.0f} / {values / 1e6 / median(seconds):.0f}"
+
+
 def main(quick: bool) -> None:
     """Measure and print."""
     import cv2
@@ -45,8 +51,8 @@ def main(quick: bool) -> None:
     cv2.setNumThreads(1)
     block, bands, psfs = sea(512 if quick else 1024)
     setting = Setting(bands, psfs, detail=True)
-    level = [rank_opening(b, 13) for b in block]
-    details = [detail_of(b, m, 11) for b, m in zip(block, level, strict=True)]
+    level = [rank_opening(b, 13, corners=True) for b in block]
+    details = [detail_of(b, m, 11, 13) for b, m in zip(block, level, strict=True)]
     spectrum = [1.0] * len(bands)
     chains = {text: fitted(text, block, setting) for text in (
         "identify-level:13, replace-level", "psf:2, identify-level:13, replace-level",
@@ -56,13 +62,15 @@ def main(quick: bool) -> None:
         "read once (sum of each band)": lambda: [float(b.sum()) for b in block],
         "normalise": lambda: [b / np.float32(2) for b in block],
         "psf: 2 iterations": lambda: [richardson_lucy(b, p, iterations=2) for b, p in zip(block, psfs, strict=True)],
-        "opening, square of 13": lambda: [rank_opening(b, 13) for b in block],
-        "opening, octagon of 11, grown back": lambda: [detail_of(b, m, 11) for b, m in zip(block, level, strict=True)],
-        "details that neighbouring bands share": lambda: agreeing([d.copy() for d in details], spectrum),
+        "opening, square of 13": lambda: [rank_opening(b, 13, corners=True) for b in block],
+        "openings, octagon of 11 grown back, diamond": lambda: [
+            detail_of(b, m, 11, 13) for b, m in zip(block, level, strict=True)
+        ],
+        "details that neighbouring bands share": lambda: agreeing(np.stack(details), spectrum),
         "level blurred again": lambda: [blurred(m, p) for m, p in zip(level, psfs, strict=True)],
     }
     jobs |= {f"chain: {text}": (lambda c=chain: apply_chain(block, c)) for text, chain in chains.items()}
-    found = timed(jobs, 3 if quick else 7)
+    found = in_turns(jobs, 3 if quick else 7)
     base = min(found["read once (sum of each band)"])
     rows = [[name, rates(block.size, s), f"{min(s) / base:.1f}"] for name, s in found.items()]
     size = f"{len(block)} x {block.shape[1]}^2 float32, one thread"

@@ -24,8 +24,9 @@ from deglint.raster.output import Layout
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate, thesis_array
 from deglint.tiles import Tile
+from detect.bench.measure import VISIBLE
 
-from .error import DATA, VISIBLE
+from .error import DATA
 from .timing import machine, say
 
 Array = npt.NDArray[np.floating]

@@ -101,7 +101,9 @@ def _centred(values, m, row):  # type: ignore[no-untyped-def]
 
     All are finite where what is left is.
     """
-    shift, total, left = np.float64(values[0]), 0.0, 0.0
+    first, middle, last = np.float64(values[0]), np.float64(values[m // 2]), np.float64(values[m - 1])
+    shift = max(min(first, middle), min(max(first, middle), last))  # of a constant, that; never one stray pixel
+    total, left = 0.0, 0.0
     for p in range(m):
         row[p] = values[p] - shift
         total += row[p]

@@ -41,7 +41,7 @@ class Moments:
         Pixels in which every variable is finite.
     mean : (variables,) ndarray
     comoment : (variables, variables) ndarray
-        Sum over pixels of (x - mean)(x - mean)^T.
+        Sum over pixels of (x - mean)(x - mean)^T; not finite where values reach beyond some 1e150.
     minimum, maximum : (variables,) ndarray
         +inf and -inf where n is 0.
     rest : (variables,) ndarray
@@ -124,6 +124,35 @@ class CellMoments:
         """The same cells in row-major order."""
         return self.where(np.lexsort((self.keys[:, 1], self.keys[:, 0])))
 
+    def joined(self, levels: int) -> CellMoments:
+        """Cells of one row merged in groups of 2**levels that follow each other from the scene's edge on; by place.
+
+        Within a group, neighbours are merged first. A group that was merged before stays as it is.
+        """
+        out = self.by_place()
+        for level in range(1, levels + 1):
+            out = out._pairs_merged(level)
+        return out
+
+    def _pairs_merged(self, level: int) -> CellMoments:
+        """Cells in order; of those whose columns differ in the last `level` bits alone, neighbours are merged."""
+        groups = self.keys >> np.array([0, level])
+        same = np.append((groups[1:] == groups[:-1]).all(axis=1), False)
+        run = np.arange(len(same)) - np.maximum.accumulate(
+            np.where(np.append(True, ~same[:-1]), np.arange(len(same)), 0)
+        )
+        first = np.flatnonzero(same & (run % 2 == 0))
+        if not len(first):
+            return self
+        both = self.where(np.stack([first, first + 1], axis=1).ravel())
+        n, mean, rest, comoment = _merge_neighbours(both.n, both.mean, both.rest, both.comoment)
+        low = np.minimum(both.minimum[::2], both.minimum[1::2])
+        high = np.maximum(both.maximum[::2], both.maximum[1::2])
+        merged = CellMoments(both.keys[::2], n, mean, comoment, low, high, rest)
+        alone = np.ones(len(self.n), np.bool_)
+        alone[first] = alone[first + 1] = False
+        return CellMoments.concatenate([merged, self.where(alone)]).by_place()
+
     def where(self, chosen: npt.NDArray[Any]) -> CellMoments:
         """Some of the cells, by index or by mask."""
         return CellMoments(*(getattr(self, name)[chosen] for name in _FIELDS))
@@ -134,8 +163,9 @@ class CellMoments:
         if not len(n):
             v = mean.shape[1]
             return Moments(0, np.zeros(v), np.zeros((v, v)), np.full(v, np.inf), np.full(v, -np.inf), np.zeros(v))
-        while len(n) > 1:
-            n, mean, rest, comoment = _merge_neighbours(n, mean, rest, comoment)
+        with np.errstate(over="ignore", invalid="ignore"):
+            while len(n) > 1:
+                n, mean, rest, comoment = _merge_neighbours(n, mean, rest, comoment)
         low, high = self.minimum.min(axis=0), self.maximum.max(axis=0)
         return Moments(int(n[0]), mean[0], comoment[0], low, high, rest[0])
 
@@ -236,13 +266,21 @@ def thinned(mask: npt.NDArray[np.bool_], origin: tuple[int, int], share: int) ->
     """One masked pixel in `share`, chosen by a hash of its place in the scene alone: the same in any tiling."""
     if share <= 1:
         return mask
-    rows = np.arange(origin[0], origin[0] + mask.shape[0], dtype=np.uint64)[:, None] * np.uint64(0x9E3779B1)
-    columns = np.arange(origin[1], origin[1] + mask.shape[1], dtype=np.uint64) * np.uint64(0x85EBCA77)
-    mixed = rows + columns
+    rows = np.arange(origin[0], origin[0] + mask.shape[0])[:, None]
+    columns = np.arange(origin[1], origin[1] + mask.shape[1])
+    return np.asarray(mask & in_share(rows, columns, share))
+
+
+def in_share(
+    rows: npt.NDArray[np.integer], columns: npt.NDArray[np.integer], share: int
+) -> npt.NDArray[np.bool_]:  # fmt: skip
+    """Whether `thinned` keeps a pixel of this row and column; of a share that divides another, it keeps all of the
+    other's."""
+    mixed = rows.astype(np.uint64) * np.uint64(0x9E3779B1) + columns.astype(np.uint64) * np.uint64(0x85EBCA77)
     mixed ^= mixed >> np.uint64(15)
     mixed *= np.uint64(0x2C1B3C6D)
     mixed ^= mixed >> np.uint64(12)
-    return np.asarray(mask & (mixed % np.uint64(share) == 0))
+    return np.asarray(mixed % np.uint64(share) == 0)
 
 
 def _reduce_cells(
@@ -266,13 +304,20 @@ def _reduce_cells(
         if count < good.size:
             x = x[:, good]
         n[i], low[i], high[i] = count, x.min(axis=1), x.max(axis=1)
-        shift = x[:, 0].copy()
-        x -= shift[:, None]
-        centre = x.mean(axis=1)
-        x -= centre[:, None]
-        left = x.mean(axis=1)
-        mean[i], rest[i] = _two_sum(shift, centre + left)
-        comoment[i] = x @ x.T - count * np.outer(left, left)
+        with np.errstate(over="ignore", invalid="ignore"):  # whoever uses it looks whether it is finite
+            shift = _typical(x)
+            x -= shift[:, None]
+            centre = x.mean(axis=1)
+            x -= centre[:, None]
+            left = x.mean(axis=1)
+            mean[i], rest[i] = _two_sum(shift, centre + left)
+            comoment[i] = x @ x.T - count * np.outer(left, left)
+
+
+def _typical(x: Float64) -> Float64:
+    """Of each row the middle one of three values: exactly that of a constant, and not a single stray pixel."""
+    a, b, c = x[:, 0], x[:, x.shape[1] // 2], x[:, -1]
+    return np.asarray(np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)))
 
 
 def _two_sum(a: Float64, b: Float64) -> tuple[Float64, Float64]:

@@ -64,7 +64,8 @@ class Needs:
     element : int
         Element of the opening [pixel]; 0 where none is small enough.
     coherence : float or None
-        Largest high-pass correlation of the NIR with another band; None where it cannot be told.
+        Largest high-pass correlation of the NIR with another band (the smallest, where the file says that they look one
+        after the other); None where it cannot be told.
     cover : tuple of float
         Share of glinted pixels of each band beside its opened level; empty where it was not told.
     certain : tuple of float
@@ -141,7 +142,9 @@ def element_for(smallest: float) -> int:
     return size if size >= SMALLEST else 0
 
 
-def coherence(blocks: Sequence[FloatArray], inside: Sequence[Mask], bands: Sequence[Band], nir: int) -> float | None:
+def coherence(
+    blocks: Sequence[FloatArray], inside: Sequence[Mask], bands: Sequence[Band], nir: int, *, delayed: bool = False
+) -> float | None:
     """How alike the NIR and the band that resembles it most are at small scales.
 
     Parameters
@@ -152,12 +155,15 @@ def coherence(blocks: Sequence[FloatArray], inside: Sequence[Mask], bands: Seque
     bands : sequence of Band
     nir : int
         0-based NIR band.
+    delayed : bool
+        The bands are told to look one after the other: then the band that resembles it least counts. A few boats,
+        bright in every band, and sparkle that lasts raise the largest correlation of such bands, the smallest less.
 
     Returns
     -------
     float or None
-        Largest correlation, after the mean of `HIGH_PASS` pixels is taken off, with a band from 640 nm on (any band,
-        where wavelengths are not known). None where there is no other band, or too little water.
+        Largest (or smallest) correlation, after the mean of `HIGH_PASS` pixels is taken off, with a band from 640 nm
+        on (any band, where wavelengths are not known). None where there is no other band, or too little water.
     """
     import cv2
 
@@ -183,4 +189,4 @@ def coherence(blocks: Sequence[FloatArray], inside: Sequence[Mask], bands: Seque
     n, sx, sy, sxx, syy, sxy = sums.T
     power = (sxx - sx * sx / n) * (syy - sy * sy / n)
     found = np.where(power > 0, (sxy - sx * sy / n) / np.sqrt(np.where(power > 0, power, 1)), 0.0)
-    return float(found.max())
+    return float(found.min() if delayed else found.max())

@@ -11,7 +11,8 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -205,6 +206,19 @@ def part_of(
     return Part(cells, np.stack([rows + origin[0], columns + origin[1]]), block[:, rows, columns])
 
 
+def combine(parts: Sequence[Part]) -> Part:
+    """One part in place of those of a row of tiles: the cells of each row are merged to one."""
+    cells = CellMoments.concatenate([p.cells for p in parts]).by_place()
+    rows, starts = np.unique(cells.keys[:, 0], return_index=True)
+    if len(rows):
+        each = [cells.where(np.arange(*ends)).total() for ends in pairwise([*starts.tolist(), len(cells.n)])]
+        cells = CellMoments.concatenate([CellMoments.from_moments(m) for m in each])
+        cells = replace(cells, keys=np.stack([rows, np.zeros_like(rows)], axis=1))
+    kept = [p for p in parts if p.values is not None]
+    places = np.concatenate([p.places for p in parts], axis=1)
+    return Part(cells, places, np.concatenate([p.values for p in kept], axis=1) if kept else None)
+
+
 def fit(
     image: npt.NDArray[Any],
     *,
@@ -284,6 +298,14 @@ def estimate(
             "to tell them apart. Check nodata and the background's area."
         )
     matrix, mean, rest, shrinkage = moments.covariance(), moments.mean, moments.rest, 0.0
+    beyond = ~np.isfinite(np.diag(matrix)) | ((np.diag(matrix) == 0) & (moments.minimum < moments.maximum))
+    if beyond.any():
+        b = int(np.argmax(beyond))
+        raise FitError(
+            f"{names[b] if names else f'band {b + 1}'} goes from {moments.minimum[b]:g} to {moments.maximum[b]:g}, "
+            "squares of which are beyond double precision. Bring it to other units, or mark what is not valid as "
+            "nodata."
+        )
     if covariance == "ridge":
         matrix, shrinkage = estimates.ridged(matrix, ridge), ridge
     elif covariance == "oas":

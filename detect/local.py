@@ -32,6 +32,8 @@ BORDERS = ("shrink", "mirror", "shift")
 """What the window does where it reaches beyond the image: lose what is outside, mirror it, or move inside."""
 KERNEL_BANDS = 24
 """Most bands for which sums over windows are faster than the ring's pixels one by one."""
+MOST_SUMS = 1 << 30
+"""Memory for sums over windows, a thread [byte]."""
 FINE, DEFICIENT, TOO_FEW = 0, 1, 2
 STATES = {
     DEFICIENT: "the ring's covariance has not full rank: pseudo-inverse",
@@ -168,6 +170,7 @@ def score_part(
     """
     (row0, row1), (col0, col1) = part
     shape = (row1 - row0, col1 - col0)
+    _check_memory(len(block), rule)
     dtype = np.float64 if block.dtype == np.float64 else np.float32
     scores = np.full(shape, np.nan, dtype)
     good = np.isfinite(block).all(axis=0)
@@ -204,6 +207,17 @@ def window_rule(
     """
     check_window(inner, outer, border, size)
     return WindowRule(inner, outer, border, ddof, ridge, size)
+
+
+def _check_memory(bands: int, rule: WindowRule) -> None:
+    """Refuse a window whose sums, all those of its rows at a time, take a machine's memory."""
+    sums = 1 + bands + bands * (bands + 1) // 2
+    need = 8 * sums * (rule.outer + 1) * (rule.outer + CELL)
+    if bands <= KERNEL_BANDS and need > MOST_SUMS:
+        raise InputError(
+            f"window: {rule.outer} pixels of {bands} bands take {need / 2**30:.1f} GiB a thread, allowed is "
+            f"{MOST_SUMS >> 30}. Take a smaller window, fewer bands, or rx."
+        )
 
 
 def _cells(part: Window) -> Iterator[Window]:

@@ -66,7 +66,8 @@ _STRIP = 1 << 19
 """Pixels that a thread scores at a time."""
 _KERNEL_BANDS = 32
 """Most bands for which the compiled kernel is faster than BLAS."""
-_SMALL = 1e-12
+_SMALL = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
+"""Standard deviations by which a mean may be off, by the type of the scores."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +196,7 @@ def score(
 def _by_blas(flat: npt.NDArray[Any], first: int, detector: Detector, matrix: Float64, rank: int, out: Scores) -> None:
     """Fill `out` with the scores of pixels from `first` on, by matrix products."""
     moved = (matrix @ detector.rest)[:, None]
-    shifted = bool(np.abs(moved).max(initial=0) > _SMALL)
+    shifted = bool(np.abs(moved).max(initial=0) > _SMALL[out.dtype])
     # always the same width: BLAS may add in another order at the end of a shorter one
     width = min(_PRODUCTS // max(matrix.size, 1), _CHUNK)
     width = width if width >= _NARROW else _CHUNK_MANY
@@ -229,6 +230,8 @@ def _by_kernel(flat: npt.NDArray[Any], first: int, detector: Detector, matrix: F
     from ._rx_kernel import FEW, squared_lengths, squared_lengths_of_few
 
     bands = len(flat)
+    if flat.dtype == np.float16:  # which the compiler does not know
+        flat, first = flat[:, first : first + len(out)].astype(np.float32), 0
     if detector.linear is None and bands <= FEW:
         filled, mean, moved = np.zeros((FEW, FEW)), np.zeros(FEW), np.zeros(FEW)
         filled[:rank, :bands], mean[:bands], moved[:rank] = matrix, detector.mean, matrix @ detector.rest

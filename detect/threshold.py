@@ -100,7 +100,8 @@ class Tail:
         """How many scores are greater than a value; None where it lies below all that was kept."""
         if len(self.values) < self.n and not (len(self.values) and value >= self.values[-1]):
             return None
-        return int(np.count_nonzero(self.values > value))
+        with np.errstate(over="ignore"):  # beyond float32 is above all of float32
+            return int(np.count_nonzero(self.values > value))
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,8 @@ class Threshold:
 
     def exceeded(self, scores: Scores) -> npt.NDArray[np.bool_]:
         """True where a score is greater than the threshold; False where it is NaN."""
-        return np.asarray(np.asarray(scores) > self.value)
+        with np.errstate(over="ignore"):
+            return np.asarray(np.asarray(scores) > self.value)
 
     def measured(self, above: int, n: int) -> Threshold:
         """The same with the rate that it gave: `above` of `n` valid scores were greater."""
@@ -175,11 +177,12 @@ def from_f(pfa: float, bands: int, n: int) -> Threshold:
     of one new observation (Anderson 2003, "An Introduction to Multivariate Statistical Analysis", sec. 5.2).
     It becomes chi2 as n grows.
     """
-    from scipy.special import betainccinv
+    from scipy.special import betainccinv, betaincinv
 
     _check(pfa, bands, n)
-    z = betainccinv(bands / 2, (n - bands) / 2, pfa)  # z/(1-z) = F bands/(n-bands), without loss at small pfa
-    return Threshold(float((n * n - 1) / n * z / (1 - z)), "f", pfa, n=n)
+    # z / rest = F bands/(n-bands) and z + rest = 1; either may be too near to 1 to tell the other
+    z, rest = betainccinv(bands / 2, (n - bands) / 2, pfa), betaincinv((n - bands) / 2, bands / 2, pfa)
+    return Threshold(float((n * n - 1) / n * z / rest), "f", pfa, n=n)
 
 
 def p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArray[np.float64]:
@@ -190,14 +193,15 @@ def p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArray[np.
     ndarray
         float64 of the scores' shape; NaN where a score is NaN.
     """
-    from scipy.special import betaincc, chdtrc
+    from scipy.special import betainc, betaincc, chdtrc
 
     _check(0.5, bands, n)
     distance = np.maximum(np.asarray(scores, np.float64), 0)
     if n is None:
         return np.asarray(chdtrc(bands, distance))
     w = distance * (n / (n * n - 1))
-    return np.asarray(betaincc(bands / 2, (n - bands) / 2, w / (1 + w)))
+    half, other = bands / 2, (n - bands) / 2  # of the two shares of 1, the smaller keeps its digits
+    return np.asarray(np.where(w < 1, betaincc(half, other, w / (1 + w)), betainc(other, half, 1 / (1 + w))))
 
 
 def fast_p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArray[np.float64]:
@@ -296,10 +300,12 @@ def from_gpd(scores: Scores | Tail, pfa: float, *, tail_fraction: float = 0.01) 
     if k < _LEAST_EXCEEDANCES or excess[0] == excess[-1]:
         raise FitError(
             f"the tail of {tail.n} scores has {k} different enough to be fitted, need {_LEAST_EXCEEDANCES}. "
-            "Take more pixels, or a threshold by quantile."
+            "Take more pixels, or a threshold by quantile (empirical)."
         )
     if k / tail.n < pfa:
-        raise InputError(f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile.")
+        raise InputError(
+            f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile (empirical)."
+        )
     shape, scale, moments = pareto.fit(excess)
     value = u + pareto.excess_at(k / tail.n / pfa, shape, scale)
     error = pareto.standard_error(tail.n, k, pfa, shape, scale)

@@ -16,10 +16,11 @@ import numpy.typing as npt
 
 from deglint.errors import InputError
 from deglint.pipeline import default_threads
+from deglint.pipeline.chunks import over_tiles
 from deglint.readers.arrays import open_array
 from deglint.scene import Scene
 from deglint.tiles import Tile
-from deglint.xr import need_xarray, over_tiles
+from deglint.xr import need_xarray
 
 from .background import Background
 from .local import CELL

@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -27,15 +26,8 @@ def rows(text):
 
 def test_digits():
     table = rows(printed("benchmarks", "digits", "--quick"))
-    for name in ("NIST NumAcc4", "float32, counts 10000 +- 10, 1e+05 px"):
-        for cell in table[name][:2]:  # both engines of deglint
-            assert min(map(int, re.findall(r"\d+", cell))) >= 13
-
-
-def test_detect():
-    table = rows(printed("benchmarks", "detect", "--quick"))
-    assert all(float(cells[-1]) > 0 for name, cells in table.items() if name.startswith("global"))
-    assert "rxdetect score" in table
+    assert float(table["NumAcc4, mean"][0]) > 15
+    assert float(table["plain"][0]) > 15
 
 
 @pytest.mark.shared
@@ -50,30 +42,12 @@ def test_error():
         assert float(ours) == pytest.approx(float(theirs), rel=0.005)
 
 
-def test_synthetic_scene_is_the_same_every_time_and_so_is_its_copy(tmp_path):
-    import rasterio
-
-    for name in ("a.tif", "b.tif"):
-        options = ["--side", "300", "--dtype", "uint16", "--compress", "deflate"]
-        printed("benchmarks.scenes", str(tmp_path / name), *options)
-    with rasterio.open(tmp_path / "a.tif") as a, rasterio.open(tmp_path / "b.tif") as b:
-        assert a.count == 8
-        np.testing.assert_array_equal(a.read(), b.read())
-    printed("benchmarks.block_copy", str(tmp_path / "a.tif"), str(tmp_path / "copy.tif"))
-    with rasterio.open(tmp_path / "copy.tif") as copy, rasterio.open(tmp_path / "a.tif") as a:
-        np.testing.assert_array_equal(copy.read(), a.read())
-
-
-def test_children_are_measured_and_failures_told(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT))
-    from benchmarks.timing import FailedError, in_turns, rows_of, run_once, table
-
-    found = in_turns({"one": [sys.executable, "-c", "pass"], "two": [sys.executable, "-c", "1 / 0"]}, 2)
-    assert all(r.wall > 0 and r.peak > 1 for r in found["one"])
-    assert "ZeroDivisionError" in found["two"]
-    assert table(["a", "b", "c", "d", "e"], rows_of(found, "one")).count("\n") == 3
-    with pytest.raises(FailedError, match="gone"):
-        run_once([sys.executable, "-c", "raise SystemExit('gone')"])
+def test_the_product_is_called_by_its_names(tmp_path):
+    (tmp_path / "old.json").write_text('{"made": {}, "numbers": {}, "failed": {}}')
+    said = printed("benchmarks", "compare", *[str(tmp_path / "old.json")] * 2)
+    assert "nothing changed" in said
+    for name in ("peers", "report", "docs"):
+        assert "[OUT.html]" in printed("benchmarks", name, "--help")
 
 
 def test_plan():

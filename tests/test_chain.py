@@ -278,7 +278,7 @@ def test_the_default_chain_step_by_step():
     chain = fitted("identify-level:13, replace-level", block, Setting(BANDS))
     stage = chain.before[0]
     for b, band in enumerate(block):
-        level = rank_opening(band, 13) + np.float32(stage.offsets[b])
+        level = rank_opening(band, 13, corners=True) + np.float32(stage.offsets[b])
         glint = (band > level + np.float32(1.5 * stage.sigmas[b])) | (band >= 400)
         np.testing.assert_array_equal(compensate.apply(block, chain)[b], np.where(glint, level, band))
 
@@ -286,7 +286,7 @@ def test_the_default_chain_step_by_step():
 def test_halos_add_up():
     chain = fitted("psf:2, identify-level:13, replace-level, identify-level:5, replace-level")
     radius = max(p.radius for p in PSFS)
-    assert [s.halo for s in chain.before] == [5 * radius, 13, 0, 5, 0]
-    assert chain.halo == 5 * radius + 18
+    assert [s.halo for s in chain.before] == [5 * radius, 19, 0, 7, 0]
+    assert chain.halo == 5 * radius + 26
     assert chain.runs
     assert not Chain().runs

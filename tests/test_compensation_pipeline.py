@@ -37,7 +37,7 @@ def values(path):
 
 
 def error(image, truth, columns=None):
-    """As `benchmarks/error.py` has it: root mean square over the visible bands of RMSE / median(truth) [%]."""
+    """As `detect.bench.measure` has it: root mean square over the visible bands of RMSE / median(truth) [%]."""
     away = (image - truth)[:VISIBLE, :, :columns]
     each = np.sqrt((away**2).mean(axis=(1, 2))) / np.median(truth[:VISIBLE], axis=(1, 2))
     return 100 * np.sqrt((each**2).mean())

@@ -134,9 +134,9 @@ def test_offset_spread_and_cover_are_those_of_the_pixels_about_their_level():
     block = sea(shape=(300, 300), cover=0.08)
     stage = fitted(block)
     for b, band in enumerate(block):
-        away = (band - rank_opening(band, 5)).astype(np.float64)
+        away = (band - rank_opening(band, 5, corners=True)).astype(np.float64)
         quiet = sea(shape=(300, 300), cover=0.0)[b]
-        apart = (quiet - rank_opening(quiet, 5)).astype(np.float64)
+        apart = (quiet - rank_opening(quiet, 5, corners=True)).astype(np.float64)
         assert stage.offsets[b] == pytest.approx(np.median(apart), abs=0.5)
         assert stage.sigmas[b] == pytest.approx(apart.std(), rel=0.25)
         limit = stage.offsets[b] + np.array([COVER_K, CERTAIN_K]) * stage.sigmas[b]
@@ -145,7 +145,8 @@ def test_offset_spread_and_cover_are_those_of_the_pixels_about_their_level():
         assert stage.spectrum[b] == pytest.approx(away.mean(), rel=1e-9)
     np.testing.assert_array_equal(
         hits(stage, block)[0],
-        block[0] > (rank_opening(block[0], 5) + np.float32(stage.offsets[0])) + np.float32(1.5 * stage.sigmas[0]),
+        block[0]
+        > (rank_opening(block[0], 5, corners=True) + np.float32(stage.offsets[0])) + np.float32(1.5 * stage.sigmas[0]),
     )
 
 

@@ -14,6 +14,7 @@ from deglint.compensate.level import (
     agreeing,
     blurred,
     detail_of,
+    diamond_of,
     level_halo,
     opened_level,
     rank_opening,
@@ -42,15 +43,25 @@ def footprint(size, shape):
         return np.ones((size, size), bool)
     radius = size // 2
     down, across = np.mgrid[-radius : radius + 1, -radius : radius + 1]
+    if shape == "diamond":
+        return abs(down) + abs(across) <= radius
     return abs(down) + abs(across) <= round(1.45 * radius)
 
 
-def opening(band, size, shape="square"):
+def opening(band, size, shape="square", corners=False):
     """The definition in float64, by scipy: what lies beyond the edge or is not valid has no say."""
     foot = footprint(size, shape)
     some = np.where(np.isnan(band), np.inf, band).astype(np.float64)
     low = ndimage.minimum_filter(some, footprint=foot, mode="constant", cval=np.inf)
-    low = ndimage.median_filter(low, 3, mode="nearest")
+    middle = ndimage.median_filter(low, 3, mode="nearest")
+    if corners:  # squares of 2 x 2 that begin in the image
+        rows, columns = low.shape
+        wide = np.pad(low, ((0, 1), (0, 1)), constant_values=np.inf)
+        least = np.min([wide[i : i + rows, j : j + columns] for i in (0, 1) for j in (0, 1)], axis=0)
+        wide = np.pad(least, ((1, 0), (1, 0)), constant_values=-np.inf)
+        starts = [wide[i : i + rows, j : j + columns] for i in (0, 1) for j in (0, 1)]
+        middle = np.maximum(middle, np.max(starts, axis=0))
+    low = middle
     low = np.where(np.isinf(low), -np.inf, low)
     found = ndimage.maximum_filter(low, footprint=foot, mode="constant", cval=-np.inf)
     return np.where(np.isinf(found), np.nan, found)
@@ -63,21 +74,32 @@ def test_examples(name):
 
 @pytest.mark.parametrize("holes", [0.0, 0.1, 0.9])
 @pytest.mark.parametrize("size", [1, 3, 5, 11, 13])
-@pytest.mark.parametrize("shape", ["square", "octagon"])
-def test_is_the_definition(shape, size, holes):
+@pytest.mark.parametrize("corners", [False, True])
+@pytest.mark.parametrize("shape", ["square", "octagon", "diamond"])
+def test_is_the_definition(shape, corners, size, holes):
     band = sparkle(holes=holes)
     before = band.copy()
-    np.testing.assert_array_equal(rank_opening(band, size, shape=shape), opening(band, size, shape))
+    found = rank_opening(band, size, shape=shape, corners=corners)
+    np.testing.assert_array_equal(found, opening(band, size, shape, corners))
     np.testing.assert_array_equal(band, before)
 
 
-@pytest.mark.parametrize("size", [3, 5, 7, 9, 11, 13, 15, 21])
-def test_small_elements_make_the_large_one(size):
+@pytest.mark.parametrize("shape", ["octagon", "diamond"])
+@pytest.mark.parametrize("size", [3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 43])
+def test_small_elements_make_the_large_one(size, shape):
     point = np.zeros((size + 4, size + 4))
     point[size // 2 + 2, size // 2 + 2] = 1
-    for element in elements(size, "octagon"):
+    for element in elements(size, shape):
         point = ndimage.maximum_filter(point, footprint=element.astype(bool))
-    np.testing.assert_array_equal(point[2:-2, 2:-2] > 0, footprint(size, "octagon"))
+    np.testing.assert_array_equal(point[2:-2, 2:-2] > 0, footprint(size, shape))
+
+
+def test_the_diamond_is_as_large_as_the_square():
+    for size in range(5, 40, 2):
+        smaller, own, larger = (
+            abs(int(footprint(diamond_of(size) + more, "diamond").sum()) - size**2) for more in (-2, 0, 2)
+        )
+        assert own <= min(smaller, larger)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (7, 1), (3, 4), (12, 200)])
@@ -114,19 +136,24 @@ def test_squares_survive_to_the_size_of_the_element_and_smaller_things_go():
         band[20 : 20 + side, 22 : 22 + side] = 7
         found = rank_opening(band, 13)
         assert found.max() == (7 if side >= 15 else 0)  # a median of 3 takes the corners of what erosion leaves
+        np.testing.assert_array_equal(rank_opening(band, 13, corners=True), band if side >= 14 else 0)
     flat = np.full((40, 40), 3.0, np.float32)
     np.testing.assert_array_equal(rank_opening(flat, 13), flat)
 
 
-def test_detail_is_the_rounder_opening_grown_by_a_pixel_under_a_small_one():
+def test_detail_is_the_rounder_opening_grown_by_a_pixel_under_a_small_one_and_the_diamond():
     band = sparkle(holes=0.02)
-    base = rank_opening(band, 13)
+    base = rank_opening(band, 13, corners=True)
     octagon = opening(band, 11, "octagon")
-    grown = np.minimum(ndimage.maximum_filter(np.nan_to_num(octagon, nan=-np.inf), 3), opening(band, 3))
-    wanted = np.nan_to_num(np.maximum(octagon, grown) - base.astype(np.float64), nan=0.0, neginf=0.0, posinf=0.0)
+    cross = ndimage.generate_binary_structure(2, 1)
+    around = ndimage.maximum_filter(np.nan_to_num(octagon, nan=-np.inf), footprint=cross)
+    grown = np.minimum(around, opening(band, 3))
+    diamond = opening(band, 19, "diamond", corners=True)
+    wanted = np.fmax(np.maximum(octagon, grown), diamond) - base.astype(np.float64)
     both = np.isfinite(octagon) & np.isfinite(base)
-    np.testing.assert_allclose(detail_of(band, base, 11)[both], np.maximum(wanted, 0)[both], rtol=1e-6)
-    assert (detail_of(band, base, 11) >= 0).all()
+    found = detail_of(band, base, 11, 13)
+    np.testing.assert_allclose(found[both], np.maximum(np.nan_to_num(wanted, nan=0.0), 0)[both], rtol=1e-6)
+    assert (found >= 0).all()
 
 
 def most_of_two_neighbours(scaled, i):
@@ -142,7 +169,7 @@ def test_details_are_kept_where_two_neighbours_agree(count):
     details = rng.gamma(1.0, 3.0, (count, 20, 30)).astype(np.float32)
     spectrum = rng.uniform(0.5, 2.0, count)
     found = details.copy()
-    agreeing(list(found), list(spectrum))
+    agreeing(found, list(spectrum))
     if count < 3:
         assert not found.any()
         return
@@ -157,7 +184,7 @@ def test_a_flash_of_one_band_is_no_detail_and_a_thing_of_all_is():
     alone[2, 4, 4] = 5
     everywhere[:, 4, 4] = 5
     for details in (alone, everywhere):
-        agreeing(list(details), [1.0] * 5)
+        agreeing(details, [1.0] * 5)
     assert not alone.any()
     assert (everywhere[:, 4, 4] == 5).all()
 
@@ -219,8 +246,8 @@ def test_tiles_are_the_whole_to_the_bit(name, data):
 
 def test_a_level_of_one_band_and_of_nothing():
     band = sparkle()
-    np.testing.assert_array_equal(opened_level([band], 13)[0], rank_opening(band, 13))
+    np.testing.assert_array_equal(opened_level([band], 13)[0], rank_opening(band, 13, corners=True))
     one = opened_level([band], 13, detail=11, order=(0,), spectrum=(1.0,))  # one band has no neighbours to agree with
-    np.testing.assert_array_equal(one[0], rank_opening(band, 13))
+    np.testing.assert_array_equal(one[0], rank_opening(band, 13, corners=True))
     assert np.isnan(opened_level([np.full((8, 8), np.nan, np.float32)] * 3, 5, detail=3, order=(0, 1, 2),
                                  spectrum=(1.0, 1.0, 1.0), psfs=[GREEN] * 3)).all()  # fmt: skip

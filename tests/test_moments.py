@@ -183,6 +183,41 @@ def test_a_part_of_the_rows_is_as_a_slice(compiled, dtype, masked):
             np.testing.assert_array_equal(getattr(part, name), getattr(sliced, name))
 
 
+@settings(max_examples=20, deadline=None)
+@given(
+    rows=st.lists(st.integers(1, 3), max_size=2, unique=True),
+    columns=st.lists(st.integers(1, 8), max_size=3, unique=True),
+    levels=st.integers(0, 4),
+)
+def test_groups_of_cells_do_not_depend_on_the_tiling(rows, columns, levels):
+    """Rows of tiles are joined by themselves, as in a reduction; then the whole."""
+    rng = np.random.default_rng(8)
+    block = rng.normal(1e5, 1, (2, 4 * 16 - 5, 9 * 16 - 3))
+    mask = rng.random(block.shape[1:]) < 0.9
+    mask[:, 50:90] = False
+    whole = cell_moments(block, mask, cell=16).joined(levels)
+    tiles_of_a_row = []
+    for r0, r1 in split(block.shape[1], [16 * r for r in sorted(rows)]):
+        parts = [
+            cell_moments(block[:, r0:r1, c0:c1], mask[r0:r1, c0:c1], origin=(r0, c0), cell=16)
+            for c0, c1 in split(block.shape[2], [16 * c for c in sorted(columns)])
+        ]
+        tiles_of_a_row.append(CellMoments.concatenate(parts).joined(levels))
+    found = CellMoments.concatenate(tiles_of_a_row).joined(levels)
+    for name in ("keys", "n", "mean", "comoment", "minimum", "maximum", "rest"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
+    total, plain = found.total(), cell_moments(block, mask, cell=16).total()
+    assert total.n == plain.n == np.count_nonzero(mask)
+    np.testing.assert_allclose(total.comoment, plain.comoment, rtol=1e-12)
+    np.testing.assert_allclose(total.mean, plain.mean, rtol=1e-15)
+
+
+def test_groups_hold_neighbours_of_one_row_alone():
+    joined = cell_moments(np.ones((1, 48, 160)), cell=16).joined(2)
+    assert joined.keys.tolist() == [[r, c] for r in range(3) for c in (0, 4, 8)]
+    assert joined.n.tolist() == [1024, 1024, 512] * 3
+
+
 def test_merge_of_totals():
     rng = np.random.default_rng(6)
     block = rng.normal(size=(2, 10, 30))

@@ -37,6 +37,18 @@ def test_coherence_is_the_correlation_of_what_a_window_leaves():
     high = [b - ndimage.uniform_filter(np.nan_to_num(b).astype(np.float64), HIGH_PASS, mode="mirror") for b in block]
     wanted = max(np.corrcoef(high[b][near], high[NIR][near])[0, 1] for b in (1, 2))
     assert coherence([block], [mask], BANDS, NIR) == pytest.approx(wanted, abs=1e-5)
+    wanted = min(np.corrcoef(high[b][near], high[NIR][near])[0, 1] for b in (1, 2))
+    assert coherence([block], [mask], BANDS, NIR, delayed=True) == pytest.approx(wanted, abs=1e-5)
+
+
+def test_boats_do_not_make_delayed_bands_one():
+    block = sea(0.0, (300, 300))
+    block[2] = 0.98 * (block[3] - 50) + 0.2 * (block[2] - 50) + 50  # the next band still sees most of the sparkle
+    rng = np.random.default_rng(2)
+    for row, column in rng.integers(10, 285, (20, 2)):
+        block[:, row : row + 3, column : column + 3] = 55
+    assert coherence([block], [all_of(block)], BANDS, NIR) > SIMULTANEOUS
+    assert coherence([block], [all_of(block)], BANDS, NIR, delayed=True) < SIMULTANEOUS
 
 
 @settings(max_examples=10)

@@ -77,7 +77,7 @@ def test_likelihood_is_the_normal_density_integrated_over_brightness():
 def test_chain_is_the_sum_of_its_steps_and_a_density():
     rng = np.random.default_rng(4)
     y = rng.gamma(0.5, 0.05, (3, 4000))
-    first, following = tables(y)
+    first, following = tables([y])
     step = (HIGH - LOW) / BINS
     assert np.exp(first).sum() * step == pytest.approx(1)
     assert (np.exp(following).sum(axis=2) * step) == pytest.approx(np.ones((2, BINS)))
@@ -361,3 +361,47 @@ def test_s_of_what_the_shapes_draw_leaves_the_room_it_is_given(learnt, monkeypat
     more = whole - by_steps / first_look.QUARTERS
     assert (more[counts] < first_look.ROOM).mean() > 0.99
     assert np.median(np.abs(more[counts])) < 3
+
+
+def test_what_one_outline_does_not_explain_is_what_singular_values_say():
+    rng = np.random.default_rng(9)
+    for count in (1, 2, 5, 9):
+        for roughness in (0.0, 0.05, 0.3):
+            own = np.outer(rng.random(count) + 0.1, RED) * (1 + roughness * rng.standard_normal((count, 8)))
+            power = np.linalg.svd(own, compute_uv=False) ** 2
+            found = kernels.changing(own, np.arange(count))
+            assert found == pytest.approx(1 - power[0] / power.sum(), abs=1e-6)
+    assert kernels.changing(np.zeros((3, 8)), np.arange(3)) == 1.0
+
+
+def test_squares_need_more_where_their_outline_changes():
+    """Against loops with numpy's singular values."""
+    rng = np.random.default_rng(11)
+    high = np.where(rng.random((30, 31)) < 0.3, rng.uniform(1, 20, (30, 31)), -np.inf)
+    own, place = rng.random((high.size, 1)) * RED, np.arange(high.size).reshape(high.shape)
+    own[high.size // 2 :] *= 1 + 0.2 * rng.standard_normal((high.size - high.size // 2, 8))
+    found, wanted = np.zeros(high.shape, bool), np.zeros(high.shape, bool)
+    kernels.rigid(high, place, own, LEAST_SCORE, 25.0, 0.0125, found)
+    for r, c in np.ndindex(high.shape):
+        square = slice(max(r - 1, 0), r + 2), slice(max(c - 1, 0), c + 2)
+        part = high[square] > LEAST_SCORE
+        if part.any():
+            power = np.linalg.svd(own[place[square][part]], compute_uv=False) ** 2
+            need = 25.0 * max(1.0, (1 - power[0] / power.sum()) / 0.0125)
+            wanted[square] |= part & (high[square][part].sum() >= need)
+    np.testing.assert_array_equal(found, wanted)
+    assert found.any()
+    assert (clusters(high, 25.0) & ~found).any()
+
+
+def test_a_flash_that_lasts_and_spreads_is_no_thing(learnt):
+    raw, level = sea(4)
+    raw[:, 20:23, 20:23] = level[:, 20:23, 20:23]
+    for b in range(8):  # red light that begins at another instant in each pixel
+        for place_of, start in (((20, 20), 3), ((20, 21), 4), ((21, 20), 5)):
+            raw[(b, *place_of)] += 0.4 if b > start else 0.028
+    place(raw, 80, 80, 2, RED)
+    found = protect.things(raw, level, learnt)
+    assert found.mask[80:82, 80:82].all()
+    assert not found.mask[18:25, 18:25].any()
+    assert clusters(found.score, learnt.threshold)[20:22, 20:22].any()  # without the outline it would be

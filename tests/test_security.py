@@ -2,6 +2,7 @@
 
 import json
 import re
+import struct
 import subprocess
 import sys
 import textwrap
@@ -110,6 +111,28 @@ def test_a_mosaic_that_holds_itself_ends(deglint, tmp_path):
     ran = deglint("remove", vrt(tmp_path / "a.vrt", 500, 500, source="a.vrt"), tmp_path / "o.tif", *RUN, "--nir", "4")
     assert ran.code == 1
     assert ran.err.count("\n") == 1
+
+
+def deep(path, directories, *, loop=False):
+    """A TIFF of 64 x 64 pixels and so many reduced images, the last of which may lead to the first again."""
+    size = 2 + 12 * 10 + 4
+    out = bytearray(b"II*\0" + struct.pack("<I", 8))
+    for i in range(directories):
+        side, last = (32 if i else 64), i + 1 == directories
+        tags = ((254, 4, bool(i)), (256, 4, side), (257, 4, side), (258, 3, 8), (259, 3, 1), (262, 3, 1), (273, 4, 8),
+                (277, 3, 1), (278, 4, side), (279, 4, side**2))  # fmt: skip
+        out += struct.pack("<H", 10) + b"".join(struct.pack("<HHII", tag, kind, 1, n) for tag, kind, n in tags)
+        out += struct.pack("<I", 8 + size * (i + 1) if not last else 8 * loop)
+    path.write_bytes(out + bytes(64 * 64))
+    return path
+
+
+@pytest.mark.parametrize(("directories", "loop"), [(5_000, False), (3, True)], ids=["many", "in a circle"])
+def test_deep_overviews_do_no_harm(deglint, tmp_path, directories, loop):
+    """GDAL stops by itself; the scene is read all the same."""
+    ran = deglint("info", deep(tmp_path / "a.tif", directories, loop=loop))
+    assert ran.code == 0, ran.err
+    assert "64 x 64 pixels" in ran.out
 
 
 LITTLE = """

@@ -102,6 +102,33 @@ def test_results_come_in_order_and_few_wait():
     assert most <= 5
 
 
+def test_results_of_a_row_of_tiles_are_combined():
+    everything = tiles.tiles(250, 330, (100, 100))
+    told = []
+    found = list(tiles.run(everything, lambda t: t.col0, threads=3, combine=list,
+                           progress=lambda done, total: told.append((done, total))))  # fmt: skip
+    assert found == [(tiles.Tile(r, min(r + 100, 250), 0, 330), [0, 100, 200, 300]) for r in (0, 100, 200)]
+    assert told[-1] == (12, 12)
+    assert list(tiles.run([], lambda t: t, combine=list)) == []
+
+
+def test_what_is_kept_of_a_large_sample_is_bounded(sea, write, tmp_path, monkeypatch):
+    """Standard errors of many cells are taken between groups of them; any tiling gives the same groups."""
+    source = write(tmp_path / "in.tif", sea(420, 650), tiled=True, blockxsize=64, blockysize=64)
+    recipe = Recipe(method="joyce", sample="all", mask="none")
+    whole = library.fit_scene(library.open_scene(source), recipe).model
+    monkeypatch.setattr("deglint.remove.statistics.MOST_CELLS", 20)
+    found = []
+    for samples in (4 * 64 * 64, 4 * 192 * 192, 1 << 22):
+        monkeypatch.setattr(tiles, "SAMPLES", samples)
+        found.append(library.fit_scene(library.open_scene(source), recipe).model)
+    assert found[0] == found[1] == found[2]
+    for one, other in zip(found[0].fits, whole.fits, strict=True):
+        assert one.slope == pytest.approx(other.slope, rel=1e-12)
+        assert one.stderr == pytest.approx(other.stderr, rel=0.5)
+        assert one.stderr != other.stderr
+
+
 def test_a_consumer_that_leaves_stops_the_work():
     done = []
     running = tiles.run(tiles.tiles(6400, 64, (64, 64)), done.append, threads=2)

@@ -67,6 +67,8 @@ def on_cluster(command: Callable[..., Any]) -> Callable[..., Any]:
                          "the input and the output's directory."),
             click.option("--workers", type=click.IntRange(1, 1024), metavar="N",
                          help="Work on N processes of this machine in place of threads."),
+            click.option("--worker-memory", metavar="SIZE", help="With --workers: what each may hold, such as 1GiB; its"
+                         " share of the machine's by default. One that holds more is ended, and its tiles done again."),
         ]
     ):  # fmt: skip
         command = option(command)
@@ -76,6 +78,8 @@ def on_cluster(command: Callable[..., Any]) -> Callable[..., Any]:
 @contextlib.contextmanager
 def cluster_of(given: dict[str, Any], talk: Talk) -> Iterator[Any]:
     """The cluster that the options name, or None; says at the end what memory its workers took."""
+    if given["worker_memory"] and given["workers"] is None:
+        raise click.UsageError("--worker-memory limits the processes that --workers starts: give that, too.")
     if given["cluster"] is None and given["workers"] is None:
         yield None
         return
@@ -85,7 +89,7 @@ def cluster_of(given: dict[str, Any], talk: Talk) -> Iterator[Any]:
         raise click.UsageError("--workers starts a cluster of its own: leave it out with --cluster.")
     from ..pipeline.cluster import connect
 
-    with connect(given["cluster"], workers=given["workers"]) as cluster:
+    with connect(given["cluster"], workers=given["workers"], memory=given["worker_memory"] or "auto") as cluster:
         yield cluster
         held = sorted(cluster.memory().values())
         talk.say(f"{len(held)} workers, each held at most {held[-1] / 1e6:.0f} MB" if held else "no worker was needed")

@@ -66,6 +66,14 @@ from .running import keep_memory
     help="How slopes are fitted; auto: detrended for an automatic sample, else ols.",
 )
 @click.option(
+    "--tolerance",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    metavar="SHARE",
+    help="Relative standard error of the slopes, such as 0.01, at which enough of the sample is read: squares spread "
+    "over it are read until every band that is corrected is known so well, or all is read. Without it, the whole "
+    "sample that was named, or the usual 0.3 million pixels where it is found.",
+)
+@click.option(
     "--floor-percentile",
     type=click.FloatRange(0, 100),
     default=0.0,
@@ -133,8 +141,12 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """  # fmt: skip
     from ..pipeline import Recipe, load_chain, load_model, remove_glint
 
-    if given["model_in"] and any(given[k] != "auto" for k in ("method", "sample", "regression")):
-        raise click.UsageError("--model applies a fit that is there: leave out --method, --sample and --regression.")
+    if given["model_in"] and (
+        given["tolerance"] or any(given[k] != "auto" for k in ("method", "sample", "regression"))
+    ):
+        raise click.UsageError(
+            "--model applies a fit that is there: leave out --method, --sample, --regression and --tolerance."
+        )
     keep_memory()
     talk = Talk(quiet=given["quiet"])
     recipe = Recipe(
@@ -142,6 +154,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         sample=given["sample"], mask=given["mask"], regression=given["regression"],
         floor_percentile=given["floor_percentile"], rrs_factor=given["rrs_factor"],
         compensate=given["compensate"], smallest_object=given["smallest_object"],
+        tolerance=given["tolerance"] or 0.0,
     )  # fmt: skip
     try:
         with cluster_of(given, talk) as cluster:

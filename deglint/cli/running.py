@@ -18,7 +18,7 @@ import click
 
 from ..errors import DeglintError, NoWaterError
 
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
 
 
 class Commands(click.Group):
@@ -89,6 +89,7 @@ def keep_memory() -> None:
         mallopt = ctypes.CDLL(None).mallopt
         mallopt(_TRIM_THRESHOLD, 512 << 20)
         mallopt(_MMAP_THRESHOLD, 64 << 20)
+        mallopt(_ARENA_MAX, 1)  # threads of their own arenas give whole pieces of 64 MB back, whatever the threshold
 
 
 def printable(text: str) -> str:
@@ -106,6 +107,8 @@ def _explained(error: BaseException) -> tuple[int, str]:
         return 1, "Error: out of memory. Use fewer --threads, or a machine with more."
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return 1, "Error: too many open files. Use fewer --threads or inputs, or raise the limit (ulimit -n)."
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO) and not error.filename:
+        return 1, f"Error: cannot write to standard output: {error.strerror}."  # a file's trouble is told by who wrote
     line = (str(error).splitlines() or [""])[0]
     return 1, f"Error: {type(error).__name__}: {printable(line)} (a fault of deglint's own; -vv shows where)"
 

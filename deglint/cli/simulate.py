@@ -12,6 +12,7 @@ import click
 # What --help shows without loading the simulator; a test holds them equal to it.
 PRESET_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
 SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
+LEAST_SIDE, MOST_SIDE = 8, 16384
 SLOPE_NAMES = ("cox-munk", "cox-munk-gaussian")
 SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
 
@@ -23,6 +24,8 @@ def size(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int,
         rows, columns = parts if len(parts) == 2 else (*parts, *parts)
     except ValueError:
         raise click.BadParameter(f"{value!r} is not a number of pixels, nor ROWSxCOLUMNS.") from None
+    if not all(LEAST_SIDE <= side <= MOST_SIDE for side in (rows, columns)):
+        raise click.BadParameter(f"a side must be {LEAST_SIDE} to {MOST_SIDE} pixels, got {rows} x {columns}.")
     return rows, columns
 
 

@@ -17,6 +17,8 @@ SPREAD = math.log(300.0)
 """Brightness is anything from 0.5 % to 150 %, any factor as likely as any other."""
 HOPELESS = 30.0
 """A shape whose chi-square at first sight, with bends taken for noise, is above this is none."""
+STEPS_OF_POWER = 16
+"""Iterations of the power method; what is looked for is within 1e-4 where it is small."""
 LANES = 16
 """Shapes that are added up side by side."""
 QUIET, INVALID = -32768, -32767
@@ -113,6 +115,61 @@ def squares(score, least, threshold, out):  # type: ignore[no-untyped-def]
                 for down in range(max(i, 1), min(i + 3, rows + 1)):
                     for right in range(max(j, 1), min(j + 3, columns + 1)):
                         out[i, j] |= sums[down, right] >= threshold
+
+
+@nb.njit(cache=True, nogil=True)
+def rigid(score, place, own, least, threshold, changes, out):  # type: ignore[no-untyped-def]
+    """Pixels above `least` in a 3 x 3 square that sums up to the threshold, or to more if its outline changes.
+
+    place : (row, column), where in `own` a pixel is; own : (pixel, band), its excess; changes : part of the power that
+    one outline need not explain
+    """
+    rows, columns = score.shape
+    inside = np.empty(9, np.int64)
+    for i in range(rows):
+        for j in range(columns):
+            out[i, j] = False
+    for i in range(rows):
+        for j in range(columns):
+            total, count = 0.0, 0
+            for k in range(max(i - 1, 0), min(i + 2, rows)):
+                for m in range(max(j - 1, 0), min(j + 2, columns)):
+                    if score[k, m] > least:
+                        total += score[k, m]
+                        inside[count] = place[k, m]
+                        count += 1
+            if total < threshold or total * changes < threshold * changing(own, inside[:count]):
+                continue
+            for k in range(max(i - 1, 0), min(i + 2, rows)):
+                for m in range(max(j - 1, 0), min(j + 2, columns)):
+                    out[k, m] |= score[k, m] > least
+
+
+@nb.njit(cache=True, nogil=True)
+def changing(own, inside):  # type: ignore[no-untyped-def]
+    """Part of the power of some pixels' excess that no one outline, seen in all bands, explains.
+
+    1 less the largest eigenvalue of the bands' products over their sum, by the power method.
+    """
+    count = own.shape[1]
+    products, v = np.zeros((count, count)), np.full(count, 1 / math.sqrt(count))
+    for n in inside:
+        for a in range(count):
+            for b in range(count):
+                products[a, b] += own[n, a] * own[n, b]
+    power = most = 0.0
+    for a in range(count):
+        power += products[a, a]
+    for _ in range(STEPS_OF_POWER):
+        w = np.zeros(count)
+        for a in range(count):
+            for b in range(count):
+                w[a] += products[a, b] * v[b]
+        most = math.sqrt((w * w).sum())
+        if most == 0:
+            return 1.0
+        v = w / most
+    return 1.0 - most / power
 
 
 @nb.njit(cache=True, nogil=True)

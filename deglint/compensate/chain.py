@@ -7,7 +7,8 @@ made of the sample, and is then a frozen value of plain numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
@@ -84,8 +85,10 @@ class Sharpen:
     def apply(self, state: State) -> None:
         """Sharpen every band, or promise to do so, one at a time, when the level is built."""
         if not self.image:
-            source, psfs, iterations = state.image, self.psfs, self.iterations
-            state.sharp = lambda b: richardson_lucy(source[b], psfs[b], iterations=iterations)
+            source, sound = state.image, state.sound
+            state.sharp = lambda b, at: richardson_lucy(
+                source[b], self.psfs[b], iterations=self.iterations, within=at, sound=sound
+            )
             state.psfs = self.psfs
             return
         for b, (band, psf) in enumerate(zip(state.image, self.psfs, strict=True)):
@@ -322,6 +325,7 @@ def fit_stages(
     setting: Setting,
     *,
     bands: Sequence[int] | None = None,
+    each: Callable[..., Iterable[Any]] = map,
 ) -> tuple[Stage, ...]:
     """Fit stages to a sample, each on what the one before it made; the sample's images are worked on in place.
 
@@ -333,6 +337,8 @@ def fit_stages(
     setting : Setting
     bands : sequence of int, optional
         Bands that `identify-level` looks at; all by default.
+    each : callable
+        What works on the blocks: `map`, or the map of a pool of threads.
 
     Raises
     ------
@@ -341,14 +347,13 @@ def fit_stages(
     """
     fitted = []
     for step in steps:
-        stage = _fit_stage(step, sample, setting, bands)
-        for state in sample.states:
-            stage.apply(state)
+        stage = _fit_stage(step, sample, setting, bands, each)
+        deque(each(stage.apply, sample.states), maxlen=0)
         fitted.append(stage)
     return tuple(fitted)
 
 
-def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any) -> Stage:
+def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, each: Callable[..., Iterable[Any]]) -> Stage:
     size = int(step.number or 0)
     units = sample.states[0].units
     floor, steps = (None if known is None else list(known / units) for known in (setting.floor, setting.steps))
@@ -372,24 +377,38 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any) -> Stag
         detail = size - 2 if setting.detail and size >= 5 else 0
         return fit_identify_level(
             sample.states, sample.inside, size=size, order=setting.order, saturation=setting.saturation,
-            detail=detail, bands=bands, floor=floor, steps=steps,
+            detail=detail, bands=bands, floor=floor, steps=steps, each=each,
         )  # fmt: skip
     if step.name == "replace-bands":
         return ReplaceBands(neighbours([b.wavelength for b in setting.bands]))
     return ReplaceLevel() if step.name == "replace-level" else Median(size or 25)
 
 
-def apply_stages(state: State, stages: Sequence[Stage]) -> State:
-    """Work on a block, in place.
+def apply_stages(state: State, stages: Sequence[Stage], cut: tuple[int, int, int, int] = (0, 0, 0, 0)) -> State:
+    """Work on a block, in place where nothing is cut off.
 
     Parameters
     ----------
     state : State
         The block with its halo.
     stages : sequence of stages
+    cut : (int, int, int, int)
+        Rows above and below, columns left and right, that are no part of the result. Stages need not work on what the
+        stages after them do not look at.
     """
+    reach = sum(stage.halo for stage in stages)
+    pending, done = 0, [0, 0, 0, 0]
     for stage in stages:
+        reach -= stage.halo
+        promised = isinstance(stage, Sharpen) and not stage.image  # it looks around when the level is built
+        pending = pending + stage.halo if promised else pending
+        if isinstance(stage, IdentifyLevel):
+            pending = 0
+        spare = [max(n - reach - pending, 0) for n in cut]
+        a, b, c, d = (now - before for now, before in zip(spare, done, strict=True))
+        state.spare, done = (a, b, c, d), spare
         stage.apply(state)
+        state.cut()
     return state
 
 

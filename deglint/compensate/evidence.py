@@ -11,9 +11,10 @@ the scene's own sparkle does from one instant to the next: a Markov chain in the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -136,20 +137,25 @@ def variance(raw: Float64, protection: Protection) -> Float64:
     return np.asarray(fixed[:, None] + rising[:, None] * np.maximum(raw, 0.0))
 
 
-def tables(y: Float64) -> tuple[Float64, Float64]:
-    """Log densities of the chain from reflectances (band, pixel); rare steps lean on the next band's own histogram."""
+def tables(parts: Iterable[Float64]) -> tuple[Float64, Float64]:
+    """Log densities of the chain from reflectances (band, pixel), part by part; rare steps lean on the next band's own
+    histogram."""
     from scipy.ndimage import gaussian_filter
 
     step = (HIGH - LOW) / BINS
-    place = np.clip(((np.arcsinh(y / UNIT) - LOW) / step).astype(np.int64), 0, BINS - 1)
-    alone = [
-        gaussian_filter(np.bincount(p, minlength=BINS).astype(np.float64), BLUR, mode="nearest") + 0.3 for p in place
-    ]
+    single: list[Any] = []
+    double: list[Any] = []
+    for y in parts:
+        place = [np.clip(((np.arcsinh(b / UNIT) - LOW) / step).astype(np.int64), 0, BINS - 1) for b in y]
+        counts = [np.bincount(p, minlength=BINS) for p in place]
+        steps = [np.bincount(p * BINS + q, minlength=BINS * BINS) for p, q in pairwise(place)]
+        single.append(counts)
+        double.append(steps)
+    alone = [gaussian_filter(counts, BLUR, mode="nearest") + 0.3 for counts in np.array(single, np.float64).sum(axis=0)]
     alone = [a / a.sum() for a in alone]
     following = []
-    for i in range(1, len(y)):
-        pairs = np.bincount(place[i - 1] * BINS + place[i], minlength=BINS * BINS).astype(np.float64)
-        table = gaussian_filter(pairs.reshape(BINS, BINS), BLUR, mode="nearest") + 3 * alone[i]
+    for pairs, after in zip(np.array(double, np.float64).sum(axis=0), alone[1:], strict=True):
+        table = gaussian_filter(pairs.reshape(BINS, BINS), BLUR, mode="nearest") + 3 * after
         following.append(np.log(table / table.sum(axis=1, keepdims=True) / step))
     return np.log(alone[0] / step), np.array(following)
 

@@ -19,7 +19,7 @@ doi:10.1080/01621459.1993.10476408 (median absolute deviation and its lower-side
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -115,15 +115,19 @@ class IdentifyLevel:
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
+        from ._level_kernels import mark
+
         level = _levels(state, self.bands, self.size, self.detail, self.order, self.spectrum)
-        state.level = np.full(state.image.shape, np.nan, np.float32) if len(level) < len(state.image) else level
-        limits: list[Any] = [np.float32(np.inf)] * len(state.image)
-        for band, found, offset, sigma in zip(self.bands, level, self.offsets, self.sigmas, strict=True):
-            found += np.float32(offset)
-            state.level[band] = found
-            limits[band] = found + np.float32(self.k * sigma)
-        saturation = [s if b in self.bands else np.inf for b, s in enumerate(self.saturation)]
-        state.hit = _above(state, limits, saturation) & np.isfinite(state.level)
+        state.cut()
+        state.level, state.hit = level, np.empty(state.image.shape, np.bool_)
+        if len(level) < len(state.image):
+            state.level, state.hit[:] = np.full(state.image.shape, np.nan, np.float32), False
+            state.level[list(self.bands)] = level
+        for band, offset, sigma in zip(self.bands, self.offsets, self.sigmas, strict=True):
+            rise, full = np.float32(self.k * sigma), _as_divided(self.saturation[band], state.units[band])
+            mark(state.image[band], np.float32(offset), rise, full, state.level[band], state.hit[band])
+        if state.where is not None:
+            state.hit &= state.where
 
 
 def fit_identify_median(
@@ -165,6 +169,7 @@ def fit_identify_level(
     bands: Sequence[int] | None = None,
     floor: Sequence[float] | None = None,
     steps: Sequence[float] | None = None,
+    each: Callable[..., Iterable[Any]] = map,
 ) -> IdentifyLevel:
     """How pixels without glint lie about the opened level.
 
@@ -188,6 +193,8 @@ def fit_identify_level(
         Least standard deviation of each band of the scene.
     steps : sequence of float, optional
         Of the numbers of each band of the scene, where they come in whole steps.
+    each : callable
+        What works on the blocks: `map`, or the map of a pool of threads.
 
     Raises
     ------
@@ -195,11 +202,12 @@ def fit_identify_level(
         Too few pixels to tell the spread of.
     """
     chosen = tuple(range(len(states[0].image)) if bands is None else sorted(set(bands)))
-    away: list[list[Float32Array]] = [[] for _ in chosen]
-    for state, mask in zip(states, inside, strict=True):
+
+    def above(state: State, mask: Mask) -> list[Float32Array]:
         level = _levels(state, chosen, size, 0, order, ())
-        for i, band in enumerate(chosen):
-            away[i].append(np.subtract(state.image[band], level[i])[mask])
+        return [np.subtract(state.image[band], level[i])[mask] for i, band in enumerate(chosen)]
+
+    away = zip(*each(above, states, inside), strict=True)
     whole = steps if states[0].psfs is None else None  # a blurred level is no whole number
     found = [
         _about(np.concatenate(a), floor[band] if floor else 0.0, whole[band] if whole else 0.0)
@@ -269,11 +277,16 @@ def _levels(
 ) -> Float32Array:
     """Opened level of some bands; `order` and `spectrum` are of the scene's bands and of the chosen ones."""
     place = {band: i for i, band in enumerate(bands)}
-    source = (state.image[b] if state.sharp is None else state.sharp(b) for b in bands)
     psfs = None if state.psfs is None else [state.psfs[b] for b in bands]
-    return opened_level(
-        source, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs
+    rows, columns = outer = state.inner(level_halo(size, detail) + max((p.radius for p in psfs or ()), default=0))
+    source = (
+        state.image[b][slice(*rows), slice(*columns)] if state.sharp is None else state.sharp(b, outer) for b in bands
     )
+    within = tuple((a - c, b - c) for (a, b), (c, _) in zip(state.inner(), outer, strict=True))
+    return opened_level(
+        source, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs,
+        within=(within[0], within[1]), sound=state.sound,
+    )  # fmt: skip
 
 
 def _above(state: State, limits: Sequence[Any], saturation: Sequence[float]) -> Mask:
@@ -282,7 +295,12 @@ def _above(state: State, limits: Sequence[Any], saturation: Sequence[float]) -> 
     for b, (band, limit, full) in enumerate(zip(state.image, limits, saturation, strict=True)):
         np.greater(band, limit, out=hit[b])
         if np.isfinite(full):
-            hit[b] |= band >= np.float32(full) / np.float32(state.units[b])  # as the band was divided
+            hit[b] |= band >= _as_divided(full, state.units[b])
     if state.where is not None:
         hit &= state.where
     return hit
+
+
+def _as_divided(full: float, unit: float) -> np.float32:
+    """A band's saturation, divided as the band was."""
+    return np.float32(full) / np.float32(unit)

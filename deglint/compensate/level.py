@@ -4,7 +4,8 @@ Sparkle is bright and small. The darkest pixel within an element, the median of 
 these within the element again, is what remains when everything brighter than its surroundings and smaller than the
 element is taken away. Of one frame alone nothing tells a glint from a small bright object; where bands see the sea at
 different instants something does: an object is there in all of them. So a second, rounder opening, which follows the
-outline of an object more closely and lets more sparkle through, counts only where neighbouring bands agree.
+outline of an object more closely and lets more sparkle through, counts only where neighbouring bands agree; so does
+the opening by a diamond as large as the square, for objects that stand on their corners.
 
 Arrays only. Local: a tile with `halo` pixels around it gives what the whole image gives, to the bit.
 
@@ -22,8 +23,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
+from ..scene import Window
 from .psf import PSF
-from .sharpen import mirrored, separable, share_of
+from .sharpen import all_finite, blur_and_back, inside, share_of, surrounded
 from .state import Float32Array
 
 SMALLEST = 5
@@ -37,12 +39,14 @@ _GUIDE = 3
 _NOTHING = np.finfo(np.float32).max
 """What OpenCV takes for the pixels beyond an edge when it erodes; minus this when it dilates."""
 _SQUARE = np.ones((3, 3), np.uint8)
+_PATCH = np.array([[0, 0, 0], [0, 1, 1], [0, 1, 1]], np.uint8)  # of 2 x 2; in 3 x 3 OpenCV is faster
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 
 
 def level_halo(size: int, detail: int = 0) -> int:
     """Pixels that `opened_level` needs around a tile."""
-    return max(2 * (size // 2) + 1, 2 * (detail // 2) + 2 if detail else 0)
+    diamond = 2 * (diamond_of(size) // 2) + 1
+    return max(2 * (size // 2) + 1, 2 * (detail // 2) + 2 if detail else 0, diamond if detail else 0)
 
 
 def _elements(size: int, shape: str) -> list[npt.NDArray[np.uint8]]:
@@ -50,15 +54,34 @@ def _elements(size: int, shape: str) -> list[npt.NDArray[np.uint8]]:
     if shape == "square":
         return [np.ones((size, size), np.uint8)]
     radius = size // 2
+    if shape == "diamond":
+        steps: list[int] = []
+        while sum(steps) < radius:
+            steps.append(min(max(sum(steps), 1), radius - sum(steps)))
+        return [_star(step) for step in steps]
     reach = round(1.45 * radius)  # |row| + |column| at most
     square, crosses = reach - radius, 2 * radius - reach
     return [np.ones((2 * square + 1, 2 * square + 1), np.uint8)] * (square > 0) + [_CROSS] * crosses
 
 
-def rank_opening(band: Float32Array, size: int, *, shape: str = "square") -> Float32Array:
+def _star(reach: int) -> npt.NDArray[np.uint8]:
+    """A pixel, and the four so far from it along the axes."""
+    out = np.zeros((2 * reach + 1, 2 * reach + 1), np.uint8)
+    out[reach, [0, reach, -1]] = out[[0, -1], reach] = 1
+    return out
+
+
+def diamond_of(size: int) -> int:
+    """Width of the diamond that is as large as a square of this width, odd [pixel]."""
+    return 2 * round(size / 2**0.5 - 0.5) + 1
+
+
+def rank_opening(
+    band: Float32Array, size: int, *, shape: str = "square", corners: bool = False, sound: bool = False
+) -> Float32Array:
     """Take away what is brighter than its surroundings and smaller than an element.
 
-    ``m = dilate_n(median_3(erode_n(a)))``
+    ``m = dilate_n(median_3(e)), e = erode_n(a)``, or with corners ``m = dilate_n(max(median_3(e), open_2(e)))``
 
     Parameters
     ----------
@@ -66,8 +89,13 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square") -> Flo
         Any unit; NaN is not valid.
     size : int
         n, odd [pixel].
-    shape : {"square", "octagon"}
+    shape : {"square", "octagon", "diamond"}
         Of the element; of the width n.
+    corners : bool
+        The median takes no patch of 2 x 2 minima or more away: it would cut the corners off an object into which the
+        element just fits, whose minima are a patch of a few pixels.
+    sound : bool
+        Every number is known to be finite, and is not looked at for that.
 
     Returns
     -------
@@ -94,12 +122,17 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square") -> Flo
     if size < 1 or size % 2 == 0:
         raise InputError(f"an element must have an odd size of 1 pixel or more, got {size}.")
     elements = _elements(size, shape)
-    missing = np.isnan(band)
-    some = bool(missing.any())
-    found: Any = np.where(missing, _NOTHING, band) if some else band
+    missing = None if sound or all_finite(band) else np.isnan(band)
+    some = missing is not None and bool(missing.any())
+    found: Any = np.where(missing, _NOTHING, band) if some and missing is not None else band
     for element in elements:
         found = cv2.erode(found, element)
-    found = cv2.medianBlur(found, 3)
+    middle: Any = cv2.medianBlur(found, 3)
+    if corners:
+        keep: Any = cv2.max
+        patches = cv2.dilate(cv2.erode(found, _PATCH), _PATCH[::-1, ::-1])
+        middle = keep(middle, patches)
+    found = middle
     if some:
         found[found == _NOTHING] = -_NOTHING
     for element in elements:
@@ -109,70 +142,65 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square") -> Flo
     return np.asarray(found)
 
 
-def detail_of(band: Float32Array, base: Float32Array, size: int) -> Float32Array:
-    """By how much a rounder, smaller opening exceeds a level: outlines of objects, and clumps of sparkle.
+def detail_of(
+    band: Float32Array, base: Float32Array, size: int, whole: int, *, sound: bool = False,
+    out: Float32Array | None = None,
+) -> Float32Array:  # fmt: skip
+    """By how much other openings exceed a level: outlines of objects, and clumps of sparkle.
 
-    An octagon's opening, grown back by one pixel under the opening by a square of 3.
+    A rounder, smaller one, by an octagon of this size, grown back by one pixel under the opening by a square of 3; and
+    that by a diamond as large as the square of the level, `whole`.
     """
-    import cv2
+    from ._level_kernels import outlines
 
-    keep: Any = cv2.max
-    cap: Any = cv2.min
-    found = rank_opening(band, size, shape="octagon")
-    grown = cap(cv2.dilate(found, _SQUARE), rank_opening(band, _GUIDE))
-    found = keep(found, grown)
-    np.subtract(found, base, out=found)
-    np.nan_to_num(found, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-    return np.maximum(found, np.float32(0.0), out=found)  # with a number, OpenCV stumbles over a single pixel
+    found = np.empty_like(base) if out is None else out
+    octagon = rank_opening(band, size, shape="octagon", sound=sound)
+    diamond = rank_opening(band, diamond_of(whole), shape="diamond", corners=True, sound=sound)
+    outlines(octagon, rank_opening(band, _GUIDE, sound=sound), diamond, base, found)
+    return found
 
 
-def agreeing(details: Sequence[Float32Array], spectrum: Sequence[float], slack: float = SLACK) -> None:
+def agreeing(
+    details: Float32Array, spectrum: Sequence[float], slack: float = SLACK, *, order: Sequence[int] | None = None
+) -> None:
     """Keep of every band's detail what two neighbouring bands have as well, in place.
 
     Parameters
     ----------
-    details : sequence of (row, column) float32 ndarray
-        In the order of wavelength; with fewer than three nothing is kept.
+    details : (band, row, column) float32 ndarray
+        With fewer than three nothing is kept.
     spectrum : sequence of float
         Brightness of glint in each band, in which details are compared.
     slack : float
         A detail may be so many times brighter than the fainter of its neighbours.
+    order : sequence of int, optional
+        Bands by wavelength; as they stand by default. Those that are not named are left as they are.
     """
-    import cv2
+    from ._level_kernels import agree
 
-    cap: Any = cv2.min
-    keep: Any = cv2.max
-    count = len(details)
-    if count < 3:
-        for detail in details:
-            detail[...] = 0.0
+    bands = list(range(len(details)) if order is None else order)
+    if len(bands) < 3:
+        details[bands] = 0.0
         return
-    scaled = [detail / np.float32(s) for detail, s in zip(details, spectrum, strict=True)]
-    pairs = [cap(scaled[i], scaled[i + 1]) for i in range(count - 1)]
-    for i, detail in enumerate(details):
-        limits = [pairs[i - 2]] if i >= 2 else []
-        limits += [cap(scaled[i - 1], scaled[i + 1])] if 0 < i < count - 1 else []
-        limits += [pairs[i + 1]] if i + 2 < count else []
-        most = limits[0]
-        for limit in limits[1:]:
-            most = keep(most, limit)
-        cap(detail, most * np.float32(slack * spectrum[i]), dst=detail)
+    brightness = np.array([spectrum[b] for b in bands])
+    agree(details, np.array(bands), brightness.astype(np.float32), (slack * brightness).astype(np.float32))
 
 
-def blurred(band: Float32Array, psf: PSF) -> Float32Array:
+def blurred(band: Float32Array, psf: PSF, within: Window | None = None, *, sound: bool = False) -> Float32Array:
     """A level of sharpened pixels as the sensor would see it: convolved with the PSF's separable form.
 
-    NaN has no share and stays. Exact at tile edges with `psf.radius` pixels around a tile.
+    NaN has no share and stays. Exact at tile edges with `psf.radius` pixels around a tile; `within` names the rows and
+    columns that are wanted.
     """
-    blur = separable([(down[::-1], across[::-1]) for down, across in psf.factors(2)])
-    halo = psf.radius
-    wide = mirrored(band, (0, len(band)), halo)
-    inner = slice(halo, halo + band.shape[0]), slice(halo, halo + band.shape[1])
+    blur, halo = blur_and_back(psf)[0], psf.radius
+    rows, columns = within or ((0, band.shape[0]), (0, band.shape[1]))
+    wide = surrounded(band, rows, columns, halo)
+    inner = inside(wide.shape, halo)
+    if sound or all_finite(wide):
+        return blur(wide)[inner]
     valid = np.isfinite(wide)
-    if valid.all():
-        return blur(wide, None)[inner]
     wide[~valid] = 0.0
-    out = (blur(wide, None) / share_of(valid, blur, halo))[inner]
+    out = (blur(wide) / share_of(valid, blur, halo))[inner]
     out[~valid[inner]] = np.nan
     return out
 
@@ -185,6 +213,8 @@ def opened_level(
     order: Sequence[int] = (),
     spectrum: Sequence[float] = (),
     psfs: Sequence[PSF] | None = None,
+    within: Window | None = None,
+    sound: bool = False,
 ) -> Float32Array:
     """The level of the water of every band.
 
@@ -203,21 +233,31 @@ def opened_level(
         Brightness of glint in each band.
     psfs : sequence of PSF, optional
         Blur the level with these: of sharpened bands.
+    within : ((row0, row1), (col0, col1)), optional
+        Only these rows and columns are wanted.
+    sound : bool
+        Every number is known to be finite, and is not looked at for that.
 
     Returns
     -------
     (band, row, column) float32 ndarray
     """
-    base, details = [], []
+    base, details = [], None
     for band in bands:
-        base.append(rank_opening(band, size))
+        whole = sound or all_finite(band)
+        base.append(rank_opening(band, size, corners=True, sound=whole))
         if detail:
-            details.append(detail_of(band, base[-1], detail))
-    if detail:
-        agreeing([details[b] for b in order], [spectrum[b] for b in order])
-        for low, more in zip(base, details, strict=True):
-            low += more
-    out = np.empty((len(base), *base[0].shape), np.float32)
-    for i, low in enumerate(base):
-        out[i] = low if psfs is None else blurred(low, psfs[i])
+            details = np.empty((len(spectrum), *band.shape), np.float32) if details is None else details
+            detail_of(band, base[-1], detail, size, sound=whole, out=details[len(base) - 1])
+    if details is not None:
+        agreeing(details, spectrum, order=order)
+    rows, columns = within or tuple((0, n) for n in base[0].shape)
+    out = np.empty((len(base), rows[1] - rows[0], columns[1] - columns[0]), np.float32)
+    for i in range(len(out)):
+        low, base[i] = base[i], base[i][:0]  # and its memory with it
+        if details is not None:
+            low += details[i]
+        out[i] = (
+            low[slice(*rows), slice(*columns)] if psfs is None else blurred(low, psfs[i], (rows, columns), sound=sound)
+        )
     return out

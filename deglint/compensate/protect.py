@@ -21,7 +21,18 @@ import numpy.typing as npt
 
 from ..errors import FitError, InputError
 from ..scene import Band, FloatArray
-from .evidence import LEAST_SCORE, REACH, BoolArray, Float64, Protection, clusters, grown, plain, score, tables
+from .evidence import (
+    LEAST_SCORE,
+    REACH,
+    BoolArray,
+    Float64,
+    Protection,
+    clusters,
+    grown,
+    plain,
+    score,
+    tables,
+)
 from .shapes import shapes
 from .things import Things, put_back, things
 
@@ -161,8 +172,7 @@ def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection)
     white = np.array(found.irradiance)[:, None, None]
     kept, order = list(valid), tuple(range(len(found.bands)))
     for again in (True, False):
-        y = [((r - m) / white)[:, k] for (r, m), k in zip(pairs, kept, strict=True)]
-        first, following = tables(np.concatenate(y, axis=1))
+        first, following = tables(((r - m) / white)[:, k] for (r, m), k in zip(pairs, kept, strict=True))
         found = replace(found, first=first, following=following)
         judged = replace(found, bands=order)
         scores = [score(r, m, judged)[0] for r, m in pairs]

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from .psf import Float64Array
-from .sharpen import SLAB, BoolArray, Float32Array, mirrored, separable
+from .sharpen import SLAB, BoolArray, Float32Array, mirrored
 
 Sums = tuple[Float64Array, Float64Array, float]
 
@@ -305,22 +305,26 @@ def _moved(
     out: Float32Array,
 ) -> None:
     """Put an array without its margin, moved, into `out`."""
-    move = separable([kernels])
+    import cv2
+
+    down, across = (np.ascontiguousarray(k, dtype=np.float32) for k in kernels)
+
+    def move(image: Float32Array) -> Float32Array:
+        return np.asarray(cv2.sepFilter2D(image, cv2.CV_32F, across, down), np.float32)
+
     inner = slice(halo, halo + out.shape[0]), slice(halo, halo + out.shape[1])
     valid = np.isfinite(padded)
     if valid.all():
-        out[...] = move(padded, None)[inner]
+        out[...] = move(padded)[inner]
         return
-    import cv2
-
     square = np.ones((2 * halo + 1, 2 * halo + 1), np.uint8)
     untouched = ~cv2.dilate((~valid).view(np.uint8), square).view(np.bool_)
-    share = move(valid.astype(np.float32), None)
+    share = move(valid.astype(np.float32))
     share[untouched] = 1.0
     source = np.roll(valid, nearest, axis=(0, 1)) & (share > 0.25)
     share[~source] = np.nan
     padded[~valid] = 0.0
-    np.divide(move(padded, None)[inner], share[inner], out=out)
+    np.divide(move(padded)[inner], share[inner], out=out)
 
 
 def _weights(shift: float, radius: int) -> Float64Array:

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from ..scene import FloatArray
+from ..errors import InputError
+from ..scene import FloatArray, Window
 from .psf import PSF
 
 Float32Array = npt.NDArray[np.float32]
@@ -28,7 +29,7 @@ class State:
     units : (band,) float64 ndarray
         What `image` is to be multiplied with to be in the scene's unit again.
     sharp : callable, optional
-        Gives a sharpened band by its number, for the level alone.
+        Gives the rows and columns asked for of a sharpened band, named by its number, for the level alone.
     psfs : sequence of PSF, optional
         What the bands were sharpened with, so that a level of sharpened bands can be blurred again.
     level : (band, row, column) float32 ndarray, optional
@@ -39,17 +40,23 @@ class State:
         Identified glint that is not replaced yet.
     replaced : (band, row, column) bool ndarray
         What has been replaced.
+    sound : bool
+        Every number of the image is known to be finite; stages leave it so.
+    spare : (int, int, int, int)
+        Rows above and below, columns left and right, that may be cut off: nothing after the stage looks at them.
     """
 
     image: Float32Array
     where: Mask | None = None
     units: npt.NDArray[np.float64] = field(default_factory=lambda: np.ones(0))
-    sharp: Callable[[int], Float32Array] | None = None
+    sharp: Callable[[int, Window], Float32Array] | None = None
     psfs: tuple[PSF, ...] | None = None
     level: Float32Array | None = None
     water: Float32Array | None = None
     hit: Mask | None = None
     replaced: Mask = field(default_factory=lambda: np.zeros((0, 0, 0), np.bool_))
+    sound: bool = False
+    spare: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def __post_init__(self) -> None:
         if not self.units.size:
@@ -60,14 +67,58 @@ class State:
     @classmethod
     def of(cls, block: FloatArray, where: Mask | None = None) -> State:
         """A state for a block, which is copied."""
-        return cls(np.array(block, np.float32), where)
+        return cls(_single(block), where)
 
     @classmethod
     def own(cls, block: FloatArray) -> State:
         """A state that works on the block itself where that is float32, and on a copy elsewhere."""
-        return cls(block if block.dtype == np.float32 and block.flags.writeable else np.array(block, np.float32))
+        return cls(block if block.dtype == np.float32 and block.flags.writeable else _single(block))
 
     def replace(self, hit: Mask, values: Float32Array) -> None:
         """Put values where there is glint."""
-        np.copyto(self.image, values, where=hit)
-        self.replaced |= hit
+        from ._level_kernels import put_all
+
+        put_all(values, hit, self.image, self.replaced)
+
+    def inner(self, reach: int = 0) -> Window:
+        """Rows and columns that are left once the spare ones are cut off, but for `reach` of them on every side."""
+        top, bottom, left, right = (max(n - reach, 0) for n in self.spare)
+        return (top, self.image.shape[1] - bottom), (left, self.image.shape[2] - right)
+
+    def cut(self) -> None:
+        """Cut off what is spare; the block itself is left as it is."""
+        if not any(self.spare):
+            return
+        rows, columns = self.inner()
+        at = slice(*rows), slice(*columns)
+        if self.sharp is not None:
+            self.sharp = _moved(self.sharp, rows[0], columns[0])
+        for name in ("image", "where", "level", "water", "hit", "replaced"):
+            value = getattr(self, name)
+            if value is not None:
+                setattr(self, name, np.ascontiguousarray(value[(..., *at)]))
+        self.spare = (0, 0, 0, 0)
+
+
+def _moved(sharp: Callable[[int, Window], Float32Array], top: int, left: int) -> Callable[[int, Window], Float32Array]:
+    """The same for rows and columns that are counted from elsewhere."""
+    return lambda band, at: sharp(band, ((at[0][0] + top, at[0][1] + top), (at[1][0] + left, at[1][1] + left)))
+
+
+def _single(block: FloatArray) -> Float32Array:
+    """A copy in float32, in which stages compute.
+
+    Raises
+    ------
+    InputError
+        A number is beyond it.
+    """
+    try:
+        with np.errstate(over="raise"):
+            return np.array(block, np.float32)
+    except FloatingPointError as error:
+        largest = float(np.nanmax(np.abs(block)))
+        raise InputError(
+            f"numbers reach {largest:.3g}, and compensation computes in float32, up to 3.4e+38. Bring them to other "
+            "units, mark what is not valid as nodata, or compensate off."
+        ) from error

@@ -8,7 +8,11 @@ import numpy as np
 
 from ..errors import InputError
 from ..scene import FloatArray
-from .evidence import REACH, BoolArray, Float64, Places, Protection, clusters, excess, plain, score
+from .evidence import LEAST_SCORE, REACH, BoolArray, Float64, Places, Protection, excess, plain, score
+
+CHANGING = 0.0125
+"""Part of a thing's power that one outline need not explain: what bands blur differently, up to 0.016 for one pixel."""
+Weighed = tuple[Float64, Float64, Places]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +65,10 @@ def things(raw: FloatArray, level: FloatArray, protection: Protection) -> Things
 
     Notes
     -----
+    A thing has one outline; that of sparkle changes from instant to instant. So the threshold on a 3 x 3 sum is
+    multiplied by the part of the power of its pixels' excess that is not one outline times one spectrum, over
+    `CHANGING`, where that is more than 1.
+
     A saturated thing is judged by the numbers that there are. Of a thing's own pixels the excess that its spectrum
     explains is kept (10 % and 2 standard deviations more), so that sparkle of one band does not come along; of those
     within 2 pixels the part of the nearest thing's spectrum that nearly all bands show.
@@ -89,7 +97,7 @@ def things(raw: FloatArray, level: FloatArray, protection: Protection) -> Things
         raise InputError(f"the block has {len(raw)} bands, but band {max(protection.bands) + 1} is to be judged")
     raw, level = plain(raw), plain(level)
     high, spectra, places = score(raw, level, protection, protection.threshold)
-    mask = clusters(high, protection.threshold)
+    mask = _rigid(raw, level, protection, (high, spectra, places))
     residual = np.full(mask.size, np.nan, np.float32)
     if places.size:
         y = excess(raw, level, protection, places)[0]
@@ -125,6 +133,25 @@ def put_back(compensated: FloatArray, level: FloatArray, found: Things) -> Float
     return out
 
 
+def _rigid(raw: FloatArray, level: FloatArray, protection: Protection, found: Weighed) -> BoolArray:
+    """Pixels of high S in a square of enough: more, where its outline is not the same in all bands."""
+    from ._protect_kernels import rigid
+
+    high, spectra, places = found
+    mask, index = np.zeros(high.shape, np.bool_), np.zeros(high.shape, np.int64)
+    if places.size:
+        index.ravel()[places] = np.arange(places.size)
+        own = np.ascontiguousarray(_own(raw, level, protection, places, spectra).T)
+        rigid(high, index, own, LEAST_SCORE, protection.threshold, CHANGING, mask)
+    return mask
+
+
+def _own(raw: FloatArray, level: FloatArray, protection: Protection, places: Places, spectra: Float64) -> Float64:
+    """The excess of some pixels that is the thing's own, (band, pixel): what its spectrum explains."""
+    y, sigma = excess(raw, level, protection, places)
+    return np.asarray(np.minimum(y, 1.1 * np.maximum(spectra, 0.0) + 2 * sigma))
+
+
 def _keep(
     raw: FloatArray,
     level: FloatArray,
@@ -137,8 +164,7 @@ def _keep(
     white = np.array(protection.irradiance)[:, None]
     to, chosen = out.reshape(len(out), -1), np.array(protection.bands)
     bright = np.maximum(spectra, 0.0)
-    y, sigma = excess(raw, level, protection, places)
-    to[np.ix_(chosen, places)] = np.minimum(y, 1.1 * bright + 2 * sigma) * white
+    to[np.ix_(chosen, places)] = _own(raw, level, protection, places, spectra) * white
     share = np.zeros(mask.size)
     rows, columns = np.divmod(places, mask.shape[1])
     strong = bright > 0.3 * bright.max(axis=0, initial=0.0)

@@ -50,7 +50,7 @@ STANDS_OUT = 1.5
 """Below that cover it is noise of the level, save what exceeds its median by this factor."""
 OF_LEVEL = 1.4
 """Variance of a replaced pixel's level, relative to that of the level under clean pixels."""
-OF_RELIEF = 0.155
+OF_RELIEF = 0.05
 """Error of a replaced pixel, relative to how far the level spans within `REACH`."""
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,20 +20,23 @@ from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
 from ..raster.output import (
     Layout,
-    RasterWriter,
     Scratch,
+    check_image,
     check_target,
+    copied_whole,
     plain,
     write_bytes,
     write_json,
     write_text,
     writing,
 )
+from ..raster.parts import writing_parts
 from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
 from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
+from .blocks import one_thread_each
 from .cluster import Cluster
 from .correct import Correction, Tally, changed_bands
 from .fit import Fitted, Progress, default_threads, fit_scene
@@ -89,7 +93,7 @@ class Outputs:
     @property
     def sidecar(self) -> Path:
         """Name of the sidecar."""
-        return self.image.with_name(self.image.name + ".json")
+        return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
         """All files that will be written."""
@@ -182,6 +186,7 @@ def remove_glint(
         raise InputError("two outputs have the same name; give each its own.")
     for path in targets.every():
         check_target(path, overwrite=targets.overwrite)
+    check_image(targets.image)
     with environment():
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
@@ -205,6 +210,7 @@ def _run(
         run = tiling.run if cluster is None else cluster.run
         want = targets.sample is not None
         fitted = fit_scene(scene, recipe, threads=threads, want_sample=want, progress=progress, run=run)
+        _give_back()
     else:
         fitted = given_model(scene, recipe, model, threads, chain)
     if targets.sample and fitted.sample is None:
@@ -217,9 +223,7 @@ def _run(
                 f"no band is corrected, so there is nothing to write: leave out --{option}, or name a --method."
             )
     with Scratch(overwrite=targets.overwrite) as scratch:
-        with ExitStack() as stack:
-            run = tiling.run if cluster is None else stack.enter_context(cluster.by_files(targets.image))
-            tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress, only, run)
+        tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress, only, cluster)
         if tally.corrected == 0 and fitted.model.fits:
             why = "every pixel is nodata" if tally.nodata == tally.total else "no pixel is water inside the mask"
             raise NoWaterError(f"nothing to correct in {scene.path}: {why}. Check --nodata and --mask.")
@@ -230,6 +234,7 @@ def _run(
         if targets.picture:
             write_bytes(scratch, targets.picture, before_after(scene, scratch.file(targets.image), fitted.model))
         said = plain(sidecar(scene, fitted, targets, tally, checksum, time.perf_counter() - begun))
+        said |= {"cluster": cluster.numbers()} if cluster else {}
         if targets.request:
             made = {p.name: fingerprint(scratch.file(p)) for p in targets.every() if p != targets.sidecar}
             said["batch"] = {"request": targets.request, "inputs": checksum.fingerprints(), "outputs": made}
@@ -237,9 +242,15 @@ def _run(
     return Result(fitted, tally, said, tuple(said["warnings"]))
 
 
+def _give_back() -> None:
+    """Give the memory that the fit has freed back to the system, where the allocator (glibc's) keeps it."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 def _write_tiles(
     scratch: Scratch, scene: Scene, fitted: Fitted, targets: Outputs, area: Area | None, threads: int,
-    progress: Progress | None, only: tuple[int, ...], run: tiling.Run,
+    progress: Progress | None, only: tuple[int, ...], cluster: Cluster | None,
 ) -> Tally:  # fmt: skip
     info = raster_of(scene).info
     every = tuple(range(len(scene.bands)))
@@ -264,31 +275,38 @@ def _write_tiles(
         work = with_stderr(work, everything, fitted.recipe.nir, at_once)
         fitted.numbers["uncertainty"] = work.uncertainty.numbers() if work.uncertainty else None
     tally = Tally(len(scene.bands))
+    if work.copies and copied_whole(scratch, image, targets.image):
+        return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
+    images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.changed))
     with ExitStack() as stack:
         stack.enter_context(one_thread_each(bool(fitted.chain.runs)))
-        writers: list[tuple[RasterWriter, str]] = [(stack.enter_context(writing(scratch, targets.image, image)), "raw")]
-        if targets.flags:
-            layout = Layout(info, (0,), "uint8", None, targets.options, scaled=False, names=("flags",), tile=shape)
-            writers.append((stack.enter_context(writing(scratch, targets.flags, layout)), "flags"))
-        for path, what, said in (
-            (targets.amount, "amount", "glint in"),
-            (targets.stderr, "stderr", "standard error of"),
-        ):
-            if path:
-                bands = tuple(work.changed)
-                names = tuple(f"{said} {scene.bands[b].name}" for b in bands)
-                layout = Layout(
-                    info, bands, "float32", float("nan"), targets.options, scaled=False, names=names, tile=shape
-                )
-                writers.append((stack.enter_context(writing(scratch, path, layout)), what))
+        run = tiling.run
+        if cluster is not None:
+            layouts = {what: layout for what, (_path, layout) in images.items()}
+            run = stack.enter_context(cluster.by_files(targets.image, layouts))
+        way: Any = writing if cluster is None else writing_parts
+        writers = {what: stack.enter_context(way(scratch, *image)) for what, image in images.items()}
         for tile, done in run(everything, work, threads=at_once, progress=note, start=enter_thread):
-            for writer, what in writers:
+            for what, writer in writers.items():
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
-                writers[0][0].write_mask(done.valid, tile.window)
+                writers["raw"].write_mask(done.valid, tile.window)
             tally.add(done.tally)
     return tally
+
+
+def _beside(scene: Scene, targets: Outputs, image: Layout, changed: tuple[int, ...]) -> dict[str, tuple[Path, Layout]]:
+    """The rasters beside the image, by the fields of a tile's result: their names, and what they are like."""
+    options: dict[str, Any] = {"options": targets.options, "scaled": False, "tile": image.tile}
+    found = {}
+    if targets.flags:
+        found["flags"] = targets.flags, Layout(image.info, (0,), "uint8", None, names=("flags",), **options)
+    for path, what, said in ((targets.amount, "amount", "glint in"), (targets.stderr, "stderr", "standard error of")):
+        if path:
+            names = tuple(f"{said} {scene.bands[b].name}" for b in changed)
+            found[what] = path, Layout(image.info, changed, "float32", float("nan"), names=names, **options)
+    return found
 
 
 def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask: str | None = None) -> FloatArray:
@@ -344,22 +362,6 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
             ]
     assert out is not None
     return out
-
-
-@contextmanager
-def one_thread_each(wanted: bool) -> Iterator[None]:
-    """OpenCV on one thread, where the tiles are on several already."""
-    if not wanted:
-        yield
-        return
-    import cv2
-
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:

@@ -1,9 +1,9 @@
 """Pass over a scene's tiles on the workers of a dask cluster: processes of this machine, or other machines.
 
 A `Cluster` does what `deglint.tiles.run` does on threads. Every worker opens the input for itself, and what tells of a
-tile travels as small numbers. A tile's pixels go by way of files beside the output: the worker writes them there, and
-they are put into the output one tile after the other. A worker that dies loses the tiles it was at: others do them
-again, with the same result.
+tile travels as small numbers. A tile's pixels go by way of files beside the output: the worker compresses and writes
+them there, and their blocks are copied into the output as they are. A worker that dies loses the tiles it was at:
+others do them again, with the same result.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
-import numpy as np
-
 from ..errors import DeglintError, InputError, WriteError
 from ..raster.environment import environment
-from ..tiles import Run, Tile
+from ..raster.output import Layout
+from ..raster.parts import Part, write_part
+from ..tiles import Combine, Run, Tile, hull, rows_of
 
 AHEAD = 3
 """Tiles that each thread of a worker has been given, or has done and not been asked for."""
@@ -36,6 +36,7 @@ PATIENCE = 60.0
 _POLL = 5.0
 _RECOUNT = 16
 _CONNECT = 15.0
+_LOST = "lost the cluster: its scheduler does not answer any more. Start one, and give the command again."
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +58,12 @@ class Cluster:
         threads: int = 1,  # noqa: ARG002
         progress: Callable[[int, int], None] | None = None,
         start: Callable[[], None] | None = None,  # noqa: ARG002
+        combine: Combine | None = None,
     ) -> Iterator[tuple[Tile, Any]]:
         """Do work on every tile and yield (tile, result) in order, as `deglint.tiles.run` does.
 
-        Threads are those of the workers; each task enters GDAL's environment by itself.
+        Threads are those of the workers; each task enters GDAL's environment by itself. What `combine` makes of a row
+        of tiles is made on a worker, to which the others send theirs: it alone comes here.
 
         Raises
         ------
@@ -69,26 +72,39 @@ class Cluster:
         """
         import cloudpickle
 
-        total, todo, most = len(everything), iter(everything), 0
         shipped = self.client.submit(_Shipped, cloudpickle.dumps(work), key=f"deglint-work-{secrets.token_hex(8)}")
-        waiting: deque[tuple[Tile, Any]] = deque()
+        rows = [[tile] for tile in everything] if combine is None else rows_of(everything)
+        todo, waiting = iter(rows), deque[tuple[list[Tile], Any]]()
+        done = given = most = 0
+        counted = -_RECOUNT
         try:
-            for done in range(total):
-                if done % _RECOUNT == 0:
-                    most = AHEAD * max(sum(self.client.nthreads().values()), 1)
-                while len(waiting) < most and (tile := next(todo, None)) is not None:
-                    waiting.append((tile, self.client.submit(_do, shipped, tile, pure=False)))
-                tile, future = waiting.popleft()
-                yield tile, self._result(future)
+            for _ in rows:
+                if done - counted >= _RECOUNT:
+                    with _scheduler():
+                        counted, most = done, AHEAD * max(sum(self.client.nthreads().values()), 1)
+                while given - done < most and (row := next(todo, None)) is not None:
+                    waiting.append((row, self._submit(shipped, row, combine)))
+                    given += len(row)
+                row, future = waiting.popleft()
+                yield hull(row), self._result(future)
                 del future
+                done += len(row)
                 if progress:
-                    progress(done + 1, total)
+                    progress(done, len(everything))
         finally:
-            self.client.cancel([f for _, f in waiting] + [shipped], force=True)
+            self.client.cancel([future for _row, future in waiting])  # what they wait for is then wanted by nobody
+
+    def _submit(self, shipped: Any, row: list[Tile], combine: Combine | None) -> Any:
+        """What a row comes to, some time; what its tiles come to stays on the workers."""
+        found = [self.client.submit(_do, shipped, tile, pure=False) for tile in row]
+        return found[0] if combine is None else self.client.submit(combine, found, pure=False)
 
     @contextmanager
-    def by_files(self, target: Path) -> Iterator[Run]:
-        """`run` for results that hold arrays, which go by way of files beside `target`; the files are removed."""
+    def by_files(self, target: Path, layouts: Mapping[str, Layout]) -> Iterator[Run]:
+        """`run` for results that hold images, as parts (`deglint.raster.parts`) beside `target`, which are removed.
+
+        `layouts` has what the images are like, by the names of the results' fields.
+        """
         try:
             place = target.resolve().parent
             folder = Path(mkdtemp(prefix=f".{target.name[:100]}.", suffix=".parts", dir=place))
@@ -96,16 +112,19 @@ class Cluster:
             raise WriteError(f"cannot write beside {target}: {error.strerror or error}.") from error
         try:
             folder.chmod(0o777 & ~_umask())  # workers may be other users
-            yield partial(self._run_by_files, folder)
+            yield partial(self._run_by_files, folder, layouts)
         finally:
             _remove(folder)
 
     def _run_by_files(
-        self, folder: Path, everything: Sequence[Tile], work: Callable[[Tile], Any], **options: Any
-    ) -> Iterator[tuple[Tile, Any]]:
-        for tile, kept in self.run(everything, _ToFiles(work, folder), **options):
-            yield tile, kept.load()
-            kept.remove()
+        self, folder: Path, layouts: Mapping[str, Layout], everything: Sequence[Tile], work: Callable[[Tile], Any],
+        **options: Any,
+    ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
+        for tile, done in self.run(everything, _ToFiles(work, folder, layouts), **options):
+            yield tile, done
+            for part in (getattr(done, name) for name in layouts):
+                if part is not None:
+                    part.path.unlink(missing_ok=True)  # gives the disk back
 
     def _result(self, future: Any) -> Any:
         from distributed import KilledWorker
@@ -116,8 +135,8 @@ class Cluster:
             try:
                 return future.result(timeout=_POLL)
             except TimeoutError as error:
-                if future.done():
-                    raise
+                if future.done():  # just now; or the work itself has run out of time
+                    return future.result()
                 if self.client.nthreads():
                     without = time.monotonic()
                 elif time.monotonic() - without > PATIENCE:
@@ -130,11 +149,17 @@ class Cluster:
             except (FutureCancelledError, OSError) as error:
                 if isinstance(error, DeglintError):
                     raise
-                raise DeglintError(f"lost the cluster: {error}. Is its scheduler still there?") from error
+                raise DeglintError(_LOST) from error
 
     def memory(self) -> dict[str, int]:
         """Most memory that each worker process has held so far [byte]; empty where none was needed."""
-        return dict(self.client.run(_peak)) if "client" in vars(self) else {}
+        with _scheduler():
+            return dict(self.client.run(_peak)) if "client" in vars(self) else {}
+
+    def numbers(self) -> dict[str, Any]:
+        """What the sidecar says of the workers: how many there are, and the most memory that one has held so far."""
+        held = self.memory().values()
+        return {"workers": len(held), "most_memory_of_one_MB": round(max(held, default=0) / 1e6, 1)}
 
 
 @contextmanager
@@ -168,6 +193,8 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
         raise InputError("want the address of a cluster or a number of workers, one of the two.")
     if workers is not None and workers < 1:
         raise InputError(f"workers: want at least 1, got {workers}.")
+    if not re.fullmatch(r"auto|\d+(\.\d+)? ?[kKMGT]i?B", memory):
+        raise InputError(f"memory of a worker: want a number and its unit, such as 1GiB or 800MB, got {memory!r}.")
     try:
         from distributed import Client, LocalCluster
     except ModuleNotFoundError as error:
@@ -208,6 +235,15 @@ def _client(kind: Any, address: str | None) -> Any:
     return client
 
 
+@contextmanager
+def _scheduler() -> Iterator[None]:
+    """Asking the scheduler, which may be gone."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        raise DeglintError(_LOST) from error
+
+
 class _Shipped:
     """Work as a worker holds it: bytes that may go on to another worker, unpacked once in each process."""
 
@@ -239,59 +275,37 @@ def _do(shipped: _Shipped, tile: Tile) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class _ToFiles:
-    """Work whose arrays are left in files."""
+    """Work whose images are left as parts in files; `layouts` says what images they are parts of, by field."""
 
     work: Callable[[Tile], Any]
     folder: Path
+    layouts: Mapping[str, Layout]
 
-    def __call__(self, tile: Tile) -> _Kept:
+    def __call__(self, tile: Tile) -> Any:
         done = self.work(tile)
-        paths = {}
-        for field in fields(done):
-            array = getattr(done, field.name)
-            if isinstance(array, np.ndarray):
-                path = self.folder / f"{tile.row0}-{tile.col0}-{field.name}.npy"
-                self._write(path, array)
-                paths[field.name] = path
-        return _Kept(replace(done, **dict.fromkeys(paths)), paths)
+        kept: dict[str, Any] = {}
+        for name, layout in self.layouts.items():
+            if (array := getattr(done, name)) is not None:
+                valid = done.valid if layout.masked else None
+                kept[name] = self._write(f"{tile.row0}-{tile.col0}-{name}.tif", array, layout, tile, valid)
+        if hasattr(done, "valid"):
+            kept["valid"] = None  # it is in the part
+        return replace(done, **kept)
 
-    def _write(self, path: Path, array: Any) -> None:
+    def _write(self, name: str, array: Any, layout: Layout, tile: Tile, valid: Any) -> Part:
         """All of it or nothing: a worker may be ended at any time, and another be doing the same tile."""
-        scratch = path.with_suffix(f".{secrets.token_hex(4)}")
+        if not self.folder.is_dir():
+            raise WriteError(
+                f"a worker on {socket.gethostname()} does not see {self.folder.parent}. Workers need the output's "
+                "directory, under the same name."
+            )
+        scratch, path = self.folder / f"{secrets.token_hex(4)}-{name}", self.folder / name
+        part = write_part(scratch, array, layout, tile.window, valid)
         try:
-            with scratch.open("xb") as file:
-                np.save(file, array)
             scratch.replace(path)
         except OSError as error:
-            raise WriteError(
-                f"a worker on {socket.gethostname()} cannot write in {self.folder.parent}: {error.strerror or error}. "
-                "Workers need the output's directory, under the same name."
-            ) from error
-
-
-@dataclass(frozen=True, eq=False)
-class _Kept:
-    """A tile's result, its arrays in files."""
-
-    done: Any
-    paths: dict[str, Path]
-
-    def load(self) -> Any:
-        """With its arrays, which are read from the files as they are used."""
-        try:
-            return replace(
-                self.done, **{name: np.lib.format.open_memmap(path, mode="r") for name, path in self.paths.items()}
-            )
-        except (OSError, ValueError) as error:
-            raise WriteError(
-                f"a tile that a worker wrote is not in {next(iter(self.paths.values())).parent}: workers and this "
-                "process need the same file system."
-            ) from error
-
-    def remove(self) -> None:
-        """Give the disk back."""
-        for path in self.paths.values():
-            path.unlink(missing_ok=True)
+            raise WriteError(f"cannot write in {self.folder.parent}: {error.strerror or error}.") from error
+        return replace(part, path=path)
 
 
 def _remove(folder: Path) -> None:
@@ -326,3 +340,5 @@ def _quiet() -> None:
 
     for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker"):
         logging.getLogger(name).setLevel(logging.ERROR)
+    for name in ("distributed.client", "distributed.utils"):  # tracebacks of what is told in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -18,11 +18,12 @@ from ..compensate.evidence import Protection
 from ..compensate.identify import IdentifyLevel
 from ..compensate.level import SMALLEST, level_halo
 from ..compensate.median import Median
+from ..compensate.protect import LEAST_DELAY
 from ..compensate.psf import PSF
 from ..compensate.reference import SIZE, ReferenceRule, fit_reference
 from ..errors import FitError, InputError
-from ..masks import water
 from ..needs import (
+    HIGH_PASS,
     LITTLE_COVER,
     PSF_COVER,
     SMALLEST_OBJECT,
@@ -37,9 +38,10 @@ from ..readers.optics import optics_of, pixel_size
 from ..remove import FitRequest, GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
-from .look import LOOK_PIXELS, LOOK_SIDE, Look, core_of, raster_of, role_bands
+from .blocks import Blocks, read_blocks, some, tiles_of, workers
+from .look import Look, core_of, raster_of
 from .recipe import Recipe
-from .sample import Sampler, tiles_over
+from .sample import Sampler
 
 Mask = npt.NDArray[np.bool_]
 LEAST_SPREAD = 0.75
@@ -49,6 +51,8 @@ NOMINAL_PITCH = 8e-6
 """Pitch that an f-number is estimated for [m]; the PSF in pixels does not depend on it."""
 BLURRED = 0.2
 """Share of a point's light in its pixel, in the band that is blurred most, below which bands are matched."""
+SHARP = 0.9
+"""The same share from which on, in every band, sharpening gains less than a tenth of the noise."""
 DARK_NOISE = 0.2
 """Share of the variance over water that does not grow with the signal, where nothing more is known of the noise."""
 
@@ -60,7 +64,7 @@ class Plan:
     needs: Needs
     steps: tuple[Step, ...] = ()
     setting: Setting | None = None
-    tiles: tuple[Tile, ...] = ()
+    blocks: Blocks | None = None
     sampler: Sampler | None = None
     warnings: tuple[str, ...] = ()
 
@@ -100,20 +104,27 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     wanted = (
         None if recipe.compensate == "auto" else parse(THESIS if recipe.compensate == "thesis" else recipe.compensate)
     )
+    tiles = some(look.tiles) if sampler is None else tiles_of(scene, sampler)
+    nir = request.indexes[0].bands[0]
     if wanted is None and not needs.element:
         why = f"things {smallest:.3g} pixels wide are to be kept, and an opening has {SMALLEST} or more"
+        sample = read_blocks(scene, recipe, look, tiles, sampler, HIGH_PASS // 2, threads).sample
+        needs = replace(needs, coherence=_alike(scene, sample, nir), offsets=_offsets(scene, nir))
         return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
-    tiles = some(look.tiles) if sampler is None else tiles_of(scene, sampler)
     whole = _steps_of(scene)
     floor = None if whole is None else tuple(LEAST_SPREAD * step for step in whole)
-    psfs, optics = _psfs(scene, wanted), "known"
+    psfs = _psfs(scene, wanted)
+    optics = "known" if psfs else "not looked for"
     setting = Setting(scene.bands, psfs, floor=floor, steps=whole)
     steps = wanted or parse(f"identify-level:{needs.element}, replace-level")
-    found = Plan(needs, steps, setting, tuple(tiles), sampler)
-    sample = read_sample(scene, recipe, look, found, threads)
-    nir = request.indexes[0].bands[0]
-    alike = coherence([s.image for s in sample.states], sample.inside, scene.bands, nir)
-    if psfs is None and _wants_psf(wanted):
+    usual = wanted or parse(
+        f"psf:2, identify-level:{needs.element}, replace-level, remove, identify-level:{needs.element}"
+    )
+    blocks = read_blocks(scene, recipe, look, tiles, sampler, halo_of(usual, psfs), threads)
+    sample = blocks.sample
+    found = Plan(needs, steps, setting, blocks, sampler)
+    alike = _alike(scene, sample, nir)
+    if psfs is None and wanted is not None and _wants_psf(wanted):
         psfs, optics = estimated_psfs(scene, sample)
         setting = replace(setting, psfs=psfs)
         found = replace(found, setting=setting)
@@ -122,15 +133,22 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     if wanted is not None:
         stages = tuple(StageNeed(s.name, True, "asked for") for s in wanted if s.name != "remove")
         return replace(found, needs=replace(needs, stages=stages), setting=setting)
-    return _automatic(replace(found, needs=needs, setting=setting), sample)
+    return _automatic(scene, replace(found, needs=needs, setting=setting), sample, threads)
 
 
-def _automatic(found: Plan, sample: Sample) -> Plan:
+def _alike(scene: Scene, sample: Sample, nir: int) -> float | None:
+    """Coherence of the bands."""
+    delayed = (_offsets(scene, nir) or 0.0) >= LEAST_DELAY
+    return coherence([s.image for s in sample.states], sample.inside, scene.bands, nir, delayed=delayed)
+
+
+def _automatic(scene: Scene, found: Plan, sample: Sample, threads: int) -> Plan:
     """The default chain, without what this scene does not need."""
     needs, setting = found.needs, found.setting
     assert setting is not None
     try:
-        (stage,) = fit_stages([Step("identify-level", needs.element)], sample, setting)
+        with workers(threads) as each:
+            (stage,) = fit_stages([Step("identify-level", needs.element)], sample, setting, each=each)
     except FitError as error:
         return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
     cover = stage.cover
@@ -139,6 +157,10 @@ def _automatic(found: Plan, sample: Sample) -> Plan:
     if most < LITTLE_COVER:
         why = f"at most {most:.3%} of a band is too bright for noise (threshold {LITTLE_COVER:.2%})"
         return Plan(replace(needs, stages=(StageNeed("compensation", False, why, "all of its time"),)))
+    if setting.psfs is None:
+        psfs, optics = estimated_psfs(scene, sample)
+        needs, setting = replace(needs, optics=optics), replace(setting, psfs=psfs)
+        found = replace(found, setting=setting)
     if needs.simultaneous and setting.psfs is not None and min(p.centre for p in setting.psfs) < BLURRED:
         why = "the bands see the sea at one instant, and are blurred over several pixels, each by its own wavelength"
         taken = "matched bands share their sparkle, and the removal takes it"
@@ -161,6 +183,9 @@ def _automatic(found: Plan, sample: Sample) -> Plan:
         )
     elif needs.simultaneous:
         stages.append(StageNeed("psf", False, "the bands see the sea at one instant", "a third of the time"))
+    elif (share := min(p.centre for p in setting.psfs)) >= SHARP:
+        why = f"the optics leave {share:.0%} of a point's light in its pixel (threshold {SHARP:.0%})"
+        stages.append(StageNeed("psf", False, why, "a third of the time"))
     else:
         text.append("psf:2")
         stages.append(
@@ -175,18 +200,30 @@ def _automatic(found: Plan, sample: Sample) -> Plan:
     return replace(found, needs=replace(needs, stages=tuple(stages)), steps=parse(", ".join(text)))
 
 
-def fit_before(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: int) -> Chain:
-    """Fit the stages before the removal."""
-    sample = read_sample(scene, recipe, look, found, threads)
+def fit_before(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: int) -> tuple[Chain, Blocks]:
+    """Fit the stages before the removal; and the sample as they leave it."""
     assert found.setting is not None
-    raw = [s.image.copy() for s in sample.states]
-    stages = fit_stages(found.before, sample, found.setting)
+    assert found.blocks is not None
+    blocks, halo = found.blocks, halo_of(found.steps, found.setting.psfs)
+    if halo > blocks.read:
+        tiles = blocks.tiles
+        blocks = read_blocks(scene, recipe, look, tiles, found.sampler, halo, threads)
+    sample = blocks.sample
+    raw = [s.image[(slice(None), *core)].copy() for s, core in zip(sample.states, blocks.cores(), strict=True)]
+    in_place = not any(step.name == "normalise" for step in found.before)
+    whole = None if in_place else [s.image.copy() for s in sample.states]
+    with workers(threads) as each:
+        stages = fit_stages(found.before, sample, found.setting, each=each)
     text = ", ".join(s.name + (f":{s.number:g}" if s.number else "") for s in found.steps)
-    return Chain(stages, (), text, protection=_protection(raw, sample, stages, found))
+    chain = Chain(stages, (), text, protection=_protection(raw, blocks, stages, found))
+    images = [s.image if whole is None else finish(s, whole[i]) for i, s in enumerate(sample.states)]
+    sample.states[:] = [State(image) for image in images]
+    return chain, replace(blocks, halo=blocks.read - chain.halo_before)
 
 
-def _protection(raw: list[Any], sample: Sample, stages: Sequence[Any], found: Plan) -> Protection:
+def _protection(raw: list[Any], blocks: Blocks, stages: Sequence[Any], found: Plan) -> Protection:
     """How small things are told from sparkle, where an opening would erase them and the bands' instants can tell."""
+    sample = blocks.sample
     levels = [s for s in stages if isinstance(s, IdentifyLevel)]
     assert found.setting is not None
     if not levels or any(s.water is None for s in sample.states) or len(levels[-1].bands) < len(found.setting.bands):
@@ -202,9 +239,10 @@ def _protection(raw: list[Any], sample: Sample, stages: Sequence[Any], found: Pl
         cover = float(np.median(levels[-1].cover))
         return Protection(reason=f"glint covers {cover:.0%} of the middlemost band, and clumps of it look like things")
     looks, noise = [], []
-    for block, state, mask in zip(raw, sample.states, sample.inside, strict=True):
+    for block, state, mask, core in zip(raw, sample.states, sample.inside, blocks.cores(), strict=True):
         assert state.water is not None
-        looks.append((np.where(mask, block, np.nan), np.where(mask, state.water, np.nan)))
+        inner = mask[core]
+        looks.append((np.where(inner, block, np.nan), np.where(inner, state.water[(slice(None), *core)], np.nan)))
     for b, sigma in enumerate(levels[-1].sigmas):
         level = max(float(np.nanmedian(np.concatenate([m[b][np.isfinite(m[b])] for _, m in looks]))), 1e-30)
         noise.append((DARK_NOISE * sigma**2, (1 - DARK_NOISE) * sigma**2 / level))
@@ -214,22 +252,22 @@ def _protection(raw: list[Any], sample: Sample, stages: Sequence[Any], found: Pl
         return Protection(reason=str(error))
 
 
-def fit_after(
-    scene: Scene, recipe: Recipe, look: Look, found: Plan, chain: Chain, model: GlintModel, threads: int
-) -> Chain:
+def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: GlintModel, threads: int) -> Chain:
     """Fit the stages after the removal, on what it leaves; none unasked where it changed no band."""
     if not found.after or (not model.fits and recipe.compensate == "auto"):
         return chain
     assert found.setting is not None
-    sample = read_sample(scene, recipe, look, found, threads)
+    sample = blocks.sample
     levels = [s for s in chain.before if isinstance(s, IdentifyLevel)]
     setting = replace(found.setting, steps=None)  # what removal leaves is no whole number
     if levels:
         known = dict(zip(levels[-1].bands, levels[-1].sigmas, strict=True))
-        setting = replace(setting, floor=tuple(known.get(b, 0.0) for b in range(len(scene.bands))))
-    left = Sample([State(compensated(s, chain, model)) for s in sample.states], sample.inside)
-    bands = sorted(f.band for f in model.fits) or None
-    after = fit_stages(found.after, left, setting, bands=bands)
+        setting = replace(setting, floor=tuple(known.get(b, 0.0) for b in range(len(found.setting.bands))))
+    with workers(threads) as each:
+        images = each(lambda s: np.asarray(apply(s.image, model, out=s.image)), sample.states)
+        left = Sample([State(image) for image in images], sample.inside)
+        bands = sorted(f.band for f in model.fits) or None
+        after = fit_stages(found.after, left, setting, bands=bands, each=each)
     return replace(chain, after=after)
 
 
@@ -260,47 +298,6 @@ def fit_references(
         except FitError:  # too little water in one piece to tell: every pixel follows its own NIR
             continue
     return tuple(found)
-
-
-def compensated(state: State, chain: Chain, model: GlintModel) -> npt.NDArray[np.float32]:
-    """A block after the stages before the removal, and the removal."""
-    block = state.image.copy()
-    for stage in chain.before:
-        stage.apply(state)
-    out = finish(state, block)
-    return np.asarray(apply(out, model, out=out))
-
-
-def read_sample(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: int) -> Sample:
-    """Some tiles with their halos, and which of their pixels are water (or in the sample that was named)."""
-    halo = halo_of(found.steps, found.setting.psfs if found.setting else None)
-    margin = 0 if look.water is None else look.water.halo
-    everything = list(range(len(scene.bands)))
-
-    def work(tile: Tile) -> tuple[State, Mask]:
-        outer = tile.grown(max(halo, margin), scene.height, scene.width)
-        block = scene.source.read(outer.window, everything)
-        top, bottom, left, right = tile.crop_of(outer)
-        core = np.zeros(outer.shape, np.bool_)
-        core[top : outer.shape[0] - bottom, left : outer.shape[1] - right] = True
-        return State.of(block), core & _wanted(block, tile, outer, recipe, look, found.sampler)
-
-    at_once = tiling.affordable(threads, (512, 512), 4 * len(everything))
-    parts = [p for _t, p in tiling.run(found.tiles, work, threads=at_once, start=enter_thread)]
-    return Sample([s for s, _ in parts], [m for _, m in parts])
-
-
-def _wanted(block: Any, tile: Tile, outer: Tile, recipe: Recipe, look: Look, sampler: Sampler | None) -> Mask:
-    valid = np.asarray(np.isfinite(block).all(axis=0))
-    if sampler is not None and recipe.sample != "auto":
-        mask = np.zeros(outer.shape, np.bool_)
-        top, bottom, left, right = tile.crop_of(outer)
-        inner = slice(top, outer.shape[0] - bottom), slice(left, outer.shape[1] - right)
-        mask[inner] = sampler.mask(block[(slice(None), *inner)], list(range(len(block))), tile)
-        return mask & valid
-    if look.water is None or not look.water.has_water:
-        return valid
-    return valid & water([block[b] for b in role_bands(look.roles)], look.water)
 
 
 def halo_of(steps: Sequence[Step], psfs: tuple[PSF, ...] | None) -> int:
@@ -341,22 +338,6 @@ def smallest_object(text: str | None, pixel: float | None) -> float:
     if pixel is None:
         raise InputError(f"--smallest-object {text}: the size of a pixel is not known; give pixels, such as 16px.")
     return value / pixel
-
-
-def tiles_of(scene: Scene, sampler: Sampler) -> list[Tile]:
-    """So many tiles of a sample as a look may hold; the same ones however the file is stored."""
-    if sampler.bounds is None:
-        return some(sampler.tiles)
-    return some(tiles_over(scene, sampler.bounds, (LOOK_SIDE, LOOK_SIDE)))
-
-
-def some(tiles: Sequence[Tile]) -> list[Tile]:
-    """So many of the tiles as a look may hold."""
-    return (
-        list(tiles)
-        if sum(t.shape[0] * t.shape[1] for t in tiles) <= 2 * LOOK_PIXELS
-        else tiling.spread(tiles, LOOK_PIXELS)
-    )
 
 
 def _psfs(scene: Scene, wanted: Sequence[Step] | None) -> tuple[PSF, ...] | None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ..compensate import Chain, State, apply_stages, finish
 from ..compensate.evidence import REACH, grown
 from ..compensate.protect import put_back, things
+from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
 from ..compensate.uncertainty import Parts, Uncertainty, stderr
 from ..masks import WaterRule, opened, valid_for, water
@@ -20,6 +21,7 @@ from ..raster.info import same_nodata
 from ..raster.output import Layout
 from ..readers.areas import Area
 from ..remove import GlintModel, apply
+from ..remove.model import apply_compiled
 from ..scene import Scene
 from ..tiles import Tile
 from .following import moved_halo, nir_to_follow, remove_following
@@ -42,10 +44,11 @@ NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED, REPLACED, PROTECTED 
 
 @dataclass
 class Tally:
-    """Pixels of the whole run; bands in scene order."""
+    """Pixels of the whole run; bands in scene order. What was `copied` was not looked at: only its total is known."""
 
     bands: int
     total: int = 0
+    copied: bool = False
     nodata: int = 0
     not_water: int = 0
     corrected: int = 0
@@ -63,6 +66,7 @@ class Tally:
     def add(self, other: Tally) -> None:
         """Add a tile's counts."""
         counts = ("total", "nodata", "not_water", "usable", "corrected", "protected")
+        self.copied |= other.copied
         for name in (*counts, "replaced", "negative", "clipped", "saturated"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
@@ -132,6 +136,8 @@ class Correction:
 
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and bring it into the output's type."""
+        if self.copies:
+            return self._copied(tile)
         read = self._read(tile)
         raw, valid, physical, where, known = read.raw, read.valid, read.physical, read.where, read.known
         tally, source = read.tally, raster_of(self.scene)
@@ -159,6 +165,21 @@ class Correction:
             return Corrected(raw, tally, file_valid, flags, amount, None, parts)
         error = stderr(parts, self.uncertainty, steps=self._steps)
         return Corrected(raw, tally, file_valid, flags, amount, error)
+
+    @property
+    def copies(self) -> bool:
+        """No band may change and nothing is to be said of single pixels: nothing is looked at either."""
+        return not self.changed and not self.want_flags
+
+    def _copied(self, tile: Tile) -> Corrected:
+        """A tile as it is, in the output's type."""
+        raw, valid = raster_of(self.scene).read_raw(tile.window)
+        file_valid = self._file_valid(raw, valid)
+        raw, lost = self._retyped(raw, valid)
+        tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1], copied=True)
+        if lost is not None:
+            tally.clipped = np.count_nonzero(lost, axis=(1, 2))
+        return Corrected(raw, tally, file_valid)
 
     def _parts(self, before: Any, physical: Any, where: Any, after: Compensated | None) -> Parts:
         """What the standard error of the tile is told by."""
@@ -192,11 +213,12 @@ class Correction:
             around, place = physical, (slice(None), *core_of(tile.crop_of(outer), outer.shape))
             physical, raw = around[place].copy(), raw[place].copy()
             valid = None if valid is None else valid[place]
-            after = self._compensated(around, tile, outer)
-            inside = after.inside
+            known = self._known(physical, valid)
+            if known is None or known.any():
+                after = self._compensated(around, tile, outer)
+            inside = None if after is None else after.inside
         else:
-            inside = self._inside(tile, physical)
-        known = self._known(physical, valid)
+            known, inside = self._known(physical, valid), self._inside(tile, physical)
         where = known if inside is None else inside if known is None else known & inside
         tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
         tally.usable = tally.total if where is None else int(np.count_nonzero(where))
@@ -271,28 +293,35 @@ class Correction:
 
         Each stage sees no more of the halo than the stages after it need.
         """
-        middle = tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
-        place = (slice(None), *core_of(middle.crop_of(outer), outer.shape))
-        raw = around[place].copy() if self.chain.protection.possible else None
+        height, width = self.scene.height, self.scene.width
+        middle = tile.grown(self._halo - self.chain.halo_before, height, width)
+        looked = tile.grown(self.chain.protection.halo, height, width)
+        raw = around[_place(looked, outer)].copy() if self.chain.protection.possible else None
         state = State.own(around) if self.chain.in_place else State.of(around)
-        apply_stages(state, self.chain.before)
-        clean, replaced = finish(state, around)[place], state.replaced[place]
-        level, units = None if state.water is None else state.water[place], state.units
-        inner = core_of(tile.crop_of(middle), middle.shape)
+        state.sound = all_finite(state.image)
+        apply_stages(state, self.chain.before, middle.crop_of(outer))
+        clean, replaced = finish(state, around[_place(middle, outer)]), state.replaced
+        level, units, within = state.water, state.units, _place(tile, middle)
+        inner = (within[1], within[2])
         inside = self._water_of(clean, inner, tile)
         if self.model.fits:
-            clean = apply(clean, self.model)
+            clean = removed(clean, self.model)
+        replaced = replaced[within]
         if self.chain.after:
-            state = apply_stages(State.of(clean), self.chain.after)
-            clean = finish(state, clean)
+            sound, state = state.sound, State.own(clean)
+            state.sound = sound and all_finite(clean)
+            apply_stages(state, self.chain.after, tile.crop_of(middle))
+            clean = finish(state, clean[within])
             replaced = replaced | state.replaced
-        within = (slice(None), *inner)
+        else:
+            clean = clean[within]
         levels = self._levels(units, level, inner)
         if raw is None or level is None:
-            return Compensated(inside, clean[within], replaced[within], None, *levels)
-        found = things(raw, level, self.chain.protection).cropped(inner)
-        clean = put_back(clean[within], level[within], found)
-        return Compensated(inside, clean, replaced[within] & ~found.mask, found.mask, *levels)
+            return Compensated(inside, clean, replaced, None, *levels)
+        found = things(raw, level[_place(looked, middle)], self.chain.protection)
+        found = found.cropped(core_of(tile.crop_of(looked), looked.shape))
+        clean = put_back(clean, level[within], found)
+        return Compensated(inside, clean, replaced & ~found.mask, found.mask, *levels)
 
     def _levels(self, units: Any, level: Any, inner: tuple[slice, slice]) -> tuple[Any, Any, tuple[slice, slice]]:
         """The level before and after removal, where a standard error is wanted, and where the tile lies in it."""
@@ -368,6 +397,19 @@ class Correction:
         if known is not None:
             flags[~known] = NODATA
         return flags
+
+
+def _place(tile: Tile, outer: Tile) -> tuple[slice, slice, slice]:
+    """Where a tile lies in the block of a larger one."""
+    return (slice(None), *core_of(tile.crop_of(outer), outer.shape))
+
+
+def removed(block: Any, model: GlintModel) -> Any:
+    """What removal leaves of a block, which is overwritten where that is faster."""
+    if block.dtype != np.float32 or not block.flags.c_contiguous:
+        return apply(block, model)
+    apply_compiled(block, model)
+    return block
 
 
 def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int, ...] = ()) -> list[int]:

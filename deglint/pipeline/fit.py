@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,21 +18,19 @@ from ..masks import WaterRule
 from ..needs import HEAVY_COVER, Needs
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
-from ..remove import METHODS, FitRequest, GlintModel, SampleStatistics, gather, merge, useless
+from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, SampleStatistics, combine, gather, useless
 from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
-from .compensation import Plan, fit_after, fit_before, fit_references, plan, tiles_of
+from .blocks import Blocks, cleaned, tiles_of
+from .compensation import Plan, fit_after, fit_before, fit_references, plan
 from .following import find_moves, moved, moved_halo, with_moves
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
 from .sample import Sampler, sampler_of
+from .tolerance import Sampling, short_of
 
 Progress = Callable[[str, int, int], None]
-KEPT_PIXELS = 1 << 20
-"""Most single pixels that are kept for a percentile or a mode."""
-COMPILED_PIXELS = 10_000_000
-"""Pixels of a sample above which the compiled statistics kernel pays for its loading."""
 MAX_COVER = 0.6
 """Share of glinted pixels above which the mode of the NIR is no longer that of water."""
 HEAVY_FLOOR = 1.0
@@ -130,7 +129,9 @@ def fit_scene(
         wanted = recipe.mask == "auto" or (sampled and recipe.sample == "auto")
         for look in looks(scene, request.indexes[0].bands[0], threads, wanted=wanted):
             try:
-                return _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress, run)
+                fitted = _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress, run)
+                if look.whole or recipe.sample != "auto" or not short_of(fitted.numbers):
+                    return fitted
             except (NoWaterError, FitError):
                 # a look at a part may have missed the water, or the deep of it: look at more
                 if look.whole or (recipe.sample != "auto" and (look.water is None or look.water.has_water)):
@@ -159,9 +160,11 @@ def _fit_look(
         notes.append(look.water.reason)
     given = sampler_of(scene, recipe, look, threads) if recipe.sample != "auto" else None
     todo = plan(scene, recipe, request, look, given, threads)
-    chain = fit_before(scene, recipe, look, todo, threads) if todo.runs else Chain()
+    chain, blocks = fit_before(scene, recipe, look, todo, threads) if todo.runs else (Chain(), None)
     sampled = METHODS[_method(recipe)].plan is not None
-    sampler = (given or sampler_of(scene, recipe, look, threads, chain)) if sampled else None
+    auto = blocks is not None and sampled and given is None
+    clean = cleaned(scene, look.tiles, chain, blocks, threads) if auto and blocks else None
+    sampler = (given or sampler_of(scene, recipe, look, threads, clean)) if sampled else None
     place = len(notes)
     numbers: dict[str, Any] = {"water": look.water.numbers() if look.water else None, "sample": None}
     name = _compensated_method(request) if todo.runs and recipe.method == "auto" else _method(recipe)
@@ -173,14 +176,14 @@ def _fit_look(
         model, outline = METHODS[name].fit(request, None), None
         chosen = replace(recipe, method=model.method, regression="auto")
     else:
-        job = _Job(scene, recipe, request, sampler, chain, name, todo, run)
+        job = _Job(scene, recipe, request, sampler, chain, name, todo, run, blocks)
         model, said, outline = _fit_sampled(job, threads, want_sample, progress)
         notes += said.pop("notes")
         floor = said.pop("floor_percentile")
         chosen = replace(recipe, method=model.method, regression=model.regression or "auto", floor_percentile=floor)
         numbers["sample"] = said
-    if todo.runs:
-        chain = fit_after(scene, recipe, look, todo, chain, model, threads)
+    if blocks is not None:
+        chain = fit_after(recipe, todo, chain, blocks, model, threads)
         model = replace(model, warnings=(*model.warnings, *_heavy(todo)))
         if todo.after and not chain.after:
             needs = todo.needs.without("second opening", "removal changed no band")
@@ -218,6 +221,7 @@ class _Job:
     method: str
     todo: Plan
     run: tiling.Run
+    blocks: Blocks | None = None
 
 
 def _fit_sampled(
@@ -228,8 +232,8 @@ def _fit_sampled(
     if method == "multiband" and recipe.method == "auto" and _heavy(job.todo):
         request = replace(request, floor_percentile=HEAVY_FLOOR)
     plan = METHODS[method].plan(request)  # type: ignore[misc]
-    share = max(1, -(-sampler.pixels // KEPT_PIXELS))
-    plan = replace(plan, share=share, compiled=sampler.pixels > COMPILED_PIXELS)
+    judge = recipe.method == "auto" and not recipe.bands
+    sampling = Sampling(scene, sampler, request, method, plan, recipe.tolerance, judge)
     halo = max(plan.halo, 0)
     count = len(scene.bands)
     columns = sorted({b for b in plan.read_bands if b < count} | set(sampler.bands) | {m.nir for m in chain.moves})
@@ -238,11 +242,14 @@ def _fit_sampled(
     places = columns + list(range(count, count + len(chain.moves)))
     rows = [places.index(b) for b in plan.read_bands]
 
-    def work(tile: Tile) -> Any:
-        outer = tile.grown(halo + sampler.halo + chain.halo_before + moved_halo(chain), scene.height, scene.width)
+    reach = halo + sampler.halo + moved_halo(chain)
+    ready = job.blocks if job.blocks and all(job.blocks.image(t, reach) is not None for t in sampling.pool) else None
+
+    def work(plan: SamplePlan, tile: Tile) -> Any:
+        outer = tile.grown(reach + (0 if ready else chain.halo_before), scene.height, scene.width)
         middle = tile.grown(halo, scene.height, scene.width)
-        block = scene.source.read(outer.window, columns)
-        if chain.before:
+        block: Any = ready.image(tile, reach) if ready else scene.source.read(outer.window, columns)
+        if chain.before and not ready:
             block = finish(apply_stages(State.of(block), chain.before), block)
         mask = sampler.mask(block, columns, outer)
         if chain.moves:
@@ -251,26 +258,30 @@ def _fit_sampled(
         inner = (slice(top, mask.shape[0] - bottom), slice(left, mask.shape[1] - right))
         mask, block = mask[inner], block[(slice(None), *inner)][rows]
         part = gather(block, mask, plan, origin=(tile.row0, tile.col0), crop=tile.crop_of(middle))
-        return part, mask[core_of(tile.crop_of(middle), mask.shape)]
+        mask = mask[core_of(tile.crop_of(middle), mask.shape)]
+        return part, _box(mask, tile), to_geojson(mask, (tile.row0, tile.col0), scene) if want_sample else []
 
-    parts, features, boxes = [], [], []
+    features, boxes = [], []
     note = (lambda done, total: progress("fit", done, total)) if progress else None
-    largest = max(sampler.tiles, key=lambda t: t.shape[0] * t.shape[1])
-    at_once = tiling.affordable(threads, largest.shape, 4 * len(columns))  # statistics take several copies
-    for tile, (part, mask) in job.run(sampler.tiles, work, threads=at_once, progress=note, start=enter_thread):
-        parts.append(part)
-        boxes.append(_box(mask, tile))
-        if want_sample:
-            features += to_geojson(mask, (tile.row0, tile.col0), scene)
-    stats = merge(parts, plan)
-    notes: list[str] = []
+    at_once = tiling.affordable(threads, sampling.largest, 4 * len(columns))  # statistics take several copies
+    options: dict[str, Any] = {"threads": at_once, "progress": note, "start": enter_thread}
+    run = tiling.run if ready else job.run
+    for tiles, plan in sampling:
+        for _row, (part, box, found) in run(tiles, partial(work, plan), combine=partial(_row_of, plan), **options):
+            sampling.parts.append(part)
+            boxes.append(box)
+            features += found
+    stats = sampling.statistics()
+    tolerance, notes, doubts = sampling.said()
     model = METHODS[method].fit(request, stats)
+    model = replace(model, warnings=(*model.warnings, *doubts))
     numbers: dict[str, Any] = {"glint_cover": None, "glint_level": None, "left_alone": {}}
     numbers |= {"r2": {f.name: f.r2 for f in model.fits}, "slopes": {f.name: f.slope for f in model.fits}}
     floor = request.floor_percentile
+    numbers |= {"tolerance": tolerance} if tolerance else {}
     if recipe.method == "auto":
         choose = _keep_useful if job.todo.runs else _choose
-        model, floor, chosen = choose(request, stats, model, judge=not recipe.bands)
+        model, floor, chosen = choose(request, stats, model, judge=judge)
         notes += chosen.pop("notes")
         numbers |= chosen
     box = _union(boxes)
@@ -285,6 +296,14 @@ def _fit_sampled(
         "notes": [*notes, f"sample ({recipe.sample}): {stats.moments.n} pixels, {_place(box)}"],
     }
     return model, said, collection(features, scene) if want_sample else None
+
+
+def _row_of(
+    plan: SamplePlan, tiles: list[tuple[Any, Window | None, list[Any]]]
+) -> tuple[Any, Window | None, list[Any]]:
+    """What a row of tiles comes to: its part of the statistics, where the sample lies in it, its outlines."""
+    parts, boxes, features = zip(*tiles, strict=True)
+    return combine(parts, plan), _union(boxes), [f for some in features for f in some]
 
 
 def _choose(

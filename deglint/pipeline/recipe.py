@@ -42,6 +42,9 @@ class Recipe:
         see `deglint.compensate.STAGES`.
     smallest_object : str
         Width of the smallest thing to keep, such as "4m" or "16px"; 4 m where empty, or 16 pixels of unknown size.
+    tolerance : float
+        Relative standard error of the slopes at which enough of the sample is read; 0 (off): all that the sample
+        names is read, or the usual share of a scene. See `deglint.pipeline.tolerance`.
     """
 
     method: str = "auto"
@@ -55,6 +58,7 @@ class Recipe:
     rrs_factor: float = float(np.pi)
     compensate: str = "auto"
     smallest_object: str = ""
+    tolerance: float = 0.0
 
     def __post_init__(self) -> None:
         if self.method != "auto" and self.method not in METHODS:
@@ -67,6 +71,7 @@ class Recipe:
             raise InputError(f"{self.method} fits no slopes by regression: leave out --regression {self.regression}.")
         if self.rrs_factor != float(np.pi) and self.method != "goodman":
             raise InputError(f"the rrs factor is for method goodman, got method {self.method}.")
+        self._check_tolerance()
         if self.nir_use not in ("auto", "mean", "best", "set"):
             raise InputError(f"nir_use {self.nir_use!r} is not one of auto, mean, best, set.")
         if self.smallest_object and self.compensate != "auto":
@@ -76,6 +81,21 @@ class Recipe:
             )
         if self.compensate not in ("auto", "thesis", "off"):
             parse(self.compensate)
+
+    def _check_tolerance(self) -> None:
+        if not self.tolerance:
+            return
+        if not (isinstance(self.tolerance, (int, float)) and 0 < self.tolerance < 1):
+            raise InputError(
+                f"tolerance is a relative standard error, more than 0 and less than 1, got {self.tolerance}."
+            )
+        if self.method != "auto" and METHODS[self.method].weights is None:
+            raise InputError(f"{self.method} fits no slopes, so their error is not known: leave out --tolerance.")
+        if self.regression in ("huber", "theil-sen"):
+            raise InputError(
+                f"{self.regression} looks at a part of the sample however large it is: leave out --tolerance, or take "
+                "--regression ols or detrended."
+            )
 
 
 def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, list[str]]:

@@ -10,14 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..compensate import Chain, State, apply_stages, finish
 from ..errors import FitError
 from ..masks import deep_water, fit_sample
-from ..raster.environment import enter_thread
 from ..readers.areas import open_area
-from ..scene import Scene, Window
+from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
-from .look import Look, core_of, read_looks, role_bands, tile_shape_of
+from .look import Look, read_looks, role_bands, tile_shape_of
 from .recipe import Recipe
 
 
@@ -34,8 +32,10 @@ class Sampler:
     bounds: Window | None = None
 
 
-def sampler_of(scene: Scene, recipe: Recipe, look: Look, threads: int, chain: Chain | None = None) -> Sampler:
-    """The sampler that a recipe asks for; with a chain, of what the stages before the removal leave.
+def sampler_of(
+    scene: Scene, recipe: Recipe, look: Look, threads: int, clean: Sequence[FloatArray] | None = None
+) -> Sampler:
+    """The sampler that a recipe asks for; with the look's tiles as the stages before the removal leave them, of those.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def sampler_of(scene: Scene, recipe: Recipe, look: Look, threads: int, chain: Ch
         No sample can be found, or the one that was named cannot be used.
     """
     if recipe.sample == "auto":
-        return _auto_sampler(scene, look, threads, chain or Chain())
+        return _auto_sampler(scene, look, threads, clean)
     shape = tile_shape_of(scene)
     if recipe.sample == "all":
         everything = tiling.tiles(scene.height, scene.width, shape)
@@ -66,15 +66,17 @@ def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Til
     ]  # fmt: skip
 
 
-def _auto_sampler(scene: Scene, look: Look, threads: int, chain: Chain) -> Sampler:
+def _auto_sampler(scene: Scene, look: Look, threads: int, clean: Sequence[FloatArray] | None) -> Sampler:
     if look.water is None:
         raise FitError(
             "a sample cannot be found without a visible band to tell water by. Pass --sample FILE.geojson, a window, "
             "or --sample all."
         )
-    blocks = compensated_looks(scene, look, threads, chain) if chain.before else None
-    rule = fit_sample(blocks or read_looks(scene, look.tiles, look.roles, threads), look.water)
-    if chain.before:  # what is left of the glint is faint everywhere: where it is strongest, its level is too bright
+    wanted = list(role_bands(look.roles))
+    blocks = read_looks(scene, look.tiles, look.roles, threads) if clean is None else [c[wanted] for c in clean]
+    rule = fit_sample(blocks, look.water)
+    if clean is not None:
+        # what is left of the glint is faint everywhere: where it is strongest, its level is too bright
         rule = replace(rule, least_variance=0.0, level=np.inf)
     numbers = {"rule": rule.numbers(), "looked_at_tiles": len(look.tiles)}
     bands = role_bands(look.roles)
@@ -84,18 +86,3 @@ def _auto_sampler(scene: Scene, look: Look, threads: int, chain: Chain) -> Sampl
 
     pixels = sum(t.shape[0] * t.shape[1] for t in look.tiles)
     return Sampler(look.tiles, mask, bands, rule.halo, pixels, numbers)
-
-
-def compensated_looks(scene: Scene, look: Look, threads: int, chain: Chain) -> list[Any]:
-    """The bands that the masks look at, of the look's tiles, after the stages before the removal."""
-    every, wanted = list(range(len(scene.bands))), list(role_bands(look.roles))
-
-    def work(tile: Tile) -> Any:
-        outer = tile.grown(chain.halo_before, scene.height, scene.width)
-        block = scene.source.read(outer.window, every)
-        clean = finish(apply_stages(State.of(block), chain.before), block)
-        return clean[(slice(None), *core_of(tile.crop_of(outer), outer.shape))][wanted]
-
-    largest = max(look.tiles, key=lambda t: t.shape[0] * t.shape[1])
-    at_once = tiling.affordable(threads, largest.shape, 8 * len(every))
-    return [block for _t, block in tiling.run(look.tiles, work, threads=at_once, start=enter_thread)]

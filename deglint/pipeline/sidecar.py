@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .correct import Tally
 
 _CHUNK = 1 << 20
+COPIED = "no band needs a correction: copied as they are, and not counted by kind"
 
 
 class Checksum:
@@ -110,16 +111,16 @@ def sidecar(
         "recipe": resolved(fitted),
         "model": asdict(fitted.model),
         **fitted.numbers,
-        "skipped": skipped(fitted, names),
+        "skipped": skipped(fitted, names) | ({"pixels": COPIED} if tally.copied else {}),
         "pixels": {
             "total": tally.total,
-            "nodata": tally.nodata,
-            "not_water": tally.not_water,
+            "nodata": None if tally.copied else tally.nodata,
+            "not_water": None if tally.copied else tally.not_water,
             "corrected": tally.corrected,
             "protected": tally.protected,
             "replaced": dict(zip(names, tally.replaced, strict=True)),
             "negative_after": dict(zip(names, tally.negative, strict=True)),
-            "saturated_before": dict(zip(names, tally.saturated, strict=True)),
+            "saturated_before": None if tally.copied else dict(zip(names, tally.saturated, strict=True)),
             "clipped": dict(zip(names, tally.clipped, strict=True)),
         },
         "notes": [*scene.notes, *fitted.notes],

@@ -15,6 +15,9 @@ from ..scene import FloatArray
 
 Raw = npt.NDArray[Any]
 Valid = npt.NDArray[np.bool_]
+FORGOTTEN = (3.4028e38, 3.40283e38)
+"""The largest numbers of float32, which many programs write where there is no data, and do not always say so. In
+float64, and there its own largest number, too."""
 _SLAB = 1 << 17  # values worked on at a time, so that they stay in the processor's cache
 
 
@@ -33,7 +36,7 @@ def to_physical(
     nodatas: Sequence[float | None] | None = None,
     in_place: bool = False,
 ) -> FloatArray:
-    """value = raw * scale + offset, NaN where not valid or not finite.
+    """value = raw * scale + offset, NaN where not valid, not finite, or at the end of what float32 or float64 holds.
 
     Parameters
     ----------
@@ -66,14 +69,17 @@ def to_physical(
         for band, rows in _slabs(raw):
             source, block = raw[band, rows], out[band, rows]
             bad = None if sentinels[band] is None else source == sentinels[band]
+            if floating and _may_be_endless(source):
+                endless = _is_endless(source)
+                bad = endless if bad is None else bad | endless
             if not keep:
                 _scale(source, dtype.type(scales[band]), dtype.type(offsets[band]), block)
             if bad is not None:
                 np.copyto(block, np.nan, where=bad)
             if valid is not None:
                 np.copyto(block, np.nan, where=~valid[band, rows])
-            if floating:
-                _drop_infinite(block)
+            if floating and not np.isfinite(np.add.reduce(block, axis=None)):  # a scale may make an infinity
+                np.copyto(block, np.nan, where=np.isinf(block))
     return out
 
 
@@ -95,12 +101,23 @@ def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
 
 
 def has_infinite(array: Raw) -> bool:
-    """Whether there is an infinity in a floating-point array (NaN is none)."""
+    """Whether there is an infinity in a floating-point array, or what `FORGOTTEN` says (NaN is none)."""
     with np.errstate(all="ignore"):
-        return any(
-            not np.isfinite(np.add.reduce(array[at], axis=None)) and bool(np.isinf(array[at]).any())
-            for at in _slabs(array)
-        )
+        return any(_may_be_endless(array[at]) and bool(_is_endless(array[at]).any()) for at in _slabs(array))
+
+
+def _may_be_endless(values: Raw) -> bool:
+    """One quick pass; NaN, overflow and large numbers ask for a second look."""
+    return not abs(np.add.reduce(values, axis=None)) < 1e30
+
+
+def _is_endless(values: Raw) -> Valid:
+    """Infinities, and the largest numbers of their type or of float32."""
+    size = np.abs(values)
+    low, high = FORGOTTEN
+    if values.dtype.itemsize <= 4:
+        return np.asarray(size >= low)
+    return np.asarray(((size >= low) & (size <= high)) | (size >= np.finfo(np.float64).max))
 
 
 def _as_stored(nodata: float | None, dtype: np.dtype[Any]) -> Any:
@@ -120,11 +137,6 @@ def _scale(raw: Raw, scale: Any, offset: Any, out: Raw) -> None:
         np.multiply(raw, scale, out=out, dtype=out.dtype)
     if offset:
         out += offset
-
-
-def _drop_infinite(block: Raw) -> None:
-    if not np.isfinite(np.add.reduce(block, axis=None)):  # one quick pass; NaN and overflow look twice
-        np.copyto(block, np.nan, where=np.isinf(block))
 
 
 def _slabs(array: Raw) -> Iterator[tuple[int, slice]]:

@@ -6,6 +6,7 @@ tells a file that is not there from one that GDAL cannot read.
 
 from __future__ import annotations
 
+import re
 import threading
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,6 +27,9 @@ Tags = Mapping[str, Mapping[str, str]]
 _DERIVED_NAMESPACES = frozenset({"IMAGE_STRUCTURE", "DERIVED_SUBDATASETS", "SUBDATASETS", "COLOR_PROFILE"})
 _MOST_BLOCKS = 20_000
 """Blocks of a file that are looked up one by one."""
+_REMOTE = re.compile(
+    r"(https?|ftp|s3|gs|az|oss|swift|hdfs)://|/vsi(curl|s3|gs|az|adls|oss|swift|webhdfs)", re.IGNORECASE
+)
 _opening = threading.Lock()  # warnings.catch_warnings is not safe for threads
 
 
@@ -166,7 +170,17 @@ def _why_not_opened(path: str, error: Exception) -> str:
         return f"cannot open {path}: too many open files. Use fewer --threads, or raise the limit (ulimit -n)."
     if "not recognized as being in a supported file format" in said:
         return f"{path} is not a raster GDAL can read. Convert it to GeoTIFF, or name the raster itself."
-    return f"cannot open {path}: {said}. The file is truncated or damaged, or cannot be reached."
+    return f"cannot open {path}: {said}. {remedy(path)}"
+
+
+def remedy(path: str) -> str:
+    """What may be wrong with a file that cannot be read, and what to do."""
+    if _REMOTE.match(path):
+        return (
+            "The server cannot be reached or is too slow, or the file is damaged: try again, or wait longer for it "
+            "(GDAL_HTTP_LOW_SPEED_TIME, GDAL_HTTP_MAX_RETRY in the environment)."
+        )
+    return "The file is truncated or damaged: copy or download it again."
 
 
 def one_line(error: BaseException) -> str:
@@ -258,21 +272,32 @@ def _is_direct(dataset: Any, path: str) -> bool:
     if dataset.driver != "GTiff" or dataset.compression is not None or not dataset.profile.get("tiled", False):
         return False
     rows, columns = dataset.block_shapes[0]
-    down, across = -(-dataset.height // rows), -(-dataset.width // columns)
     by_pixel = dataset.profile.get("interleave") == "pixel"
-    planes = dataset.indexes[:1] if by_pixel else dataset.indexes
-    if down * across * len(planes) > _MOST_BLOCKS:
-        return False
     size = rows * columns * np.dtype(dataset.dtypes[0]).itemsize * (dataset.count if by_pixel else 1)
     try:
         last = Path(path).stat().st_size - size
     except OSError:
         return False
-    starts = (
-        dataset.get_tag_item(f"BLOCK_OFFSET_{x}_{y}", "TIFF", bidx=band)
-        for band in planes for y in range(down) for x in range(across)
-    )  # fmt: skip
-    return all(start is not None and int(start) <= last for start in starts)
+    return all(start is not None and int(start) <= last for start, _size in block_places(dataset, sizes=False))
+
+
+def block_places(dataset: Any, *, sizes: bool = True) -> Iterator[tuple[str | None, str | None]]:
+    """Offset and size in the file of each block of an open GeoTIFF [byte]; None for what is not there.
+
+    Of a file with too many blocks to look up one by one, a single (None, None).
+    """
+    rows, columns = dataset.block_shapes[0]
+    down, across = -(-dataset.height // rows), -(-dataset.width // columns)
+    planes = dataset.indexes[:1] if dataset.profile.get("interleave") == "pixel" else dataset.indexes
+    if down * across * len(planes) > _MOST_BLOCKS:
+        yield None, None
+        return
+    for band in planes:
+        for y in range(down):
+            for x in range(across):
+                start = dataset.get_tag_item(f"BLOCK_OFFSET_{x}_{y}", "TIFF", bidx=band)
+                size = dataset.get_tag_item(f"BLOCK_SIZE_{x}_{y}", "TIFF", bidx=band) if sizes else None
+                yield start, size
 
 
 def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
@@ -298,10 +323,7 @@ def _check_length(dataset: Any, path: str) -> None:
     except OSError:
         return
     if found < need and not _is_packed(path):
-        raise ReadError(
-            f"cannot read {path}: it has {found} bytes and its header says at least {need}. "
-            "The file is truncated or damaged: copy or download it again."
-        )
+        raise ReadError(f"cannot read {path}: it has {found} bytes and its header says at least {need}. {remedy(path)}")
 
 
 def _is_packed(path: str) -> bool:

@@ -12,6 +12,7 @@ import json
 import logging
 import os
 import re
+import shutil
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,11 +24,15 @@ import numpy.typing as npt
 
 from ..errors import InputError, ReadError, WriteError
 from ..scene import Window
-from .info import RasterInfo, one_line, open_dataset, unplaced
+from .info import RasterInfo, block_places, one_line, open_dataset, unplaced
 from .scratch import Scratch, real
 
 BLOCK = 512
 """Side of the output's blocks [pixel] where the input's do not serve."""
+OTHER_FORMATS = frozenset(
+    (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")
+)
+"""Endings of files that a GeoTIFF should not be called."""
 _SIDES = (64, 128, 256, BLOCK)
 
 
@@ -108,6 +113,19 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
         raise WriteError(f"{path} exists already. Give --overwrite to replace it, or another name.")
 
 
+def check_image(path: Path) -> None:
+    """Refuse the name of another format for a GeoTIFF.
+
+    Raises
+    ------
+    WriteError
+    """
+    if path.suffix.lower() in OTHER_FORMATS:
+        raise WriteError(
+            f"{path} would hold a GeoTIFF, not what its name says. Name it {path.with_suffix('.tif').name}."
+        )
+
+
 class RasterWriter:
     """A GeoTIFF being written, window by window, by one thread.
 
@@ -128,7 +146,7 @@ class RasterWriter:
         _check_space(path.parent, target, layout, profile)
         self._dataset: Any = None
         try:
-            with _refusals(target, layout.options), _write_errors(target):
+            with _refusals(target, layout.options), write_errors(target):
                 with unplaced():
                     self._dataset = rasterio.open(path, "w", **profile)
                 _describe(self._dataset, layout)
@@ -142,25 +160,26 @@ class RasterWriter:
     def write(self, block: npt.NDArray[Any], window: Window) -> None:
         """Write all bands of a window; a single band may be (row, column)."""
         block = block[None] if block.ndim == 2 else block
-        with _write_errors(self.target):
+        with write_errors(self.target):
             self._dataset.write(block, window=window)
 
     def write_mask(self, valid: npt.NDArray[np.bool_], window: Window) -> None:
         """Write the mask of a window, where the input has one."""
-        with _write_errors(self.target):
+        with write_errors(self.target):
             self._dataset.write_mask(valid.astype(np.uint8) * 255, window=window)
 
-    def close(self) -> None:
-        """Finish the file and make sure that all of it is on disk.
+    def close(self, *, whole: bool = True) -> None:
+        """Finish the file and make sure that all of it is on disk, if all of it was to be written.
 
         Raises
         ------
         WriteError
             The disk is full, or refuses.
         """
-        with _write_errors(self.target):
+        with write_errors(self.target):
             self._dataset.close()
-        _check_whole(self.path, self.target)
+        if whole:
+            check_whole(self.path, self.target)
 
     def abort(self) -> None:
         """Let go of the file, whatever state it is in."""
@@ -179,6 +198,47 @@ def writing(scratch: Scratch, target: Path, layout: Layout) -> Iterator[RasterWr
     except BaseException:
         writer.abort()
         raise
+
+
+def copied_whole(scratch: Scratch, layout: Layout, target: Path) -> bool:
+    """Copy the input file itself, byte for byte, where it is what would be written: the quickest way to change nothing.
+
+    Returns
+    -------
+    bool
+        False where it is not, and nothing was done: several files, or one of another format; files beside it that hold
+        some of it; another type, nodata or option wanted; not tiled, its header after its data, or blocks missing.
+
+    Raises
+    ------
+    WriteError
+        The disk is full, or refuses.
+    """
+    info = layout.info
+    plain_options = not layout.options and layout.dtype == info.dtypes[0] and len(layout.bands) == info.count
+    if len(info.paths) != 1 or info.driver != "GTiff" or not (info.tiled and plain_options) or info.alpha is not None:
+        return False
+    with open_dataset(info.paths[0]) as dataset:
+        if not _stands_alone(dataset, info) or dataset.nodata != layout.nodata:  # NaN is not itself: written anew
+            return False
+    path = scratch.add(target)
+    with write_errors(target):
+        shutil.copyfile(info.paths[0], path)
+    check_whole(path, target)
+    return True
+
+
+def _stands_alone(dataset: Any, info: RasterInfo) -> bool:
+    """Whether a GeoTIFF is one local file with its header before its data, and all of its blocks inside it."""
+    path = Path(info.paths[0])
+    if dataset.count != info.count or [Path(f) for f in dataset.files] != [path] or not path.is_file():
+        return False
+    header = dataset.get_tag_item("IFD_OFFSET", "TIFF", bidx=1)
+    first, end = dataset.get_tag_item("BLOCK_OFFSET_0_0", "TIFF", bidx=1), path.stat().st_size
+    return bool(header and first and int(header) < int(first)) and all(
+        start is not None and size is not None and int(start) + int(size) <= end
+        for start, size in block_places(dataset)
+    )
 
 
 def write_text(scratch: Scratch, target: Path, text: str) -> None:
@@ -306,7 +366,8 @@ _SHORT = "the disk or a quota is full, or files may not grow so large (ulimit -f
 
 
 @contextlib.contextmanager
-def _write_errors(target: Path) -> Iterator[None]:
+def write_errors(target: Path) -> Iterator[None]:
+    """Make one clear line of what goes wrong while a file is written."""
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
 
@@ -361,9 +422,9 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
         error = error.__cause__ or error.__context__
 
 
-def _check_whole(path: Path, target: Path) -> None:
+def check_whole(path: Path, target: Path) -> None:
     """Every block that was to be written is inside the file: GDAL does not report what fails while it closes."""
-    with _write_errors(target), open_dataset(str(path)) as dataset:
+    with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
         for band in planes:

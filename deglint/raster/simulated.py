@@ -40,7 +40,9 @@ class Layer:
     tags: Mapping[str, str] = field(default_factory=dict)
 
 
-def write_scene(scene: Simulated, stem: str | Path, *, overwrite: bool = False) -> list[Path]:
+def write_scene(
+    scene: Simulated, stem: str | Path, *, overwrite: bool = False, truth: bool = True
+) -> list[Path]:  # fmt: skip
     """Write a simulated scene.
 
     Parameters
@@ -51,6 +53,8 @@ def write_scene(scene: Simulated, stem: str | Path, *, overwrite: bool = False) 
         ``DIR/NAME`` or ``DIR/NAME.tif``; the truth goes to ``DIR/NAME_truth.tif`` and so on.
     overwrite : bool
         Replace files that are there.
+    truth : bool
+        Write all that is known of the scene, not the image and the JSON alone.
 
     Returns
     -------
@@ -65,7 +69,7 @@ def write_scene(scene: Simulated, stem: str | Path, *, overwrite: bool = False) 
     from .output import Scratch, check_target
 
     base = _base(stem)
-    layers = layers_of(scene)
+    layers = layers_of(scene) if truth else {"": layers_of(scene)[""]}
     targets = {part: base.with_name(f"{base.name}{part}.tif") for part in layers}
     sidecar = base.with_name(f"{base.name}.json")
     for target in (*targets.values(), sidecar):
@@ -98,6 +102,8 @@ def check_free(stem: str | Path, *, overwrite: bool = False) -> None:
 
 def _base(stem: str | Path) -> Path:
     path = Path(stem)
+    if not path.name:
+        raise WriteError(f"{str(stem)!r} is no name for a scene; give one, such as {path / 'scene'}.")
     return path.with_suffix("") if path.suffix.lower() in {".tif", ".tiff"} else path
 
 

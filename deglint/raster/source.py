@@ -19,7 +19,7 @@ from ..errors import InputError, ReadError
 from ..scene import FloatArray, Window
 from .convert import Raw, Valid, to_physical
 from .handle import FileBands, Handle
-from .info import RasterInfo, one_line
+from .info import RasterInfo, one_line, remedy
 
 
 class RasterSource:
@@ -172,9 +172,7 @@ class RasterSource:
         if isinstance(error, MemoryError):
             return ReadError(f"{where} do not fit into memory. Read smaller windows.")
         if isinstance(error, (RasterioError, CPLE_BaseError)):
-            return ReadError(
-                f"cannot read {where}: {one_line(error)}. The file is truncated or damaged: copy or download it again."
-            )
+            return ReadError(f"cannot read {where}: {one_line(error)}. {remedy(self.info.paths[0])}")
         return None
 
 

@@ -9,7 +9,7 @@ Never here: files, tiles, threads, masks, logging.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,13 +20,14 @@ from ..errors import InputError
 from ..scene import Band, FloatArray
 from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction
 from .model import HALO, BandFit, GlintIndex, GlintModel, apply
-from .regression import REGRESSIONS
-from .request import FitRequest, useless
-from .statistics import SamplePlan, SampleStatistics, gather, merge
+from .regression import REGRESSIONS, glint_error
+from .request import FitRequest, Weighted, slope_weights, useless
+from .statistics import SamplePlan, SampleStatistics, combine, gather, levels_for, merge
 
 __all__ = [
     "HALO", "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "apply", "fit", "gather", "merge", "nir_request", "useless",
+    "SampleStatistics", "Weighted", "apply", "combine", "fit", "gather", "glint_error", "levels_for", "merge",
+    "nir_request", "useless",
 ]  # fmt: skip
 
 
@@ -44,19 +45,30 @@ class Method:
         FitRequest -> SamplePlan; None where the method needs no sample.
     regresses : bool
         True where `--regression` chooses how slopes are estimated.
+    weights : callable or None
+        (FitRequest, SampleStatistics) -> what each band is fitted with: its place among the plan's bands, places of the
+        references among the variables, their weights, R2. None where nothing is fitted by least squares, so that no
+        standard error is known.
     """
 
     summary: str
     fit: Callable[[FitRequest, Any], GlintModel]
     plan: Callable[[FitRequest], SamplePlan] | None = None
     regresses: bool = False
+    weights: Callable[[FitRequest, SampleStatistics], Iterator[Weighted]] | None = None
 
 
 METHODS: dict[str, Method] = {
-    "hedley": Method("slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, hedley.plan, True),
-    "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, lyzenga.plan, True),
-    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, joyce.plan, True),
-    "multiband": Method("all longer bands together, level at a low percentile", multiband.fit, multiband.plan),
+    "hedley": Method(
+        "slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, hedley.plan, True, slope_weights
+    ),
+    "lyzenga": Method(
+        "slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, lyzenga.plan, True, slope_weights
+    ),
+    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, joyce.plan, True, slope_weights),
+    "multiband": Method(
+        "all longer bands together, level at a low percentile", multiband.fit, multiband.plan, False, multiband.weights
+    ),
     "hochberg": Method("brightest less darkest NIR pixel (Hochberg 2003)", hochberg.fit, hochberg.plan),
     "goodman": Method("reflectance at 750 nm with a floor from 640 nm (Goodman 2008)", goodman.fit),
     "kutser": Method("depth of the oxygen line at 760 nm (Kutser 2009)", kutser.fit, kutser.plan),

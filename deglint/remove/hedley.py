@@ -30,6 +30,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     def level(stats: SampleStatistics, k: int) -> float:
         if request.floor_percentile == 0:
             return stats.darkest[k].value
-        return float(np.percentile(stats.index_values(k), request.floor_percentile))
+        # between float32 values numpy interpolates in float32
+        return float(np.percentile(stats.index_values(k).astype(np.float64), request.floor_percentile))
 
     return regression_model("hedley", request, stats, level)

@@ -22,11 +22,13 @@ regression)."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from ..moments import Float64
 from .model import BandFit, GlintIndex, GlintModel
-from .request import FitRequest, check_sample, r2_warning, sample_warnings
+from .request import FitRequest, Weighted, check_sample, r2_warning, sample_warnings
 from .statistics import SamplePlan, SampleStatistics
 
 RIDGE = 1e-4
@@ -60,21 +62,27 @@ def plan(request: FitRequest) -> SamplePlan:
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """L'_i = L_i - (p_i - p_i0), p_i the ridge regression of L_i on all longer bands."""
-    check_sample(request, stats)
-    place = {index.bands[0]: k for k, index in enumerate(stats.plan.indexes)}
     first = len(stats.plan.bands)
     indexes, fits, warnings = [], [], sample_warnings(stats)
-    for i, band in enumerate(request.correct):
-        chosen = references(request, band)
-        rows = [place[r] for r in chosen]
-        weights, r2 = _ridge(stats, i, [first + k for k in rows])
-        mixture = np.asarray(weights) @ stats.values[rows].astype(np.float64)
+    for i, (band, found) in enumerate(zip(request.correct, weights(request, stats), strict=True)):
+        rows = [v - first for v in found.references]
+        mixture = np.asarray(found.weights) @ stats.values[rows].astype(np.float64)
         level = float(np.percentile(mixture, request.floor_percentile or PERCENTILE))
-        indexes.append(GlintIndex(chosen, tuple(map(float, weights)), level))
-        fitted = BandFit(band, request.bands[band].name, i, 1.0, None, r2, stats.regressed.n)
+        indexes.append(GlintIndex(references(request, band), found.weights, level))
+        fitted = BandFit(band, request.bands[band].name, i, 1.0, None, found.r2, stats.regressed.n)
         fits.append(fitted)
         warnings += r2_warning(fitted)
     return GlintModel("multiband", tuple(indexes), tuple(fits), request.names, None, tuple(warnings))
+
+
+def weights(request: FitRequest, stats: SampleStatistics) -> Iterator[Weighted]:
+    """Each band's references and their weights."""
+    check_sample(request, stats)
+    place = {index.bands[0]: len(stats.plan.bands) + k for k, index in enumerate(stats.plan.indexes)}
+    for i, band in enumerate(request.correct):
+        rows = [place[r] for r in references(request, band)]
+        found, r2 = _ridge(stats, i, rows)
+        yield Weighted(i, tuple(rows), tuple(map(float, found)), r2)
 
 
 def _ridge(stats: SampleStatistics, band: int, references: list[int]) -> tuple[Float64, float]:

@@ -7,13 +7,15 @@ cluster-robust estimate of Liang and Zeger 1986), and only otherwise from indepe
 References
 ----------
 Liang, Zeger (1986), Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
+Carter, Schnepel, Steigerwald (2017), Review of Economics and Statistics 99, 698-709, doi:10.1162/REST_a_00639.
 Huber (1964), Annals of Mathematical Statistics 35, 73-101, doi:10.1214/aoms/1177703732.
 Sen (1968), Journal of the American Statistical Association 63, 1379-1389, doi:10.1080/01621459.1968.10480934.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,9 +57,9 @@ def huber(stats: SampleStatistics) -> Slopes:
     from sklearn.linear_model import HuberRegressor
 
     def slope_of(x: Float64, y: Float64) -> float:
-        scale_x, scale_y = np.std(x), np.std(y)
-        if scale_y == 0:
+        if y.min() == y.max():  # whose standard deviation need not be 0
             return 0.0
+        scale_x, scale_y = np.std(x), np.std(y)
         fit = HuberRegressor(alpha=0.0, max_iter=1000, tol=1e-8)
         fit.fit(((x - np.mean(x)) / scale_x)[:, None], (y - np.mean(y)) / scale_y)
         return float(fit.coef_[0] * scale_y / scale_x)
@@ -69,7 +71,8 @@ def theil_sen(stats: SampleStatistics) -> Slopes:
     """Median of the slopes between all pairs (by SciPy) of at most `PAIRED_PIXELS` pixels of the sample."""
     from scipy.stats import theilslopes
 
-    return _pixelwise(stats, lambda x, y: float(theilslopes(y, x).slope), PAIRED_PIXELS)
+    with np.errstate(invalid="ignore"):  # of an interval that is not asked for, where values are tied
+        return _pixelwise(stats, lambda x, y: float(theilslopes(y, x).slope), PAIRED_PIXELS)
 
 
 REGRESSIONS: dict[str, Callable[[SampleStatistics], Slopes]] = {
@@ -88,12 +91,60 @@ def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
         unexplained = (1 - explained(stats, slope)) * np.diag(stats.regressed.comoment)[:bands, None]
         return np.sqrt(np.maximum(unexplained, 0) / max(stats.regressed.n - 2, 1) / power)
     cells = stats.cells
-    away = cells.mean - stats.regressed.mean
+    away = (cells.mean - stats.regressed.mean) + (cells.rest - stats.regressed.rest)
     about = cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
     power_of_cell = np.diagonal(about, axis1=1, axis2=2)[:, None, bands:]
     score = about[:, :bands, bands:] - slope * power_of_cell
     count = len(cells.n)
     return np.sqrt((score**2).sum(axis=0) * count / (count - 1)) / power
+
+
+def glint_error(
+    stats: SampleStatistics, band: int, references: Sequence[int], weights: Sequence[float]
+) -> tuple[float, float]:
+    """Relative standard error of the glint that a mixture of references takes from a band, and how far to believe it.
+
+    .. math:: \\sqrt{\\mathrm{tr}(V C) / w^T C w}, \\quad s_c = C_{ri,c} - C_{rr,c} w,
+        \\quad V = C^{-1} \\Big( \\frac{G}{G - 1} \\sum_c s_c s_c^T \\Big) C^{-1}
+
+    with C the comoments of the references and s_c the score of cell c, of G: the cluster-robust covariance V of the
+    weights w (Liang and Zeger 1986), in the unit of the mixture's own spread. For one reference it is the slope's
+    standard error over the slope.
+
+    Parameters
+    ----------
+    stats : SampleStatistics
+    band : int
+        Its place among the plan's bands.
+    references : sequence of int
+        Places among the variables (the plan's bands, then its indexes).
+    weights : sequence of float
+        One a reference.
+
+    Returns
+    -------
+    error : float
+        Infinite where the sample spans fewer than `CLUSTERS` cells, or the mixture does not vary.
+    cells : float
+        Effective number of cells, (sum p)^2 / sum p^2, with p the glint in each: where a few clumps of sparkle hold
+        most of it, the error says little of those that were not met (after Carter, Schnepel and Steigerwald 2017).
+    """
+    cells, rows, w = stats.cells, list(references), np.asarray(weights, np.float64)
+    power = stats.regressed.comoment[np.ix_(rows, rows)]
+    removed = float(w @ power @ w)
+    count = len(cells.n)
+    if count < CLUSTERS or not removed > 0:
+        return math.inf, 0.0
+    away = cells.mean - stats.regressed.mean
+    about = cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
+    mixed = about[:, rows][:, :, rows] @ w
+    score = about[:, rows, band] - mixed
+    scale = np.sqrt(np.diag(power))  # references of any unit
+    scaled = power / np.outer(scale, scale)
+    half = np.linalg.pinv(scaled, hermitian=True) @ (score / scale).T
+    spread = half @ half.T * count / (count - 1)
+    share = mixed @ w / removed
+    return math.sqrt(max(float(np.trace(spread @ scaled)), 0.0) / removed), float(1 / (share @ share))
 
 
 def explained(stats: SampleStatistics, slope: Float64) -> Float64:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -135,6 +135,26 @@ def regression_model(
     return GlintModel(method, indexes, tuple(fits), request.names, request.regression, tuple(warnings))
 
 
+@dataclass(frozen=True, slots=True)
+class Weighted:
+    """What takes glint from one band: its place among the plan's bands, places of its references among the variables,
+    their weights, and the share of its variance that they explain."""
+
+    band: int
+    references: tuple[int, ...]
+    weights: tuple[float, ...]
+    r2: float
+
+
+def slope_weights(request: FitRequest, stats: SampleStatistics) -> Iterator[Weighted]:
+    """Each band's index and slope, by the request's regression."""
+    check_sample(request, stats)
+    slopes = REGRESSIONS[request.regression](stats)
+    for i, follows in enumerate(request.follows):
+        k = int(np.argmax(slopes.r2[i])) if follows is None else follows
+        yield Weighted(i, (len(request.correct) + k,), (float(slopes.slope[i, k]),), float(slopes.r2[i, k]))
+
+
 def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
     """Refuse a sample that cannot carry a fit."""
     if stats.regressed.n < MIN_PIXELS:
@@ -150,8 +170,21 @@ def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
                 f"{name} is constant ({stats.moments.minimum[v]:g}) over the {stats.moments.n} pixels of the "
                 "sample, so no slope can be fitted. Choose another --nir, or a --sample where glint varies."
             )
-        if not stats.regressed.comoment[v, v] > 0:
+        if stats.regressed.comoment[v, v] == 0 and request.regression == "detrended":
             raise FitError(f"{name} does not vary within windows of the sample; use --regression ols.")
+        if not stats.moments.comoment[v, v] > 0:
+            raise _beyond_squares(name, stats, v)
+    for i, band in enumerate(request.correct):
+        if not np.isfinite(stats.moments.comoment[i]).all():
+            raise _beyond_squares(request.bands[band].name, stats, i)
+
+
+def _beyond_squares(name: str, stats: SampleStatistics, v: int) -> FitError:
+    low, high = stats.moments.minimum[v], stats.moments.maximum[v]
+    return FitError(
+        f"{name} goes from {low:g} to {high:g}, squares of which are beyond double precision. Bring it to other "
+        "units, or mark what is not valid as nodata."
+    )
 
 
 def sample_warnings(stats: SampleStatistics) -> list[str]:

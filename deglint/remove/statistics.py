@@ -7,6 +7,7 @@ single pixels are chosen by their place in the scene, and ties are broken by pla
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -14,13 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
-from ..moments import CellMoments, Float64, Moments, cell_moments, thinned
+from ..moments import CELL, CellMoments, Float64, Moments, cell_moments, thinned
 from ..scene import FloatArray
 from .detrend import detrend, detrend_halo
 from .model import GlintIndex
 
 Crop = tuple[int, int, int, int]
 """Halo around a tile: rows above and below, columns left and right [pixel]."""
+MOST_CELLS = 1 << 14
+"""Cells, or groups of them, whose moments are kept one by one, for standard errors; about."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,8 @@ class SamplePlan:
         Keep one pixel in so many, chosen by a hash of row and column.
     compiled : bool
         Use the compiled kernel for the moments (worth its loading above some ten million pixels).
+    levels : int
+        Cells of a row are kept in groups of 2**levels.
     """
 
     bands: tuple[int, ...]
@@ -50,6 +55,7 @@ class SamplePlan:
     keep: str = "nothing"
     share: int = 1
     compiled: bool = False
+    levels: int = 0
 
     @property
     def read_bands(self) -> tuple[int, ...]:
@@ -92,7 +98,7 @@ class SampleStatistics:
     plan : SamplePlan
     moments : Moments
     cells : CellMoments
-        Of the values that the slopes are fitted to (detrended where the plan says so).
+        Of the values that the slopes are fitted to (detrended where the plan says so), in groups as the plan says.
     regressed : Moments
         Their total.
     darkest, brightest : tuple of Extreme
@@ -163,6 +169,26 @@ def gather(
     )
 
 
+def levels_for(pixels: int) -> int:
+    """How many cells of a row are to be grouped (2**levels), so that what is kept of so many pixels is bounded."""
+    return max(math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1))), 0)
+
+
+def combine(parts: Sequence[SamplePart], plan: SamplePlan) -> SamplePart:
+    """One part in place of those of some tiles: a row of tiles in a reduction."""
+    real = [p for p in parts if len(p.cells.n)] or list(parts[:1])
+    local = [p.detrended for p in real if p.detrended is not None]
+    number = range(len(plan.indexes))
+    return SamplePart(
+        cells=CellMoments.concatenate([p.cells for p in real]).joined(plan.levels),
+        detrended=CellMoments.concatenate(local).joined(plan.levels) if local else None,
+        darkest=tuple(_most([p.darkest[k] for p in real], 1.0) for k in number),
+        brightest=tuple(_most([p.brightest[k] for p in real], -1.0) for k in number),
+        places=np.concatenate([p.places for p in real], axis=1),
+        values=np.concatenate([p.values for p in real], axis=1),
+    )
+
+
 def merge(parts: Iterable[SamplePart], plan: SamplePlan) -> SampleStatistics:
     """Put the tiles' parts together.
 
@@ -174,24 +200,20 @@ def merge(parts: Iterable[SamplePart], plan: SamplePlan) -> SampleStatistics:
     parts = [p for p in parts if len(p.cells.n)]
     if not parts:
         raise FitError("the sample holds no valid pixel. Pass --sample with a polygon or window over open water.")
-    cells = CellMoments.concatenate([p.cells for p in parts]).by_place()
-    total = cells.total()
-    regressed_cells, regressed = cells, total
-    if plan.detrend_size:
-        local = [p.detrended for p in parts if p.detrended is not None]
-        regressed_cells = CellMoments.concatenate(local).by_place()
-        regressed = regressed_cells.total()
-    places = np.concatenate([p.places for p in parts], axis=1)
-    order = np.lexsort((places[1], places[0]))
-    number = range(len(plan.indexes))
+    whole = combine(parts, plan)
+    total = whole.cells.total()
+    regressed_cells, regressed = whole.cells, total
+    if whole.detrended is not None:
+        regressed_cells, regressed = whole.detrended, whole.detrended.total()
+    order = np.lexsort((whole.places[1], whole.places[0]))
     return SampleStatistics(
         plan=plan,
         moments=total,
         cells=regressed_cells,
         regressed=regressed,
-        darkest=tuple(_most([p.darkest[k] for p in parts], 1.0) for k in number),
-        brightest=tuple(_most([p.brightest[k] for p in parts], -1.0) for k in number),
-        values=np.concatenate([p.values for p in parts], axis=1)[:, order],
+        darkest=tuple(e for e in whole.darkest if e is not None),
+        brightest=tuple(e for e in whole.brightest if e is not None),
+        values=whole.values[:, order],
     )
 
 
@@ -226,5 +248,5 @@ def _extreme(
     return Extreme(float(variables[k, row, column]), (row + origin[0], column + origin[1]), spectrum)
 
 
-def _most(candidates: Iterable[Extreme | None], sign: float) -> Extreme:
-    return min((c for c in candidates if c is not None), key=lambda c: (sign * c.value, c.place))
+def _most(candidates: Iterable[Extreme | None], sign: float) -> Extreme | None:
+    return min((c for c in candidates if c is not None), key=lambda c: (sign * c.value, c.place), default=None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +15,7 @@ from ..physics.surface import by_rows
 from .facets import Facets, facets
 from .light import Light, light
 from .objects import label
-from .setup import Setup
+from .setup import Setup, check_one_sea
 
 Array = npt.NDArray[np.floating[Any]]
 Numbers = npt.NDArray[np.integer[Any]]
@@ -101,25 +101,72 @@ def simulate(
     >>> scene.image.shape
     (8, 64, 64)
     """
-    lit, sea = light(setup), facets(setup, workers=workers)
-    count = len(setup.sensor.bands)
-    truth, glint = np.empty((count, *setup.size), np.float32), np.empty((count, *setup.size), np.float32)
-    labels = _labels(setup)
-    done = 0
-    for time in sorted(set(setup.times)):
-        bands = [i for i, t in enumerate(setup.times) if t == time]
-        for i, clean, bright in _look(setup, lit, sea, labels, time, bands, workers):
-            truth[i], glint[i] = clean, bright
+    return simulate_together([setup], workers=workers, keep_surface=keep_surface, progress=progress)[0]
+
+
+def simulate_together(
+    setups: Sequence[Setup], *, workers: int = 1, keep_surface: bool = False, progress: Progress | None = None
+) -> tuple[SimulatedScene, ...]:
+    """Simulate what several sensors see of one sea: they may differ in optics, noise and when their bands look.
+
+    Parameters
+    ----------
+    setups : sequence of Setup
+        Alike but for `sensor`, `misregistration` and `glint_threshold`; the sensors have the same bands, in the same
+        order, and the same ground sampling distance.
+    workers, keep_surface, progress
+        As for `simulate`; the bands are those of all setups.
+
+    Returns
+    -------
+    tuple of SimulatedScene
+        Each the same to the bit as `simulate` of its setup.
+
+    Raises
+    ------
+    InputError
+        As `simulate`; setups that are not of one sea.
+
+    Notes
+    -----
+    The sea is drawn once, moved once to each time at which any band looks, and transformed once for all optics.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> one = Setup(size=(64, 64), wind=3.0, supersample=2)
+    >>> still, slow = simulate_together([replace(one, sensor=one.sensor.delayed(d)) for d in (0.0, 0.06)])
+    >>> bool((still.image[0] == slow.image[0]).all()), bool((still.image[1] == slow.image[1]).all())
+    (True, False)
+    """
+    check_one_sea(setups)
+    # how fast sparkle changes is drawn only where something moves
+    moving = max(setups, key=lambda s: max(s.times))
+    lit, sea, labels = light(moving), facets(moving, workers=workers), _labels(moving)
+    shape = len(moving.sensor.bands), *moving.size
+    truths, glints = ([np.empty(shape, np.float32) for _ in setups] for _ in range(2))
+    done, total = 0, len(setups) * shape[0]
+    for time in sorted({t for s in setups for t in s.times}):
+        for n, i, clean, bright in _look(setups, lit, sea, labels, time, workers):
+            truths[n][i], glints[n][i] = clean, bright
             done += 1
             if progress:
-                progress(done, count)
+                progress(done, total)
+    surface = _surface(sea, workers) if keep_surface else (None, None)
+    return tuple(
+        _finished(setup, lit, sea, labels, truths[n], glints[n], surface, workers) for n, setup in enumerate(setups)
+    )
+
+
+def _finished(
+    setup: Setup, lit: Light, sea: Facets, labels: Numbers, truth: Array, glint: Array,
+    surface: tuple[Array | None, Array | None], workers: int,
+) -> SimulatedScene:  # fmt: skip
     image, truth_image = _digitise(setup, truth + glint, workers), _digitise(setup, truth, workers)
-    height, slopes = _surface(sea, workers) if keep_surface else (None, None)
     half = setup.supersample // 2
     ids = labels[half :: setup.supersample, half :: setup.supersample][: setup.size[0], : setup.size[1]].copy()
     mask = glint > setup.glint_threshold * truth
-    variance = sea.slope_variance
-    return SimulatedScene(setup, lit, image, truth, truth_image, glint, mask, ids, height, slopes, variance)
+    return SimulatedScene(setup, lit, image, truth, truth_image, glint, mask, ids, *surface, sea.slope_variance)
 
 
 def _labels(setup: Setup) -> Numbers:
@@ -129,21 +176,27 @@ def _labels(setup: Setup) -> Numbers:
     return label(setup.objects, shape, setup.facet)
 
 
-def _look(setup: Setup, lit: Light, sea: Facets, labels: Numbers, time: float, bands: list[int], workers: int) -> Any:
-    """Yield (band, truth, glint) on the pixels for the bands that look at one time."""
+def _look(
+    setups: Sequence[Setup], lit: Light, sea: Facets, labels: Numbers, time: float, workers: int
+) -> Iterator[tuple[int, int, Array, Array]]:
+    """Yield (setup, band, truth, glint) on the pixels for the bands that look at one time."""
     density, mirrored = sea.at(time, workers=workers)
     density_spectrum = transform(density, workers=workers)
     del density
-    plain = None if setup.objects else transform(mirrored, workers=workers)
-    for i in bands:
+    plain = None if setups[0].objects else transform(mirrored, workers=workers)
+    for i in range(len(lit.water)):
+        looking = [n for n, s in enumerate(setups) if s.times[i] == time]
+        if not looking:
+            continue
         spectrum, factor, level = plain, lit.diffuse[i], lit.water[i]
         if spectrum is None:  # the water differs from facet to facet
             out_of_water = np.append(lit.water[i], lit.objects[:, i]).astype(np.float32)[labels]
             out_of_water += np.float32(factor) * mirrored
             spectrum, factor, level = transform(out_of_water, workers=workers), 1.0, 0.0
-        truth = level + factor * _pixels(spectrum, setup, i, workers)
-        bright = lit.normal[i] * sea.glint_factor * _pixels(density_spectrum, setup, i, workers)
-        yield i, truth, np.maximum(bright, 0.0)
+        for n in looking:
+            truth = level + factor * _pixels(spectrum, setups[n], i, workers)
+            bright = lit.normal[i] * sea.glint_factor * _pixels(density_spectrum, setups[n], i, workers)
+            yield n, i, truth, np.maximum(bright, 0.0)
 
 
 def _pixels(spectrum: Any, setup: Setup, i: int, workers: int) -> Array:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -199,3 +200,25 @@ class Setup:
         short = slope_variance(sea, longest=split, shortest=shortest)
         gains = [(RESOLVED_AT_MOST * all_ - a) / b for all_, a, b in zip(self.slope_variance, long, short, strict=True)]
         return replace(sea, short_gain=min(1.0, max(LEAST_GAIN, min(gains))))
+
+
+def check_one_sea(setups: Sequence[Setup]) -> None:
+    """Refuse setups that differ in more than optics, noise and when the bands look.
+
+    Raises
+    ------
+    InputError
+        There is none, or two differ in something else; the message says in what.
+    """
+    if not setups:
+        raise InputError("setups must hold at least one, got none; give the scenes to simulate")
+    first = setups[0]
+    for n, other in enumerate(setups[1:], start=2):
+        names = [f.name for f in fields(Setup) if f.name not in ("sensor", "misregistration", "glint_threshold")]
+        unlike = [name for name in names if getattr(first, name) != getattr(other, name)]
+        if [(b.low, b.high) for b in first.sensor.bands] != [(b.low, b.high) for b in other.sensor.bands]:
+            unlike.append("bands of the sensor")
+        if first.sensor.gsd != other.sensor.gsd:
+            unlike.append("gsd of the sensor")
+        if unlike:
+            raise InputError(f"setups 1 and {n} differ in {', '.join(unlike)}; simulate seas that differ one by one")

@@ -26,12 +26,15 @@ class Effort:
         Where scratch files may go; removed by whoever made it.
     threads : int
         For what is not measured.
+    peers : str
+        Interpreter of an environment in which other programs are installed; "" for this one.
     """
 
     quick: bool
     seeds: int
     directory: Path
     threads: int = 2
+    peers: str = ""
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,10 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
 
+    def __post_init__(self) -> None:
+        if any(len(row) > len(self.head) for row in self.rows):
+            raise ValueError(f"table {self.title!r} has rows that are longer than its head of {len(self.head)}")
+
     @classmethod
     def of(cls, title: str, head: Iterable[str], rows: Iterable[Iterable[Cell]], note: str = "") -> Table:
         """From any sequences."""
@@ -126,6 +133,8 @@ class Section:
         By name, parts separated by "/": "thesis/wind09/delay60/joyce/compensated/rms".
     parts : tuple of Section
         Sub-chapters, with names of their own.
+    finding : str
+        A sentence or two for the head of the report: what it found, in computed figures.
     """
 
     name: str
@@ -135,6 +144,7 @@ class Section:
     figures: tuple[Figure, ...] = ()
     numbers: dict[str, Number] = field(default_factory=dict)
     parts: tuple[Section, ...] = ()
+    finding: str = ""
 
     def every_number(self) -> dict[str, Number]:
         """Its own and its parts' numbers."""

@@ -13,6 +13,7 @@ from deglint.cli import running
 COMMANDS = {
     "score": "score every pixel by how little it belongs, and mark objects",
     "roc": "compare scores with truth: ROC curves, tables, a report",
+    "bench": "measure run time, error and digits: a report; compare two of them",
 }
 
 
@@ -26,6 +27,7 @@ def cli() -> None:
     \b
     rxdetect score clean.tif scores.tif --pfa 1e-4 --objects found.geojson
     rxdetect roc scores.tif truth.tif --report roc.html
+    rxdetect bench --quick
     """
 
 

@@ -128,7 +128,7 @@ class Outputs:
     @property
     def sidecar(self) -> Path:
         """Name of the sidecar."""
-        return self.image.with_name(self.image.name + ".json")
+        return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
         """All files that will be written."""

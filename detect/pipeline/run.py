@@ -22,13 +22,14 @@ from deglint.pipeline.look import core_of, raster_of
 from deglint.pipeline.sidecar import Checksum
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
-from deglint.raster.output import Layout, Scratch, check_target, plain, write_json, write_text, writing
+from deglint.raster.output import Layout, Scratch, check_image, check_target, plain, write_json, write_text, writing
+from deglint.raster.parts import writing_parts
 from deglint.scene import Scene
 from deglint.tiles import LARGEST, Tile
 
 from .. import objects as marking
 from .. import threshold as cutting
-from ..background import Background, Gathering, estimate, fourth_moments, part_of, sample_share
+from ..background import Background, Gathering, combine, estimate, fourth_moments, part_of, sample_share
 from ..local import DEFICIENT, TOO_FEW, score_part
 from ..rx import Detector, detector, score
 from ..threshold import Tail, Threshold
@@ -198,6 +199,7 @@ def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> Non
         raise InputError("two outputs have the same name; give each its own.")
     for path in targets.every():
         check_target(path, overwrite=targets.overwrite)
+    check_image(targets.image)
 
 
 @contextmanager
@@ -225,9 +227,7 @@ def _run(
     ready = detector(recipe.method, background, drop=recipe.drop, nir=plan.nir) if background else None
     law = _law(recipe, ready, background, len(plan.bands))
     with Scratch() as scratch:
-        with ExitStack() as stack:
-            run = tiling.run if cluster is None else stack.enter_context(cluster.by_files(targets.image))
-            tally, tail = _write_tiles(scratch, plan, targets, ready, law, run)
+        tally, tail = _write_tiles(scratch, plan, targets, ready, law, cluster)
         if not tally.scored:
             raise NoWaterError(f"nothing to score in {scene.path}: {_why_nothing(tally)}. Check --nodata and --mask.")
         threshold = None if tail is None else _threshold(recipe, tail, law, tally)
@@ -245,6 +245,8 @@ def _run(
                 "seconds": round(time.perf_counter() - begun, 3),
             }
         )
+        if cluster:
+            said["cluster"] = cluster.numbers()
         write_json(scratch, targets.sidecar, said)
     return Result(tally, background, threshold, found, said)
 
@@ -278,7 +280,8 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
         # numpy's engine: reading takes much longer, and the compiled one takes 130 MB to load
         return part_of(block, where(tile), (tile.row0, tile.col0), share)
 
-    for _tile, part in run(plan.tiles, gather, threads=plan.threads, progress=plan.note("fit"), start=enter_thread):
+    options: dict[str, Any] = {"threads": plan.threads, "start": enter_thread}
+    for _row, part in run(plan.tiles, gather, combine=combine, progress=plan.note("fit"), **options):
         gathering.add(part)
     moments = gathering.moments()
     fourths = []
@@ -287,8 +290,8 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
         def fourth(tile: Tile) -> Any:
             return fourth_moments(read(silent.scene, tile, bands), where(tile), moments, (tile.row0, tile.col0))
 
-        found = run(plan.tiles, fourth, threads=plan.threads, progress=plan.note("shrink"), start=enter_thread)
-        fourths = [part for _tile, part in found]
+        found = run(plan.tiles, fourth, combine=np.concatenate, progress=plan.note("shrink"), **options)
+        fourths = [part for _row, part in found]
     return estimate(
         moments, recipe.covariance, ridge=recipe.ridge, names=plan.names, sample=gathering.sample(), fourths=fourths
     )
@@ -369,7 +372,7 @@ def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
 
 
 def _write_tiles(
-    scratch: Scratch, plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None, run: tiling.Run
+    scratch: Scratch, plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None, cluster: Cluster | None
 ) -> tuple[Tally, Tail | None]:
     info = raster_of(plan.scene).info
     info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
@@ -379,23 +382,24 @@ def _write_tiles(
     pfa = plan.recipe.pfa
     highest = None if pfa is None else Highest(Tail.keep_for(pfa, plan.scene.height * plan.scene.width))
     tally = Tally()
+    images = {"scores": (targets.image, base)}
+    if targets.p_value:
+        images["p_values"] = targets.p_value, replace(base, names=("p-value",))
+    if targets.flags:
+        images["flags"] = targets.flags, replace(base, dtype="uint8", nodata=None, names=("flags",))
+    work = Scoring(replace(plan, progress=None), ready, law, highest, bool(targets.p_value), bool(targets.flags))
     with ExitStack() as stack:
-        image = stack.enter_context(writing(scratch, targets.image, base))
-        p_image = None
-        if targets.p_value:
-            p_image = stack.enter_context(writing(scratch, targets.p_value, replace(base, names=("p-value",))))
-        flag_image = None
-        if targets.flags:
-            layout = replace(base, dtype="uint8", nodata=None, names=("flags",))
-            flag_image = stack.enter_context(writing(scratch, targets.flags, layout))
-        work = Scoring(replace(plan, progress=None), ready, law, highest, p_image is not None, flag_image is not None)
+        run = tiling.run
+        if cluster is not None:
+            layouts = {what: layout for what, (_path, layout) in images.items()}
+            run = stack.enter_context(cluster.by_files(targets.image, layouts))
+        way: Any = writing if cluster is None else writing_parts
+        writers = {what: stack.enter_context(way(scratch, *image)) for what, image in images.items()}
         done = run(plan.tiles, work, threads=plan.threads, progress=plan.note("score"), start=enter_thread)
         for tile, scored in done:
-            image.write(scored.scores, tile.window)
-            if p_image is not None and scored.p_values is not None:
-                p_image.write(scored.p_values, tile.window)
-            if flag_image is not None and scored.flags is not None:
-                flag_image.write(scored.flags, tile.window)
+            for what, writer in writers.items():
+                if (block := getattr(scored, what)) is not None:
+                    writer.write(block, tile.window)
             tally.add(scored.tally)
             if highest and scored.tail:
                 highest.add(scored.tail)

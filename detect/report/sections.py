@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from . import pictures, svg, words
 from .evaluate import Evaluation, Judged
+from .pieces import table
 
 
 def _legend(found: Evaluation) -> str:
@@ -71,15 +71,6 @@ def _object_plot(found: Evaluation) -> str:
             f"pixel Pfa up to {found.request.pfa_max:g}.{per}</figcaption></figure>")  # fmt: skip
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table; cells are HTML already, and may bring their own <td>."""
-    top = "".join(f"<th>{h}</th>" for h in head)
-    body = "".join(
-        "<tr>" + "".join(c if c.startswith("<td") else f"<td>{c}</td>" for c in row) + "</tr>" for row in rows
-    )
-    return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
-
-
 def areas(found: Evaluation) -> str:
     """Areas with their intervals, a detector a row."""
     rows = []
@@ -96,7 +87,7 @@ def areas(found: Evaluation) -> str:
     head = ["Detector", "AUC", "bootstrap 95 %", "DeLong 95 %", f"partial AUC<br>to Pfa {top}",
             "McClish<br>(0.5 to 1)", "average<br>precision"]  # fmt: skip
     return (
-        f"<h2>Areas</h2>{_table(head, rows)}<p class=small>DeLong's interval takes every pixel as independent "
+        f"<h2>Areas</h2>{table(head, rows)}<p class=small>DeLong's interval takes every pixel as independent "
         "evidence, which pixels of one scene are not: as a rule it is too narrow. The bootstrap draws whole objects "
         "and blocks of background; of fewer than ten of either it cannot know how much they vary.</p>"
     )
@@ -121,7 +112,7 @@ def points(found: Evaluation) -> str:
         head = ["Pfa allowed", "Pfa achieved", "threshold", "Pd", "bootstrap 95 %"]
         head += ["objects found", "false alarms"] if counted else []
         head += ["per km²"] if per_area else []
-        out.append(f"<h3>{svg.key(i)}{escape(d.name)}</h3>{_table(head, rows)}")
+        out.append(f"<h3>{svg.key(i)}{escape(d.name)}</h3>{table(head, rows)}")
     return "".join(out)
 
 
@@ -147,7 +138,7 @@ def objects(found: Evaluation) -> str:
     aside = f"<p class=small>{more} more are in the JSON beside this page.</p>" if more > 0 else ""
     return (
         f"<h2>Objects</h2><p>An object counts as found when one of its pixels is. For each detector: the least pixel "
-        f"false-alarm rate at which that happens, and the object's highest score.</p>{_table(head, rows)}{aside}"
+        f"false-alarm rate at which that happens, and the object's highest score.</p>{table(head, rows)}{aside}"
     )
 
 
@@ -171,7 +162,7 @@ def compared(found: Evaluation) -> str:
         ])  # fmt: skip
     head = ["Difference of AUC", "", "bootstrap 95 %", "DeLong 95 %", "DeLong p"]
     return (
-        f"<h2>Detectors compared</h2>{_table(head, rows)}<p class=small>On the same pixels. The bootstrap draws the "
+        f"<h2>Detectors compared</h2>{table(head, rows)}<p class=small>On the same pixels. The bootstrap draws the "
         "same objects and blocks for both; an interval that holds 0 tells no difference. DeLong's p is too small where "
         "pixels are not independent.</p>"
     )
@@ -231,7 +222,7 @@ def three_d(found: Evaluation) -> str:
                      for k in ("auc", "d_tau", "f_tau", "td", "bs", "tdbs", "od", "snpr"))])  # fmt: skip
     head = ["Detector", "AUC(D,F)", "AUC(D,&tau;)", "AUC(F,&tau;)", "TD", "BS", "TDBS", "OD", "SNPR"]
     return (
-        f"<h2>3-D ROC measures</h2>{_table(head, rows)}<p class=small>Chang (2021), doi:10.1109/TGRS.2020.3021671; "
+        f"<h2>3-D ROC measures</h2>{table(head, rows)}<p class=small>Chang (2021), doi:10.1109/TGRS.2020.3021671; "
         "exact areas over scores brought to 0&ndash;1. They rest on the scene's extreme scores: compare detectors of "
         "one scene by them, not scenes.</p>"
     )

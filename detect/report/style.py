@@ -22,7 +22,8 @@ p{max-width:78ch;margin:8px 0}
 .pair{display:grid;grid-template-columns:repeat(auto-fit,minmax(380px,1fr));gap:26px}.pair figure{max-width:620px}
 figure{margin:14px 0;break-inside:avoid}
 figure svg{width:100%;height:auto;display:block}
-svg text{font:13px system-ui,-apple-system,"Segoe UI",Roboto,Arial,sans-serif;fill:#444}
+svg text{font-family:system-ui,-apple-system,"Segoe UI",Roboto,Arial,sans-serif}
+svg text:not([font-size]){font-size:13px}svg text:not([fill]){fill:#444}
 svg text.name{font-size:14px;fill:#1b1f24}
 sup{font-size:.72em;line-height:0;vertical-align:.45em}
 .look{display:grid;grid-template-columns:minmax(0,7fr) minmax(0,5fr);gap:24px;align-items:start}

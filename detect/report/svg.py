@@ -54,9 +54,20 @@ class Axis:
             return [i * step for i in range(first, math.floor(self.high / step + 1e-9) + 1)], []
         decades = range(math.floor(math.log10(self.low) + 1e-9), math.ceil(math.log10(self.high) - 1e-9) + 1)
         inside = [10.0**d for d in decades if self.low * (1 - 1e-9) <= 10.0**d <= self.high * (1 + 1e-9)]
+        if len(inside) < 3:  # a decade or two: 1, 2 and 5 of each, or numbers at even steps within less than that
+            return self._few(decades)
         every = max(1, -(-len(inside) // 8))
         minor = [m * 10.0**d for d in decades for m in range(2, 10) if self.low < m * 10.0**d < self.high]
         return inside[::-1][::every][::-1], minor if len(inside) <= 8 else []
+
+    def _few(self, decades: range) -> tuple[list[float], list[float]]:
+        """Ticks of a logarithmic axis that is short."""
+        every = [float(f"{m}e{d}") for d in decades for m in range(1, 10) if self.low <= float(f"{m}e{d}") <= self.high]
+        round_ones = [v for v in every if f"{v:e}"[0] in "125"]
+        if len(round_ones) >= 3:
+            return round_ones, [v for v in every if v not in round_ones]
+        step = _nice((self.high - self.low) / 4)
+        return [i * step for i in range(math.ceil(self.low / step), math.floor(self.high / step + 1e-9) + 1)], []
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +83,7 @@ class Series:
 
 def plot(
     series: Sequence[Series], x: Axis, y: Axis, *, title: str, size: Size = WIDE,
-    chance: tuple[Float64, Float64] | None = None,
+    chance: tuple[Float64, Float64] | None = None, legend: bool = False,
 ) -> str:  # fmt: skip
     """A plot as an SVG element.
 
@@ -85,9 +96,12 @@ def plot(
     size : Size
     chance : (x, y), optional
         A faint line to compare with.
+    legend : bool
+        Name the series above the plot, in the drawing itself, which grows by that much.
     """
-    field = _Field(x, y, size)
-    parts = [_frame(field)]
+    named, above = _legend([one.name for one in series], size.width) if legend else ("", 0)
+    field = _Field(x, y, size, above)
+    parts = [named, _frame(field)]
     if chance is not None:
         parts.append(f'<path d="{field.path(*chance)}" fill="none" stroke="#888" stroke-dasharray="1 4"/>')
     for i, one in enumerate(series):
@@ -103,7 +117,22 @@ def plot(
             parts.append(f'<circle cx="{cx:.1f}" cy="{cy:.1f}" r="3.6" fill="#fff" stroke="{colour(i)}" '
                          'stroke-width="1.8"/>')  # fmt: skip
     said = escape(title, quote=True)
-    return f'<svg viewBox="0 0 {size.width} {size.height}" role="img" aria-label="{said}">{"".join(parts)}</svg>'
+    tall = size.height + above
+    return f'<svg viewBox="0 0 {size.width} {tall}" role="img" aria-label="{said}">{"".join(parts)}</svg>'
+
+
+def _legend(names: Sequence[str], width: int) -> tuple[str, int]:
+    """Lines and names of series in rows, and how high they are."""
+    parts, x, y = [], float(_LEFT), 14
+    for i, name in enumerate(names):
+        wide = 44 + 7.2 * len(name) + 18
+        if x > _LEFT and x + wide > width - _RIGHT:
+            x, y = float(_LEFT), y + 20
+        dash = f' stroke-dasharray="{dashes(i)}"' if dashes(i) else ""
+        parts.append(f'<path d="M{x:.0f} {y}h34" fill="none" stroke="{colour(i)}" stroke-width="2.6"{dash}/>'
+                     f'<text x="{x + 41:.0f}" y="{y + 4.5}">{escape(name)}</text>')  # fmt: skip
+        x += wide
+    return "".join(parts), y + 8
 
 
 def key(i: int) -> str:
@@ -145,6 +174,11 @@ class _Field:
     x: Axis
     y: Axis
     size: Size
+    above: int = 0
+
+    @property
+    def top(self) -> int:
+        return _TOP + self.above
 
     @property
     def right(self) -> int:
@@ -152,13 +186,13 @@ class _Field:
 
     @property
     def bottom(self) -> int:
-        return self.size.height - _BOTTOM
+        return self.size.height + self.above - _BOTTOM
 
     def place(self, xs: npt.ArrayLike, ys: npt.ArrayLike) -> tuple[Float64, Float64]:
         """Points on the paper."""
         return (
             _LEFT + self.x.at(xs) * (self.right - _LEFT),
-            self.bottom - self.y.at(ys) * (self.bottom - _TOP),
+            self.bottom - self.y.at(ys) * (self.bottom - self.top),
         )
 
     def path(self, xs: npt.ArrayLike, ys: npt.ArrayLike) -> str:
@@ -176,30 +210,30 @@ class _Field:
 
 def _frame(field: _Field) -> str:
     """Axes with their lines, numbers and names."""
-    right, bottom = field.right, field.bottom
+    right, bottom, top = field.right, field.bottom, field.top
     lines, numbers = [], []
     for axis, across in ((field.x, False), (field.y, True)):
         major, minor = axis.ticks()
         for values, ink in ((minor, "#f0f0f0"), (major, "#d9d9d9")):
             for v in values:
                 at = field.place(field.x.low, v)[1] if across else field.place(v, field.y.low)[0]
-                way = f"M{_LEFT} {at:.1f}H{right}" if across else f"M{at:.1f} {_TOP}V{bottom}"
+                way = f"M{_LEFT} {at:.1f}H{right}" if across else f"M{at:.1f} {top}V{bottom}"
                 lines.append(f'<path d="{way}" stroke="{ink}"/>')
         for v in major:
             px, py = field.place(field.x.low, v) if across else field.place(v, field.y.low)
             spot = f'x="{_LEFT - 9}" y="{py + 4.5:.1f}" text-anchor="end"' if across else (
                 f'x="{px:.1f}" y="{bottom + 19}" text-anchor="middle"')  # fmt: skip
             numbers.append(f"<text {spot}>{_number(v, axis.log)}</text>")
-    box = f'<rect x="{_LEFT}" y="{_TOP}" width="{right - _LEFT}" height="{bottom - _TOP}" fill="none" stroke="#555"/>'
-    below = f'x="{(_LEFT + right) / 2:.0f}" y="{field.size.height - 9}"'
-    beside = f'transform="translate(17 {(_TOP + bottom) / 2:.0f}) rotate(-90)"'
+    box = f'<rect x="{_LEFT}" y="{top}" width="{right - _LEFT}" height="{bottom - top}" fill="none" stroke="#555"/>'
+    below = f'x="{(_LEFT + right) / 2:.0f}" y="{field.bottom + _BOTTOM - 9}"'
+    beside = f'transform="translate(17 {(top + bottom) / 2:.0f}) rotate(-90)"'
     names = "".join(f'<text class="name" {spot} text-anchor="middle">{escape(axis.label)}</text>'
                     for spot, axis in ((below, field.x), (beside, field.y)))  # fmt: skip
     return "".join(lines) + box + "".join(numbers) + names
 
 
 def _number(value: float, log: bool) -> str:
-    if not log or 1e-3 < value < 1e4:
+    if not log or 1e-3 < value < 1e4 or f"{value:e}"[0] != "1":
         return f"{value:g}"
     power = round(math.log10(value))
     sign = "&minus;" if power < 0 else ""

@@ -21,7 +21,9 @@ import numpy.typing as npt
 
 from deglint.errors import InputError
 
-from .curve import Float64, Mask, Roc, Scores, usable
+from .curve import Mask, Roc, Scores, usable
+
+Counts = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -74,12 +76,12 @@ def auc_interval(roc: Roc, level: float = 0.95) -> AucInterval:
     z = _normal(level)
     _, counts, below, upto = roc._steps
     m, n = len(roc.targets), len(roc.background)
-    v10 = (below + upto) / 2 / n
+    v10 = below + upto  # in halves of a pixel: whole numbers lose nothing
     at_least = np.cumsum(counts[::-1])[::-1]
-    v01 = np.concatenate([at_least, at_least - counts / 2, [0]]) / m
+    v01 = np.concatenate([2 * at_least, 2 * at_least - counts, [0]])
     between = np.append(below, n) - np.append(0, upto)
     weight = np.concatenate([between[:-1], upto - below, between[-1:]])
-    variance = _variance(v10, counts, m) / m + _variance(v01, weight, n) / n
+    variance = _variance(v10, counts, m) / m / (2 * n) ** 2 + _variance(v01, weight, n) / n / (2 * m) ** 2
     error = math.sqrt(variance)
     return AucInterval(roc.auc, error, max(roc.auc - z * error, 0.0), min(roc.auc + z * error, 1.0), level)
 
@@ -109,38 +111,42 @@ def compare(
     ok = usable(first, truth, valid) & usable(second, truth)
     target = truth != 0
     components = [_components(scores, ok & target, ok & ~target) for scores in (first, second)]
-    auc = (float(components[0][0].mean()), float(components[1][0].mean()))
+    m, n = (len(v) for v in components[0])
+    whole = [int(v10.sum()) for v10, _ in components]  # in halves of a pair: whole numbers lose nothing
+    auc = (whole[0] / (2 * m * n), whole[1] / (2 * m * n))
     variance = 0.0
-    for a, b in zip(*components, strict=True):
-        change = a - b
-        variance += float(change.var(ddof=1)) / len(change) if len(change) > 1 else math.nan
-    difference, error = auc[0] - auc[1], math.sqrt(variance)
+    for a, b, unit in zip(*components, (2 * n, 2 * m), strict=True):
+        change, ones = a - b, np.ones(len(a), np.int64)
+        variance += _variance(change, ones, len(change)) / len(change) / unit**2
+    difference, error = (whole[0] - whole[1]) / (2 * m * n), math.sqrt(variance)
     z = difference / error if error > 0 else math.nan if difference == 0 or math.isnan(error) else math.inf
     p = math.erfc(abs(z) / math.sqrt(2)) if not math.isnan(z) else math.nan if math.isnan(error) else 1.0
     low, high = difference - z_level * error, difference + z_level * error
     return Comparison(auc, difference, error, z, p, low, high, level, int(np.count_nonzero(ok)))
 
 
-def _components(scores: Scores, target: Mask, background: Mask) -> tuple[Float64, Float64]:
-    """V10 of every target and V01 of every background pixel, in the order of the pixels."""
+def _components(scores: Scores, target: Mask, background: Mask) -> tuple[Counts, Counts]:
+    """2 n V10 of every target and 2 m V01 of every background pixel, in the order of the pixels."""
     roc = Roc.of(scores, target, target | background)
     t = scores[target].astype(roc.targets.dtype, copy=False)
     b = scores[background].astype(roc.background.dtype, copy=False)
-    v10 = (np.searchsorted(roc.background, t, "left") + np.searchsorted(roc.background, t, "right")) / 2 / len(b)
+    v10 = np.searchsorted(roc.background, t, "left") + np.searchsorted(roc.background, t, "right")
     distinct, counts, _, _ = roc._steps
     at_least = np.append(np.cumsum(counts[::-1])[::-1], 0)
     at = np.searchsorted(distinct, b, "left")
     tied = distinct[np.minimum(at, len(distinct) - 1)] == b
-    v01 = (at_least[at] - np.append(counts, 0)[at] * tied / 2) / len(t)
+    v01 = 2 * at_least[at] - np.append(counts, 0)[at] * tied
     return v10, v01
 
 
-def _variance(values: Float64, weights: npt.NDArray[np.int64], n: int) -> float:
-    """Sample variance of values that each occur `weights` times; NaN for a single one."""
+def _variance(values: Counts, weights: Counts, n: int) -> float:
+    """Sample variance of whole numbers that each occur `weights` times; NaN for a single one."""
     if n < 2:
         return math.nan
-    mean = float(values @ weights) / n
-    return float((values - mean) ** 2 @ weights) / (n - 1)
+    middle = round(int(values @ weights) / n)
+    away = (values - middle).astype(np.float64)
+    left = float(away @ weights) / n
+    return float((away - left) ** 2 @ weights) / (n - 1)
 
 
 def _normal(level: float) -> float:

@@ -1,0 +1,151 @@
+"""Ships of real scenes, and targets put into their water: what contrast `deglint remove` leaves them, end to end."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import rasterio
+
+from deglint import Recipe, open_scene, remove_glint
+from deglint.masks.sample import deep_water, fit_sample
+from deglint.masks.surface import Roles, fit_water, water
+
+from .implants import SIZES, STEP, Array, survive
+from .timing import say
+
+Mask = npt.NDArray[np.bool_]
+NIR = ("B08",)
+FEW = 24
+"""Targets in a scene, about."""
+RECIPES = {"hedley": Recipe(method="hedley", nir=NIR, mask="none", compensate="off"), "deglint remove": Recipe(nir=NIR)}
+"""Hedley as published, and what is done unasked."""
+
+
+def deglinted(source: Path, recipe: Recipe) -> Array:
+    """What a recipe makes of a file, in its own type of number."""
+    with tempfile.TemporaryDirectory() as place:
+        remove_glint(source, out := Path(place) / "clean.tif", recipe)
+        return open_scene(out).read().astype(np.float64)
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Share of contrast left of each ship, (ship, band), and noise of deep water (band,), for B02, B03, B04."""
+
+    shares: Array
+    noise: Array
+
+
+def kept(folder: Path, name: str, recipe: Recipe) -> Kept:
+    """Labelled ships, of whose ring at least a third is water, after a recipe."""
+    image = open_scene(folder / f"{name}.tif").read().astype(np.float64)
+    labels = open_scene(folder / f"{name}_ships.tif").read()[0].astype(int)
+    sea = water(image, rule := fit_water([image], Roles(nir=3, blue=0, green=1, red=2)))
+    clean = deglinted(folder / f"{name}.tif", recipe)
+    pairs = [[_contrast(i, labels, sea, n) for i in (image, clean)] for n in range(1, labels.max() + 1)]
+    before, after = np.array([p for p in pairs if p[0] is not None], np.float64).swapaxes(0, 1)
+    return Kept(after / before, _noise(clean, deep_water(image, fit_sample([image], rule))))
+
+
+def _contrast(image: Array, labels: npt.NDArray[Any], sea: Mask, number: int) -> Array | None:
+    """Brightest pixel of the ship against the median of the water 5 to 15 pixels from it."""
+    rows, columns = np.nonzero(labels == number)
+    if not rows.size:
+        return None
+    out = []
+    for band in image[:3]:
+        at = int(np.argmax(band[rows, columns]))
+        y, x = np.ogrid[: labels.shape[0], : labels.shape[1]]
+        away = np.hypot(y - rows[at], x - columns[at])
+        ring = (away >= 5) & (away <= 15) & (labels != number)
+        if 3 * (sea & ring).sum() < ring.sum():
+            return None
+        out.append(band[rows, columns].max() - np.median(band[ring & sea]))
+    return np.array(out)
+
+
+def _noise(image: Array, deep: Mask) -> Array:
+    """Standard deviation of deep water about its mean over 31 x 31 pixels; a ten-thousandth, ships, is left out."""
+
+    def box(values: Array) -> Array:
+        return cv2.boxFilter(values, -1, (31, 31), normalize=False, borderType=cv2.BORDER_CONSTANT)
+
+    count, out = np.maximum(box(deep.astype(np.float64)), 1), []
+    for band in image[:3]:
+        away = (band - box(np.where(deep, band, 0.0)) / count)[deep]
+        out.append(away[np.abs(away) <= np.quantile(np.abs(away), 0.9999)].std())
+    return np.array(out)
+
+
+def ships(folder: Path) -> None:
+    """Ships of two harbours."""
+    rows = []
+    for name in ("casablanca", "honolulu"):
+        for label, recipe in RECIPES.items():
+            found = kept(folder, name, recipe)
+            left = [f"{np.median(s):.2f} / {(s >= 0.8).mean():.2f}" for s in found.shares.T]
+            rows.append([f"{name}, {len(found.shares)} ships", label, *left, *(f"{x:.1f}" for x in found.noise)])
+    note = "Median share of contrast left / share of ships that keep 80 %; noise of deep water [DN]."
+    say("Contrast of ships", ("", "", "B02", "B03", "B04", "noise B02", "B03", "B04"), rows, note)
+
+
+def targets(folder: Path) -> None:
+    """Grey squares put straight into the water of real scenes, over whatever waves are there."""
+    rows = []
+    for name, unit, roles in (
+        ("casablanca", 65535, Roles(nir=3, blue=0, green=1, red=2)),
+        ("honolulu", 65535, Roles(nir=3, blue=0, green=1, red=2)),
+        ("palau", 10000, Roles(nir=7, blue=1, green=2, red=3)),
+    ):
+        image = open_scene(folder / f"{name}.tif").read().astype(np.float64)
+        places = _places(water(image, fit_water([image], roles)))
+        empty = {label: deglinted(folder / f"{name}.tif", recipe) for label, recipe in RECIPES.items()}
+        for reflectance in (0.05, 0.1, 0.3):
+            cells = []
+            with tempfile.TemporaryDirectory() as scratch:
+                path = Path(scratch) / f"{name}.tif"
+                there = _planted(folder / f"{name}.tif", path, places, round(reflectance * unit))
+                for label, recipe in RECIPES.items():
+                    clean = deglinted(path, recipe)
+                    shares = [
+                        [(clean[b][p] - empty[label][b][p]).mean() / (there[b][p] - image[b][p]).mean()
+                         for b in (roles.blue, roles.green, roles.red)] for p in places
+                    ]  # fmt: skip
+                    cells.append(f"{np.median(shares):.2f} / {survive(np.array(shares).ravel()):.2f}")
+            rows.append([name, f"{100 * reflectance:g} %", str(len(places)), *cells])
+    note = "Median share of contrast left / share that keeps 80 to 125 %, over B02, B03, B04."
+    say("Targets of 1 to 5 pixels in real water", ("", "reflectance", "targets", *RECIPES), rows, note)
+
+
+def _places(sea: Mask) -> list[tuple[slice, slice]]:
+    """Where targets stand: on a grid, 8 pixels from land, and few: a thousandth of the water may not be things."""
+    corners = [
+        (row, column)
+        for row in range(20, sea.shape[0] - 20, STEP)
+        for column in range(20, sea.shape[1] - 20, STEP)
+        if sea[row - 8 : row + 9, column - 8 : column + 9].all()
+    ]
+    out = []
+    for i, (row, column) in enumerate(corners[:: max(len(corners) // FEW, 1)]):
+        size = SIZES[i % len(SIZES)]
+        out.append((slice(row, row + size), slice(column, column + size)))
+    return out
+
+
+def _planted(source: Path, path: Path, places: Sequence[tuple[slice, slice]], value: int) -> Array:
+    """Write a copy of a file with a value at some places; the copy's numbers."""
+    shutil.copyfile(source, path)
+    with rasterio.open(path, "r+") as out:
+        values = out.read()
+        for place in places:
+            values[(slice(None), *place)] = value
+        out.write(values)
+    return open_scene(path).read().astype(np.float64)

@@ -1,0 +1,177 @@
+"""Targets put into scenes before the optics blur them, and how much of their contrast is left.
+
+A target is opaque and flat: ``L' = L (1 - p) + p R E / pi``, p its outline through the sensor's optics, with new noise.
+The contrast left is the excess over the scene without it, weighted by the excess it should have, over the visible bands
+and the pixels that have at least a quarter of its strongest, in units of the light.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import rasterio
+
+from deglint import open_scene
+from deglint.physics.presets import preset
+from deglint.physics.sensor import Sensor, mtf
+from deglint.raster.simulated import write_scene
+from deglint.simulate import Setup, simulate, thesis_array
+from deglint.simulate.light import light
+from detect.bench.measure import VISIBLE
+
+from .error import DATA
+
+Array = npt.NDArray[np.float64]
+Curve = Callable[[Array], Array]
+Kind = tuple[str, int]
+
+SENSOR = preset("thesis")
+SCALE = np.array([SENSOR.scale(b) for b in SENSOR.bands])[:, None, None]
+STEP, SIDE, SIZES = 24, 33, (1, 2, 3, 5)
+LEAST, MOST = 0.8, 1.25
+"""Share of its contrast with which a target survives."""
+
+
+def _falls(at: float, softness: float = 15.0) -> Curve:
+    return lambda w: 1 / (1 + np.exp((w - at) / softness))
+
+
+COLOURS: dict[str, Curve] = {
+    "white 70 %": lambda w: 0.70 + 0 * w,
+    "white 30 %": lambda w: 0.30 + 0 * w,
+    "white 10 %": lambda w: 0.10 + 0 * w,
+    "grey 5 %": lambda w: 0.05 + 0 * w,
+    "dark": lambda w: 0.005 + 0 * w,
+    "red": lambda w: 0.48 - 0.45 * _falls(600, 12)(w),
+    "blue": lambda w: 0.03 + 0.35 * _falls(510)(w),
+    "blue dye": lambda w: 0.43 + 0.35 * _falls(510)(w) - 0.4 * _falls(740)(w),
+}
+"""Reflectance by wavelength [nm]; "blue dye" is bright in the near infrared, as many dyes are."""
+REFLECTANCE = {k: np.array([f(np.arange(b.low, b.high + 1)).mean() for b in SENSOR.bands]) for k, f in COLOURS.items()}
+
+
+@dataclass(frozen=True)
+class Target:
+    """What stands where."""
+
+    colour: str
+    size: int
+    row: int
+    column: int
+
+
+@dataclass(frozen=True)
+class Sea:
+    """A scene in digital numbers with its truth, (band, row, column), and where the squares under water are."""
+
+    path: Path
+    image: Array
+    truth: Array
+    glint: Array
+    objects: npt.NDArray[Any]
+
+
+@cache
+def white() -> Array:
+    """Digital numbers of a white thing."""
+    lit = light(Setup(sensor=SENSOR))
+    return np.asarray((lit.direct + lit.diffuse) / np.pi / SCALE.ravel())
+
+
+@cache
+def outline(size: int, down: float, right: float, speed: float) -> Array:
+    """Share of each pixel that a square takes, through the optics, (band, SIDE, SIDE); speed to the right [m/s]."""
+    fine = np.fft.fftfreq(SIDE * 8, 1 / 8)
+    out, middle = [], 0.0 if size % 2 else 0.5
+    for band in SENSOR.bands:
+        moved = right + speed * band.time_offset / SENSOR.gsd
+        spectrum = mtf(fine[:, None], fine[None], SENSOR, band.wavelength) * np.outer(
+            np.sinc(size * fine), np.sinc(size * fine)
+        )
+        spectrum = spectrum * np.exp(-2j * np.pi * np.add.outer(fine * (down + middle), fine * (moved + middle)))
+        out.append(np.fft.fftshift((np.fft.ifft2(spectrum * size**2).real * 64)[::8, ::8]))
+    return np.clip(np.stack(out), 0, 1)
+
+
+def implant(
+    sea: Sea, kinds: Sequence[Kind], seed: int, speed: float = 0.0, step: int = STEP
+) -> tuple[Sea, list[Target]]:
+    """The scene with targets on a grid, every second seed off the grid of the pixels; not over the squares."""
+    rng, image, truth = np.random.default_rng(seed), sea.image.copy(), sea.truth.copy()
+    taken = cv2.dilate((sea.objects > 0).astype(np.uint8), np.ones((41, 41), np.uint8)) > 0
+    half, found, queue, steep = SIDE // 2, [], [], noise_model(SENSOR)[0]
+    for row in range(20, image.shape[1] - 20, step):
+        for column in range(20, image.shape[2] - 20, step):
+            if taken[row, column]:
+                continue
+            queue = queue or [kinds[i] for i in rng.permutation(len(kinds))]
+            colour, size = queue.pop()
+            down, right = (rng.integers(-2, 3, 2) / 4).tolist() if seed % 2 else (0.0, 0.0)
+            part = outline(size, down, right, speed)
+            place = slice(None), slice(row - half, row + half + 1), slice(column - half, column + half + 1)
+            own = (REFLECTANCE[colour] * white())[:, None, None]
+            clean = (sea.truth[place] + sea.glint[place]) * (1 - part) + part * own
+            noisy = clean + np.sqrt(steep[0] + steep[1] * clean) * rng.standard_normal(clean.shape)
+            image[place] = np.where(part > 2e-3, np.clip(np.rint(noisy), 0, SENSOR.levels), image[place])
+            truth[place] = truth[place] * (1 - part) + part * own
+            found.append(Target(colour, size, row, column))
+    return Sea(sea.path, image, truth, sea.glint, sea.objects), found
+
+
+def contrast(clean: Array, without: Array, truth: Array, targets: Sequence[Target]) -> Array:
+    """Share of each target's contrast that is left."""
+    out = []
+    for t in targets:
+        place = slice(VISIBLE), slice(t.row - 5, t.row + 7), slice(t.column - 5, t.column + 7)
+        lit = white()[:VISIBLE, None, None]
+        wanted, is_left = (truth[place] - without[place]) / lit, (clean[place] - without[place]) / lit
+        counts = np.abs(wanted) > 0.25 * np.abs(wanted).max()
+        out.append((is_left * wanted)[counts].sum() / (wanted[counts] ** 2).sum())
+    return np.array(out)
+
+
+def shared(name: str) -> Sea:
+    """A scene that lies beside the project."""
+    return _sea(DATA / "simulated" / f"{name}.tif")
+
+
+def simulated(place: Path, wind: float, patch: float, seed: int) -> Sea:
+    """A scene made here, in a file at a place."""
+    path = place / f"{wind:g}-{patch:g}-{seed}.tif"
+    things = thesis_array((384, 384), SENSOR.gsd)
+    setup = Setup(sensor=SENSOR, size=(384, 384), wind=wind, patch=patch, seed=seed, objects=things, sky="cardioidal")
+    write_scene(simulate(setup, workers=2), path)
+    return _sea(path)
+
+
+def _sea(path: Path) -> Sea:
+    parts = [open_scene(path.with_stem(path.stem + e)).read().astype(np.float64) for e in ("", "_truth", "_glint")]
+    image, truth, glint = (p / SCALE for p in parts)
+    objects = open_scene(path.with_stem(f"{path.stem}_objects")).read()[0]
+    return Sea(path, np.rint(image), truth, glint, objects)
+
+
+def write(sea: Sea, path: Path) -> None:
+    """A copy of the sea's own file with another image."""
+    shutil.copyfile(sea.path, path)
+    with rasterio.open(path, "r+") as out:
+        out.write(np.clip(sea.image, 0, SENSOR.levels).astype(out.dtypes[0]))
+
+
+def survive(shares: Array) -> float:
+    """Share of the targets that keep 80 to 125 % of their contrast."""
+    return float(((shares >= LEAST) & (shares <= MOST)).mean())
+
+
+def noise_model(sensor: Sensor) -> Array:
+    """Variance of digital numbers at 0, and its increase per digital number, (band, 2)."""
+    gain = sensor.well / sensor.levels
+    return np.array([[(sensor.read_noise / gain) ** 2 + 1 / 12, 1 / gain]] * len(sensor.bands))

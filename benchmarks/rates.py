@@ -1,0 +1,167 @@
+"""Speed of whole tiles with and without compensation, beside reading the array; and of `deglint remove` on a file.
+
+Tiles are read from a file in the page cache and corrected, halo and all; nothing is written. Commands are whole
+processes, beside a copy of the file's blocks. Everything in turns.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import rasterio
+
+import deglint
+from deglint import tiles as tiling
+from deglint.physics.presets import preset
+from deglint.pipeline.apply import one_thread_each
+from deglint.pipeline.correct import Correction
+from deglint.pipeline.fit import fit_scene
+from deglint.pipeline.look import block_of, raster_of, tile_shape_of
+from deglint.pipeline.recipe import Recipe
+from deglint.raster.environment import enter_thread, environment
+from deglint.raster.output import Layout
+from deglint.raster.simulated import write_scene
+from deglint.simulate import Setup, simulate
+from detect.bench.processes import Run, in_turns
+
+from .timing import machine, say
+
+DEFAULT = "psf:2, identify-level:13, replace-level, remove, identify-level:11, replace-level"
+BLOCK = 512
+"""Side of a file's blocks [pixel]."""
+
+
+def base(place: Path, side: int) -> Path:
+    """A simulated sea of the thesis' sensor at 9 m/s, bands 60 ms apart, as counts."""
+    write_scene(simulate(Setup(sensor=preset("thesis"), size=(side, side), wind=9.0, patch=0.06, sky="cardioidal",
+                               seed=3)), place / "base")  # fmt: skip
+    return place / "base.tif"
+
+
+def laid_out(small: Path, target: Path, side: int, dtype: str) -> Path:
+    """A scene laid side by side to this size, as counts or in physical values."""
+    with rasterio.open(small) as given:
+        counts, scales, part = given.read(), np.array(given.scales), given.height
+        options = {"driver": "GTiff", "count": len(counts), "height": side, "width": side, "dtype": dtype,
+                   "crs": given.crs, "transform": given.transform, "tiled": True, "blockxsize": BLOCK,
+                   "blockysize": BLOCK, "interleave": "pixel"}  # fmt: skip
+        with rasterio.open(target, "w", **options) as out:
+            row = np.tile(counts, (1, 1, side // part))
+            row = row if dtype == "uint16" else (row * scales[:, None, None]).astype(dtype)
+            for first in range(0, side, part):
+                out.write(row, window=((first, first + part), (0, side)))
+            out.update_tags(**{k: v for k, v in given.tags().items() if k != "AREA_OR_POINT"})
+            out.descriptions = given.descriptions
+            if dtype == "uint16":
+                out.scales = given.scales
+            for band in given.indexes:
+                out.update_tags(band, **given.tags(band))
+    return target
+
+
+def work_of(path: Path, recipe: Recipe) -> tuple[Correction, list[tiling.Tile]]:
+    """A correction that is fitted to the scene, and the tiles that it is for."""
+    scene = deglint.open_scene(path)
+    fitted = fit_scene(scene, recipe, threads=2)
+    info, shape = raster_of(scene).info, tile_shape_of(scene)
+    shape = tiling.compact(shape, block_of(scene)) if fitted.chain.runs else shape
+    layout = Layout(info, tuple(range(len(scene.bands))), info.dtype.name, info.nodata, {})
+    work = Correction(scene, fitted.model, False, False, layout, None, None, fitted.water_bands, None, fitted.chain, ())
+    return work, tiling.tiles(scene.height, scene.width, shape)
+
+
+def passed(work: Correction, tiles: list[tiling.Tile], threads: int) -> None:
+    """Correct every tile."""
+    for _ in tiling.run(tiles, work, threads=threads, start=enter_thread):
+        pass
+
+
+def in_memory(path: Path, rounds: int) -> list[list[str]]:
+    """Rows for a table: what, threads, millions of values a second, processor time a value, times the reading."""
+    with rasterio.open(path) as given:
+        values = given.read().astype(np.float32)
+    jobs: dict[tuple[str, int], Callable[[], Any]] = {
+        ("reading the float32 array (sum of each band)", 1): lambda: [float(b.sum()) for b in values],
+        ("copying it", 1): values.copy,
+    }
+    recipes = {
+        "chain with PSF": Recipe(compensate=DEFAULT, mask="none"),
+        "chain without PSF": Recipe(compensate=DEFAULT.partition(", ")[2], mask="none"),
+        "removal alone": Recipe(compensate="off", mask="none"),
+    }
+    for name, recipe in recipes.items():
+        work, tiles = work_of(path, recipe)
+        for threads in (1, 2):
+            jobs[name, threads] = lambda w=work, t=tiles, n=threads: passed(w, t, n)
+    walls: dict[tuple[str, int], list[float]] = {key: [] for key in jobs}
+    cpus: dict[tuple[str, int], list[float]] = {key: [] for key in jobs}
+    for turn in range(rounds + 1):
+        for key, job in jobs.items():
+            wall, cpu = time.perf_counter(), time.process_time()
+            job()
+            if turn:  # the first one compiles
+                walls[key].append(time.perf_counter() - wall)
+                cpus[key].append(time.process_time() - cpu)
+    once, rows = median(next(iter(walls.values()))), []
+    for (name, threads), seconds in walls.items():
+        rate = f"{values.size / 1e6 / min(seconds):.0f} / {values.size / 1e6 / median(seconds):.0f}"
+        cpu = min(cpus[name, threads])
+        rows.append([name, str(threads), rate, f"{1e9 * cpu / values.size:.2f}", f"{median(seconds) / once:.1f}"])
+    return rows
+
+
+def commands(scene: Path, place: Path, rounds: int) -> list[list[str]]:
+    """Rows for a table: a copy of the blocks, and `deglint remove`, as whole processes."""
+    out, python = str(place / "out.tif"), sys.executable
+    found = in_turns({
+        "block copy": [python, "-m", "detect.bench.floor", "copy", str(scene), out],
+        "deglint remove": [python, "-m", "deglint", "remove", "-q", str(scene), out],
+        "deglint remove --compensate off": [python, "-m", "deglint", "remove", "-q", "--compensate", "off",
+                                            str(scene), out],
+    }, rounds, [out + "*"], {"OMP_NUM_THREADS": "1"})  # fmt: skip
+    copies, rows = found["block copy"], []
+    for name, runs in found.items():
+        if isinstance(runs, str) or isinstance(copies, str):
+            rows.append([name, str(runs), "", "", ""])
+            continue
+        beyond = median(run.wall - copy.wall for run, copy in zip(runs, copies, strict=True))
+        rows.append([name, _spread([r.wall for r in runs]), f"{beyond:.2f}", _spread([r.cpu for r in runs]),
+                     f"{max(_peaks(runs)):.0f}"])  # fmt: skip
+    return rows
+
+
+def _peaks(runs: list[Run]) -> list[float]:
+    return [run.peak for run in runs]
+
+
+def _spread(values: list[float]) -> str:
+    return f"{median(values):.2f} ({min(values):.2f}-{max(values):.2f})"
+
+
+def main(quick: bool, rounds: int | None, directory: Path | None) -> None:
+    """Measure and print."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    rounds = rounds or (2 if quick else 5)
+    print("## Rates\n\n" + machine())
+    with tempfile.TemporaryDirectory(dir=directory) as name, environment(), one_thread_each(True):
+        place = Path(name)
+        small = base(place, 512 if quick else 1024)
+        side = 1024 if quick else 2048
+        for dtype in ("float32", "uint16"):
+            rows = in_memory(laid_out(small, place / f"{dtype}.tif", side, dtype), rounds)
+            head = ("", "threads", "million values a second, best / median", "processor time [ns a value]",
+                    "times the reading")  # fmt: skip
+            say(f"Tiles of 8 x {side}^2 {dtype}, read, corrected, not written", head, rows)
+        side = 2048 if quick else 4096
+        for dtype in ("uint16", "float32"):
+            rows = commands(laid_out(small, place / f"large_{dtype}.tif", side, dtype), place, rounds)
+            head = ("", "wall time [s]", "beyond the copy [s]", "processor time [s]", "peak memory [MB]")
+            say(f"Commands on 8 x {side}^2 {dtype}", head, rows)

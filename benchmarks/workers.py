@@ -1,0 +1,81 @@
+"""How much faster more workers are: one command on 1, 2, ... processes of this machine, rounds interleaved.
+
+A worker is a process of one thread. Starting the workers is told apart: they are warm when the time runs. What the
+processor gives each is in the last column: on a machine that others use, wall time says little.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .timing import ROOT, machine, table
+
+SIDES = {"full": 8192, "quick": 2048}
+ROUNDS = 3
+
+
+def made(directory: Path, side: int) -> Path:
+    """A mosaic of the tile that `scale` is measured on."""
+    from .scale import TILE, mosaic
+
+    tile = directory / "tile.tif"
+    if not tile.exists():
+        subprocess.run([sys.executable, "-m", "detect.bench.seas", str(tile), "--side", str(TILE),
+                        "--dtype", "uint16", "--compress", "deflate"], cwd=ROOT, check=True)  # fmt: skip
+    mosaic(tile, directory / f"{side}.vrt", side)
+    return directory / f"{side}.vrt"
+
+
+def once(cluster: Any, scene: Path, out: Path) -> dict[str, float]:
+    """Seconds of the fit and of the correction, and processor seconds of all workers and of this process."""
+    from deglint import Recipe, remove_glint
+
+    begun: dict[str, float] = {}
+    before, own = sum(cluster.client.run(time.process_time).values()), time.process_time()
+
+    def progress(stage: str, _done: int, _total: int) -> None:
+        begun[stage] = time.perf_counter()  # the last word on a stage is its end
+
+    start = time.perf_counter()
+    recipe = Recipe(method="joyce", sample="all", mask="none", compensate="off")
+    remove_glint(scene, out, recipe, cluster=cluster, progress=progress, overwrite=True, options={"COMPRESS": "ZSTD"})
+    end = time.perf_counter()
+    workers = sum(cluster.client.run(time.process_time).values()) - before
+    return {"fit": begun["fit"] - start, "correct": end - begun["fit"], "whole": end - start, "workers": workers,
+            "caller": time.process_time() - own}  # fmt: skip
+
+
+def main(quick: bool, directory: Path | None, counts: Sequence[int] = (1, 2)) -> None:
+    """Measure and print."""
+    from deglint.pipeline.cluster import connect
+
+    side = SIDES["quick" if quick else "full"]
+    with tempfile.TemporaryDirectory(dir=directory) as scratch:
+        place = directory or Path(scratch)
+        scene, out = made(place, side), Path(scratch) / "out.tif"
+        runs: dict[int, list[dict[str, float]]] = {n: [] for n in counts}
+        most: dict[int, float] = {}
+        for _ in range(ROUNDS):
+            for n in counts:
+                with connect(workers=n) as cluster:
+                    once(cluster, made(place, 1024), out)
+                    runs[n].append(once(cluster, scene, out))
+                    most[n] = max(cluster.memory().values()) / 1e6
+        middle = {n: {k: statistics.median(r[k] for r in found) for k in found[0]} for n, found in runs.items()}
+        first = middle[counts[0]]
+        head = ("workers", "fit [s]", "correct [s]", "whole [s]", "faster than the first", "CPU of the workers [s]",
+                "CPU of the calling process [s]", "most that one held [MB]")  # fmt: skip
+        rows = [[str(n), f"{m['fit']:.2f}", f"{m['correct']:.2f}", f"{m['whole']:.2f}",
+                 f"{first['whole'] / m['whole']:.2f}", f"{m['workers']:.1f}", f"{m['caller']:.2f}", f"{most[n]:.0f}"]
+                for n, m in middle.items()]  # fmt: skip
+        load = ", ".join(f"{n:.1f}" for n in os.getloadavg())
+        print(f"## Workers\n\n{machine()} Load {load}. {side} x {side} pixels, 8 bands, medians of {ROUNDS}.\n")
+        print(table(head, rows))

@@ -1,0 +1,203 @@
+"""Read so much of a sample as the slopes' standard errors ask for, and no more.
+
+Without a tolerance a fit reads the whole of a sample that was named, or the usual share of a scene where the sample is
+found by itself. With one it reads squares of 192 pixels, spread evenly, a batch after the other - the first as much as
+a first look at a scene takes - until in every band that will be corrected the relative standard error of the glint
+taken from it (`deglint.remove.glint_error`: for one NIR the slope's standard error over the slope) is small enough, or
+there is no more to read; a sample that is found by itself is then looked for in more of the scene. Which squares, and
+when it stops, depends on the scene's pixels alone: not on the file's blocks, nor on threads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from .. import tiles as tiling
+from ..errors import FitError
+from ..moments import in_share
+from ..remove import METHODS, FitRequest, SamplePlan, SampleStatistics, glint_error, levels_for, merge
+from ..remove.request import MIN_PIXELS, USELESS_R2
+from ..remove.statistics import SamplePart
+from ..scene import Scene
+from ..tiles import Tile
+from .look import LOOK_PIXELS, LOOK_SIDE
+from .sample import Sampler, tiles_over
+
+KEPT_PIXELS = 1 << 20
+"""Most single pixels that are kept for a percentile or a mode."""
+COMPILED_PIXELS = 10_000_000
+"""Pixels of a sample above which the compiled statistics kernel pays for its loading."""
+LEAST_CELLS = 40
+"""Effective cells from which on a standard error is believed: from 20 the real errors were up to nine times as large,
+where a few clumps of sparkle hold most of the glint; from 40 as large as they are said to be."""
+GROWTH = 1.25, 4.0
+"""How many times as much is read at the next batch, at least and at most."""
+MARGIN = 1.1
+"""How much more is read than the error so far asks for, as the square root of the pixels would have it."""
+
+
+@dataclass(eq=False)
+class Sampling:
+    """The batches of a sample: `for tiles, plan in sampling`, and after each `take(parts)`.
+
+    Attributes
+    ----------
+    scene : Scene
+    sampler : Sampler
+    request : FitRequest
+    method : str
+        Key of `METHODS`.
+    plan : SamplePlan
+        What the method gathers.
+    tolerance : float
+        Relative standard error wanted; 0: everything is one batch.
+    judge : bool
+        Bands that the NIR does not explain are going to be left alone, and are not waited for.
+    """
+
+    scene: Scene
+    sampler: Sampler
+    request: FitRequest
+    method: str
+    plan: SamplePlan
+    tolerance: float = 0.0
+    judge: bool = False
+    errors: dict[str, float] = field(default_factory=dict)
+    parts: list[SamplePart] = field(default_factory=list)
+    taken: int = 0
+    cells: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.pool = _pool(self.scene, self.sampler) if self.tolerance else list(self.sampler.tiles)
+        self.total = sum(map(_area, self.pool))
+
+    @property
+    def largest(self) -> tuple[int, int]:
+        """Rows and columns of the largest tile."""
+        return max(self.pool, key=_area).shape
+
+    def __iter__(self) -> Iterator[tuple[Sequence[Tile], SamplePlan]]:
+        if not self.tolerance:
+            pixels = self.sampler.pixels
+            share = max(1, -(-pixels // KEPT_PIXELS))
+            many = pixels > COMPILED_PIXELS
+            self.plan = replace(self.plan, share=share, compiled=many, levels=levels_for(pixels))
+            self.taken = self.total
+            yield self.pool, self.plan
+            return
+        wanted, done = LOOK_PIXELS, set[Tile]()
+        while True:
+            chosen = _spread(self.pool, min(wanted, self.total))
+            batch = [t for t in chosen if t not in done]
+            done.update(batch)
+            fresh = sum(map(_area, batch))
+            self.taken += fresh
+            share = 1 << max(0, math.ceil(math.log2(self.taken / KEPT_PIXELS)))
+            many = fresh > COMPILED_PIXELS
+            self.plan = replace(self.plan, share=share, compiled=many, levels=levels_for(self.taken))
+            if batch:
+                yield batch, self.plan
+                worst = self._worst()
+                if worst <= self.tolerance:
+                    return
+                grows = MARGIN * (worst / self.tolerance) ** 2 if math.isfinite(worst) else GROWTH[1]
+                wanted = int(self.taken * min(max(grows, GROWTH[0]), GROWTH[1]))
+            else:
+                wanted = int(wanted * GROWTH[0])
+            if len(done) == len(self.pool):
+                return
+
+    def statistics(self) -> SampleStatistics:
+        """What all that was read says."""
+        return merge([_thinned(p, self.plan.share) for p in self.parts] if self.tolerance else self.parts, self.plan)
+
+    def _worst(self) -> float:
+        """Largest relative error of the bands that will be corrected; infinite where it is not known."""
+        parts = [replace(p, places=p.places[:, :0], values=p.values[:, :0]) for p in self.parts if len(p.cells.n)]
+        self.errors = {}
+        if not parts:
+            return math.inf
+        stats = merge(parts, self.plan)
+        weights = METHODS[self.method].weights
+        if weights is None or stats.regressed.n < MIN_PIXELS:
+            return math.inf
+        try:
+            every = list(weights(self.request, stats))
+        except FitError:  # nothing varies so far
+            return math.inf
+        self.cells = math.inf
+        for found in every:
+            if not (self.judge and found.r2 < USELESS_R2):
+                name = self.request.bands[self.request.correct[found.band]].name
+                self.errors[name], cells = glint_error(stats, found.band, found.references, found.weights)
+                self.cells = min(self.cells, cells)
+        if self.cells < LEAST_CELLS:
+            return math.inf
+        return max(self.errors.values(), default=0.0)
+
+    def said(self) -> tuple[dict[str, Any] | None, list[str], list[str]]:
+        """For the sidecar, the log, and warnings."""
+        if not self.tolerance:
+            return None, [], []
+        worst = max(self.errors, key=lambda name: self.errors[name], default=None)
+        met = self.cells >= LEAST_CELLS and (worst is None or self.errors[worst] <= self.tolerance)
+        whole = self.scene.height * self.scene.width if self.sampler.bounds is None else self.total
+        numbers = {
+            "wanted": self.tolerance,
+            "met": met,
+            "relative_standard_error": dict(self.errors),
+            "effective_cells": self.cells,
+            "least_effective_cells": LEAST_CELLS,
+            "pixels_read": self.taken,
+            "pixels_skipped": whole - self.taken,
+        }
+        reached = f"reached {self.errors[worst]:.2g} (worst, {worst})" if worst else "no band is waited for"
+        part = f"with {self.taken} of {whole} pixels read ({1 - self.taken / whole:.0%} skipped)"
+        note = f"tolerance {self.tolerance:g} of the slopes: {reached} {part}"
+        if numbers["met"]:
+            return numbers, [note], []
+        if self.cells < LEAST_CELLS:
+            known = (
+                f"most of the sample's glint is in {self.cells:.0f} squares of 64 pixels, too few to know the error by"
+            )
+        else:
+            known = f"the slopes' error is {self.errors[worst or '']:.2g} in {worst}"
+        return numbers, [note], [f"the tolerance {self.tolerance:g} was not reached: {known}."]
+
+
+def short_of(numbers: Mapping[str, Any]) -> bool:
+    """Whether a fit, of which these are the numbers, did not reach the tolerance that was asked for."""
+    return ((numbers["sample"] or {}).get("tolerance") or {}).get("met") is False
+
+
+def _pool(scene: Scene, sampler: Sampler) -> list[Tile]:
+    """Squares that the sample may be read from; the same ones however the file is stored."""
+    if sampler.bounds is None:
+        return list(sampler.tiles)
+    return tiles_over(scene, sampler.bounds, (LOOK_SIDE, LOOK_SIDE))
+
+
+def _spread(pool: Sequence[Tile], pixels: int) -> list[Tile]:
+    """Some tiles, evenly spread, that hold at least so many pixels."""
+    wanted, everything = pixels, sum(map(_area, pool))
+    while wanted < everything:
+        chosen = tiling.spread(pool, wanted)
+        if sum(map(_area, chosen)) >= pixels:
+            return chosen
+        wanted = int(GROWTH[0] * wanted)
+    return list(pool)
+
+
+def _area(tile: Tile) -> int:
+    return tile.shape[0] * tile.shape[1]
+
+
+def _thinned(part: SamplePart, share: int) -> SamplePart:
+    """A part of an early batch, with no more single pixels than the last batch kept."""
+    if share == 1 or not part.places.size:
+        return part
+    kept = in_share(part.places[0], part.places[1], share)
+    return replace(part, places=part.places[:, kept], values=part.values[:, kept])

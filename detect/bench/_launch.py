@@ -1,0 +1,56 @@
+"""Starts processes in turns and measures them; run by `processes.in_turns` as a small process of its own.
+
+On Linux the peak memory of a child is at least what its parent held when it started: nothing heavy is imported here.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+
+def once(command: list[str]) -> list[float] | str:
+    """Wall and processor time [s] and largest resident memory [MB] of a command, or the last line that it wrote."""
+    os.sync()  # what earlier runs left to be written to disk is written first
+    start = time.perf_counter()
+    try:
+        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    except OSError as error:
+        return f"cannot start {command[0]}: {error.strerror}"
+    assert child.stderr is not None
+    said = child.stderr.read()
+    _, status, usage = os.wait4(child.pid, 0)
+    wall = time.perf_counter() - start
+    child.stderr.close()
+    child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode:
+        lines = said.decode(errors="replace").strip().splitlines()
+        return lines[-1] if lines else f"exit code {child.returncode}"
+    unit = 1 if sys.platform == "darwin" else 1024
+    return [wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit / 1e6]
+
+
+def main() -> None:
+    """Read what to do as JSON from stdin, do it, and write what was measured as JSON to stdout."""
+    asked = json.load(sys.stdin)
+    found: dict[str, list[list[float]] | str] = {name: [] for name in asked["commands"]}
+    for _ in range(asked["rounds"]):
+        for name, command in asked["commands"].items():
+            runs = found[name]
+            if isinstance(runs, str):
+                continue
+            one = once(command)
+            for pattern in asked["cleanup"]:
+                for left in Path(pattern).parent.glob(Path(pattern).name):
+                    left.unlink()
+            if isinstance(one, str):
+                found[name] = one
+            else:
+                runs.append(one)
+    json.dump(found, sys.stdout)
+
+
+if __name__ == "__main__":
+    main()

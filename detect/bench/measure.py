@@ -1,0 +1,80 @@
+"""How far an image is from the truth, and how well objects are found in it: the measures of every experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import background, rx
+from ..roc import Roc
+from .section import Number
+
+Float64 = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+VISIBLE = 5
+"""COASTAL to RED: the bands whose error counts."""
+
+
+def rms_error(image: npt.NDArray[Any], truth: npt.NDArray[Any], columns: slice = slice(None)) -> float:
+    """Root mean square over the visible bands of RMSE / median(truth), in percent of the water level.
+
+    Parameters
+    ----------
+    image, truth : (band, row, column) ndarray
+        In the same unit; the first `VISIBLE` bands count.
+    columns : slice
+        Where the error is taken; the level is that of the whole.
+
+    Examples
+    --------
+    >>> level = np.full((5, 4, 4), 2.0)
+    >>> rms_error(1.1 * level, level).__round__(6)
+    10.0
+    """
+    truth = np.asarray(truth, np.float64)[:VISIBLE]
+    away = (np.asarray(image, np.float64)[:VISIBLE] - truth)[:, :, columns]
+    level = np.median(truth, axis=(1, 2))
+    each = np.sqrt((away**2).mean(axis=(1, 2))) / level
+    return float(100 * np.sqrt((each**2).mean()))
+
+
+def bounded(number: Number, low: float, high: float = np.inf) -> Number:
+    """A number whose interval ends where its values cannot be."""
+    return replace(number, low=max(number.low, low), high=min(number.high, high))
+
+
+def percent(value: float) -> str:
+    """An error as words have it: three figures, and no powers of ten.
+
+    Examples
+    --------
+    >>> percent(3.14159), percent(3031.4)
+    ('3.14 %', '3031 %')
+    """
+    return f"{value:.3g} %" if value < 999.5 else f"{value:.0f} %"
+
+
+def rx_scores(image: npt.NDArray[Any], sample: Mask) -> Float64:
+    """Squared Mahalanobis distance of every pixel from the pixels of a sample, over all bands."""
+    image = np.asarray(image, np.float64)
+    found = background.fit(image, mask=sample, threads=1)
+    return np.asarray(rx.score(image, rx.detector("rx", found)), np.float64)
+
+
+def curves(scores: Float64, kinds: npt.NDArray[np.integer[Any]], numbers: Sequence[int]) -> list[Roc]:
+    """The ROC curve of each kind of object against the background.
+
+    Parameters
+    ----------
+    scores : (row, column) ndarray
+    kinds : (row, column) integer ndarray
+        0 background, the kind of the object that a pixel belongs to, or below 0 what does not count.
+    numbers : sequence of int
+        Kinds to find.
+    """
+    return [Roc.of(scores, kinds == n, (kinds == 0) | (kinds == n)) for n in numbers]

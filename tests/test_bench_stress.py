@@ -1,0 +1,314 @@
+"""The stress section: its references are right, its numbers are named, and what it found stays mended."""
+
+import math
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deglint import remove
+from deglint.errors import FitError
+from deglint.moments import moments
+from deglint.remove.detrend import detrend
+from detect.background import fit
+from detect.bench import stress_cases, stress_rates, stress_truth, stress_words
+from detect.bench.stress_cases import Case, digits, sea
+from detect.bench.stress_ours import measure
+from detect.local import local_rx
+from detect.report.heat import heat, shade
+from detect.roc import Roc, auc_interval, compare
+from detect.rx import detector, rx, score
+from detect.threshold import from_f, p_value
+
+wide = pytest.mark.skipif(not stress_truth.WIDE, reason="a long double is a double here")
+
+
+@pytest.mark.parametrize(
+    ("found", "right", "expected"),
+    [(1.0, 1.0, 16), (1.001, 1.0, 3), (0.0, 0.0, 16), (1e-30, 0.0, 0), (math.nan, 1.0, 0), (math.nan, math.nan, 16),
+     (math.inf, math.inf, 16), (3.0, 1.0, 0)],
+)  # fmt: skip
+def test_digits_are_of_the_relative_error(found, right, expected):
+    assert digits(found, right) == pytest.approx(expected, abs=1e-9)
+
+
+@wide
+def test_the_reference_is_exact_arithmetic():
+    block = sea(8, 9, seed=3) + 1e8
+    flat = [[Fraction(float(v)) for v in band.ravel()] for band in block]
+    mean = [sum(b) / len(b) for b in flat]
+    away = [[v - m for v in b] for b, m in zip(flat, mean, strict=True)]
+    covariance = [[float(sum(map(Fraction.__mul__, a, b)) / 71) for b in away] for a in away]
+    found = stress_truth.mean_and_covariance(stress_truth.pixels(block))
+    assert digits(found[0], [float(m) for m in mean]) == 16
+    assert digits(found[1], covariance) > 15.9
+
+
+@wide
+def test_scores_of_the_reference_are_distances_by_inverse():
+    block = sea(20, 20)
+    x = block.reshape(4, -1)
+    d = x - x.mean(axis=1, keepdims=True)
+    expected = np.einsum("ip,ij,jp->p", d, np.linalg.inv(np.cov(x)), d)
+    np.testing.assert_allclose(stress_truth.rx_scores(block, (0, 1, 2, 3)).astype(float).ravel(), expected, rtol=1e-10)
+    places = np.array([[10, 10]])
+    ring = np.ones((7, 7), bool)
+    ring[2:5, 2:5] = False
+    y = block[:, 7:14, 7:14][:, ring]
+    d = block[:, 10, 10] - y.mean(axis=1)
+    found = stress_truth.local_scores(block, (0, 1, 2, 3), 3, 7, places)[0]
+    assert float(found) == pytest.approx(d @ np.linalg.inv(np.cov(y)) @ d, rel=1e-9)
+
+
+@wide
+@pytest.mark.parametrize("key", ["offset1e8", "scale1e-12", "constant", "one-percent-nan", "uint8"])
+def test_our_digits(key):
+    case = next(c for c in stress_cases.cases(quick=True) if c.key == key)
+    found = measure(stress_truth.Truth(case))
+    single = key == "uint8"
+    least = {"slope, Huber": 5, "RX": 6.5 if single else 12, "local RX": 6.5 if single else 12, "level, mode": 13}
+    for operation, value in found.items():
+        if operation != "correction, as stored":
+            assert value > least.get(operation, 14.5), operation
+
+
+def test_every_block_is_what_it_says():
+    found = {c.key: c for c in stress_cases.cases(quick=True)}
+    assert len({c.name for c in found.values()}) == len(found)
+    assert {c.block.dtype.name for c in found.values()} == set(stress_cases.DTYPES)
+    assert np.ptp(found["constant"].block[1]) == 0
+    b = found["collinear"].block
+    np.testing.assert_array_equal(b[1], 2 * b[0] - b[2])
+
+
+# what the stress has found
+
+
+def test_a_stray_first_pixel_of_a_cell_costs_the_mean_no_digits():
+    block = sea(64, 64)
+    block[3, 0, 0] = 1e15
+    exact = sum(Fraction(float(v)) for v in block[3].ravel()) / 4096
+    for compiled in (False, True):
+        assert abs(Fraction(float(moments(block, compiled=compiled).mean[3])) - exact) / exact < 1e-15
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_detrending_keeps_its_digits_under_an_offset(dtype):
+    block = (sea(40, 40) * 64).astype(dtype)  # whole numbers: the offset rounds nothing
+    offset = dtype(2.0**23) if dtype is np.float32 else 1e8
+    np.testing.assert_array_equal(detrend(block + offset, size=9), detrend(block, size=9))
+    constant = np.full((1, 20, 20), 0.1, dtype)
+    np.testing.assert_array_equal(detrend(constant, size=15), 0)
+
+
+def test_standard_errors_between_cells_do_not_depend_on_an_offset():
+    block = sea(256, 256)  # 16 cells
+    plain, moved = (remove.fit("lyzenga", b, nir=3).fits[0].stderr for b in (block, block + 1e8))
+    assert moved == pytest.approx(plain, rel=1e-12)
+
+
+def test_a_percentile_of_float32_is_interpolated_in_double():
+    nir = np.linspace(1, 2, 10_000).astype(np.float32).reshape(100, 100)
+    found = remove.fit("hedley", np.stack([3 * nir, nir]), nir=1, floor_percentile=5).indexes[0].level
+    assert found == pytest.approx(np.percentile(nir.astype(float), 5), rel=1e-15)
+
+
+@pytest.mark.parametrize("regression", ["huber", "theil-sen", "ols", "detrended"])
+def test_a_constant_band_has_no_slope_and_warns_of_nothing(regression):
+    nir = sea(40, 40)[3]
+    model = remove.fit("lyzenga", np.stack([np.full_like(nir, 0.1), nir]), nir=1, regression=regression)
+    assert model.fits[0].slope == 0
+
+
+@pytest.mark.parametrize("scale", [1e-315, 1e200])
+def test_numbers_whose_squares_are_none_are_refused(scale):
+    block = sea(20, 20)
+    with np.errstate(under="ignore"):
+        small = block * scale
+    for band in range(4) if scale > 1 else [3]:
+        hard = block.copy()
+        hard[band] = small[band]
+        with pytest.raises(FitError, match=f"band {band + 1} goes from.*beyond double precision"):
+            remove.fit("hedley", hard, nir=3)
+        with pytest.raises(FitError, match=f"band {band + 1} goes from.*beyond double precision"):
+            fit(hard)
+
+
+def test_scores_of_float64_keep_their_digits_under_an_offset():
+    block = sea(60, 60)
+    plain, moved = rx(block), rx(block + 1e8)
+    np.testing.assert_allclose(moved, plain, rtol=1e-12, atol=1e-12)
+
+
+def test_float16_is_scored_by_both_engines():
+    block = np.rint(sea(30, 30)).astype(np.float16)
+    ready = detector("rx", fit(block))
+    expected = rx(block.astype(np.float32))
+    for compiled in (False, True):
+        np.testing.assert_allclose(score(block, ready, compiled=compiled), expected, rtol=1e-5)
+    found = local_rx(block, inner=3, outer=9)
+    np.testing.assert_allclose(found, local_rx(block.astype(np.float32), inner=3, outer=9), rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", [c[1] for c in stress_rates.score_cases()])
+def test_areas_are_counted_exactly(name):
+    first, second, truth = next(c[2:] for c in stress_rates.score_cases() if c[1] == name)
+    keep = np.concatenate([np.arange(stress_rates.TARGETS), np.arange(stress_rates.TARGETS, len(truth), 20)])
+    first, second, truth = first[keep], second[keep], truth[keep]
+    right, found = (of(first, second, truth) for of in (stress_rates.exact, stress_rates.by_us))
+    for operation, value in found.items():
+        assert value == pytest.approx(right[operation], rel=1e-13), operation
+
+
+def test_nearly_equal_detectors_are_told_apart():
+    background = np.arange(1_000_000)
+    truth = np.arange(1_000_010) < 10
+    first = np.concatenate([np.full(10, 2e6), background])
+    second = first.copy()
+    second[0] = 999_998.5  # below one pixel of the background
+    both = compare(first, second, truth)
+    assert both.difference == 1e-7  # 1 of 1e7 pairs
+    assert auc_interval(Roc.of(second, truth)).standard_error == pytest.approx(
+        math.sqrt(1e-12 * 0.1 / 10 + 1e-2 * (1e-6 - 1e-12) / (1 - 1e-6) / 1e6), rel=1e-12
+    )
+
+
+@pytest.mark.parametrize(("bands", "n", "pfa"), [(8, 9, 1e-10), (8, 10, 1e-3), (200, 250, 1e-6), (3, 1000, 1e-4)])
+def test_f_thresholds_and_p_values_of_small_samples(bands, n, pfa):
+    mpmath = pytest.importorskip("mpmath")
+    at = from_f(pfa, bands, n).value
+    with mpmath.workdps(40):
+        w = mpmath.mpf(at) * n / (mpmath.mpf(n) ** 2 - 1)
+        tail = mpmath.betainc(mpmath.mpf(n - bands) / 2, mpmath.mpf(bands) / 2, 0, 1 / (1 + w), regularized=True)
+    assert float(tail) == pytest.approx(pfa, rel=1e-12)
+    assert float(p_value(np.array(at), bands, n)) == pytest.approx(float(tail), rel=1e-12)
+
+
+def test_the_finding_counts_lost_digits_of_what_both_compute():
+    found = {
+        "deglint": {"mean": {"a": 16.0, "b": 5.0, "c": "refused", "d": 9.0}},
+        "numpy": {"mean": {"a": 2.0, "b": 3.0, "c": 1.0, "d": "refused"}, "other": {"a": 0.0}},
+        "none": {"other": {"a": 1.0}},
+    }
+    said = stress_words.finding(found)
+    assert said.endswith("of what both compute: numpy 2 of 2 (deglint 1).")
+    assert stress_words.finding({"deglint": found["deglint"]}) == ""
+
+
+def test_heat_map_shows_every_number():
+    svg = heat(["a", "b<"], ["x", "y"], {("a", "x"): 15.9, ("b<", "y"): "r"}, most=16, title="digits & more")
+    assert ">15</text>" in svg
+    assert ">r</text>" in svg
+    assert "b&lt;" in svg
+    assert "digits &amp; more" in svg
+    assert shade(0) == "#7a161c"
+    assert shade(2) == "#f7f7f2"
+
+
+def test_section(monkeypatch, tmp_path):
+    from detect.bench import stress
+    from detect.bench.section import Effort
+
+    def few(quick):
+        yield Case("plain", "plain", sea(30, 31))
+        yield Case("uint8", "uint8", np.rint(sea(30, 31)).astype(np.uint8))
+
+    monkeypatch.setattr(stress, "cases", few)
+    section = stress.run(Effort(quick=True, seeds=1, directory=tmp_path))
+    number = section.numbers["stress/variance/plain/deglint/digits"]
+    assert number.value > 14
+    assert number.unit == "digits"
+    assert not number.exact
+    assert section.numbers["stress/level-minimum/uint8/deglint/digits"].exact
+    assert section.numbers["stress/auc/ties/scikit-learn/digits"].value > 14
+    assert section.numbers["stress/correction-as-stored/uint8/sungc/digits"].value < 3
+    assert all(len(row) == len(t.head) for t in section.tables for row in t.rows)
+    assert len(section.figures) == 2
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("dtype", "value"), [
+    ("float32", -3.4028234663852886e38), ("float32", 3.4028230607370965e38), ("float64", -3.4028234663852886e38),
+    ("float64", -1.7976931348623157e308),
+])  # fmt: skip
+def test_forgotten_nodata_is_not_valid(deglint, write, read, tmp_path, dtype, value):
+    import json
+
+    image = sea(80, 90).astype(dtype)
+    holes = np.random.default_rng(5).random((80, 90)) < 0.01
+    paths = {}
+    for name, fill in (("said", np.nan), ("forgotten", value)):
+        dirty = np.where(holes, np.asarray(fill, dtype), image)
+        source, out = write(tmp_path / f"{name}.tif", dirty), tmp_path / f"{name}_out.tif"
+        ran = deglint("remove", source, out, "--method", "hedley", "--compensate", "off", "--sample", "all", "--mask",
+                      "none", "--json")  # fmt: skip
+        assert ran.code == 0, ran.err
+        assert "Warning" not in ran.err
+        paths[name] = read(out), json.loads(ran.out)
+    np.testing.assert_array_equal(paths["forgotten"][0][:, ~holes], paths["said"][0][:, ~holes])
+    assert (paths["forgotten"][0][:, holes] == np.asarray(value, dtype)).all()  # passes as it is
+
+
+@pytest.mark.parametrize("out", [".", "", "out.jpg", "out.nc"])
+def test_outputs_without_a_name_or_with_that_of_another_format(deglint, sea, write, tmp_path, monkeypatch, out):
+    from detect.cli import run
+
+    monkeypatch.chdir(tmp_path)
+    source = write(tmp_path / "in.tif", sea())
+    ran = deglint("remove", source, out)
+    assert (ran.code, ran.err.count("\n")) == (1, 1)
+    assert "fault" not in ran.err
+    assert run(["score", source, out]) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["in.tif"]
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    (["."], "no name for a scene"), (["out", "--size", "100000000"], "8 to 16384"), (["out", "--size", "1"], "8 to"),
+])  # fmt: skip
+def test_scenes_that_cannot_be_simulated_are_refused_at_once(deglint, tmp_path, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    ran = deglint("simulate", *arguments)
+    assert ran.code in (1, 2)
+    assert said in ran.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_window_that_would_take_the_memory_is_refused():
+    from deglint.errors import InputError
+    from detect.local import local_rx
+
+    with pytest.raises(InputError, match=r"GiB a thread.*smaller window"):
+        local_rx(np.zeros((8, 40, 50)), inner=3, outer=4001)
+
+
+def test_a_full_standard_output_is_one_line(sea, write, tmp_path):
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("this system has no /dev/full")
+    source = write(tmp_path / "in.tif", sea())
+    with full.open("w") as out:
+        done = subprocess.run(
+            [sys.executable, "-m", "deglint", "info", source, "--json"], stdout=out, stderr=subprocess.PIPE, text=True,
+            check=False,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("Error: cannot write to standard output: No space left")
+
+
+def test_thresholds_beyond_float32_warn_of_nothing():
+    from detect.threshold import Tail, Threshold
+
+    scores = np.array([1.0, 2.0, 3.4e38], np.float32)
+    assert Tail.of(scores).above(1e99) == 0
+    assert not Threshold(1e99, "gpd", 1e-300).exceeded(scores).any()
+
+
+def test_numbers_beyond_float32_are_not_compensated():
+    from deglint.compensate.state import State
+    from deglint.errors import InputError
+
+    with pytest.raises(InputError, match=r"reach 1e\+200.*float32"):
+        State.of(np.full((1, 3, 3), 1e200))

@@ -1,0 +1,132 @@
+"""What needs nothing is copied: the file itself where it is what would be written, else its pixels, unlooked at."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+import rasterio.shutil
+
+from deglint import Recipe, remove_glint
+from deglint.pipeline.correct import Correction
+
+CALM = Recipe(compensate="off", mask="none")
+
+
+@pytest.fixture
+def calm(sea, write, tmp_path):
+    """Even water with noise, and no glint; a tiled file with its header in front."""
+
+    def make(dtype="uint16", hole=True, **options):
+        rng = np.random.default_rng(3)
+        raw = np.array([900, 700, 400, 100])[:, None, None] + rng.normal(0, 5, (4, 320, 300))
+        if hole:
+            raw[:, :40, :50] = 0
+        path = tmp_path / "in.tif"
+        write(tmp_path / "plain.tif", raw.astype(dtype), nodata=0)
+        layout = {"tiled": True, "blockxsize": 128, "blockysize": 128, "interleave": "pixel"} | options
+        rasterio.shutil.copy(str(tmp_path / "plain.tif"), str(path), driver="GTiff", **layout)
+        return path
+
+    return make
+
+
+def same_pixels(a, b):
+    with rasterio.open(a) as one, rasterio.open(b) as other:
+        return np.array_equal(one.read(), other.read()) and one.profile["dtype"] == other.profile["dtype"]
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"compress": "deflate", "predictor": 2}, {"interleave": "band"}, {"BIGTIFF": "YES"}]
+)
+def test_the_file_itself_is_copied(calm, tmp_path, options):
+    source, out = calm(**options), tmp_path / "out.tif"
+    result = remove_glint(source, out, CALM)
+    assert out.read_bytes() == source.read_bytes()
+    assert result.tally.corrected == 0
+    said = json.loads(Path(f"{out}.json").read_text())
+    assert said["pixels"]["total"] == 320 * 300
+    assert said["pixels"]["nodata"] is None
+    assert said["skipped"]["pixels"].startswith("no band needs a correction")
+    assert any("Nothing was corrected" in w for w in said["warnings"])
+
+
+def test_in_place(calm):
+    source = calm()
+    before = source.read_bytes()
+    remove_glint(source, source, CALM, overwrite=True)
+    assert source.read_bytes() == before
+
+
+@pytest.mark.parametrize("how", ["striped", "header last", "sparse", "beside", "option", "nodata"])
+def test_else_pixels_are_copied(calm, tmp_path, how):
+    source, out, outputs = calm(hole=how != "nodata", tiled=how != "striped"), tmp_path / "out.tif", {}
+    if how == "header last":
+        with rasterio.open(source, "r+") as dataset:
+            dataset.update_tags(LONG="x" * 4000)
+    if how == "sparse":
+        with rasterio.open(source) as dataset:
+            raw, profile = dataset.read(), dataset.profile
+        with rasterio.open(source, "w", **profile | {"SPARSE_OK": True, "count": 4}) as dataset:
+            dataset.descriptions = ("blue", "green", "red", "nir")
+            dataset.write(raw[:, 128:], window=((128, 320), (0, 300)))
+    if how == "beside":
+        Path(f"{source}.aux.xml").write_text('<PAMDataset><Metadata><MDI key="a">b</MDI></Metadata></PAMDataset>')
+    if how == "option":
+        outputs["options"] = {"COMPRESS": "ZSTD"}
+    if how == "nodata":
+        outputs["nodata"] = 1
+    remove_glint(source, out, CALM, **outputs)
+    assert out.read_bytes() != source.read_bytes()
+    assert same_pixels(source, out)
+    with rasterio.open(out) as dataset:
+        assert dataset.profile["tiled"]
+        assert dataset.tags().get("a") == ("b" if how == "beside" else None)
+        assert dataset.nodata == (1 if how == "nodata" else 0)
+
+
+def test_another_type_is_written_anew(calm, tmp_path):
+    result = remove_glint(calm(dtype="int16"), tmp_path / "out.tif", CALM, dtype="float64")
+    assert result.sidecar["pixels"]["nodata"] is None
+    with rasterio.open(tmp_path / "out.tif") as out, rasterio.open(tmp_path / "in.tif") as source:
+        assert out.dtypes[0] == "float64"
+        np.testing.assert_array_equal(out.read(), source.read())
+
+
+def test_flags_are_of_every_pixel(calm, tmp_path):
+    result = remove_glint(calm(), tmp_path / "out.tif", CALM, flags=tmp_path / "flags.tif")
+    assert result.sidecar["pixels"]["nodata"] == 2000
+    assert same_pixels(tmp_path / "in.tif", tmp_path / "out.tif")
+
+
+def test_a_truncated_file_is_not_copied(calm, deglint, tmp_path):
+    source = calm(compress="deflate")
+    data = source.read_bytes()
+    source.write_bytes(data[:-300])
+    ran = deglint("remove", source, tmp_path / "out.tif", "--compensate", "off", "--sample", "100,100,120,120",
+                  "--mask", "none")  # fmt: skip
+    assert ran.code == 1
+    assert "truncated or damaged" in ran.err
+    assert not (tmp_path / "out.tif").exists()
+
+
+def test_a_tile_without_a_valid_pixel_skips_the_chain(write, read, tmp_path, monkeypatch):
+    rng = np.random.default_rng(2)
+    raw = rng.normal(np.array([900, 700, 400, 100])[:, None, None], 5, (4, 512, 2048)).astype(np.float32)
+    for band in raw:
+        band[rng.random(band.shape) < 0.02] += 300
+    raw[:, :, :1200] = np.nan
+    source = write(tmp_path / "in.tif", raw, tiled=True, blockxsize=256, blockysize=256)
+    done = []
+    inner = Correction._compensated
+    monkeypatch.setattr(Correction, "_compensated", lambda *a: done.append(a[2]) or inner(*a))
+    stages = "identify-level:13, replace-level, remove"
+    recipe = Recipe(compensate=stages, method="joyce", sample="1300,0,700,512", mask="none")
+    result = remove_glint(source, tmp_path / "out.tif", recipe)
+    assert done
+    assert all(tile.col1 > 1200 for tile in done)
+    out = read(tmp_path / "out.tif")
+    assert np.isnan(out[:, :, :1200]).all()
+    assert (out[:, :, 1200:] != raw[:, :, 1200:]).any()
+    assert result.tally.nodata == 512 * 1200
