@@ -2,8 +2,8 @@
 
 Sums down a window are made of two runs, one to the end of a block and one from its start (van Herk 1992): blocks are
 as long as the window and lie at multiples of it in the scene. Sums along its rows are made of sums of 1, 2, 4, ...
-pixels. So a sum holds the pixels of its window and no others, nothing is ever taken away again, the cost hardly depends
-on the window, and any tiling gives the same bits.
+pixels. So a sum holds the pixels of its window and no others, nothing is ever taken away again, the cost grows
+slowly with the window, and any tiling gives the same bits.
 The ring is the sum of four bars around the guard, not a difference of two squares.
 
 References

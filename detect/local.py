@@ -1,7 +1,7 @@
 """Local RX: every pixel against the ring around it, so that what is common here does not count as odd.
 
 A window of `outer` pixels a side, less a guard of `inner` pixels a side around the pixel, is the background of that one
-pixel. Few bands go through sums over the window's four bars (`detect._kernels`), whose cost does not depend on the
+pixel. Few bands go through sums over the window's four bars (`detect._kernels`), whose cost grows slowly with the
 window; many bands, and pixels that those sums cannot settle, are computed one by one from the ring's pixels. A pixel's
 score is the same to the bit in any tiling whose tiles start at multiples of `CELL`. No file is opened here.
 
