@@ -180,6 +180,7 @@ def cell_moments(
     origin: tuple[int, int] = (0, 0),
     cell: int = CELL,
     compiled: bool = False,
+    part: tuple[int, int] | None = None,
 ) -> CellMoments:
     """Moments of a block, cell by cell.
 
@@ -195,6 +196,9 @@ def cell_moments(
         Side of a cell [pixel].
     compiled : bool
         Use the compiled kernel: twice as fast, but it takes half a second to load. The last bits may differ.
+    part : (int, int), optional
+        First row to use and the row after the last, on edges of cells or of the block: as a slice of the block, which
+        would have to be copied.
 
     Returns
     -------
@@ -205,14 +209,15 @@ def cell_moments(
     -----
     Assumes nothing of the data. Costs one read of the block and (variables + 1)^2 / 2 multiply-adds a pixel.
     """
-    block = _as_block(block)
-    variables, rows, columns = block.shape
-    if mask is None:
-        mask = np.ones((rows, columns), np.bool_)
-    elif mask.shape != (rows, columns):
-        raise InputError(f"mask has shape {mask.shape}, but the block has {rows} rows and {columns} columns.")
-    first = (origin[0] // cell, origin[1] // cell)
-    last = (-(-(origin[0] + rows) // cell), -(-(origin[1] + columns) // cell))
+    block, mask, (skip, stop) = _checked(block, mask, part)
+    if block.dtype not in (np.float32, np.float64) or not block.flags.c_contiguous:
+        dtype = block.dtype if block.dtype == np.float32 else np.float64
+        block = np.ascontiguousarray(block[:, skip:stop], dtype)
+        mask = mask[skip:stop]
+        origin, skip, stop = (origin[0] + skip, origin[1]), 0, stop - skip
+    variables, columns = len(block), block.shape[2]
+    first = ((origin[0] + skip) // cell, origin[1] // cell)
+    last = (-(-(origin[0] + stop) // cell), -(-(origin[1] + columns) // cell))
     shape = (max(last[0] - first[0], 0), max(last[1] - first[1], 0))
     count = shape[0] * shape[1]
     keys = np.stack(np.divmod(np.arange(count, dtype=np.int64), max(shape[1], 1)), axis=1) + np.array(first)
@@ -226,7 +231,7 @@ def cell_moments(
         np.zeros((count, variables)),
     )
     if block.size:
-        start = (origin[0] - first[0] * cell, origin[1] - first[1] * cell)
+        start = (origin[0] - first[0] * cell, origin[1] - first[1] * cell)  # of the block, in the first cell
         reduce = _compiled() if compiled else _reduce_cells
         reduce(block, np.ascontiguousarray(mask), *start, cell, shape[1], *(getattr(cells, f) for f in _FIELDS[1:]))
     used = cells.n > 0
@@ -282,12 +287,17 @@ def _reduce_cells(
     block: npt.NDArray[Any], mask: npt.NDArray[np.bool_], row0: int, col0: int, cell: int, across: int,
     n: Float64, mean: Float64, comoment: Float64, low: Float64, high: Float64, rest: Float64,
 ) -> None:  # fmt: skip
-    """Fill the per-cell arrays from a block whose first pixel lies at (row0, col0) within the first cell."""
+    """Fill the per-cell arrays from a block whose first pixel lies at (row0, col0) within the first cell.
+
+    A mask of no size is True everywhere.
+    """
     for i in range(len(n)):
         top, left = i // across * cell - row0, i % across * cell - col0
         rows, columns = slice(max(top, 0), top + cell), slice(max(left, 0), left + cell)
         x = block[:, rows, columns].reshape(len(block), -1).astype(np.float64)
-        good = mask[rows, columns].ravel() & np.isfinite(x).all(axis=0)
+        good = np.isfinite(x).all(axis=0)
+        if mask.size:
+            good &= mask[rows, columns].ravel()
         count = int(np.count_nonzero(good))
         if not count:
             continue
@@ -330,13 +340,19 @@ def _merge_neighbours(n: Float64, mean: Float64, rest: Float64, comoment: Float6
     return tuple(np.concatenate([new, old[even:]]) for new, old in ends)
 
 
-def _as_block(block: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _checked(
+    block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None, part: tuple[int, int] | None
+) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_], tuple[int, int]]:
+    """Block, mask (of no size: everywhere) and the rows to use, or an InputError."""
     block = np.asarray(block)
     if block.ndim != 3:
         raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
-    if block.dtype not in (np.float32, np.float64):
-        block = block.astype(np.float64)
-    return np.ascontiguousarray(block)
+    _, rows, columns = block.shape
+    if mask is None:
+        mask = np.ones((0, 0), np.bool_)
+    elif mask.shape != (rows, columns):
+        raise InputError(f"mask has shape {mask.shape}, but the block has {rows} rows and {columns} columns.")
+    return block, mask, part or (0, rows)
 
 
 @cache

@@ -1,8 +1,9 @@
 """The compiled inner loop of `detect.local`: moments of every pixel's ring, and the distance of the pixel from them.
 
-Sums over a window are made of two runs, one to the end of a block and one from its start (van Herk 1992): blocks are
-as long as the window and lie at multiples of it in the scene. So a sum holds the pixels of its window and no others,
-nothing is ever taken away again, the cost does not depend on the window, and any tiling gives the same bits.
+Sums down a window are made of two runs, one to the end of a block and one from its start (van Herk 1992): blocks are
+as long as the window and lie at multiples of it in the scene. Sums along its rows are made of sums of 1, 2, 4, ...
+pixels. So a sum holds the pixels of its window and no others, nothing is ever taken away again, the cost grows
+slowly with the window, and any tiling gives the same bits.
 The ring is the sum of four bars around the guard, not a difference of two squares.
 
 References
@@ -18,8 +19,8 @@ from numba import njit
 # with the addition that follows it.
 _SAME = {"contract"}
 DONE, DEFICIENT, ASIDE = 0, 1, 255
-WIDTH = 32  # pixels whose covariances are factored side by side: they stay in the first-level cache
-LANES = 8  # channels that are added side by side along a row: one vector, or two
+WIDTH = 64  # pixels whose covariances are factored side by side: they stay in the first-level cache
+SOME = 9  # channels whose sums along a row are made together
 EPS = 2.220446049250313e-16
 
 
@@ -80,62 +81,81 @@ def _down(x, known, start, width, place, fresh, suffix, prefix, out):  # type: i
 
 
 @njit(nogil=True, cache=True)
-def _runs(values, width, place0, to_end, from_start):  # type: ignore[no-untyped-def]
-    """Sums along a row from each column to the end of its block, and from the block's start to each column.
+def _windows(values, spare, n, width, sums):  # type: ignore[no-untyped-def]
+    """Sums of entries k..k+width-1 for every k that has them: of sums of 1, 2, 4, ... entries, as width needs them.
 
-    (column, lane) arrays: some channels are added side by side.
+    `values` and `spare` are overwritten.
     """
-    columns = values.shape[0]
-    for c in range(columns):
-        if c == 0 or (place0 + c) % width == 0:
-            for q in range(LANES):
-                from_start[c, q] = values[c, q]
+    done, span = 0, 1
+    while True:
+        if width & span:
+            there = values[done:]
+            for k in range(n - done):
+                sums[k] = there[k] if done == 0 else sums[k] + there[k]
+            done += span
+        if 2 * span > width:
+            return
+        second, third, fourth = values[span:], values[2 * span :], values[3 * span :]
+        if 2 * span == width:
+            for k in range(n - span):
+                sums[k] = values[k] + second[k]
+            return
+        if width & 2 * span:
+            for k in range(n - span):
+                spare[k] = values[k] + second[k]
+            span *= 2
         else:
-            for q in range(LANES):
-                from_start[c, q] = from_start[c - 1, q] + values[c, q]
-    for c in range(columns - 1, -1, -1):
-        if c == columns - 1 or (place0 + c + 1) % width == 0:
-            for q in range(LANES):
-                to_end[c, q] = values[c, q]
-        else:
-            for q in range(LANES):
-                to_end[c, q] = to_end[c + 1, q] + values[c, q]
+            for k in range(n - 3 * span):
+                spare[k] = (values[k] + second[k]) + (third[k] + fourth[k])
+            span *= 4
+        values, spare = spare, values
 
 
 @njit(nogil=True, cache=True)
-def _windows(values, width, place0, to_end, from_start, sums):  # type: ignore[no-untyped-def]
-    """Sums of columns c..c+width-1 for every c where they are all there."""
-    _runs(values, width, place0, to_end, from_start)
-    for c in range(values.shape[0] - width + 1):
-        if (place0 + c) % width == 0:
-            for q in range(LANES):
-                sums[c, q] = to_end[c, q]
-        else:
-            last = c + width - 1
-            for q in range(LANES):
-                sums[c, q] = to_end[c, q] + from_start[last, q]
+def _rings(above, below, beside, inner, bar, piece, work, rings):  # type: ignore[no-untyped-def]
+    """Sums over the rings of a row, from sums down the bars above and below the guard, and down what is beside it.
+
+    Flat arrays of one padded row a channel; a piece is some whole channels. What lies at a row's end, where windows
+    reach into the next, is of no use.
+    """
+    apart = bar + inner
+    values, spare, middle, sides = work[0], work[1], work[2], work[3]
+    for first in range(0, rings.shape[0], piece):
+        n = min(piece, rings.shape[0] - first)
+        a, b, c, out = above[first:], below[first:], beside[first:], rings[first:]
+        for k in range(n):
+            values[k] = a[k] + b[k]
+        _windows(values, spare, n, inner, middle)  # columns of the guard
+        for k in range(n):
+            values[k] = (a[k] + b[k]) + c[k]
+        _windows(values, spare, n, bar, sides)
+        guard, right = middle[bar:], sides[apart:]
+        for k in range(n - apart):
+            out[k] = (sides[k] + right[k]) + guard[k]
 
 
 @njit(nogil=True, cache=True, fastmath=_SAME)
-def _less_earlier(rings, i, k, first, count, root, z, work):  # type: ignore[no-untyped-def]
+def _less_earlier(sums, i, k, root, z, work):  # type: ignore[no-untyped-def]
     """Row i of the Cholesky factor, and what the bands before it leave of the pixel and of the pivot."""
     mean, rest, pivot, entry = work[0], work[1], work[3], work[4]
     for j in range(i):
-        for c in range(count):
-            entry[c] = rings[k + j, first + c] - mean[c] * rings[1 + j, first + c]
+        product, total, scale, earlier, left = sums[k + j], sums[1 + j], root[j, j], z[j], root[i, j]
+        for c in range(WIDTH):
+            entry[c] = product[c] - mean[c] * total[c]
         for m in range(j):
-            for c in range(count):
-                entry[c] -= root[i, m, c] * root[j, m, c]
-        for c in range(count):
-            a = entry[c] * root[j, j, c]
-            root[i, j, c] = a
-            rest[c] -= a * z[j, c]
+            a, b = root[i, m], root[j, m]
+            for c in range(WIDTH):
+                entry[c] -= a[c] * b[c]
+        for c in range(WIDTH):
+            a = entry[c] * scale[c]
+            left[c] = a
+            rest[c] -= a * earlier[c]
             pivot[c] -= a * a
 
 
 @njit(nogil=True, cache=True, fastmath=_SAME, error_model="numpy")
-def _distances(rings, x, first, count, ddof, ridge, root, z, work, total, states):  # type: ignore[no-untyped-def]
-    """Squared Mahalanobis distances of some columns of x from their rings' moments, and how each was found.
+def _distances(sums, x, ddof, ridge, root, z, work, total, states):  # type: ignore[no-untyped-def]
+    """Squared Mahalanobis distances of `WIDTH` pixels x from their rings' moments, and how each was found.
 
     DONE; DEFICIENT: without bands that follow from others in the ring, as they do in x; ASIDE: not to be told from
     these moments. A pivot is lost where it is below `exact`, and inexact below `near`, times the sum of squares that
@@ -144,57 +164,46 @@ def _distances(rings, x, first, count, ddof, ridge, root, z, work, total, states
     bands = x.shape[0]
     exact = 32.0 * bands * EPS
     near = 1e3 * exact
-    mean, rest, away, pivot = work[0], work[1], work[2], work[3]
-    for c in range(count):
+    mean, rest, away, pivot, n = work[0], work[1], work[2], work[3], sums[0]
+    for c in range(WIDTH):
         total[c] = 0.0
-        states[c] = ASIDE if rings[0, first + c] <= bands else DONE
+        states[c] = ASIDE if n[c] <= bands else DONE
     k = 1 + bands
     for i in range(bands):
-        for c in range(count):
-            mean[c] = rings[1 + i, first + c] / rings[0, first + c]
-            away[c] = x[i, first + c] - mean[c]
+        added, squares, scale, own = sums[1 + i], sums[k + i], root[i, i], z[i]
+        for c in range(WIDTH):
+            mean[c] = added[c] / n[c]
+            away[c] = x[i, c] - mean[c]
             rest[c] = away[c]
-            pivot[c] = (rings[k + i, first + c] - mean[c] * rings[1 + i, first + c]) * (1.0 + ridge)
-        _less_earlier(rings, i, k, first, count, root, z, work)
-        for c in range(count):
-            square = rings[k + i, first + c]
-            if pivot[c] > near * square:
-                scale = 1.0 / np.sqrt(pivot[c])
-                root[i, i, c] = scale
-                z[i, c] = rest[c] * scale
-                total[c] += z[i, c] * z[i, c]
+            pivot[c] = (squares[c] - mean[c] * added[c]) * (1.0 + ridge)
+        _less_earlier(sums, i, k, root, z, work)
+        lost = 0
+        for c in range(WIDTH):
+            fine = pivot[c] > near * squares[c]
+            scale[c] = 1.0 / np.sqrt(pivot[c]) if fine else 0.0
+            own[c] = rest[c] * scale[c]
+            total[c] += own[c] * own[c]
+            lost += not fine
+        for c in range(WIDTH if lost else 0):
+            slack = 100.0 * exact * (squares[c] / n[c] + away[c] * away[c])
+            if pivot[c] > near * squares[c]:
                 continue
-            root[i, i, c] = 0.0
-            z[i, c] = 0.0
-            slack = 100.0 * exact * (square / rings[0, first + c] + away[c] * away[c])
-            if pivot[c] > exact * square or not rest[c] * rest[c] <= slack:
+            if pivot[c] > exact * squares[c] or not rest[c] * rest[c] <= slack:
                 states[c] = ASIDE
             elif states[c] != ASIDE:
                 states[c] = DEFICIENT
         k += i + 1
-    for c in range(count):
-        total[c] *= rings[0, first + c] - ddof
+    for c in range(WIDTH):
+        total[c] *= n[c] - ddof
 
 
 @njit(nogil=True, cache=True)
-def _rings(above, below, middle, origin, inner, bar, lanes, rings):  # type: ignore[no-untyped-def]
-    """Sums over the rings of a row: the bars above and below the guard, and beside it; (channel, column) arrays."""
-    channels, padded = above.shape
-    apart = bar + inner
-    values, to_end, from_start, ends, sides = lanes[0], lanes[1], lanes[2], lanes[3], lanes[4]
-    for first in range(0, channels, LANES):
-        count = min(LANES, channels - first)
-        for q in range(count):
-            for c in range(padded):
-                values[c, q] = above[first + q, c] + below[first + q, c]
-        _windows(values, inner + 2 * bar, origin, to_end, from_start, ends)
-        for q in range(count):
-            for c in range(padded):
-                values[c, q] = middle[first + q, c]
-        _windows(values, bar, origin, to_end, from_start, sides)
-        for q in range(count):
-            for c in range(rings.shape[1]):
-                rings[first + q, c] = ends[c, q] + (sides[c, q] + sides[c + apart, q])
+def _copy(source, first, count, target):  # type: ignore[no-untyped-def]
+    """Put `count` columns from `first` on into a narrower array; what lies beyond in it stays."""
+    for k in range(source.shape[0]):
+        row, out = source[k, first : first + count], target[k]
+        for c in range(count):
+            out[c] = row[c]
 
 
 @njit(nogil=True, cache=True)
@@ -213,8 +222,10 @@ def ring_scores(x, known, origin, inner, outer, ddof, ridge, scores, states):  #
     mid_suffix, mid_prefix = np.zeros((inner + 1, channels, padded)), np.empty((channels, padded))
     apart = bar + inner  # rows from the bar above the guard to the one below
     bars, middle = np.empty((apart + 1, channels, padded)), np.empty((channels, padded))
-    lanes, rings = np.zeros((5, padded, LANES)), np.empty((channels, columns))
-    root, z, work = np.zeros((bands, bands, WIDTH)), np.empty((bands, WIDTH)), np.empty((5, WIDTH))
+    flat_bars, flat_middle, piece = bars.reshape(apart + 1, -1), middle.reshape(-1), SOME * padded
+    work, rings = np.zeros((4, piece)), np.zeros((channels, padded))
+    root, z, rows_of = np.zeros((bands, bands, WIDTH)), np.empty((bands, WIDTH)), np.empty((5, WIDTH))
+    sums, own = np.ones((channels, WIDTH)), np.zeros((bands, WIDTH))
     total, state = np.empty(WIDTH), np.empty(WIDTH, np.uint8)
     for k in range(rows + apart):
         place = (origin[0] + k) % bar
@@ -224,12 +235,14 @@ def ring_scores(x, known, origin, inner, outer, ddof, ridge, scores, states):  #
             continue
         start = r + bar
         _down(x, known, start, inner, (origin[0] + start) % inner, r == 0, mid_suffix, mid_prefix, middle)
-        above, below = bars[r % (apart + 1)], bars[k % (apart + 1)]
-        _rings(above, below, middle, origin[1], inner, bar, lanes, rings)
+        above, below = flat_bars[r % (apart + 1)], flat_bars[k % (apart + 1)]
+        _rings(above, below, flat_middle, inner, bar, piece, work, rings.reshape(-1))
         row = x[r + half, :, half : half + columns]
         for first in range(0, columns, WIDTH):
             count = min(WIDTH, columns - first)
-            _distances(rings, row, first, count, ddof, ridge, root, z, work, total, state)
+            _copy(rings, first, count, sums)
+            _copy(row, first, count, own)
+            _distances(sums, own, ddof, ridge, root, z, rows_of, total, state)
             for c in range(count):
                 if known[r + half, half + first + c] > 0:
                     scores[r, first + c] = total[c]

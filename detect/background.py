@@ -191,12 +191,16 @@ def moments_of_nothing(bands: int) -> Moments:
 
 
 def part_of(
-    block: npt.NDArray[Any], mask: Mask | None, origin: tuple[int, int], share: int = 0, *, compiled: bool = False
-) -> Part:
-    """What a block, whose first pixel lies at `origin` in the scene, gives to a `Gathering`."""
-    cells = cell_moments(block, mask, origin=origin, compiled=compiled)
+    block: npt.NDArray[Any], mask: Mask | None, origin: tuple[int, int], share: int = 0, *, compiled: bool = False,
+    part: tuple[int, int] | None = None,
+) -> Part:  # fmt: skip
+    """What a block, whose first pixel lies at `origin` in the scene, gives to a `Gathering`; or a part of its rows."""
+    cells = cell_moments(block, mask, origin=origin, compiled=compiled, part=part)
     if not share:
         return Part(cells, np.zeros((2, 0), np.int64), None)
+    if part is not None:
+        origin, block = (origin[0] + part[0], origin[1]), block[:, slice(*part)]
+        mask = None if mask is None else mask[slice(*part)]
     good = np.isfinite(block).all(axis=0)
     rows, columns = np.nonzero(thinned(good if mask is None else good & mask, origin, share))
     return Part(cells, np.stack([rows + origin[0], columns + origin[1]]), block[:, rows, columns])
@@ -264,18 +268,20 @@ def fit(
     pixels = image.shape[1] * image.shape[2]
     gathering = Gathering(len(image), sample_share(covariance, pixels))
     compiled = pixels > COMPILED_PIXELS
-    rows = range(0, image.shape[1], CELL)
+    strips = [(row, min(row + CELL, image.shape[1])) for row in range(0, image.shape[1], CELL)]
 
-    def strip(row: int) -> tuple[npt.NDArray[Any], Mask | None]:
-        return image[:, row : row + CELL], None if mask is None else mask[row : row + CELL]
+    def part(rows: tuple[int, int]) -> Part:
+        return part_of(image, mask, (0, 0), gathering.share, compiled=compiled, part=rows)
+
+    def fourth(rows: tuple[int, int]) -> Float64:
+        inside = None if mask is None else mask[slice(*rows)]
+        return fourth_moments(image[:, slice(*rows)], inside, found, (rows[0], 0))
 
     with ThreadPoolExecutor(threads or default_threads(image)) as pool:
-        for part in pool.map(lambda r: part_of(*strip(r), (r, 0), gathering.share, compiled=compiled), rows):
-            gathering.add(part)
+        for one in pool.map(part, strips):
+            gathering.add(one)
         found = gathering.moments()
-        fourths: list[Float64] = []
-        if covariance == "ledoit-wolf" and found.n > 1:
-            fourths = list(pool.map(lambda r: fourth_moments(*strip(r), found, (r, 0)), rows))
+        fourths = list(pool.map(fourth, strips)) if covariance == "ledoit-wolf" and found.n > 1 else []
     return estimate(found, covariance, ridge=ridge, names=names, sample=gathering.sample(), fourths=fourths)
 
 

@@ -1,7 +1,7 @@
 """Local RX: every pixel against the ring around it, so that what is common here does not count as odd.
 
 A window of `outer` pixels a side, less a guard of `inner` pixels a side around the pixel, is the background of that one
-pixel. Few bands go through sums over the window's four bars (`detect._kernels`), whose cost does not depend on the
+pixel. Few bands go through sums over the window's four bars (`detect._kernels`), whose cost grows slowly with the
 window; many bands, and pixels that those sums cannot settle, are computed one by one from the ring's pixels. A pixel's
 score is the same to the bit in any tiling whose tiles start at multiples of `CELL`. No file is opened here.
 
@@ -269,18 +269,27 @@ def _padded(
     block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: Window, rule: WindowRule, centre: Float64
 ) -> tuple[Float64, Float64]:
     """The cell with its halo, (row, band, column), less the centre, 0 where not valid; and 1 where it is valid."""
-    index, inside = [], []
-    for (a, b), first, size in zip(cell, origin, rule.size, strict=True):
-        places = np.arange(a - rule.halo, b + rule.halo)
-        inside.append((places >= 0) & (places < size))
-        index.append(_mirrored(places, size) - first if rule.border == "mirror" else places.clip(0, size - 1) - first)
-    rows, columns = index
-    known = good[np.ix_(rows, columns)]
-    if rule.border != "mirror":
-        known &= inside[0][:, None] & inside[1]
-    x = np.empty((len(rows), len(block), len(columns)))
-    for b, band in enumerate(block):
-        np.subtract(band[np.ix_(rows, columns)], centre[b], out=x[:, b])
+    spans = [
+        (a - rule.halo, max(a - rule.halo, 0), min(b + rule.halo, size), b + rule.halo)
+        for (a, b), size in zip(cell, rule.size, strict=True)
+    ]
+    known = np.zeros([end - begin for begin, _, _, end in spans], np.bool_)
+    x = np.zeros((known.shape[0], len(block), known.shape[1]))
+    target: tuple[slice, slice]
+    if rule.border == "mirror":
+        rows, columns = (
+            _mirrored(np.arange(begin, end), size) - first
+            for (begin, _, _, end), first, size in zip(spans, origin, rule.size, strict=True)
+        )
+        part, target = block[:, rows[:, None], columns], (slice(None), slice(None))
+        known[:] = good[rows[:, None], columns]
+    else:  # what lies outside the scene stays 0
+        source = [slice(i - first, j - first) for (_, i, j, _), first in zip(spans, origin, strict=True)]
+        down, along = (slice(i - begin, j - begin) for begin, i, j, _ in spans)
+        part, target = block[:, source[0], source[1]], (down, along)
+        known[target] = good[source[0], source[1]]
+    for band, typical, out in zip(part, centre, x.transpose(1, 0, 2), strict=True):
+        np.subtract(band, typical, out=out[target])
     if not known.all():
         x[np.broadcast_to(~known[:, None], x.shape)] = 0
     return x, known.astype(np.float64)

@@ -170,8 +170,9 @@ def score(
     out: Scores = np.empty(flat.shape[1], np.float64 if image.dtype == np.float64 else np.float32)
     rank = len(detector.whiten)
     matrix = detector.whiten if detector.linear is None else np.vstack([detector.whiten, detector.linear])
-    if not compiled and rank == len(matrix) == len(image) > _KERNEL_BANDS:
-        matrix = np.asarray(np.linalg.qr(matrix, mode="r"))  # the same lengths from half as many multiplications
+    if compiled or rank == len(matrix) == len(image) > _KERNEL_BANDS:
+        # a triangle gives the same lengths from half as many multiplications
+        matrix = np.asarray(np.linalg.qr(detector.whiten, mode="r"))
     fill = _by_kernel if compiled else _by_blas
 
     def work(first: int) -> None:
@@ -225,13 +226,20 @@ def _product(matrix: Float64, x: Float64, *, triangular: bool) -> tuple[Float64,
 
 
 def _by_kernel(flat: npt.NDArray[Any], first: int, detector: Detector, matrix: Float64, rank: int, out: Scores) -> None:
-    """The same by the compiled kernel."""
-    from ._rx_kernel import squared_lengths
+    """The same by the compiled kernel, from a triangle."""
+    from ._rx_kernel import FEW, squared_lengths, squared_lengths_of_few
 
+    bands = len(flat)
     if flat.dtype == np.float16:  # which the compiler does not know
         flat, first = flat[:, first : first + len(out)].astype(np.float32), 0
-    filled = np.zeros((len(matrix) + len(matrix) % 2, -(-len(flat) // 4) * 4))
-    filled[:rank, : len(flat)] = matrix[:rank]
+    if detector.linear is None and bands <= FEW:
+        filled, mean, moved = np.zeros((FEW, FEW)), np.zeros(FEW), np.zeros(FEW)
+        filled[:rank, :bands], mean[:bands], moved[:rank] = matrix, detector.mean, matrix @ detector.rest
+        rows = tuple(map(tuple, filled.tolist()))
+        squared_lengths_of_few(flat, first, tuple(mean.tolist()), rows, tuple(moved.tolist()), out)
+        return
+    filled = np.zeros((rank + rank % 2, -(-bands // 4) * 4))
+    filled[:rank, :bands] = matrix
     linear = detector.linear if detector.linear is not None else np.zeros(0)
     squared_lengths(flat, first, detector.mean, detector.rest, filled, linear, out)
 

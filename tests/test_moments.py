@@ -169,6 +169,20 @@ def test_any_tiling_on_cells_gives_the_same_bits(rows, columns, order, compiled)
         np.testing.assert_array_equal(getattr(merged, name), getattr(whole, name))
 
 
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+@pytest.mark.parametrize("masked", [False, True])
+def test_a_part_of_the_rows_is_as_a_slice(compiled, dtype, masked):
+    rng = np.random.default_rng(8)
+    block = rng.integers(0, 9999, (5, 3 * CELL - 9, 100)).astype(dtype)
+    mask = rng.random(block.shape[1:]) < 0.7 if masked else None
+    for a, b in ((0, CELL), (CELL, 2 * CELL), (2 * CELL, len(block[0]))):
+        part = cell_moments(block, mask, compiled=compiled, part=(a, b))
+        sliced = cell_moments(block[:, a:b], None if mask is None else mask[a:b], origin=(a, 0), compiled=compiled)
+        for name in ("keys", "n", "mean", "rest", "comoment", "minimum", "maximum"):
+            np.testing.assert_array_equal(getattr(part, name), getattr(sliced, name))
+
+
 @settings(max_examples=20, deadline=None)
 @given(
     rows=st.lists(st.integers(1, 3), max_size=2, unique=True),

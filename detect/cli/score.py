@@ -128,6 +128,12 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
 )
 @click.option("--p-value", metavar="FILE", help="Write the probability of such a score over a normal background.")
 @click.option(
+    "--flags",
+    metavar="FILE",
+    help="Write why a pixel has no score, or what to know of it: 1 nodata, 2 outside --mask, 4 outside --background, "
+    "8 ring of lower rank, 16 ring of too few pixels.",
+)
+@click.option(
     "--co",
     "options",
     multiple=True,
@@ -162,7 +168,7 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
             result = score_file(
                 list(inputs), output, Recipe(**{name: given[name] for name in fields}),
                 sensor=given["sensor"], nodata=given["nodata"], threads=given["threads"], cluster=cluster,
-                progress=talk.progress, p_value=given["p_value"], objects=given["objects"],
+                progress=talk.progress, p_value=given["p_value"], flags=given["flags"], objects=given["objects"],
                 background=given["save_background"], overwrite=given["overwrite"], options=given["options"],
             )  # fmt: skip
     finally:

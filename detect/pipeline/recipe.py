@@ -108,8 +108,9 @@ class Outputs:
     ----------
     image : Path
         The scores; the sidecar is `image` with ".json" appended.
-    p_value, objects, background : Path, optional
-        Raster of p-values, detected objects as GeoJSON, the fitted background.
+    p_value, flags, objects, background : Path, optional
+        Raster of p-values, raster of `detect.pipeline.flags.MEANINGS`, detected objects as GeoJSON, the fitted
+        background.
     overwrite : bool
         Replace what exists.
     options : mapping
@@ -118,6 +119,7 @@ class Outputs:
 
     image: Path
     p_value: Path | None = None
+    flags: Path | None = None
     objects: Path | None = None
     background: Path | None = None
     overwrite: bool = False
@@ -130,5 +132,5 @@ class Outputs:
 
     def every(self) -> list[Path]:
         """All files that will be written."""
-        extra = (self.p_value, self.objects, self.background)
+        extra = (self.p_value, self.flags, self.objects, self.background)
         return [self.image, self.sidecar, *(p for p in extra if p is not None)]

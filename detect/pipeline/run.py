@@ -18,7 +18,7 @@ from deglint import tiles as tiling
 from deglint.errors import InputError, NoWaterError
 from deglint.pipeline import default_threads
 from deglint.pipeline.cluster import Cluster
-from deglint.pipeline.look import raster_of
+from deglint.pipeline.look import core_of, raster_of
 from deglint.pipeline.sidecar import Checksum
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
@@ -29,19 +29,11 @@ from deglint.tiles import LARGEST, Tile
 
 from .. import objects as marking
 from .. import threshold as cutting
-from ..background import (
-    COMPILED_PIXELS,
-    Background,
-    Gathering,
-    combine,
-    estimate,
-    fourth_moments,
-    part_of,
-    sample_share,
-)
+from ..background import Background, Gathering, combine, estimate, fourth_moments, part_of, sample_share
 from ..local import DEFICIENT, TOO_FEW, score_part
 from ..rx import Detector, detector, score
 from ..threshold import Tail, Threshold
+from .flags import Flags, flags_of
 from .plan import Plan, Progress, both, make_plan, read
 from .recipe import NO_LAW, Outputs, Recipe
 from .sidecar import describe, notes_on, warnings_of
@@ -75,6 +67,7 @@ class Scored:
     tally: Tally
     tail: Tail | None = None
     p_values: npt.NDArray[np.float32] | None = None
+    flags: Flags | None = None
 
 
 class Highest:
@@ -165,7 +158,7 @@ def score_file(
     cluster : Cluster, optional
         Workers in place of threads, as `deglint.remove_glint`; the result is the same to the bit.
     **outputs
-        p_value, objects, background, overwrite, options: see `Outputs`.
+        p_value, flags, objects, background, overwrite, options: see `Outputs`.
 
     Returns
     -------
@@ -183,7 +176,7 @@ def score_file(
     from deglint.readers import open_scene
 
     recipe = recipe or Recipe()
-    files = ("p_value", "objects", "background")
+    files = ("p_value", "flags", "objects", "background")
     paths: dict[str, Any] = {k: Path(v) if k in files and v else v for k, v in outputs.items()}
     targets = Outputs(Path(image), **paths)
     _check_targets(recipe, targets, threads)
@@ -276,7 +269,6 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
     pixels = sum(t.shape[0] * t.shape[1] for t in plan.tiles)
     share = sample_share(recipe.covariance, pixels)
     gathering = Gathering(len(bands), share)
-    compiled = pixels > 10 * COMPILED_PIXELS  # reading takes as long as the numpy engine, on fewer than that
 
     silent = replace(plan, progress=None)  # what tells of progress stays in this process
 
@@ -285,7 +277,8 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
 
     def gather(tile: Tile) -> Any:
         block = read(silent.scene, tile, bands)
-        return part_of(block, where(tile), (tile.row0, tile.col0), share, compiled=compiled)
+        # numpy's engine: reading takes much longer, and the compiled one takes 130 MB to load
+        return part_of(block, where(tile), (tile.row0, tile.col0), share)
 
     options: dict[str, Any] = {"threads": plan.threads, "start": enter_thread}
     for _row, part in run(plan.tiles, gather, combine=combine, progress=plan.note("fit"), **options):
@@ -337,22 +330,23 @@ class Scoring:
     law: Law | None
     highest: Highest | None
     want_p: bool
+    want_flags: bool = False
 
     def __call__(self, tile: Tile) -> Scored:
         """Read a tile, score it, and count."""
         plan, states = self.plan, None
         if plan.rule is None and self.ready is not None:
             mask = plan.mask.read(tile)
-            scores = score(read(plan.scene, tile, plan.bands), self.ready, mask)
+            block = read(plan.scene, tile, plan.bands)
+            scores = score(block, self.ready, mask)
         elif plan.rule is not None:
             outer = tile.grown(plan.rule.halo, plan.scene.height, plan.scene.width)
             mask = plan.mask.read(outer)
             states = np.zeros(tile.shape, np.uint8)
             block = read(plan.scene, outer, plan.bands)
             scores = score_part(block, plan.rule, (outer.row0, outer.col0), tile.window, mask, flags=states)
-            if mask is not None:
-                top, bottom, left, right = tile.crop_of(outer)
-                mask = mask[top : mask.shape[0] - bottom, left : mask.shape[1] - right]
+            core = core_of(tile.crop_of(outer), block.shape[1:])
+            block, mask = block[(slice(None), *core)], None if mask is None else mask[core]
         else:
             raise AssertionError("unreachable: a plan has a window, or a background")
         found = scores.astype(np.float32, copy=False)
@@ -360,7 +354,11 @@ class Scoring:
         if self.want_p and self.law:
             p_values = cutting.fast_p_value(found, self.law.bands, self.law.n).astype(np.float32)
         tail = None if self.highest is None else self.highest.of(found)
-        return Scored(found, _count(found, mask, states), tail, p_values)
+        flags = None
+        if self.want_flags:
+            area = None if plan.area is None else plan.area.read(tile.window)
+            flags = flags_of(block, mask, area, states)
+        return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
 
 def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
@@ -387,7 +385,9 @@ def _write_tiles(
     images = {"scores": (targets.image, base)}
     if targets.p_value:
         images["p_values"] = targets.p_value, replace(base, names=("p-value",))
-    work = Scoring(replace(plan, progress=None), ready, law, highest, bool(targets.p_value))
+    if targets.flags:
+        images["flags"] = targets.flags, replace(base, dtype="uint8", nodata=None, names=("flags",))
+    work = Scoring(replace(plan, progress=None), ready, law, highest, bool(targets.p_value), bool(targets.flags))
     with ExitStack() as stack:
         run = tiling.run
         if cluster is not None:

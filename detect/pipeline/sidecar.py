@@ -13,6 +13,7 @@ from deglint.readers.text import read_json
 from ..background import Background
 from ..local import STATES
 from ..threshold import Threshold
+from .flags import MEANINGS
 from .plan import Plan
 from .recipe import Outputs
 
@@ -46,6 +47,7 @@ def describe(
         "versions": versions(),
         "input": checksum.result(),
         "output": str(targets.image),
+        "flags": {"file": str(targets.flags), "bits": MEANINGS} if targets.flags else None,
         "recipe": recipe,
         "background": _numbers(background) if background else None,
         "water": water.numbers() if water else None,

@@ -10,7 +10,7 @@ import rasterio
 from detect import background, local, rx, threshold
 from detect.cli import run
 from detect.cli import score as command
-from detect.pipeline import Recipe, recipe, score_file
+from detect.pipeline import Recipe, flags, recipe, score_file
 
 Ran = namedtuple("Ran", "code out err")
 
@@ -127,6 +127,41 @@ def test_p_values(rxdetect, scene, tmp_path):
     assert rxdetect("score", scene, out, "--p-value", p).code == 0
     expected = threshold.p_value(scores_of(out), 4, 200 * 230 - 100)
     np.testing.assert_allclose(scores_of(p), expected, rtol=1e-7, atol=1e-40)
+
+
+def test_flags_of_global_scores(rxdetect, scene, tmp_path):
+    out, marked = tmp_path / "out.tif", tmp_path / "flags.tif"
+    options = ["--mask", "0,0,230,150", "--background", "0,0,100,200", "--flags", marked]
+    assert rxdetect("score", scene, out, *options).code == 0
+    expected = np.zeros((200, 230), np.uint8)
+    expected[:10, :10] = flags.NOT_VALID
+    expected[150:] = flags.MASKED_OUT
+    expected[:, 100:] += flags.NOT_BACKGROUND
+    found = scores_of(marked)
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(np.isnan(scores_of(out)), found & (flags.NOT_VALID | flags.MASKED_OUT) > 0)
+    said = json.loads((tmp_path / "out.tif.json").read_text())["flags"]
+    assert said == {"file": str(marked), "bits": {str(bit): words for bit, words in flags.MEANINGS.items()}}
+
+
+def test_flags_of_local_scores_in_any_tiling(rxdetect, tmp_path, sea, write):
+    pixels = sea(height=300, width=330)
+    pixels[:, 130:170, 20:60] = 0
+    pixels[:, 150, 40] = 500  # alone
+    pixels[2, 200:240, 200:240] = 300  # a constant band
+    image = pixels.astype(np.float32)
+    image[:, (pixels == 0).any(axis=0)] = np.nan
+    states = np.zeros(image.shape[1:], np.uint8)
+    local.local_rx(image, inner=3, outer=9, flags=states)
+    expected = np.where(np.isnan(image).any(axis=0), flags.NOT_VALID, 0)
+    expected += np.select([states == 1, states == 2], [flags.PSEUDO_INVERSE, flags.NO_RING])
+    for name, layout in (("a", {"tiled": True, "blockxsize": 64, "blockysize": 64}), ("b", {"blockysize": 7})):
+        scene, marked = write(tmp_path / f"{name}.tif", pixels, nodata=0, **layout), tmp_path / f"{name}_flags.tif"
+        options = ["--method", "local", "--window", "3,9", "--flags", marked]
+        assert rxdetect("score", scene, tmp_path / f"{name}_out.tif", *options).code == 0
+        np.testing.assert_array_equal(scores_of(marked), expected)
+    assert expected[150, 40] == flags.NO_RING
+    assert expected[220, 220] == flags.PSEUDO_INVERSE
 
 
 @pytest.mark.parametrize(("bands", "n"), [(1, 3), (1, None), (2, 40), (5, 416), (8, 10**7), (8, None), (33, 60)])
