@@ -13,7 +13,7 @@ from .timing import machine, say
 def main(quick: bool) -> None:
     """Measure and print."""
     section = stress.run(Effort(quick=quick, seeds=1, directory=Path.cwd()))
-    print(f"## {section.title}\n\n" + machine("numba", "scikit-learn", "spectral"))
+    print(f"## {section.title}\n\n" + machine())
     for paragraph in section.words:
         print(f"\n{paragraph}")
     for table in section.tables:

@@ -1,6 +1,7 @@
 """Compensation through files: errors on scenes with truth, what is flagged, tiles and threads, and doing no harm."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -313,6 +314,16 @@ def test_nearly_all_glint_works_and_warns(made, tmp_path):
     result = remove_glint(tmp_path / "in.tif", tmp_path / "out.tif", Recipe(mask="none", sample="all"))
     assert any("of the middlemost band (more than 60%): much of it will be left" in w for w in result.warnings)
     assert error(values(tmp_path / "out.tif"), scene.truth) < 0.5 * error(values(tmp_path / "in.tif"), scene.truth)
+
+
+def test_sharp_optics_are_not_sharpened(tmp_path):
+    sensor = replace(preset("thesis").delayed(0.06), f_number=2.0, smear=0.0)
+    seen = simulate(Setup(sensor=sensor, size=(160, 160), wind=9.0, sky="cardioidal", patch=0.06))
+    path = write_scene(seen, tmp_path / "sharp")[0]
+    stages = {s.stage: s for s in fit_scene(open_scene(path), Recipe(sample="all", mask="none")).needs.stages}
+    assert not stages["psf"].runs
+    assert "threshold 90%" in stages["psf"].why
+    assert stages["opening"].runs
 
 
 def test_sizes_of_objects_decide_on_the_element(made, deglint, tmp_path):

@@ -1,5 +1,6 @@
 """What goes wrong: one line that says what to do, the right exit code, the old output as it was, and no scratch."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -140,6 +141,10 @@ def test_a_saved_model_that_does_not_fit(refused, sea, write, tmp_path):
         (tmp_path / "m.json").write_text(text)
         assert "not a saved deglint model" in refused(source, "--model", tmp_path / "m.json")
     model = library.fit("hedley", sea(dtype="float32"), nir=3)
+    for nothing in ([], [{"bands": [], "weights": [], "level": 0}]):
+        text = json.dumps(json.loads(model.to_json()) | {"indexes": nothing})
+        (tmp_path / "m.json").write_text(text)
+        assert "not a saved deglint model" in refused(source, "--model", tmp_path / "m.json")
     (tmp_path / "m.json").write_text(model.to_json())
     assert "band 1" in refused(source, "--model", tmp_path / "m.json")
 
@@ -418,7 +423,6 @@ def test_an_output_that_another_run_made_meanwhile_stays(sea, write, tmp_path):
 
 def test_two_runs_to_one_output_leave_the_files_of_one(sea, write, tmp_path):
     """Image, flags and sidecar are of the same run, whoever is last."""
-    import json
     from concurrent.futures import ThreadPoolExecutor
 
     sources = [write(tmp_path / f"{i}.tif", sea(seed=i)) for i in range(2)]

@@ -31,8 +31,8 @@ KEPT_PIXELS = 1 << 20
 COMPILED_PIXELS = 10_000_000
 """Pixels of a sample above which the compiled statistics kernel pays for its loading."""
 LEAST_CELLS = 40
-"""Effective cells from which on a standard error is believed: from 20 the real errors were up to nine times as large,
-where a few clumps of sparkle hold most of the glint; from 40 as large as they are said to be."""
+"""Effective cells from which on a standard error is believed. In simulated seas with fewer than 25, where a few clumps
+of sparkle hold most of the glint, real errors were up to 24 times the claimed ones; with more than 40, 1.3 times."""
 GROWTH = 1.25, 4.0
 """How many times as much is read at the next batch, at least and at most."""
 MARGIN = 1.1

@@ -140,6 +140,8 @@ class GlintModel:
             data = json.loads(text)
             if data["kind"] != "deglint model" or data["format"] != FORMAT:
                 raise InputError(f"saved model has format {data['format']!r}, this version reads {FORMAT}.")
+            if not any(i["bands"] for i in data["indexes"]):
+                raise ValueError("it follows no band")
             return cls(
                 method=str(data["method"]),
                 indexes=tuple(_index_from(i) for i in data["indexes"]),

@@ -122,7 +122,7 @@ def _peer(program: str, rows: Rows, ours: Rows) -> str:
     level = sum(abs(a - b) <= 1 for _, _, a, b in both)
     refused = sum(isinstance(b, str) and isinstance(a, float) for _, _, a, b in pairs)
     text = f"{program}: of {len(pairs)} results {level} have as many digits as deglint's, to one digit"
-    text += f", and {refused} were refused where deglint answers. " if refused else ". "
+    text += f", and {refused} stopped with an error where deglint answers. " if refused else ". "
     if wrong:
         text += f"{wrong} are NaN or wrong because of pixels that are not finite. "
     if worse:

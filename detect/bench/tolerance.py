@@ -62,10 +62,15 @@ class Kept:
             self.seconds.setdefault(tolerance, []).append(min(first, again))
 
     def real(self, tolerance: float) -> list[Any]:
-        """How far the slopes of each scene are from those of all scenes of its wind, read whole."""
-        every = {w: np.mean([s for s, own in zip(self.slopes[0.0], self.winds, strict=True) if own == w], axis=0)
+        """How far the slopes of each scene are from those of all scenes of its wind, read whole.
+
+        Of S scenes each is one of those that the mean is of, so that it is nearer to it by sqrt(1 - 1 / S).
+        """
+        every = {w: np.array([s for s, own in zip(self.slopes[0.0], self.winds, strict=True) if own == w])
                  for w in set(self.winds)}  # fmt: skip
-        return [s / every[w] - 1 for s, w in zip(self.slopes[tolerance], self.winds, strict=True)]
+        factor = {w: np.sqrt(len(s) / max(len(s) - 1, 1)) if len(s) > 1 else 1.0 for w, s in every.items()}
+        return [factor[w] * (s / every[w].mean(axis=0) - 1)
+                for s, w in zip(self.slopes[tolerance], self.winds, strict=True)]  # fmt: skip
 
 
 def measure(effort: Effort) -> Kept:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from html import escape
 
-_CELL_WIDTH, _CELL_HEIGHT, _LEFT, _TOP = 25, 19, 250, 150
+_CELL_WIDTH, _CELL_HEIGHT, _LEFT, _TOP = 25, 19, 300, 150
 
 
 def shade(share: float) -> str:
