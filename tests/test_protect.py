@@ -1,5 +1,7 @@
 """Things are kept, sparkle is not; likelihoods against brute force; tiles against the whole."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -369,9 +371,9 @@ def test_what_one_outline_does_not_explain_is_what_singular_values_say():
         for roughness in (0.0, 0.05, 0.3):
             own = np.outer(rng.random(count) + 0.1, RED) * (1 + roughness * rng.standard_normal((count, 8)))
             power = np.linalg.svd(own, compute_uv=False) ** 2
-            found = kernels.changing(own, np.arange(count))
-            assert found == pytest.approx(1 - power[0] / power.sum(), abs=1e-6)
-    assert kernels.changing(np.zeros((3, 8)), np.arange(3)) == 1.0
+            rest, whole = kernels.unexplained(own, np.arange(count))
+            assert (rest / whole, whole) == pytest.approx((1 - power[0] / power.sum(), power.sum()), abs=1e-6)
+    assert kernels.unexplained(np.zeros((3, 8)), np.arange(3)) == (0.0, 0.0)
 
 
 def test_squares_need_more_where_their_outline_changes():
@@ -394,6 +396,30 @@ def test_squares_need_more_where_their_outline_changes():
     assert (clusters(high, 25.0) & ~found).any()
 
 
+def test_squares_that_hold_more_than_one_outline_are_left_out():
+    """Against loops with numpy's singular values."""
+    rng = np.random.default_rng(12)
+    level, white = rng.random((8, 20, 21)), rng.uniform(0.5, 2.0, 8)
+    excess = rng.random((1, 20, 21)) ** 4 * RED[:, None, None] * (1 + 0.3 * rng.standard_normal((8, 20, 21)))
+    raw = level + white[:, None, None] * excess
+    raw[3, 5, 6] = np.nan
+    least = raw[0].size
+    for besides in (0.2, 0.02, 0.0):
+        found, wanted = np.ones((20, 21), bool), np.zeros((20, 21), bool)
+        found[3] = False
+        kernels.quiet((raw, level, np.arange(8), white), 0.016, besides, found)
+        for r, c in np.ndindex(found.shape):
+            around = excess[:, max(r - 2, 0) : r + 3, max(c - 2, 0) : c + 3].reshape(8, -1)
+            known = ~((np.arange(max(r - 2, 0), min(r + 3, 20))[:, None] == 5)
+                      & (np.arange(max(c - 2, 0), min(c + 3, 21)) == 6)).ravel()  # fmt: skip
+            power = np.linalg.svd(around[:, known], compute_uv=False) ** 2
+            wanted[r, c] = power[1:].sum() <= 0.016 * power.sum() + besides
+        wanted[3] = False
+        np.testing.assert_array_equal(found, wanted)
+        assert 0 < found.sum() < least
+        least = found.sum()
+
+
 def test_a_flash_that_lasts_and_spreads_is_no_thing(learnt):
     raw, level = sea(4)
     raw[:, 20:23, 20:23] = level[:, 20:23, 20:23]
@@ -405,3 +431,15 @@ def test_a_flash_that_lasts_and_spreads_is_no_thing(learnt):
     assert found.mask[80:82, 80:82].all()
     assert not found.mask[18:25, 18:25].any()
     assert clusters(found.score, learnt.threshold)[20:22, 20:22].any()  # without the outline it would be
+
+
+def test_a_flash_that_moves_is_no_thing_however_bright(learnt):
+    """Each pixel as white paint would be, but for what drifts from pixel to pixel."""
+    raw, level = sea(4)
+    drift = np.linspace(-1, 1, 8)[:, None, None] * np.linspace(-1, 1, 3)[None, :, None]
+    raw[:, 40:43, 40:43] += 0.6 * (1 + 0.4 * drift)
+    place(raw, 80, 80, 3, np.full(8, 0.6))
+    kept = protect.things(raw, level, learnt).mask
+    assert kept[80:83, 80:83].all()
+    assert not kept[36:47, 36:47].any()
+    assert protect.things(raw, level, replace(learnt, around=np.inf)).mask[40:43, 40:43].any()

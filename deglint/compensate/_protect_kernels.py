@@ -17,6 +17,8 @@ SPREAD = math.log(300.0)
 """Brightness is anything from 0.5 % to 150 %, any factor as likely as any other."""
 HOPELESS = 30.0
 """A shape whose chi-square at first sight, with bends taken for noise, is above this is none."""
+SIDE = 5
+"""Of the squares about a thing that nothing brighter than usual may be in, but what is the thing's [pixel]."""
 STEPS_OF_POWER = 16
 """Iterations of the power method; what is looked for is within 1e-4 where it is small."""
 LANES = 16
@@ -138,7 +140,10 @@ def rigid(score, place, own, least, threshold, changes, out):  # type: ignore[no
                         total += score[k, m]
                         inside[count] = place[k, m]
                         count += 1
-            if total < threshold or total * changes < threshold * changing(own, inside[:count]):
+            if total < threshold:
+                continue
+            rest, power = unexplained(own, inside[:count])
+            if total * changes * power < threshold * rest:
                 continue
             for k in range(max(i - 1, 0), min(i + 2, rows)):
                 for m in range(max(j - 1, 0), min(j + 2, columns)):
@@ -146,10 +151,41 @@ def rigid(score, place, own, least, threshold, changes, out):  # type: ignore[no
 
 
 @nb.njit(cache=True, nogil=True)
-def changing(own, inside):  # type: ignore[no-untyped-def]
-    """Part of the power of some pixels' excess that no one outline, seen in all bands, explains.
+def quiet(beside, most, besides, out):  # type: ignore[no-untyped-def]
+    """Leave out pixels about which there is more than one outline: beside a part of the power, and some more.
 
-    1 less the largest eigenvalue of the bands' products over their sum, by the power method.
+    beside : excess of all pixels as (raw, level, bands, white)
+    """
+    around, every = np.empty((SIDE * SIDE, beside[2].size)), np.arange(SIDE * SIDE)
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            if out[i, j]:
+                rest, power = unexplained(around, every[: surroundings(beside, i, j, around)])
+                out[i, j] = rest <= most * power + besides
+
+
+@nb.njit(cache=True, nogil=True)
+def surroundings(beside, i, j, out):  # type: ignore[no-untyped-def]
+    """Excess of the valid pixels of a square about a place, (pixel, band); returns how many."""
+    raw, level, bands, white = beside
+    count = 0
+    for k in range(max(i - SIDE // 2, 0), min(i + SIDE // 2 + 1, raw.shape[1])):
+        for m in range(max(j - SIDE // 2, 0), min(j + SIDE // 2 + 1, raw.shape[2])):
+            sound = True
+            for n in range(bands.size):
+                out[count, n] = (np.float64(raw[bands[n], k, m]) - np.float64(level[bands[n], k, m])) / white[n]
+                sound &= math.isfinite(out[count, n])
+            count += sound
+            if count == len(out):
+                return count
+    return count
+
+
+@nb.njit(cache=True, nogil=True)
+def unexplained(own, inside):  # type: ignore[no-untyped-def]
+    """Power of some pixels' excess that no one outline, seen in all bands, explains; and their power.
+
+    The largest eigenvalue of the bands' products, by the power method, is what one outline explains.
     """
     count = own.shape[1]
     products, v = np.zeros((count, count)), np.full(count, 1 / math.sqrt(count))
@@ -167,9 +203,9 @@ def changing(own, inside):  # type: ignore[no-untyped-def]
                 w[a] += products[a, b] * v[b]
         most = math.sqrt((w * w).sum())
         if most == 0:
-            return 1.0
+            return power, power
         v = w / most
-    return 1.0 - most / power
+    return power - most, power
 
 
 @nb.njit(cache=True, nogil=True)

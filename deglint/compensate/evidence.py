@@ -69,6 +69,8 @@ class Protection:
         Log density of the first band, (bin,), and of each next one given the last, (band - 1, bin, bin).
     threshold : float
         On the 3 x 3 sum of S.
+    around : float
+        Power that 5 x 5 pixels of sparkle usually have at most [reflectance squared, summed over bands and pixels].
     reason : str
         Why the test is not possible; empty where it is.
     """
@@ -79,6 +81,7 @@ class Protection:
     water: tuple[float, ...] = ()
     wavelength: tuple[float, ...] = ()
     threshold: float = np.inf
+    around: float = np.inf
     reason: str = ""
     shapes: Shapes | None = field(default=None, repr=False)
     first: Float64 | None = field(default=None, repr=False)
@@ -103,9 +106,12 @@ class Protection:
 
     def numbers(self) -> dict[str, Any]:
         """What goes into a sidecar: all but the tables."""
-        names = "bands", "irradiance", "noise", "water", "wavelength", "threshold", "reason"
-        threshold = self.threshold if np.isfinite(self.threshold) else None  # JSON knows no infinity
-        return {name: getattr(self, name) for name in names} | {"threshold": threshold, "halo": self.halo}
+        names = "bands", "irradiance", "noise", "water", "wavelength", "reason"
+        limits = {name: getattr(self, name) for name in ("threshold", "around")}
+        known = {
+            name: value if np.isfinite(value) else None for name, value in limits.items()
+        }  # JSON knows no infinity
+        return {name: getattr(self, name) for name in names} | known | {"halo": self.halo}
 
     def saved(self) -> dict[str, Any]:
         """Everything as plain numbers, tables and all, to be read back by `protection_from`."""
@@ -119,7 +125,8 @@ class Protection:
 def protection_from(data: Mapping[str, Any]) -> Protection:
     """Read back what `Protection.saved` says."""
     plain = {k: v for k, v in data.items() if k not in ("shapes", "first", "following", "halo")}
-    plain["threshold"] = np.inf if plain["threshold"] is None else plain["threshold"]
+    for name in ("threshold", "around"):
+        plain[name] = np.inf if plain.get(name) is None else plain[name]
     for name in ("bands", "irradiance", "water", "wavelength"):
         plain[name] = tuple(plain[name])
     plain["noise"] = tuple((float(a), float(b)) for a, b in plain["noise"])

@@ -52,6 +52,8 @@ USUAL_SUM = 25.0
 """Threshold on the 3 x 3 sum of S."""
 USUAL_RATE, SUM_RISES = 1e-3, 14.0
 """Share of pixels of sparkle above `LEAST_SCORE` up to which it holds, and its rise where they are e times as many."""
+USUAL_AROUND = 0.9
+"""Share of squares of sparkle whose power may be around a thing."""
 MOST_THINGS = 0.05
 """Where more pixels than this share would be things the bands see the same sparkle, whatever their times are."""
 BRIGHTEST = 0.9999
@@ -185,7 +187,20 @@ def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection)
             reason=f"{100 * share:.0f} % of the pixels look like things, so the bands see the same sparkle;"
             " check their time offsets"
         )
-    return replace(found, threshold=_threshold(scores, masks))
+    return replace(found, threshold=_threshold(scores, masks), around=_around(pairs, kept, white))
+
+
+def _around(pairs: Sequence[Pair], kept: Sequence[BoolArray], white: Float64) -> float:
+    """Power of the excess in squares about pixels of sparkle, that few of them exceed."""
+    import cv2
+
+    from ._protect_kernels import SIDE
+
+    powers = []
+    for (raw, level), keep in zip(pairs, kept, strict=True):
+        power = np.nan_to_num(((raw - level) / white) ** 2, nan=0.0, posinf=0.0, neginf=0.0).sum(axis=0)
+        powers.append(cv2.boxFilter(power, -1, (SIDE, SIDE), normalize=False, borderType=cv2.BORDER_CONSTANT)[keep])
+    return float(np.quantile(np.concatenate(powers), USUAL_AROUND))
 
 
 def _threshold(scores: Sequence[Float64], masks: Sequence[BoolArray]) -> float:

@@ -11,7 +11,9 @@ from ..scene import FloatArray
 from .evidence import LEAST_SCORE, REACH, BoolArray, Float64, Places, Protection, excess, plain, score
 
 CHANGING = 0.0125
-"""Part of a thing's power that one outline need not explain: what bands blur differently, up to 0.016 for one pixel."""
+"""Part of a thing's power that one outline need not explain, from which more evidence is wanted."""
+BLURRED_APART = 0.016
+"""The same of a thing of one pixel, that the bands of one sensor blur differently."""
 Weighed = tuple[Float64, Float64, Places]
 
 
@@ -67,7 +69,9 @@ def things(raw: FloatArray, level: FloatArray, protection: Protection) -> Things
     -----
     A thing has one outline; that of sparkle changes from instant to instant. So the threshold on a 3 x 3 sum is
     multiplied by the part of the power of its pixels' excess that is not one outline times one spectrum, over
-    `CHANGING`, where that is more than 1.
+    `CHANGING`, where that is more than 1. And what 5 x 5 pixels hold that is not one outline (nor due to
+    `BLURRED_APART`) has no more power than nine in ten such squares of sparkle: what is left of a flash that lasts and
+    moves has.
 
     A saturated thing is judged by the numbers that there are. Of a thing's own pixels the excess that its spectrum
     explains is kept (10 % and 2 standard deviations more), so that sparkle of one band does not come along; of those
@@ -135,14 +139,16 @@ def put_back(compensated: FloatArray, level: FloatArray, found: Things) -> Float
 
 def _rigid(raw: FloatArray, level: FloatArray, protection: Protection, found: Weighed) -> BoolArray:
     """Pixels of high S in a square of enough: more, where its outline is not the same in all bands."""
-    from ._protect_kernels import rigid
+    from ._protect_kernels import quiet, rigid
 
     high, spectra, places = found
     mask, index = np.zeros(high.shape, np.bool_), np.zeros(high.shape, np.int64)
     if places.size:
         index.ravel()[places] = np.arange(places.size)
         own = np.ascontiguousarray(_own(raw, level, protection, places, spectra).T)
+        beside = raw, level, np.array(protection.bands), np.array(protection.irradiance)
         rigid(high, index, own, LEAST_SCORE, protection.threshold, CHANGING, mask)
+        quiet(beside, BLURRED_APART, protection.around, mask)
     return mask
 
 
