@@ -11,7 +11,6 @@ from detect.bench import EXPERIMENTS
 
 BENCHMARKS = {
     "error": ("error", ("quick",)),
-    "digits": ("stress", ("quick",)),
     "targets": ("targets", ("quick",)),
     "uncertainty": ("uncertainty", ("quick",)),
     "compensation": ("compensation", ("quick",)),

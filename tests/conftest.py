@@ -5,6 +5,7 @@ Property tests draw the same examples in every run; HYPOTHESIS_PROFILE=explore l
 
 import json
 import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,9 @@ from rasterio.transform import from_origin
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in the background: programs that tests interrupt inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 NAMES = ("blue", "green", "red", "nir")
 WATER = np.array([900.0, 700.0, 400.0, 100.0])

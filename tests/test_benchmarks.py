@@ -24,12 +24,6 @@ def rows(text):
     return {row[0]: row[1:] for row in cells}
 
 
-def test_digits():
-    table = rows(printed("benchmarks", "digits", "--quick"))
-    assert float(table["NumAcc4, mean"][0]) > 15
-    assert float(table["plain"][0]) > 15
-
-
 @pytest.mark.shared
 @pytest.mark.skipif(not (SHARED / "simulated").exists(), reason="the shared scenes do not lie beside the project")
 def test_error():

@@ -62,8 +62,12 @@ def page(found: Collected, made: Mapping[str, Any]) -> str:
 
 def _head(found: Collected, made: Mapping[str, Any]) -> str:
     effort = "quick run" if made["quick"] else "full run"
-    findings = " ".join(s.finding for s in found.sections if s.finding)
-    lead = f'<p class="lead">{escape(findings)}</p>' if findings else ""
+    findings = "".join(
+        f'<li>{escape(s.finding)} <a href="#{anchor(s.name)}">{escape(s.title)}</a></li>'
+        for s in found.sections
+        if s.finding
+    )
+    lead = f'<ul class="findings">{findings}</ul>' if findings else ""
     counts = [
         (f"{len(found.sections)}", "experiments"),
         (f"{len(found.numbers()):,}", "numbers"),
