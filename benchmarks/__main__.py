@@ -17,6 +17,7 @@ BENCHMARKS = {
     "rates": ("rates", ("quick", "rounds", "directory")),
     "plan": ("plan_speed", ("quick", "rounds")),
     "scale": ("scale", ("quick", "directory", "docs")),
+    "segmented": ("segmented", ("directory",)),
     "ships": ("ships", ("directory",)),
     "workers": ("workers", ("quick", "directory")),
 }

@@ -244,9 +244,6 @@ def test_unknown_sensor(tmp_path):
         open_scene(write(tmp_path / "a.tif", zeros(1)), sensor="hubble")
 
 
-# the near infrared
-
-
 def test_opening_reads_no_pixel(tmp_path, monkeypatch):
     path = write(tmp_path / "a.tif", zeros(2))
     monkeypatch.setattr(rasterio.io.DatasetReader, "read", None, raising=False)
