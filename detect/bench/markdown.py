@@ -62,8 +62,9 @@ def _head(found: Collected, made: Mapping[str, Any]) -> str:
     where = f"{machine['processor']}, {machine['cores']} cores, {machine['memory']} memory"
     load = f", load {machine['load at the start']} at the start" if machine["load at the start"] is not None else ""
     versions = ", ".join(f"{k} {v}" for k, v in made["versions"].items())
+    command = re.sub(r"(?<!\S)/\S*/(?=\S)", "", made["command"])  # names, not where they lie on this machine
     said = (
-        f"Measured by `{made['command']}` in {duration(made['seconds'])} on {made['date'][:10]}: {where}{load}; "
+        f"Measured by `{command}` in {duration(made['seconds'])} on {made['date'][:10]}: {where}{load}; "
         f"{versions}. Figures are means over {made['seeds']} seeds and their 95 % interval, or medians of repeated "
         "timings and their range."
     )

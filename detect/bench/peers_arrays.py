@@ -30,7 +30,7 @@ def tasks(effort: Effort, peers: tuple[str, ...]) -> list[Task]:
     window = tuple(p for p in peers if p == SPECTRAL)
     if effort.quick:
         return [Task(8, 512, (*mine, *peers), 3), Task(8, 40, (OURS, *window), 2, (5, 21))]
-    return [Task(8, 2048, (*mine, *peers), 5), Task(200, 256, (*mine, *peers), 5),
+    return [Task(8, 4096, (*mine, *peers), 3), Task(200, 256, (*mine, *peers), 5),
             Task(8, 128, (*mine, *window), 3, (5, 21))]  # fmt: skip
 
 
