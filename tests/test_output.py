@@ -53,7 +53,8 @@ def test_old_statistics_are_not_kept(sea, write, tmp_path):
         assert dataset.tags(1) == {"KEPT": "1"}
 
 
-def test_ground_control_points_and_rational_polynomials_are_kept(sea, write, tmp_path):
+@pytest.mark.parametrize("known", [True, False], ids=["with a CRS", "without"])
+def test_ground_control_points_and_rational_polynomials_are_kept(sea, write, tmp_path, known):
     points = [
         GroundControlPoint(r, c, 134 + c / 1e4, 7 - r / 1e4, 5.0) for r, c in [(0, 0), (0, 99), (79, 0), (79, 99)]
     ]
@@ -62,7 +63,7 @@ def test_ground_control_points_and_rational_polynomials_are_kept(sea, write, tmp
               samp_num_coeff=[2.5] * 20, samp_den_coeff=list(range(20)), err_bias=0.5, err_rand=0.25)  # fmt: skip
 
     def describe(dataset):
-        dataset.gcps = points, rasterio.crs.CRS.from_epsg(4326)
+        dataset.gcps = points, rasterio.crs.CRS.from_epsg(4326) if known else rasterio.crs.CRS()
         dataset.rpcs = rpc
 
     source = write(tmp_path / "in.tif", sea(), crs=None, transform=None, describe=describe)
@@ -70,7 +71,7 @@ def test_ground_control_points_and_rational_polynomials_are_kept(sea, write, tmp
     with rasterio.open(tmp_path / "out.tif") as dataset:
         found, crs = dataset.gcps
         assert [(p.row, p.col, p.x, p.y, p.z) for p in found] == [(p.row, p.col, p.x, p.y, p.z) for p in points]
-        assert crs.to_epsg() == 4326
+        assert crs.to_epsg() == 4326 if known else not crs
         assert dataset.rpcs.to_dict() == rpc.to_dict()
 
 

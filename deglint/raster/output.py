@@ -306,6 +306,7 @@ def _profile(layout: Layout) -> dict[str, Any]:
 
 def _describe(dataset: Any, layout: Layout) -> None:
     """Everything about the file that is not pixels; before the first pixel, so that the header stays in front."""
+    from rasterio.crs import CRS
     from rasterio.enums import ColorInterp
 
     info, bands = layout.info, layout.bands
@@ -328,7 +329,7 @@ def _describe(dataset: Any, layout: Layout) -> None:
     for namespace, tags in info.tags.items():
         _tag(dataset, tags, namespace)
     if info.gcps and info.transform is None:
-        dataset.gcps = (list(info.gcps), info.gcps_crs)
+        dataset.gcps = (list(info.gcps), info.gcps_crs or CRS())
     if info.rpcs is not None:
         dataset.rpcs = info.rpcs
 
