@@ -18,7 +18,6 @@ from sklearn.metrics import roc_auc_score
 from deglint import open_scene
 from deglint.physics.presets import preset
 from detect import local_rx
-from detect.background import fit
 from detect.bench import simulated
 from detect.bench.section import over_seeds
 from detect.rx import rx
@@ -44,8 +43,8 @@ def segmented_rx(image: np.ndarray, sea: np.ndarray, classes: int) -> np.ndarray
     out = np.full(image.shape[1:], np.nan, np.float32)
     for number in range(classes):
         own = labels == number
-        if own.any():
-            out[own] = rx(image, fit(image, own), mask=own)[own]
+        if own.sum() > len(image):
+            out[own] = rx(image, mask=own)[own]
     return out
 
 
