@@ -38,7 +38,6 @@ _GUIDE = 3
 """Element under whose opening a detail may grow back [pixel]."""
 _NOTHING = np.finfo(np.float32).max
 """What OpenCV takes for the pixels beyond an edge when it erodes; minus this when it dilates."""
-_SQUARE = np.ones((3, 3), np.uint8)
 _PATCH = np.array([[0, 0, 0], [0, 1, 1], [0, 1, 1]], np.uint8)  # of 2 x 2; in 3 x 3 OpenCV is faster
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 

@@ -6,7 +6,7 @@ import ctypes
 import os
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -28,16 +28,14 @@ from ..raster.output import (
     write_bytes,
     write_json,
     write_text,
-    writing,
 )
-from ..raster.parts import writing_parts
 from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
 from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from .blocks import one_thread_each
-from .cluster import Cluster
+from .cluster import Cluster, writing_images
 from .correct import Correction, Tally, changed_bands
 from .fit import Fitted, Progress, default_threads, fit_scene
 from .following import for_scene, without_moves
@@ -279,14 +277,8 @@ def _write_tiles(
         return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.changed))
-    with ExitStack() as stack:
-        stack.enter_context(one_thread_each(bool(fitted.chain.runs)))
-        run = tiling.run
-        if cluster is not None:
-            layouts = {what: layout for what, (_path, layout) in images.items()}
-            run = stack.enter_context(cluster.by_files(targets.image, layouts))
-        way: Any = writing if cluster is None else writing_parts
-        writers = {what: stack.enter_context(way(scratch, *image)) for what, image in images.items()}
+    opened = writing_images(scratch, targets.image, images, cluster)
+    with one_thread_each(bool(fitted.chain.runs)), opened as (run, writers):
         for tile, done in run(everything, work, threads=at_once, progress=note, start=enter_thread):
             for what, writer in writers.items():
                 writer.write(getattr(done, what), tile.window)

@@ -25,9 +25,10 @@ from typing import Any
 
 from ..errors import DeglintError, InputError, WriteError
 from ..raster.environment import environment
-from ..raster.output import Layout
-from ..raster.parts import Part, write_part
+from ..raster.output import Layout, Scratch, writing
+from ..raster.parts import Part, write_part, writing_parts
 from ..tiles import Combine, Run, Tile, hull, rows_of
+from ..tiles import run as run_on_threads
 
 AHEAD = 3
 """Tiles that each thread of a worker has been given, or has done and not been asked for."""
@@ -160,6 +161,30 @@ class Cluster:
         """What the sidecar says of the workers: how many there are, and the most memory that one has held so far."""
         held = self.memory().values()
         return {"workers": len(held), "most_memory_of_one_MB": round(max(held, default=0) / 1e6, 1)}
+
+
+@contextmanager
+def writing_images(
+    scratch: Scratch, target: Path, images: Mapping[str, tuple[Path, Layout]], cluster: Cluster | None
+) -> Iterator[tuple[Run, dict[str, Any]]]:
+    """What passes over the tiles, and what writes each image: on threads, or as parts from the workers of a cluster.
+
+    Parameters
+    ----------
+    scratch : Scratch
+    target : Path
+        Beside which parts may lie for a while.
+    images : mapping
+        By the fields of a tile's result: their names, and what they are like.
+    cluster : Cluster, optional
+    """
+    with ExitStack() as stack:
+        run: Run = run_on_threads
+        way: Any = writing
+        if cluster is not None:
+            layouts = {what: layout for what, (_path, layout) in images.items()}
+            run, way = stack.enter_context(cluster.by_files(target, layouts)), writing_parts
+        yield run, {what: stack.enter_context(way(scratch, *image)) for what, image in images.items()}
 
 
 @contextmanager

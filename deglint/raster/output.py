@@ -189,15 +189,19 @@ class RasterWriter:
 
 
 @contextlib.contextmanager
-def writing(scratch: Scratch, target: Path, layout: Layout) -> Iterator[RasterWriter]:
-    """A `RasterWriter` that is closed and checked at the end, and let go of where an error leaves the block."""
-    writer = RasterWriter(scratch.add(target), target, layout)
+def finishing(writer: Any) -> Iterator[Any]:
+    """A writer that is closed and checked at the end, and let go of where an error leaves the block."""
     try:
         yield writer
         writer.close()
     except BaseException:
         writer.abort()
         raise
+
+
+def writing(scratch: Scratch, target: Path, layout: Layout) -> contextlib.AbstractContextManager[RasterWriter]:
+    """A `RasterWriter` that finishes."""
+    return finishing(RasterWriter(scratch.add(target), target, layout))
 
 
 def copied_whole(scratch: Scratch, layout: Layout, target: Path) -> bool:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from ..errors import ReadError, WriteError
 from ..scene import Window
-from .output import Layout, RasterWriter, check_whole, write_errors
+from .output import Layout, RasterWriter, check_whole, finishing, write_errors
 from .scratch import Scratch
 from .tiff import Header
 
@@ -68,16 +68,11 @@ def write_part(
     )  # fmt: skip
     options = dict(layout.options) if can_copy(layout) else {}
     small = replace(layout, info=info, options=options | _block_options(layout), masked=valid is not None)
-    writer = RasterWriter(path, path, small)
-    try:
-        whole = ((0, row1 - row0), (0, col1 - col0))
+    whole = ((0, row1 - row0), (0, col1 - col0))
+    with finishing(RasterWriter(path, path, small)) as writer:
         writer.write(block, whole)
         if valid is not None:
             writer.write_mask(valid, whole)
-        writer.close()
-    except BaseException:
-        writer.abort()
-        raise
     return Part(path)
 
 
@@ -153,16 +148,12 @@ class Assembly:
                 self._file.close()
 
 
-@contextlib.contextmanager
-def writing_parts(scratch: Scratch, target: Path, layout: Layout) -> Iterator[Assembly | Decoded]:
-    """An `Assembly`, or where that cannot be a `Decoded`, closed and checked at the end, let go of after an error."""
-    writer = (Assembly if can_copy(layout) else Decoded)(scratch.add(target), target, layout)
-    try:
-        yield writer
-        writer.close()
-    except BaseException:
-        writer.abort()
-        raise
+def writing_parts(
+    scratch: Scratch, target: Path, layout: Layout
+) -> contextlib.AbstractContextManager[Assembly | Decoded]:
+    """An `Assembly` that finishes, or where that cannot be a `Decoded`."""
+    kind: Any = Assembly if can_copy(layout) else Decoded
+    return finishing(kind(scratch.add(target), target, layout))
 
 
 def _stretches(offsets: Any, counts: Any) -> Iterator[tuple[int, int, npt.NDArray[np.int64]]]:

@@ -34,11 +34,6 @@ class Choice:
     name: str
     recipe: dict[str, Any]
 
-    @property
-    def of_psf(self) -> bool:
-        """One of those that differ in the iterations of the PSF alone."""
-        return "psf" in self.name
-
 
 def chain(iterations: int) -> str:
     """The default chain with another number of iterations; 0: without them."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,12 @@ from rasterio.windows import Window
 from deglint import tiles as tiling
 from deglint.errors import InputError, NoWaterError
 from deglint.pipeline import default_threads
-from deglint.pipeline.cluster import Cluster
+from deglint.pipeline.cluster import Cluster, writing_images
 from deglint.pipeline.look import core_of, raster_of
 from deglint.pipeline.sidecar import Checksum
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
-from deglint.raster.output import Layout, Scratch, check_image, check_target, plain, write_json, write_text, writing
-from deglint.raster.parts import writing_parts
+from deglint.raster.output import Layout, Scratch, check_image, check_target, plain, write_json, write_text
 from deglint.scene import Scene
 from deglint.tiles import LARGEST, Tile
 
@@ -388,13 +387,7 @@ def _write_tiles(
     if targets.flags:
         images["flags"] = targets.flags, replace(base, dtype="uint8", nodata=None, names=("flags",))
     work = Scoring(replace(plan, progress=None), ready, law, highest, bool(targets.p_value), bool(targets.flags))
-    with ExitStack() as stack:
-        run = tiling.run
-        if cluster is not None:
-            layouts = {what: layout for what, (_path, layout) in images.items()}
-            run = stack.enter_context(cluster.by_files(targets.image, layouts))
-        way: Any = writing if cluster is None else writing_parts
-        writers = {what: stack.enter_context(way(scratch, *image)) for what, image in images.items()}
+    with writing_images(scratch, targets.image, images, cluster) as (run, writers):
         done = run(plan.tiles, work, threads=plan.threads, progress=plan.note("score"), start=enter_thread)
         for tile, scored in done:
             for what, writer in writers.items():
