@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
+from deglint.compensate import _explain_kernels as shape_kernels
+from deglint.compensate import _glance_kernels as step_kernels
 from deglint.compensate import _protect_kernels as kernels
+from deglint.compensate import evidence, protect
 from deglint.compensate import glance as first_look
-from deglint.compensate import protect
 from deglint.compensate.evidence import (
     BINS,
     HIGH,
@@ -65,8 +67,12 @@ def test_likelihood_is_the_normal_density_integrated_over_brightness():
     rng = np.random.default_rng(3)
     shape, d, u = rng.random(8) + 0.1, rng.random(8) * 1e-3 + 1e-4, rng.standard_normal((3, 8)) * 0.02
     x = 0.2 * shape + 0.02 * rng.standard_normal(8)
-    part = np.empty(3)
-    found, best = kernels.likelihood(x, shape, d, u, part)
+    data, how = np.zeros((8, 3, shape_kernels.BATCH)), np.zeros((5, shape_kernels.BATCH))
+    bent = u / shape  # of a shape of brightness one, that differs from itself by as much as the bends say
+    data[:, 0, 0], data[:, 1, 0], data[:, 2, 0] = x, d - shape_kernels.FLOOR**2, shape
+    how[:, 0] = 1.0, 1.0, 0.0, -1.0, 1.0
+    parts = shape_kernels.solved(data, bent[:2], u[2], 1, how)[:, 0]
+    found, best, part = shape_kernels.likelihood(parts, 8), how[4, 0], parts[4:7]
     covariance = np.diag(d) + u.T @ u
     a = np.linspace(best - 1.0, best + 1.0, 20001)
     density = [multivariate_normal.logpdf(x - v * shape, cov=covariance) for v in a]
@@ -84,7 +90,7 @@ def test_chain_is_the_sum_of_its_steps_and_a_density():
     assert np.exp(first).sum() * step == pytest.approx(1)
     assert (np.exp(following).sum(axis=2) * step) == pytest.approx(np.ones((2, BINS)))
     out = np.empty(50)
-    kernels.chain(np.ascontiguousarray(y[:, :50].T), first, following, LOW, step, UNIT, out)
+    shape_kernels.chain(y, 50, (first, following, LOW, step), UNIT, out)
     for i in range(50):
         z = np.arcsinh(y[:, i] / UNIT)
         at = ((z - LOW) / step).astype(int)
@@ -276,7 +282,7 @@ def bins(z):
 def summed(z, steps):
     """Steps of every shape for reflectances (band,) over UNIT."""
     at = bins(z.astype(np.float64))
-    rows = steps.step.reshape(-1, BINS, BINS, steps.start.size)
+    rows = steps.step[: -steps.start.size].reshape(-1, BINS, BINS, steps.start.size)
     parts = [rows[b, at[b], at[b + 1]].astype(int) for b in range(len(z) - 1)]
     return steps.start + int(steps.first[at[0]]) + np.sum(parts, axis=0)
 
@@ -294,17 +300,40 @@ def test_a_cell_holds_at_most_one_edge_so_that_one_comparison_finds_the_bin(numb
 def test_the_first_look_is_the_largest_sum_of_steps(learnt, dtype):
     raw, level = (a.astype(dtype) for a in with_things())
     raw[3, 5, 5], level[2, 6, 6] = np.nan, np.inf
-    steps, seen = learnt.steps, np.empty(raw.shape[1:], np.int16)
-    scale = np.full(8, 1 / UNIT, dtype)
-    kernels.glance(raw, level, np.arange(8), scale, NOISE.astype(dtype), dtype(4.0), steps, seen)
+    steps, seen = learnt.steps, np.empty(raw.shape[1:], np.float32)
+    scale, least = np.full(8, 1 / UNIT, dtype), -10
+    look = first_look.block(raw), first_look.block(level), np.arange(8), scale, NOISE.astype(dtype), dtype(16.0)
+    step_kernels.glance(*look, steps, least, np.float32(0.5), np.float32(3.0), seen)
     valid = np.isfinite(raw - level).all(axis=0)
     high = ((raw - level) > 4 * np.sqrt(NOISE[:, :1, None] + NOISE[:, 1:, None] * raw)).sum(axis=0) >= 2
-    assert np.array_equal(seen == kernels.INVALID, ~valid)
-    assert np.array_equal(seen > kernels.INVALID, valid & high)
+    assert np.array_equal(np.isnan(seen), ~valid)
+    assert np.isneginf(seen[valid & ~high]).all()
     z = ((raw - level) * dtype(1 / UNIT)).astype(np.float32)
-    rows, columns = np.nonzero(valid & high)
-    for r, c in zip(rows[::5], columns[::5], strict=True):
-        assert seen[r, c] == summed(z[:, r, c], steps).max()
+    found = 0
+    for r, c in zip(*np.nonzero(valid & high), strict=True):
+        most = summed(z[:, r, c], steps).max()
+        assert seen[r, c] == (0.5 * most + 3 if most > least else -np.inf)
+        found += most > least
+    assert 50 < found < 0.5 * (valid & high).sum()
+
+
+@pytest.mark.parametrize("count", [4, 8, 9, 16])
+def test_sums_of_steps_are_added_up_for_any_number_of_bands(count):
+    rng = np.random.default_rng(count)
+    drawn = [Band(str(i), wavelength=w, width=30.0, time_offset=0.06 * i)
+             for i, w in enumerate(np.linspace(420, 950, count))]  # fmt: skip
+    y = rng.gamma(0.4, 0.1, (count, 40, 40)) * (rng.random((count, 40, 40)) < 0.3)
+    rule = protect.fit([(0.01 + y, np.full(y.shape, 0.01))], drawn, noise=np.full((count, 2), 1e-7))
+    steps, place = rule.steps, rng.integers(0, BINS, (count, 50)).astype(np.uint8)
+    middle = np.sinh(LOW + (place + 0.5) * (HIGH - LOW) / BINS)
+    wanted = np.array([summed(z, steps) for z in middle.T])
+    totals, kept = np.empty((50, steps.start.size), np.int16), np.empty(50, np.int64)
+    step_kernels.weigh(place, np.arange(50), steps, 7, totals)
+    assert np.array_equal(totals, wanted + 7)
+    for least in (int(np.median(wanted.max(axis=1))), int(wanted.max()), int(wanted.max()) - 1, -20000):
+        may_be = kept[: step_kernels.may_be(place, 50, steps, least, kept)]
+        assert set(np.flatnonzero(wanted.max(axis=1) > least)) <= set(may_be)
+    assert wanted.max() > 0 or may_be.size == 50
 
 
 def test_sums_of_squares_are_added_up_and_compared():
@@ -336,6 +365,7 @@ def test_what_is_left_out_at_first_sight_is_no_thing_when_weighed(learnt, monkey
     left_out = np.isneginf(found.score)
     monkeypatch.setattr(first_look, "ROOM", 1e4)
     monkeypatch.setattr(first_look, "ROOM_OF_SHAPE", 1e4)
+    monkeypatch.setattr(evidence, "STANDS_OUT", 0.0)
     whole, _, places = score(raw, level, learnt)
     assert places.size > 10 * (~left_out).sum()
     assert np.array_equal(clusters(whole, learnt.threshold), found.mask)
@@ -349,7 +379,7 @@ def test_s_of_what_the_shapes_draw_leaves_the_room_it_is_given(learnt, monkeypat
     a = np.exp(rng.uniform(np.log(0.02), np.log(0.8), n))[:, None]
     bent = 1 + rng.standard_normal((n, 2)) * np.column_stack([s.slope, s.bend])[k] @ bends(learnt.wavelength)
     rough = s.rough[k, None] * rng.standard_normal((n, 8))
-    y = a * (s.values[k] * (bent + rough) + kernels.FLOOR * rng.standard_normal((n, 8)))
+    y = a * (s.values[k] * (bent + rough) + shape_kernels.FLOOR * rng.standard_normal((n, 8)))
     y += (TEXTURE * rng.standard_normal((n, 8)) - WATER_HIDDEN[0]) * WATER
     y[np.arange(n)[s.odd[k] >= 0], s.odd[k][s.odd[k] >= 0]] = 0.2
     level = np.broadcast_to(WATER[:, None, None], (8, 1, n)).copy()
@@ -383,7 +413,8 @@ def test_squares_need_more_where_their_outline_changes():
     own, place = rng.random((high.size, 1)) * RED, np.arange(high.size).reshape(high.shape)
     own[high.size // 2 :] *= 1 + 0.2 * rng.standard_normal((high.size - high.size // 2, 8))
     found, wanted = np.zeros(high.shape, bool), np.zeros(high.shape, bool)
-    kernels.rigid(high, place, own, LEAST_SCORE, 25.0, 0.0125, found)
+    places = np.flatnonzero(high > LEAST_SCORE)
+    kernels.rigid(high.ravel()[places], places, own[places], 25.0, 0.0125, found)
     for r, c in np.ndindex(high.shape):
         square = slice(max(r - 1, 0), r + 2), slice(max(c - 1, 0), c + 2)
         part = high[square] > LEAST_SCORE
@@ -407,7 +438,7 @@ def test_squares_that_hold_more_than_one_outline_are_left_out():
     for besides in (0.2, 0.02, 0.0):
         found, wanted = np.ones((20, 21), bool), np.zeros((20, 21), bool)
         found[3] = False
-        kernels.quiet((raw, level, np.arange(8), white), 0.016, besides, found)
+        kernels.quiet(first_look.block(raw), first_look.block(level), np.arange(8), white, 0.016, besides, found)
         for r, c in np.ndindex(found.shape):
             around = excess[:, max(r - 2, 0) : r + 3, max(c - 2, 0) : c + 3].reshape(8, -1)
             known = ~((np.arange(max(r - 2, 0), min(r + 3, 20))[:, None] == 5)

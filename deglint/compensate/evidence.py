@@ -24,11 +24,12 @@ from ..scene import FloatArray
 from .shapes import CENTRE, SPAN, Shapes
 
 if TYPE_CHECKING:
-    from ._protect_kernels import Steps
+    from ._glance_kernels import Steps
 
 Float64 = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 Places = npt.NDArray[np.int64]
+Weighed = tuple[FloatArray, Float64, Float64, Places, Float64]
 
 REACH = 2
 """Pixels around a thing that its blurred edge reaches."""
@@ -191,51 +192,56 @@ def score(
     A pixel is weighed in full where the first look (`deglint.compensate.glance`) leaves room for S above `LEAST_SCORE`
     in it, and for the threshold in a square around it; elsewhere S is minus infinity.
     """
-    from ._protect_kernels import INVALID, chain, explain, glance
-    from .glance import QUARTERS, ROOM, ROOM_OF_SHAPE
-
-    dtype, steps = raw.dtype, protection.steps
-    white, water, chosen = np.array(protection.irradiance), np.array(protection.water), list(protection.bands)
-    seen = np.empty(raw.shape[1:], np.int16)
-    scale, noise = (1 / (white * UNIT)).astype(dtype), np.array(protection.noise, dtype)
-    glance(raw, level, np.array(chosen), scale, noise, dtype.type(STANDS_OUT), steps, seen)
-    may_be = seen / np.float32(QUARTERS) + np.float32(ROOM)
-    high = may_be > LEAST_SCORE
-    if threshold > -np.inf:
-        high = clusters(may_be, threshold)
-    places = np.flatnonzero(high)
-    y, spread = excess(raw, level, protection, places)
-    y, spread = np.ascontiguousarray(y.T), np.ascontiguousarray((spread**2).T) + (TEXTURE * water) ** 2
-    s, first, following = protection.shapes, protection.first, protection.following
-    assert s is not None and first is not None and following is not None  # noqa: PT018
-    best, sparkle, fitted = np.empty(places.size), np.empty(places.size), np.zeros(y.shape)
-    chain(y, first, following, LOW, (HIGH - LOW) / BINS, UNIT, sparkle)
-    kinds = s.values, np.stack([s.slope, s.bend, s.rough], axis=1), s.odd, np.log(s.weight)
-    bent, limits = bends(protection.wavelength), (UNIT, 1 / QUARTERS, ROOM_OF_SHAPE, LEAST_SCORE)
-    explain(y, spread, water, kinds, bent, np.array(WATER_HIDDEN), steps, limits, sparkle, best, fitted)
-    score = np.where(seen == INVALID, np.nan, -np.inf)
+    seen, best, fitted, places = weighed(raw, level, protection, threshold)[:4]
+    score = np.where(np.isnan(seen), np.nan, -np.inf)
     score.ravel()[places] = best
     return score, fitted.T, places
 
 
+def weighed(raw: FloatArray, level: FloatArray, protection: Protection, threshold: float) -> Weighed:
+    """As for `score`: the first look at all pixels, and of those weighed in full S, spectrum, place and residual."""
+    from ._explain_kernels import explain
+    from ._glance_kernels import glance
+    from .glance import MOST_ROOM, QUARTERS, ROOM, ROOM_OF_SHAPE, block
+
+    dtype, steps, seen = raw.dtype, protection.steps, np.empty(raw.shape[1:], np.float32)
+    white, water, bands = np.array(protection.irradiance), np.array(protection.water), np.array(protection.bands)
+    look = block(raw), block(level), raw.shape[2]
+    noise, limit = np.array(protection.noise), dtype.type(STANDS_OUT) * dtype.type(STANDS_OUT)
+    least = max(int(np.floor((LEAST_SCORE - ROOM) * QUARTERS)), -MOST_ROOM)
+    begin = np.float32(1 / QUARTERS), np.float32(ROOM)
+    scale = (1 / (white * UNIT)).astype(dtype)
+    glance(*look[:2], bands, scale, noise.astype(dtype), limit, steps, least, *begin, seen)
+    places = np.flatnonzero(clusters(seen, threshold))
+    s, first, following = protection.shapes, protection.first, protection.following
+    assert s is not None and first is not None and following is not None  # noqa: PT018
+    found = np.empty(places.size), np.zeros((places.size, bands.size)), np.empty(places.size)
+    kinds = s.values, np.stack([s.slope, s.bend, s.rough], axis=1), s.odd, np.log(s.weight)
+    sensor = bands, white, noise, water, (TEXTURE * water) ** 2
+    limits = UNIT, 1 / QUARTERS, ROOM_OF_SHAPE, LEAST_SCORE
+    sparkle = first, following, LOW, (HIGH - LOW) / BINS
+    smooth = bends(protection.wavelength), *WATER_HIDDEN
+    explain(look, places, sensor, kinds, smooth, steps, sparkle, limits, found)
+    return seen, found[0], found[1], places, found[2]
+
+
 def excess(raw: FloatArray, level: FloatArray, protection: Protection, places: Places) -> tuple[Float64, Float64]:
     """Of some pixels the excess over the level and the standard deviation of the noise [reflectance], (band, pixel)."""
-    at = np.ix_(np.array(protection.bands), places)
-    here = raw.reshape(len(raw), -1)[at].astype(np.float64)
-    white = np.array(protection.irradiance)[:, None]
+    at = np.array(protection.bands)[:, None], *np.divmod(places, raw.shape[2])
+    here, white = raw[at].astype(np.float64), np.array(protection.irradiance)[:, None]
     with np.errstate(invalid="ignore"):
-        more = here - level.reshape(len(level), -1)[at].astype(np.float64)
+        more = here - level[at].astype(np.float64)
     return more / white, np.sqrt(variance(here, protection)) / white
 
 
 def plain(block: FloatArray) -> FloatArray:
-    """The block as one piece of floating-point numbers; itself where it is."""
-    return np.ascontiguousarray(block, np.float64 if block.dtype != np.float32 else np.float32)
+    """The block as floating-point numbers; itself where it is."""
+    return np.asarray(block, np.float64 if block.dtype != np.float32 else np.float32)
 
 
 def clusters(score: FloatArray, threshold: float) -> BoolArray:
     """Pixels of high S in a 3 x 3 square over which that sums up to the threshold."""
-    from ._protect_kernels import squares
+    from ._glance_kernels import squares
 
     mask = np.empty(score.shape, np.bool_)
     squares(score, LEAST_SCORE, threshold, mask)

@@ -3,7 +3,10 @@
 Sparkle is a Markov chain over the bins of neighbouring instants, and a thing is nearly one, too: its next band follows
 from the last by its shape. So the log-likelihood of every shape over that of sparkle is a sum of steps that depend on
 two bins each, and can be looked up. The steps of all shapes lie side by side, as small whole numbers: a pixel takes one
-row of the tables for each pair of bands. What is lost against the full likelihood is that brightness and bends are
+row of the tables for each pair of bands. Most pixels need less: shapes are put into a few groups, and where the most
+that any shape of a group adds, step by step, is too little for all groups, it is for all shapes.
+
+What is lost against the full likelihood is that brightness and bends are
 told by pairs of bands, not by all of them, and the width of the bins.
 """
 
@@ -14,10 +17,16 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from ._protect_kernels import FLOOR, LANES, LEAST, MOST, SPREAD, Steps
+from ..errors import InputError
+from ..scene import FloatArray
+from ._explain_kernels import FLOOR, LEAST, MOST, SPREAD
+from ._glance_kernels import LANES, PACKED, WORDS, Block, Steps
 from .evidence import BINS, HIGH, LOW, TEXTURE, UNIT, WATER_HIDDEN, Protection, bends
 
 Float64 = npt.NDArray[np.float64]
+Places = npt.NDArray[np.int64]
+Steps8 = npt.NDArray[np.int8]
+Steps16 = npt.NDArray[np.int16]
 
 QUARTERS = 4
 """Steps are rounded to one by this [ln]."""
@@ -27,6 +36,12 @@ ROOM_OF_SHAPE = 6.0
 """The same for one shape, which need not be the one with the largest sum."""
 BLOCKED = -30000
 """Sum to start from for a shape that does not exist."""
+MOST_ROOM = 20000
+"""Steps by which a sum may be below zero and still be looked at, so that all fits into 16 bits."""
+LOWEST = -40
+"""Steps below this count as this when shapes are grouped: they decide anyway."""
+USUAL = 1e-4
+"""Chance of a step of sparkle from which it counts when shapes are grouped."""
 
 
 def cells(edges: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
@@ -46,22 +61,105 @@ def cells(edges: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
     return found.astype(np.uint8)
 
 
+def block(image: FloatArray) -> Block:
+    """A (band, row, column) array, a part of another one if need be, for the kernels; nothing is copied if it can be.
+
+    Examples
+    --------
+    >>> whole = np.arange(24.0).reshape(2, 3, 4)
+    >>> part = block(whole[:, 1:, 2:])
+    >>> part.band, part.row, part.numbers[part.band + part.row]
+    (12, 4, 22.0)
+    """
+    size = image.itemsize
+    if image.size == 0 or image.strides[2] != size or min(image.strides) < 0:
+        image = image.copy()
+    band, row = image.strides[0] // size, image.strides[1] // size
+    count = sum((n - 1) * s // size for n, s in zip(image.shape, image.strides, strict=True)) + 1
+    return Block(np.lib.stride_tricks.as_strided(image, (max(count, 0),), (size,), writeable=False), band, row)
+
+
 def steps(protection: Protection) -> Steps:
     """The tables; some 20 ms for eight bands."""
     s, first, following = protection.shapes, protection.first, protection.following
     assert s is not None and first is not None and following is not None  # noqa: PT018
     count, kinds = len(protection.bands), len(s.weight)
-    lanes = -(-kinds // LANES) * LANES
-    start = np.full(lanes, BLOCKED, np.int16)
+    if kinds > LANES:
+        raise InputError(f"at most {LANES} shapes can be told apart, got {kinds}")
+    start = np.full(LANES, BLOCKED, np.int16)
     start[:kinds] = np.rint(QUARTERS * (np.log(s.weight) - math.log(SPREAD)))
-    step = np.full((count - 1, BINS, BINS, lanes), 0, np.int8)
+    step = np.zeros((count - 1, BINS, BINS, LANES), np.int8)
     for i in range(count - 1):
         gain = QUARTERS * (_followed(protection, i) - following[i][:, :, None])
         step[i, :, :, :kinds] = np.rint(np.clip(gain, -128, 127))
     edges = np.sinh(LOW + np.arange(1, BINS) * (HIGH - LOW) / BINS).astype(np.float32)
     alone = np.rint(-QUARTERS * first).astype(np.int16)
+    packed = _packed(step[..., :kinds], start[:kinds], alone, _chance(protection))
     # not a number: nothing, not even infinity, is at or above the edge beyond the last one
-    return Steps(cells(edges), np.append(edges, np.float32(np.nan)), start, alone, step.reshape(-1, lanes))
+    edges_and_end = np.append(edges, np.float32(np.nan))
+    rows = np.append(step.ravel(), np.zeros(LANES, np.int8))
+    return Steps(cells(edges), edges_and_end, alone, start, rows, *packed)
+
+
+def _chance(protection: Protection) -> Float64:
+    """Of each step of sparkle, (band - 1, bin, bin)."""
+    first, following = protection.first, protection.following
+    assert first is not None and following is not None  # noqa: PT018
+    width = (HIGH - LOW) / BINS
+    here, found = np.exp(first) * width, []
+    for table in following:
+        found.append(here[:, None] * np.exp(table) * width)
+        here = found[-1].sum(axis=0)
+    return np.array(found)
+
+
+def _packed(step: Steps8, start: Steps16, first: Steps16, chance: Float64) -> tuple[Places, Places]:
+    """The most that a shape of each group adds, as it begins and with each step; `PACKED` groups to a number.
+
+    Begins are above by half of what 16 bits hold, and steps by 128, so that no group ever borrows from the next.
+    """
+    groups = grouped(np.maximum(step, LOWEST)[chance > USUAL], start, chance[chance > USUAL], WORDS * PACKED)
+    begin = [first.astype(np.int64) + start[g].max() + (1 << 15) - 128 * len(step) for g in groups]
+    more = [step[..., g].max(axis=-1).astype(np.int64).ravel() + 128 for g in groups]
+    shifts = (1 << 16) ** np.arange(PACKED, dtype=np.int64)
+    found = [np.stack(a, axis=1).reshape(-1, WORDS, PACKED) @ shifts for a in (begin, more)]
+    return found[0].ravel(), found[1].ravel()
+
+
+def grouped(step: Steps8, start: Steps16, chance: Float64, count: int) -> list[list[int]]:
+    """Groups of shapes, so that the most that any of a group adds to sparkle is little.
+
+    Two at a time are put together, of which the mean of the sum would then be lowest.
+
+    Parameters
+    ----------
+    step : (step, shape) ndarray
+    start : (shape,) ndarray
+    chance : (step,) ndarray
+        Of each step; those of one pair of bands sum to one.
+    count : int
+        Of groups.
+
+    Examples
+    --------
+    >>> grouped(np.array([[5, 4, -9], [-9, -8, 5]]), np.zeros(3), np.array([0.5, 0.5]), 2)
+    [[0, 1], [2]]
+    """
+    groups = [[k] for k in range(len(start))]
+    most, begin = step.T.astype(np.float32), start.astype(np.float32)
+    weight = chance.astype(np.float32)
+    mean = np.full((len(groups), len(groups)), np.inf, np.float32)
+    for i in range(len(groups) - 1):
+        mean[i, i + 1 :] = np.maximum(most[i], most[i + 1 :]) @ weight + np.maximum(begin[i], begin[i + 1 :])
+    while len(groups) - np.isnan(begin).sum() > count:
+        i, j = divmod(int(np.argmin(mean)), len(groups))
+        most[i], begin[i] = np.maximum(most[i], most[j]), max(begin[i], begin[j])
+        groups[i], begin[j], mean[j], mean[:, j] = groups[i] + groups[j], np.nan, np.inf, np.inf
+        beside = np.maximum(most[i], most) @ weight + np.maximum(begin[i], begin)
+        mean[i, i + 1 :] = np.where(np.isinf(mean[i, i + 1 :]), np.inf, beside[i + 1 :])
+        mean[:i, i] = np.where(np.isinf(mean[:i, i]), np.inf, beside[:i])
+    found = [sorted(g) for g, b in zip(groups, begin, strict=True) if not np.isnan(b)]
+    return found + found[:1] * (count - len(found))
 
 
 def _followed(protection: Protection, i: int) -> Float64:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import InputError
 from ..scene import FloatArray
-from .evidence import LEAST_SCORE, REACH, BoolArray, Float64, Places, Protection, excess, plain, score
+from .evidence import LEAST_SCORE, REACH, BoolArray, Float64, Places, Protection, excess, grown, plain, weighed
 
 CHANGING = 0.0125
 """Part of a thing's power that one outline need not explain, from which more evidence is wanted."""
 BLURRED_APART = 0.016
 """The same of a thing of one pixel, that the bands of one sensor blur differently."""
-Weighed = tuple[Float64, Float64, Places]
+Kept = tuple[Places, npt.NDArray[np.float32]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,24 +28,39 @@ class Things:
         Part of a thing.
     edge : (row, column) ndarray of bool
         Beside one, and lit by it.
-    excess : (band, row, column) ndarray of float32
-        Of the thing over the level, in the unit of the scene; 0 elsewhere.
     score : (row, column) ndarray of float32
         S; NaN where not valid, minus infinity where nothing stands out, or too little for the threshold by far.
     residual : (row, column) ndarray of float32
         Of the best shape, relative to the excess; NaN where none was tried.
+    places : (place,) ndarray of int
+        Where in the flat mask things and their edges are.
+    kept : (band, place) ndarray of float32
+        The excess of these.
     """
 
     mask: BoolArray
     edge: BoolArray
-    excess: FloatArray
     score: FloatArray
     residual: FloatArray
+    places: Places = field(repr=False)
+    kept: npt.NDArray[np.float32] = field(repr=False)
+
+    @property
+    def excess(self) -> npt.NDArray[np.float32]:
+        """Of the thing over the level, in the unit of the scene, (band, row, column); 0 elsewhere."""
+        out = np.zeros((len(self.kept), self.mask.size), np.float32)
+        out[:, self.places] = self.kept
+        return out.reshape(-1, *self.mask.shape)
 
     def cropped(self, inner: tuple[slice, slice]) -> Things:
         """Without the halo."""
-        at = (..., *inner)
-        return Things(self.mask[at], self.edge[at], self.excess[at], self.score[at], self.residual[at])
+        spans = [range(*s.indices(n)) for s, n in zip(inner, self.mask.shape, strict=True)]
+        rows, columns = np.divmod(self.places, self.mask.shape[1])
+        inside = (rows >= spans[0].start) & (rows < spans[0].stop)
+        inside &= (columns >= spans[1].start) & (columns < spans[1].stop)
+        places = (rows - spans[0].start) * len(spans[1]) + columns - spans[1].start
+        planes = {name: getattr(self, name)[inner] for name in ("mask", "edge", "score", "residual")}
+        return replace(self, **planes, places=places[inside], kept=self.kept[:, inside])
 
 
 def things(raw: FloatArray, level: FloatArray, protection: Protection) -> Things:
@@ -93,63 +109,69 @@ def things(raw: FloatArray, level: FloatArray, protection: Protection) -> Things
     """
     if raw.shape != level.shape or raw.ndim != 3:
         raise InputError(f"raw and level must be (band, row, column) and alike, got {raw.shape} and {level.shape}")
-    plane, out = raw.shape[1:], np.zeros(raw.shape, np.float32)
+    mask, residual = np.zeros(raw.shape[1:], np.bool_), np.full(raw.shape[1:], np.nan, np.float32)
+    nowhere = np.empty(0, np.int64), np.empty((len(raw), 0), np.float32)
     if not protection.possible:
-        nothing, empty = np.zeros(plane, np.bool_), np.full(plane, np.nan, np.float32)
-        return Things(nothing, nothing.copy(), out, empty, empty.copy())
+        return Things(mask, mask.copy(), residual.copy(), residual, *nowhere)
     if max(protection.bands) >= len(raw):
         raise InputError(f"the block has {len(raw)} bands, but band {max(protection.bands) + 1} is to be judged")
     raw, level = plain(raw), plain(level)
-    high, spectra, places = score(raw, level, protection, protection.threshold)
-    mask = _rigid(raw, level, protection, (high, spectra, places))
-    residual = np.full(mask.size, np.nan, np.float32)
+    score, high, spectra, places, away = weighed(raw, level, protection, protection.threshold)
+    score[score > -np.inf] = -np.inf  # of what was not weighed; a comparison with NaN is false
+    score.ravel()[places] = high
+    tried = np.isfinite(high)
+    residual.ravel()[places[tried]] = away[tried]
+    may_be = high > LEAST_SCORE
+    places, spectra = places[may_be], spectra[may_be].T
     if places.size:
-        y = excess(raw, level, protection, places)[0]
-        tried = np.isfinite(high.ravel()[places])
-        away = np.linalg.norm(y - spectra, axis=0) / np.linalg.norm(y, axis=0)
-        residual[places[tried]] = away[tried]
+        _rigid((raw, level), protection, (high[may_be], spectra, places), mask)
+    if not mask.any():
+        return Things(mask, mask.copy(), score, residual, *nowhere)
     inside = mask.ravel()[places]
-    edge = _keep(raw, level, protection, (mask, places[inside], spectra[:, inside]), out)
-    return Things(mask, edge, out, high.astype(np.float32), residual.reshape(plane))
+    edge, kept = _keep(raw, level, protection, (mask, places[inside], spectra[:, inside]))
+    return Things(mask, edge, score, residual, *kept)
 
 
-def put_back(compensated: FloatArray, level: FloatArray, found: Things) -> FloatArray:
+def put_back(compensated: FloatArray, level: FloatArray, found: Things, out: FloatArray | None = None) -> FloatArray:
     """The compensated bands with the things in them again: level plus excess where there is one.
 
     Parameters
     ----------
     compensated, level : (band, row, column) ndarray
     found : Things
+    out : ndarray, optional
+        What is written to; `compensated` itself where only the places of things are to be.
 
     Returns
     -------
     (band, row, column) ndarray of the dtype of `compensated`
-        A copy; where nothing was found it is the same to the bit. Integers are rounded.
+        A copy, or `out`; where nothing was found it is the same to the bit. Integers are rounded.
     """
-    out = compensated.copy()
-    rows, columns = np.nonzero(found.mask | found.edge)
-    bands, which = np.nonzero(found.excess[:, rows, columns])
-    at = bands, rows[which], columns[which]
-    values = level[at] + found.excess[at]
+    if out is None:
+        out = compensated.copy()
+    elif out is not compensated:
+        np.copyto(out, compensated)
+    bands, which = np.nonzero(found.kept)
+    at = bands, *np.divmod(found.places[which], found.mask.shape[1])
+    values = level[at] + found.kept[bands, which]
     if out.dtype.kind in "iu":
         values = np.rint(values)
     out[at] = values.astype(out.dtype)
     return out
 
 
-def _rigid(raw: FloatArray, level: FloatArray, protection: Protection, found: Weighed) -> BoolArray:
-    """Pixels of high S in a square of enough: more, where its outline is not the same in all bands."""
+def _rigid(
+    look: tuple[FloatArray, FloatArray], protection: Protection, found: tuple[Float64, Float64, Places], out: BoolArray
+) -> None:
+    """Mark pixels of high S in a square of enough: more, where its outline is not the same in all bands."""
     from ._protect_kernels import quiet, rigid
+    from .glance import block
 
     high, spectra, places = found
-    mask, index = np.zeros(high.shape, np.bool_), np.zeros(high.shape, np.int64)
-    if places.size:
-        index.ravel()[places] = np.arange(places.size)
-        own = np.ascontiguousarray(_own(raw, level, protection, places, spectra).T)
-        beside = raw, level, np.array(protection.bands), np.array(protection.irradiance)
-        rigid(high, index, own, LEAST_SCORE, protection.threshold, CHANGING, mask)
-        quiet(beside, BLURRED_APART, protection.around, mask)
-    return mask
+    own = np.ascontiguousarray(_own(*look, protection, places, spectra).T)
+    rigid(high, places, own, protection.threshold, CHANGING, out)
+    white, bands = np.array(protection.irradiance), np.array(protection.bands)
+    quiet(block(look[0]), block(look[1]), bands, white, BLURRED_APART, protection.around, out)
 
 
 def _own(raw: FloatArray, level: FloatArray, protection: Protection, places: Places, spectra: Float64) -> Float64:
@@ -159,19 +181,14 @@ def _own(raw: FloatArray, level: FloatArray, protection: Protection, places: Pla
 
 
 def _keep(
-    raw: FloatArray,
-    level: FloatArray,
-    protection: Protection,
-    inside: tuple[BoolArray, Places, Float64],
-    out: FloatArray,
-) -> BoolArray:
-    """Write the excess to keep; and the pixels beside things that get some."""
+    raw: FloatArray, level: FloatArray, protection: Protection, inside: tuple[BoolArray, Places, Float64]
+) -> tuple[BoolArray, Kept]:
+    """The pixels beside things that get some excess, and the excess to keep."""
     mask, places, spectra = inside
-    white = np.array(protection.irradiance)[:, None]
-    to, chosen = out.reshape(len(out), -1), np.array(protection.bands)
-    bright = np.maximum(spectra, 0.0)
-    to[np.ix_(chosen, places)] = _own(raw, level, protection, places, spectra) * white
-    share = np.zeros(mask.size)
+    white, chosen = np.array(protection.irradiance)[:, None], np.array(protection.bands)[:, None]
+    near = np.flatnonzero(grown(mask, REACH))
+    bright, kept, share = np.maximum(spectra, 0.0), np.zeros((len(raw), near.size), np.float32), np.zeros(near.size)
+    kept[chosen, np.searchsorted(near, places)] = _own(raw, level, protection, places, spectra) * white
     rows, columns = np.divmod(places, mask.shape[1])
     strong = bright > 0.3 * bright.max(axis=0, initial=0.0)
     for down in range(-REACH, REACH + 1):
@@ -183,14 +200,16 @@ def _keep(
             if not use.any():
                 continue
             here, lit, which = at[use], bright[:, use], strong[:, use]
-            y = excess(raw, level, protection, here)[0]
+            y, slot = excess(raw, level, protection, here)[0], np.searchsorted(near, here)
             ratio = np.where(which, y / np.where(which, lit, 1.0), np.inf)
             part = np.clip(_low_share(ratio, which.sum(axis=0)), 0.0, 1.0)
             total = part * lit.max(axis=0)
-            more = (total > share[here]) & np.isfinite(y).all(axis=0)
-            share[here[more]] = total[more]
-            to[np.ix_(chosen, here[more])] = np.minimum(y[:, more], part[more] * lit[:, more]) * white
-    return np.asarray((share > 0).reshape(mask.shape))
+            more = (total > share[slot]) & np.isfinite(y).all(axis=0)
+            share[slot[more]] = total[more]
+            kept[chosen, slot[more]] = np.minimum(y[:, more], part[more] * lit[:, more]) * white
+    edge = np.zeros(mask.shape, np.bool_)
+    edge.ravel()[near[share > 0]] = True
+    return edge, (near, kept)
 
 
 def _low_share(ratio: Float64, count: Places) -> Float64:

@@ -320,8 +320,9 @@ class Correction:
             return Compensated(inside, clean, replaced, None, *levels)
         found = things(raw, level[_place(looked, middle)], self.chain.protection)
         found = found.cropped(core_of(tile.crop_of(looked), looked.shape))
-        clean = put_back(clean, level[within], found)
-        return Compensated(inside, clean, replaced & ~found.mask, found.mask, *levels)
+        clean = put_back(clean, level[within], found, out=clean)
+        replaced = replaced & ~found.mask if found.places.size else replaced
+        return Compensated(inside, clean, replaced, found.mask, *levels)
 
     def _levels(self, units: Any, level: Any, inner: tuple[slice, slice]) -> tuple[Any, Any, tuple[slice, slice]]:
         """The level before and after removal, where a standard error is wanted, and where the tile lies in it."""
