@@ -1,6 +1,6 @@
 """Compiled: how well pixels' spectra are explained by the shapes of things, and how well by sparkle.
 
-A batch of pixels, each with a few shapes, is worked on band by band, so that many are reckoned side by side.
+Pixels, each with a few shapes, are worked on band by band, so that many are reckoned side by side.
 """
 
 from __future__ import annotations
@@ -9,8 +9,6 @@ import math
 
 import numba as nb
 import numpy as np
-
-from ._glance_kernels import LANES, bins, weigh
 
 FLOOR = 0.02
 """Standard deviation in every band, as a share of the brightness of the thing."""
@@ -21,59 +19,17 @@ SPREAD = math.log(300.0)
 HOPELESS = 30.0
 """A shape whose chi-square at first sight, with bends taken for noise, is above this is none."""
 BATCH = 64
-"""Pixels, and pairs of a pixel and a shape, that are worked on together."""
+"""Pairs of a pixel and a shape that are worked on together."""
 
 
-@nb.njit(cache=True, nogil=True)
-def explain(look, places, sensor, kinds, smooth, steps, sparkle, limits, found):  # type: ignore[no-untyped-def]
-    """S of some pixels by their best shapes, the spectrum of that, and what is left of the excess, relative to it.
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def gather(look, places, sensor, y, x, variance):  # type: ignore[no-untyped-def]
+    """Excess of some pixels over the level, that of a thing over black, and the variance of noise and texture.
 
-    look : raw and level as Block, and how many columns they have; places : (pixel,); sensor : bands, white, noise,
-    water and its texture as variance; kinds : values (shape, band), (shape, 3) of slope, bend, roughness, odd band, log
-    weight; smooth : bends (2, band), mean and standard deviation of the part of the water that the thing hides;
-    sparkle : the tables of the chain, where they begin and their step; limits : unit of the bins, ln that a step is
-    worth, how much S may be above the sum of these, S that matters; found : (pixel,), (pixel, band), (pixel,)
+    look : raw and level as Block, and how many columns they have; sensor : (band,) of bands, of white, (band, 2) of
+    noise, water that a thing leaves, texture; y, x, variance : (band, pixel)
     """
-    (unit, worth, room, least), (bends, hides, hidden), (best, fit, away) = limits, smooth, found
-    (values, spread, odd, weight), water, count = kinds, sensor[3], sensor[0].size
-    y, x, variance = np.empty((count, BATCH)), np.empty((count, BATCH)), np.empty((count, BATCH))
-    z, bin_of, lasts = np.empty(BATCH, np.float32), np.empty((count, BATCH), np.uint8), np.empty(BATCH)
-    every, totals = np.arange(BATCH), np.empty((BATCH, LANES), np.int16)
-    pairs, result = np.empty((3, BATCH * LANES), np.int64), np.empty((6, BATCH * LANES))
-    for begin in range(0, places.size, BATCH):
-        here = places[begin : begin + BATCH]
-        gather(look, here, sensor, hides, y, x, variance)
-        chain(y, here.size, sparkle, unit, lasts)
-        for b in range(count):
-            for q in range(here.size):
-                z[q] = y[b, q] / unit
-            bins(z[: here.size], steps.cell, steps.edge, bin_of[b])
-        weigh(bin_of, every[: here.size], steps, 0, totals)
-        several = in_turn(totals[: here.size], weight.size, math.floor((least - room) / worth), pairs)
-        for first in range(0, several, BATCH):
-            shaped(x, variance, first, min(several - first, BATCH), pairs, (values, spread, odd), bends,
-                   hidden * water, result)  # fmt: skip
-        best[begin : begin + BATCH] = -np.inf
-        for p in range(several):
-            i, q, k = begin + pairs[0, p], pairs[0, p], pairs[1, p]
-            if pairs[2, p] * worth + room <= max(best[i], least):
-                continue
-            score = result[0, p] + (weight[k] - lasts[q])
-            if score > best[i]:
-                best[i] = score
-                for b in range(count):
-                    bright = result[1, p] * values[k, b]
-                    bent = result[3, p] * (spread[k, 0] * bends[0, b] * bright)
-                    bent += result[4, p] * (spread[k, 1] * bends[1, b] * bright)
-                    bent += result[5, p] * (hidden * water[b])
-                    fit[i, b] = result[2, p] * values[k, b] + bent - hides * water[b]
-        apart(y, fit, begin, here.size, away)
-
-
-@nb.njit(cache=True, nogil=True)
-def gather(look, places, sensor, hides, y, x, variance):  # type: ignore[no-untyped-def]
-    """Excess of some pixels, that over the water that a thing leaves to be seen, and the variance of their noise."""
-    (raw, level, columns), (bands, white, noise, water, texture) = look, sensor
+    (raw, level, columns), (bands, white, noise, left, texture) = look, sensor
     for b in range(bands.size):
         for q in range(places.size):
             row, column = places[q] // columns, places[q] % columns
@@ -85,12 +41,15 @@ def gather(look, places, sensor, hides, y, x, variance):  # type: ignore[no-unty
             y[b, q] /= white[b]
             deviation = math.sqrt(fixed + rising * max(variance[b, q], 0.0)) / white[b]
             variance[b, q] = deviation * deviation + texture[b]
-            x[b, q] = y[b, q] + hides * water[b]
+            x[b, q] = y[b, q] + left[b]
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def in_turn(totals, kinds, least, pairs):  # type: ignore[no-untyped-def]
-    """Pixels with each of their shapes of which the sum is above the least, round from that which has the largest."""
+    """Pixels with each of their shapes of which the sum is above the least, round from that which has the largest.
+
+    pairs : (3, pair) of pixel, shape and sum, and one more
+    """
     count = 0
     for q in range(len(totals)):
         likely = 0
@@ -101,56 +60,77 @@ def in_turn(totals, kinds, least, pairs):  # type: ignore[no-untyped-def]
             k -= kinds * (k >= kinds)
             pairs[0, count], pairs[1, count], pairs[2, count] = q, k, totals[q, k]
             count += totals[q, k] > least
-    return count
 
 
-@nb.njit(cache=True, nogil=True)
-def apart(y, fit, begin, count, out):  # type: ignore[no-untyped-def]
-    """Length of the difference, relative to y."""
-    for q in range(count):
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def choose(pairs, tried, lasts, y, kinds, smooth, limits, found):  # type: ignore[no-untyped-def]
+    """S of pixels by their best shapes, the spectrum of that, and what is left of the excess, relative to it.
+
+    tried : (6, pair) as by `shaped`; lasts : (pixel,) log density of sparkle; kinds : values (shape, band), (shape, 3)
+    of slope, bend, roughness, log weight; smooth : bends (2, band), water that a thing leaves and that it may hide;
+    limits : ln that a step is worth, how much S may be above the sum of these, S that matters; found : (pixel,),
+    (pixel, band), (pixel,)
+    """
+    (values, spread, weight), (bends, left, hidden), (worth, room, least) = kinds, smooth, limits
+    best, fit, away = found
+    for p in range(pairs.shape[1]):
+        q, k = pairs[0, p], pairs[1, p]
+        if pairs[2, p] * worth + room <= max(best[q], least):
+            continue
+        score = tried[0, p] + (weight[k] - lasts[q])
+        if score > best[q]:
+            best[q] = score
+            for b in range(y.shape[0]):
+                bright = tried[1, p] * values[k, b]
+                bent = tried[3, p] * (spread[k, 0] * bends[0, b] * bright)
+                bent += tried[4, p] * (spread[k, 1] * bends[1, b] * bright)
+                fit[q, b] = tried[2, p] * values[k, b] + (bent + tried[5, p] * hidden[b]) - left[b]
+    for q in range(best.size):
         rest = whole = 0.0
         for b in range(y.shape[0]):
-            rest += (y[b, q] - fit[begin + q, b]) ** 2
+            rest += (y[b, q] - fit[q, b]) ** 2
             whole += y[b, q] ** 2
-        out[begin + q] = math.sqrt(rest) / math.sqrt(whole)
+        away[q] = math.sqrt(rest) / math.sqrt(whole)
 
 
-@nb.njit(cache=True, nogil=True)
-def shaped(x, variance, first, count, pairs, kinds, bends, hidden, out):  # type: ignore[no-untyped-def]
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def shaped(x, variance, pairs, kinds, bends, hidden, out):  # type: ignore[no-untyped-def]
     """Log-likelihood of pixels by shapes, and their brightness, in two rounds; minus infinity where no thing has it.
 
-    out : (6, pair) of log-likelihood, brightness of the first and of the second round, and the parts of the bends
+    kinds : values (shape, band), (shape, 3) of slope, bend, roughness, odd band; out : (6, pair) of log-likelihood,
+    brightness of the first and of the second round, and the parts of the bends
     """
     data, how, kept = np.empty((x.shape[0], 3, BATCH)), np.empty((5, BATCH)), np.empty(BATCH, np.int64)
-    for p in range(count):
-        kept[p], out[0, first + p] = first + p, -np.inf
-    take(x, variance, kept[:count], pairs, kinds, data, how)
-    chi = plainly(data, hidden, count, how)
-    some = 0
-    for p in range(count):
-        out[1, first + p], kept[some] = how[4, p], first + p
-        some += not (chi[p] > HOPELESS) and LEAST < how[4, p] < MOST
-    if some == 0:
-        return
-    take(x, variance, kept[:some], pairs, kinds, data, how)
-    for p in range(some):
-        how[4, p] = out[1, kept[p]]
-    solved(data, bends, hidden, some, how)
-    for p in range(some):
-        out[1, kept[p]] = how[4, p]
-    found = solved(data, bends, hidden, some, how)
-    for p in range(some):
-        k, a = kept[p], how[4, p]
-        if LEAST < out[1, k] < MOST and LEAST < a < MOST:
-            out[0, k] = likelihood(found[:4, p], x.shape[0]) - math.log(a * SPREAD)
-            out[2, k], out[3, k], out[4, k], out[5, k] = a, found[4, p], found[5, p], found[6, p]
+    for first in range(0, pairs.shape[1], BATCH):
+        count = min(pairs.shape[1] - first, BATCH)
+        for p in range(count):
+            kept[p], out[0, first + p] = first + p, -np.inf
+        take(x, variance, kept, count, pairs, kinds, data, how)
+        chi = plainly(data, hidden, count, how)
+        some = nb.int64(0)
+        for p in range(count):
+            out[1, first + p], kept[some] = how[4, p], first + p
+            some += not (chi[p] > HOPELESS) and LEAST < how[4, p] < MOST
+        take(x, variance, kept, some, pairs, kinds, data, how)
+        for p in range(some):
+            how[4, p] = out[1, kept[p]]
+        solved(data, bends, hidden, some, how)
+        for p in range(some):
+            out[1, kept[p]] = how[4, p]
+        found = solved(data, bends, hidden, some, how)
+        for p in range(some):
+            k, a = kept[p], how[4, p]
+            if LEAST < out[1, k] < MOST and LEAST < a < MOST:
+                density = likelihood(found[0, p], found[1, p], found[2, p], found[3, p], x.shape[0])
+                out[0, k], out[2, k] = density - math.log(a * SPREAD), a
+                out[3, k], out[4, k], out[5, k] = found[4, p], found[5, p], found[6, p]
 
 
-@nb.njit(cache=True, nogil=True)
-def take(x, variance, kept, pairs, kinds, data, how):  # type: ignore[no-untyped-def]
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def take(x, variance, kept, count, pairs, kinds, data, how):  # type: ignore[no-untyped-def]
     """Of some pairs the pixel and its variance and the shape, (band, 3, pair), and how the shape may differ."""
     values, spread, odd = kinds
-    for p in range(kept.size):
+    for p in range(count):
         q, k = pairs[0, kept[p]], pairs[1, kept[p]]
         for b in range(data.shape[0]):
             data[b, 0, p], data[b, 1, p], data[b, 2, p] = x[b, q], variance[b, q], values[k, b]
@@ -182,10 +162,11 @@ def solved(data, bends, hidden, count, how):  # type: ignore[no-untyped-def]
     """The normal density of x with mean a * shape and covariance diag(d) + u' u, over all a, from a first a in `how`.
 
     By the Woodbury identity with a Cholesky factor of 3 x 3. The best a goes into `how`; returned are its chi-square,
-    its weight, the determinant as two products, of d and of the factor, and the parts of the rows of u.
+    its weight, the determinant as two products, of the factor and of d, and the parts of the rows of u.
     """
     work = np.zeros((16, BATCH))
-    work[3], work[4], work[7], work[9] = 1.0, 1.0, 1.0, 1.0
+    for p in range(count):
+        work[3, p], work[4, p], work[7, p], work[9, p] = 1.0, 1.0, 1.0, 1.0
     for b in range(data.shape[0]):
         for p in range(count):
             x, s, a = data[b, 0, p], data[b, 2, p], how[4, p]
@@ -232,23 +213,22 @@ def solved(data, bends, hidden, count, how):  # type: ignore[no-untyped-def]
     return work
 
 
-@nb.njit(cache=True, nogil=True)
-def likelihood(found, count):  # type: ignore[no-untyped-def]
-    """Logarithm of what `solved` found for `count` bands: chi-square, weight of a, product of the factor and of d."""
-    determinant = 0.5 * (math.log(found[3]) - count * math.log(1e5)) + math.log(found[2])
-    return -0.5 * found[0] - determinant - 0.5 * (count - 1) * math.log(2 * math.pi) - 0.5 * math.log(found[1])
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def likelihood(chi, weight, factor, product, count):  # type: ignore[no-untyped-def]
+    """Logarithm of what `solved` found for `count` bands."""
+    determinant = 0.5 * (math.log(product) - count * math.log(1e5)) + math.log(factor)
+    return -0.5 * chi - determinant - 0.5 * (count - 1) * math.log(2 * math.pi) - 0.5 * math.log(weight)
 
 
-@nb.njit(cache=True, nogil=True)
-def chain(y, count, sparkle, unit, out):  # type: ignore[no-untyped-def]
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def chain(y, sparkle, unit, out):  # type: ignore[no-untyped-def]
     """Log density of spectra (band, pixel) as a Markov chain over bands in the order of time."""
     first, following, low, step = sparkle
-    before, width = np.zeros(count, np.int64), math.log(unit)
-    out[:count] = 0.0
+    before, width = np.zeros(out.size, np.int64), math.log(unit)
     for b in range(y.shape[0]):
-        for q in range(count):
+        for q in range(out.size):
             z = y[b, q] / unit
             place = min(max(int((math.asinh(z) - low) / step), 0), first.size - 1)
-            out[q] += first[place] if b == 0 else following[b - 1, before[q], place]
+            out[q] = first[place] if b == 0 else out[q] + following[b - 1, before[q], place]
             out[q] -= width + 0.5 * math.log1p(z * z)
             before[q] = place

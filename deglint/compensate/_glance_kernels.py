@@ -50,13 +50,6 @@ class Steps(NamedTuple):
     group: npt.NDArray[np.int64]
 
 
-@nb.njit(cache=True, nogil=True)
-def row_of(block, band, i, width):  # type: ignore[no-untyped-def]
-    """One row of a band."""
-    first = band * block.band + i * block.row
-    return block.numbers[first : first + width]
-
-
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def glance(raw, level, bands, scale, noise, limit, steps, least, worth, room, out):  # type: ignore[no-untyped-def]
     """The largest sum of steps of each pixel, where it is above `least`, times `worth` plus `room`; else -infinity.
@@ -73,20 +66,20 @@ def glance(raw, level, bands, scale, noise, limit, steps, least, worth, room, ou
     kept, most, totals = np.empty(width, np.int64), np.empty(width, np.int64), np.empty((width, LANES), np.int16)
     for i in range(out.shape[0]):
         stand_out(raw, level, bands, noise, limit, i, high, sound)
-        n = 0
+        n = nb.int64(0)
         for j in range(width):
             out[i, j] = nothing if sound[j] else missing
             listed[n] = j
             n += sound[j] & (high[j] >= 2)
         for b in range(count):
-            seen, water = row_of(raw, bands[b], i, width), row_of(level, bands[b], i, width)
+            at, under = bands[b] * raw.band + i * raw.row, bands[b] * level.band + i * level.row
             for m in range(n):
-                j = nb.uint64(listed[m])
-                z[m] = (seen[j] - water[j]) * scale[b]
-            bins(z[:n], steps.cell, steps.edge, place[b])
+                j = listed[m]
+                z[m] = (raw.numbers[nb.uint64(at + j)] - level.numbers[nb.uint64(under + j)]) * scale[b]
+            bins(z, n, b, steps.cell, steps.edge, place)
         some = may_be(place, n, steps, least, kept)
-        weigh(place, kept[:some], steps, -least - 1, totals)
-        highest(totals, most[:some])
+        weigh(place, kept, some, steps, -least - 1, totals)
+        highest(totals, some, most)
         for k in range(some):
             if most[k] >= 0:
                 out[i, listed[kept[k]]] = np.float32(most[k] + least + 1) * worth + room
@@ -95,10 +88,11 @@ def glance(raw, level, bands, scale, noise, limit, steps, least, worth, room, ou
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def stand_out(raw, level, bands, noise, limit, i, high, sound):  # type: ignore[no-untyped-def]
     """In how many bands the pixels of a row exceed the level, and whether all bands are finite."""
-    high[:] = 0
-    sound[:] = True
+    for j in range(high.size):
+        high[j], sound[j] = 0, True
     for b in range(bands.size):
-        seen, water = row_of(raw, bands[b], i, high.size), row_of(level, bands[b], i, high.size)
+        at, under = bands[b] * raw.band + i * raw.row, bands[b] * level.band + i * level.row
+        seen, water = raw.numbers[at : at + high.size], level.numbers[under : under + high.size]
         fixed, rising = noise[b, 0], noise[b, 1]
         for j in range(high.size):
             more = seen[j] - water[j]
@@ -106,16 +100,16 @@ def stand_out(raw, level, bands, noise, limit, i, high, sound):  # type: ignore[
             sound[j] &= more - more == 0
 
 
-@nb.njit(cache=True, nogil=True)
-def bins(z, cell, edge, out):  # type: ignore[no-untyped-def]
-    """Bins of some numbers."""
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def bins(z, count, b, cell, edge, out):  # type: ignore[no-untyped-def]
+    """Bins of some numbers of a band, into (band, pixel)."""
     bits = z.view(np.int32)
-    for m in range(z.size):
+    for m in range(count):
         place = nb.int64(cell[nb.uint64((bits[m] >> 20) & 4095)])
-        out[m] = place + (z[m] >= edge[nb.uint64(place)])
+        out[b, m] = place + (z[m] >= edge[nb.uint64(place)])
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def may_be(place, n, steps, least, out):  # type: ignore[no-untyped-def]
     """List those of n pixels of which the sum of some group is above the least; returns how many.
 
@@ -138,69 +132,57 @@ def may_be(place, n, steps, least, out):  # type: ignore[no-untyped-def]
     return kept
 
 
-@nb.njit(inline="always")
-def add_eight(before, step, rows, begin, more, total):  # type: ignore[no-untyped-def]
-    """Add eight rows of the table, in one loop of fixed length without an `if`, so that many are added at once."""
-    r0, r1, r2, r3 = rows[begin], rows[begin + 1], rows[begin + 2], rows[begin + 3]
-    r4, r5, r6, r7 = rows[begin + 4], rows[begin + 5], rows[begin + 6], rows[begin + 7]
-    for k in range(LANES):
-        one = step[nb.uint64(r0 + k)] + step[nb.uint64(r1 + k)] + step[nb.uint64(r2 + k)] + step[nb.uint64(r3 + k)]
-        two = step[nb.uint64(r4 + k)] + step[nb.uint64(r5 + k)] + step[nb.uint64(r6 + k)] + step[nb.uint64(r7 + k)]
-        total[k] = before[k] + one + two + more
-
-
-@nb.njit(cache=True, nogil=True)
-def weigh(place, which, steps, more, totals):  # type: ignore[no-untyped-def]
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def weigh(place, which, count, steps, more, totals):  # type: ignore[no-untyped-def]
     """Sum of the steps of every shape for the bins of some pixels, (band, pixel), plus `more`.
 
     Whole numbers, so that it does not matter in which order they are added. totals : (pixel, shape)
     """
-    first, start, step = steps.first, steps.start, steps.step
-    size, pairs, rows = first.size, place.shape[0] - 1, np.empty(2 * ROWS, np.int64)
-    rows[:] = pairs * size * size * LANES
-    for i in range(which.size):
-        m, total = which[i], totals[i]
+    first, step, size, pairs = steps.first, steps.step, steps.first.size, place.shape[0] - 1
+    rows = np.empty(2 * ROWS, np.int64)
+    for k in range(2 * ROWS):
+        rows[k] = pairs * size * size * LANES
+    for i in range(count):
+        m, total, before = which[i], totals[i], steps.start
         for k in range(pairs):
             rows[k] = ((k * size + nb.int64(place[k, m])) * size + place[k + 1, m]) * LANES
-        add_eight(start, step, rows, 0, first[place[0, m]] + more, total)
-        if pairs > ROWS:
-            add_eight(total, step, rows, ROWS, 0, total)
+        for k in range(0, pairs, ROWS):
+            r0, r1, r2, r3 = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
+            r4, r5, r6, r7 = rows[k + 4], rows[k + 5], rows[k + 6], rows[k + 7]
+            begin = first[place[0, m]] + more if k == 0 else 0
+            for n in range(LANES):  # of fixed length and without an `if`, so that many are added at once
+                one = step[nb.uint64(r0 + n)] + step[nb.uint64(r1 + n)] + step[nb.uint64(r2 + n)]
+                two = step[nb.uint64(r3 + n)] + step[nb.uint64(r4 + n)] + step[nb.uint64(r5 + n)]
+                total[n] = before[n] + one + two + step[nb.uint64(r6 + n)] + step[nb.uint64(r7 + n)] + begin
+            before = total
 
 
-@nb.njit(cache=True, nogil=True)
-def highest(totals, out):  # type: ignore[no-untyped-def]
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def highest(totals, count, out):  # type: ignore[no-untyped-def]
     """The largest sum of some pixels, -1 where all are negative."""
     packed = totals.view(np.int64)
-    for i in range(out.size):
+    for i in range(count):
         signs = SIGNS
         for k in range(packed.shape[1]):
             signs &= packed[i, k]
         out[i] = -1
         if signs != SIGNS:
-            for k in range(LANES):
+            for k in range(totals.shape[1]):
                 out[i] = max(out[i], totals[i, k])
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def squares(score, least, threshold, out):  # type: ignore[no-untyped-def]
-    """Pixels above `least` in a 3 x 3 square over which these sum up to the threshold; always added in one order.
+    """Whether the pixels above `least` in 3 x 3 sum up to the threshold; always added in one order.
 
     Loops without an `if`, so that many are added at once.
     """
     rows, columns = score.shape
-    high, reached = np.zeros((3, columns + 2)), np.zeros((rows + 2, columns + 2), np.bool_)
+    high = np.zeros((3, columns + 2))
     for i in range(rows + 1):
-        below = high[(i + 1) % 3]
+        one, two, three = high[(i - 1) % 3], high[i % 3], high[(i + 1) % 3]
         for j in range(columns):
-            below[j + 1] = score[i, j] if i < rows and score[i, j] > least else 0.0
-        if i == 0:
-            continue
-        one, two = high[(i - 1) % 3], high[i % 3]
-        for j in range(columns):
+            three[j + 1] = score[i, j] if i < rows and score[i, j] > least else 0.0
+        for j in range(columns if i > 0 else 0):
             total = one[j] + one[j + 1] + one[j + 2] + two[j] + two[j + 1] + two[j + 2]
-            reached[i, j + 1] = total + below[j] + below[j + 1] + below[j + 2] >= threshold
-    for i in range(rows):
-        one, two, three = reached[i], reached[i + 1], reached[i + 2]
-        for j in range(columns):
-            near = one[j] | one[j + 1] | one[j + 2] | two[j] | two[j + 1] | two[j + 2]
-            out[i, j] = (score[i, j] > least) & (near | three[j] | three[j + 1] | three[j + 2])
+            out[i - 1, j] = total + three[j] + three[j + 1] + three[j + 2] >= threshold

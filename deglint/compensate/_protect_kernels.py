@@ -13,15 +13,15 @@ STEPS_OF_POWER = 16
 """Iterations of the power method; what is looked for is within 1e-4 where it is small."""
 
 
-@nb.njit(cache=True, nogil=True)
-def rigid(score, places, own, threshold, changes, out):  # type: ignore[no-untyped-def]
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def rigid(score, places, own, threshold, changes, index, out):  # type: ignore[no-untyped-def]
     """Pixels in a 3 x 3 square that sums up to the threshold, or to more if its outline changes.
 
     places : (pixel,), where in `out` they are, in order; score : (pixel,); own : (pixel, band), their excess; changes :
-    part of the power that one outline need not explain; out : (row, column), all False
+    part of the power that one outline need not explain; index : (row, column), -1, to write on; out : of False
     """
     rows, columns = out.shape
-    index, inside = np.full(out.shape, -1, np.int32), np.empty(9, np.int64)
+    inside = np.empty(9, np.int64)
     for n in range(places.size):
         index[places[n] // columns, places[n] % columns] = n
     for n in range(places.size):
@@ -44,13 +44,15 @@ def rigid(score, places, own, threshold, changes, out):  # type: ignore[no-untyp
                     out[places[k] // columns, places[k] % columns] = True
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def quiet(raw, level, bands, white, most, besides, out):  # type: ignore[no-untyped-def]
     """Leave out pixels about which there is more than one outline: beside a part of the power, and some more.
 
     raw, level : Block of all pixels
     """
-    around, every = np.empty((SIDE * SIDE, bands.size)), np.arange(SIDE * SIDE)
+    around, every = np.empty((SIDE * SIDE, bands.size)), np.empty(SIDE * SIDE, np.int64)
+    for n in range(SIDE * SIDE):
+        every[n] = n
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             if out[i, j]:
@@ -62,7 +64,7 @@ def quiet(raw, level, bands, white, most, besides, out):  # type: ignore[no-unty
                 out[i, j] = rest <= most * power + besides
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def excess(raw, level, i, j, bands, white, out):  # type: ignore[no-untyped-def]
     """Excess of a pixel over the level, (band,); returns whether it is finite."""
     sound = True
@@ -74,14 +76,14 @@ def excess(raw, level, i, j, bands, white, out):  # type: ignore[no-untyped-def]
     return sound
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def unexplained(own, inside):  # type: ignore[no-untyped-def]
     """Power of some pixels' excess that no one outline, seen in all bands, explains; and their power.
 
     The largest eigenvalue of the bands' products, by the power method, is what one outline explains.
     """
     count = own.shape[1]
-    products, v = np.zeros((count, count)), np.full(count, 1 / math.sqrt(count))
+    products, v, w = np.zeros((count, count)), np.empty(count), np.empty(count)
     for n in inside:
         for a in range(count):
             for b in range(count):
@@ -89,13 +91,17 @@ def unexplained(own, inside):  # type: ignore[no-untyped-def]
     power = most = 0.0
     for a in range(count):
         power += products[a, a]
+        v[a] = 1 / math.sqrt(count)
     for _ in range(STEPS_OF_POWER):
-        w = np.zeros(count)
+        length = 0.0
         for a in range(count):
+            w[a] = 0.0
             for b in range(count):
                 w[a] += products[a, b] * v[b]
-        most = math.sqrt((w * w).sum())
+            length += w[a] * w[a]
+        most = math.sqrt(length)
         if most == 0:
             return power, power
-        v = w / most
+        for a in range(count):
+            v[a] = w[a] / most
     return power - most, power

@@ -200,29 +200,49 @@ def score(
 
 def weighed(raw: FloatArray, level: FloatArray, protection: Protection, threshold: float) -> Weighed:
     """As for `score`: the first look at all pixels, and of those weighed in full S, spectrum, place and residual."""
-    from ._explain_kernels import explain
     from ._glance_kernels import glance
-    from .glance import MOST_ROOM, QUARTERS, ROOM, ROOM_OF_SHAPE, block
+    from .glance import MOST_ROOM, QUARTERS, ROOM, block
 
-    dtype, steps, seen = raw.dtype, protection.steps, np.empty(raw.shape[1:], np.float32)
-    white, water, bands = np.array(protection.irradiance), np.array(protection.water), np.array(protection.bands)
-    look = block(raw), block(level), raw.shape[2]
-    noise, limit = np.array(protection.noise), dtype.type(STANDS_OUT) * dtype.type(STANDS_OUT)
+    dtype, seen = raw.dtype, np.empty(raw.shape[1:], np.float32)
+    look, bands, white = (block(raw), block(level)), np.array(protection.bands), np.array(protection.irradiance)
+    noise, limit = np.array(protection.noise, dtype), dtype.type(STANDS_OUT) * dtype.type(STANDS_OUT)
     least = max(int(np.floor((LEAST_SCORE - ROOM) * QUARTERS)), -MOST_ROOM)
-    begin = np.float32(1 / QUARTERS), np.float32(ROOM)
-    scale = (1 / (white * UNIT)).astype(dtype)
-    glance(*look[:2], bands, scale, noise.astype(dtype), limit, steps, least, *begin, seen)
+    begin, scale = (np.float32(1 / QUARTERS), np.float32(ROOM)), (1 / (white * UNIT)).astype(dtype)
+    glance(*look, bands, scale, noise, limit, protection.steps, least, *begin, seen)
     places = np.flatnonzero(clusters(seen, threshold))
-    s, first, following = protection.shapes, protection.first, protection.following
+    best, fitted, away = _explained((*look, raw.shape[2]), protection, places)
+    return seen, best, fitted, places, away
+
+
+def _explained(look: Any, protection: Protection, places: Places) -> tuple[Float64, Float64, Float64]:
+    """Of some pixels S by the best shape, the spectrum of that, (pixel, band), and what is left, relative to it."""
+    from ._explain_kernels import chain, choose, gather, in_turn, shaped
+    from ._glance_kernels import LANES, bins, weigh
+    from .glance import QUARTERS, ROOM_OF_SHAPE
+
+    s, first, following, steps = protection.shapes, protection.first, protection.following, protection.steps
     assert s is not None and first is not None and following is not None  # noqa: PT018
-    found = np.empty(places.size), np.zeros((places.size, bands.size)), np.empty(places.size)
-    kinds = s.values, np.stack([s.slope, s.bend, s.rough], axis=1), s.odd, np.log(s.weight)
-    sensor = bands, white, noise, water, (TEXTURE * water) ** 2
-    limits = UNIT, 1 / QUARTERS, ROOM_OF_SHAPE, LEAST_SCORE
-    sparkle = first, following, LOW, (HIGH - LOW) / BINS
-    smooth = bends(protection.wavelength), *WATER_HIDDEN
-    explain(look, places, sensor, kinds, smooth, steps, sparkle, limits, found)
-    return seen, found[0], found[1], places, found[2]
+    white, water, bent = np.array(protection.irradiance), np.array(protection.water), bends(protection.wavelength)
+    left, hidden = WATER_HIDDEN[0] * water, WATER_HIDDEN[1] * water
+    y, x, variance = np.empty((3, water.size, places.size))
+    sensor = np.array(protection.bands), white, np.array(protection.noise), left, (TEXTURE * water) ** 2
+    gather(look, places, sensor, y, x, variance)
+    lasts, bin_of = np.empty(places.size), np.empty(y.shape, np.uint8)
+    chain(y, (first, following, LOW, (HIGH - LOW) / BINS), UNIT, lasts)
+    for b, z in enumerate((y / UNIT).astype(np.float32)):
+        bins(z, z.size, b, steps.cell, steps.edge, bin_of)
+    totals = np.empty((places.size, LANES), np.int16)
+    weigh(bin_of, np.arange(places.size), places.size, steps, 0, totals)
+    least = int(np.floor((LEAST_SCORE - ROOM_OF_SHAPE) * QUARTERS))
+    pairs = np.empty((3, np.count_nonzero(totals[:, : len(s.weight)] > least) + 1), np.int64)
+    in_turn(totals, len(s.weight), least, pairs)
+    pairs, spread = np.ascontiguousarray(pairs[:, :-1]), np.stack([s.slope, s.bend, s.rough], axis=1)
+    tried = np.empty((6, pairs.shape[1]))
+    shaped(x, variance, pairs, (s.values, spread, s.odd), bent, hidden, tried)
+    found = np.full(places.size, -np.inf), np.zeros((places.size, water.size)), np.empty(places.size)
+    kinds, limits = (s.values, spread, np.log(s.weight)), (1 / QUARTERS, ROOM_OF_SHAPE, LEAST_SCORE)
+    choose(pairs, tried, lasts, y, kinds, (bent, left, hidden), limits, found)
+    return found
 
 
 def excess(raw: FloatArray, level: FloatArray, protection: Protection, places: Places) -> tuple[Float64, Float64]:
@@ -245,7 +265,7 @@ def clusters(score: FloatArray, threshold: float) -> BoolArray:
 
     mask = np.empty(score.shape, np.bool_)
     squares(score, LEAST_SCORE, threshold, mask)
-    return mask
+    return grown(mask, 1) & (score > LEAST_SCORE)
 
 
 def grown(mask: BoolArray, reach: int) -> BoolArray:

@@ -68,11 +68,11 @@ def block(image: FloatArray) -> Block:
     --------
     >>> whole = np.arange(24.0).reshape(2, 3, 4)
     >>> part = block(whole[:, 1:, 2:])
-    >>> part.band, part.row, part.numbers[part.band + part.row]
+    >>> part.band, part.row, float(part.numbers[part.band + part.row])
     (12, 4, 22.0)
     """
     size = image.itemsize
-    if image.size == 0 or image.strides[2] != size or min(image.strides) < 0:
+    if image.size == 0 or image.strides[2] != size or min(image.strides) < 0 or any(s % size for s in image.strides):
         image = image.copy()
     band, row = image.strides[0] // size, image.strides[1] // size
     count = sum((n - 1) * s // size for n, s in zip(image.shape, image.strides, strict=True)) + 1
@@ -80,7 +80,7 @@ def block(image: FloatArray) -> Block:
 
 
 def steps(protection: Protection) -> Steps:
-    """The tables; some 20 ms for eight bands."""
+    """The tables; some 30 ms for eight bands."""
     s, first, following = protection.shapes, protection.first, protection.following
     assert s is not None and first is not None and following is not None  # noqa: PT018
     count, kinds = len(protection.bands), len(s.weight)
@@ -146,19 +146,18 @@ def grouped(step: Steps8, start: Steps16, chance: Float64, count: int) -> list[l
     [[0, 1], [2]]
     """
     groups = [[k] for k in range(len(start))]
-    most, begin = step.T.astype(np.float32), start.astype(np.float32)
-    weight = chance.astype(np.float32)
+    most, begin, chance = step.T.astype(np.float32), start.astype(np.float32), chance.astype(np.float32)
     mean = np.full((len(groups), len(groups)), np.inf, np.float32)
     for i in range(len(groups) - 1):
-        mean[i, i + 1 :] = np.maximum(most[i], most[i + 1 :]) @ weight + np.maximum(begin[i], begin[i + 1 :])
-    while len(groups) - np.isnan(begin).sum() > count:
+        mean[i, i + 1 :] = np.maximum(most[i], most[i + 1 :]) @ chance + np.maximum(begin[i], begin[i + 1 :])
+    while sum(map(bool, groups)) > count:
         i, j = divmod(int(np.argmin(mean)), len(groups))
+        groups[i], groups[j] = sorted(groups[i] + groups[j]), []
         most[i], begin[i] = np.maximum(most[i], most[j]), max(begin[i], begin[j])
-        groups[i], begin[j], mean[j], mean[:, j] = groups[i] + groups[j], np.nan, np.inf, np.inf
-        beside = np.maximum(most[i], most) @ weight + np.maximum(begin[i], begin)
-        mean[i, i + 1 :] = np.where(np.isinf(mean[i, i + 1 :]), np.inf, beside[i + 1 :])
-        mean[:i, i] = np.where(np.isinf(mean[:i, i]), np.inf, beside[:i])
-    found = [sorted(g) for g, b in zip(groups, begin, strict=True) if not np.isnan(b)]
+        gone = np.array([not g for g in groups])
+        beside = np.where(gone, np.inf, np.maximum(most[i], most) @ chance + np.maximum(begin[i], begin))
+        mean[i, i + 1 :], mean[:i, i], mean[j], mean[:, j] = beside[i + 1 :], beside[:i], np.inf, np.inf
+    found = [g for g in groups if g]
     return found + found[:1] * (count - len(found))
 
 
