@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from deglint import compensate
 from deglint.compensate import THESIS, Chain, Sample, Setting, State, Step, apply_stages, finish, fit_stages, parse
 from deglint.compensate.chain import chain_from, stage_from
-from deglint.compensate.level import rank_opening
+from deglint.compensate.opening import rank_opening
 from deglint.compensate.psf import kernel_psf, system_psf
 from deglint.errors import FitError, InputError
 from deglint.scene import Band

@@ -9,17 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from deglint.compensate.level import (
-    SLACK,
-    agreeing,
-    blurred,
-    detail_of,
-    diamond_of,
-    level_halo,
-    opened_level,
-    rank_opening,
-)
-from deglint.compensate.level import _elements as elements
+from deglint.compensate.level import SLACK, agreeing, blurred, opened_level
+from deglint.compensate.opening import diamond_of, elements, opening_and_detail, opening_halo, rank_opening
 from deglint.compensate.psf import kernel_psf, system_psf
 from deglint.compensate.sharpen import richardson_lucy, sharpen_halo
 from deglint.errors import InputError
@@ -67,7 +58,7 @@ def opening(band, size, shape="square", corners=False):
     return np.where(np.isinf(found), np.nan, found)
 
 
-@pytest.mark.parametrize("name", ["level", "normalise", "identify", "replace", "median", "chain"])
+@pytest.mark.parametrize("name", ["level", "opening", "normalise", "identify", "replace", "median", "chain"])
 def test_examples(name):
     assert doctest.testmod(importlib.import_module(f"deglint.compensate.{name}")).failed == 0
 
@@ -84,14 +75,15 @@ def test_is_the_definition(shape, corners, size, holes):
     np.testing.assert_array_equal(band, before)
 
 
-@pytest.mark.parametrize("shape", ["octagon", "diamond"])
-@pytest.mark.parametrize("size", [3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 43])
+@pytest.mark.parametrize("shape", ["square", "octagon", "diamond"])
+@pytest.mark.parametrize("size", [1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 43, 255])
 def test_small_elements_make_the_large_one(size, shape):
-    point = np.zeros((size + 4, size + 4))
-    point[size // 2 + 2, size // 2 + 2] = 1
+    found = {(0, 0)}
     for element in elements(size, shape):
-        point = ndimage.maximum_filter(point, footprint=element.astype(bool))
-    np.testing.assert_array_equal(point[2:-2, 2:-2] > 0, footprint(size, shape))
+        assert len(element) in (3, 5)
+        found = {(row + down, column + right) for row, column in found for down, right in element}
+    wanted = {tuple(place) for place in (np.argwhere(footprint(size, shape)) - size // 2).tolist()}
+    assert found == wanted
 
 
 def test_the_diamond_is_as_large_as_the_square():
@@ -143,15 +135,16 @@ def test_squares_survive_to_the_size_of_the_element_and_smaller_things_go():
 
 def test_detail_is_the_rounder_opening_grown_by_a_pixel_under_a_small_one_and_the_diamond():
     band = sparkle(holes=0.02)
-    base = rank_opening(band, 13, corners=True)
     octagon = opening(band, 11, "octagon")
     cross = ndimage.generate_binary_structure(2, 1)
     around = ndimage.maximum_filter(np.nan_to_num(octagon, nan=-np.inf), footprint=cross)
     grown = np.minimum(around, opening(band, 3))
     diamond = opening(band, 19, "diamond", corners=True)
-    wanted = np.fmax(np.maximum(octagon, grown), diamond) - base.astype(np.float64)
+    found = np.empty_like(band)
+    base = opening_and_detail(band, 13, 11, found)
+    np.testing.assert_array_equal(base, opening(band, 13, corners=True))
+    wanted = np.fmax(np.fmax(octagon, grown), diamond) - base.astype(np.float64)
     both = np.isfinite(octagon) & np.isfinite(base)
-    found = detail_of(band, base, 11, 13)
     np.testing.assert_allclose(found[both], np.maximum(np.nan_to_num(wanted, nan=0.0), 0)[both], rtol=1e-6)
     assert (found >= 0).all()
 
@@ -219,7 +212,7 @@ def level_of(block, size, case):
 
 
 def halo_of(size, case):
-    out = level_halo(size, case.get("detail", 0))
+    out = opening_halo(size, case.get("detail", 0))
     if case.get("psfs"):
         out += GREEN.radius
     return out + (sharpen_halo(GREEN, 1) if case.get("sharp") else 0)

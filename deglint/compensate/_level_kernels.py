@@ -1,4 +1,4 @@
-"""Compiled: what is done pixel by pixel with the openings of the bands, in one pass over the memory each.
+"""Compiled: what is done pixel by pixel with the levels of the bands, in one pass over the memory each.
 
 Rows are worked on by functions of their own (`deglint.compensate._apart`); no sum is taken in another order than numpy
 takes it, so that the results are the same to the bit.
@@ -12,37 +12,6 @@ import numpy as np
 from ._apart import apart
 
 ZERO, INFINITY = np.float32(0.0), np.float32(np.inf)
-
-
-@nb.njit(cache=True, nogil=True)
-def exceeding(here, beside, up, down, guide, diamond, base, out):  # type: ignore[no-untyped-def]
-    """By how much a row exceeds base: `here`, or grown from its neighbours (`beside` is the row, one pixel wider on
-    either side) under the guide, or the diamond; 0 where that is no number."""
-    apart()
-    left, right = beside, beside[2:]
-    for j in range(out.size):
-        most = here[j] if here[j] > -INFINITY else -INFINITY
-        most = left[j] if left[j] > most else most
-        most = right[j] if right[j] > most else most
-        most = up[j] if up[j] > most else most
-        most = down[j] if down[j] > most else most
-        most = most if most < guide[j] else guide[j]
-        most = here[j] if here[j] > most else most
-        most = diamond[j] if (diamond[j] > most) | (most != most) else most
-        most = most - base[j]
-        out[j] = most if most > ZERO and most < INFINITY else ZERO
-
-
-@nb.njit(cache=True, nogil=True)
-def outlines(octagon, guide, diamond, base, out):  # type: ignore[no-untyped-def]
-    """max(0, max(octagon, min(octagon dilated by a cross, guide), diamond) - base)."""
-    rows, columns = octagon.shape
-    beside = np.empty(columns + 2, np.float32)
-    for i in range(rows):
-        beside[1 : columns + 1] = octagon[i]
-        beside[0], beside[columns + 1] = beside[1], beside[columns]
-        up, down = octagon[max(i - 1, 0)], octagon[min(i + 1, rows - 1)]
-        exceeding(octagon[i], beside, up, down, guide[i], diamond[i], base[i], out[i])
 
 
 @nb.njit(cache=True, nogil=True)

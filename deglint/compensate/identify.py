@@ -28,7 +28,8 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..remove.levels import mode
-from .level import level_halo, opened_level
+from .level import opened_level
+from .opening import opening_halo
 from .state import Float32Array, Mask, State
 
 THESIS_K = 5.0
@@ -111,7 +112,7 @@ class IdentifyLevel:
     @property
     def halo(self) -> int:
         """Reach of the openings; what the level is blurred with comes on top, and is counted with the sharpening."""
-        return level_halo(self.size, self.detail)
+        return opening_halo(self.size, self.detail)
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
@@ -278,7 +279,7 @@ def _levels(
     """Opened level of some bands; `order` and `spectrum` are of the scene's bands and of the chosen ones."""
     place = {band: i for i, band in enumerate(bands)}
     psfs = None if state.psfs is None else [state.psfs[b] for b in bands]
-    rows, columns = outer = state.inner(level_halo(size, detail) + max((p.radius for p in psfs or ()), default=0))
+    rows, columns = outer = state.inner(opening_halo(size, detail) + max((p.radius for p in psfs or ()), default=0))
     source = (
         state.image[b][slice(*rows), slice(*columns)] if state.sharp is None else state.sharp(b, outer) for b in bands
     )
