@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from deglint.compensate.level import SLACK, agreeing, blurred, opened_level
+from deglint.compensate.level import SLACK, add_agreeing, blurred, opened_level
 from deglint.compensate.opening import diamond_of, elements, opening_and_detail, opening_halo, rank_opening
 from deglint.compensate.psf import kernel_psf, system_psf
 from deglint.compensate.sharpen import richardson_lucy, sharpen_halo
@@ -141,7 +141,8 @@ def test_detail_is_the_rounder_opening_grown_by_a_pixel_under_a_small_one_and_th
     grown = np.minimum(around, opening(band, 3))
     diamond = opening(band, 19, "diamond", corners=True)
     found = np.empty_like(band)
-    base = opening_and_detail(band, 13, 11, found)
+    base = np.empty_like(band)
+    opening_and_detail(band, 13, 11, (base, found))
     np.testing.assert_array_equal(base, opening(band, 13, corners=True))
     wanted = np.fmax(np.fmax(octagon, grown), diamond) - base.astype(np.float64)
     both = np.isfinite(octagon) & np.isfinite(base)
@@ -161,8 +162,8 @@ def test_details_are_kept_where_two_neighbours_agree(count):
     rng = np.random.default_rng(count)
     details = rng.gamma(1.0, 3.0, (count, 20, 30)).astype(np.float32)
     spectrum = rng.uniform(0.5, 2.0, count)
-    found = details.copy()
-    agreeing(found, list(spectrum))
+    found = np.zeros_like(details)
+    add_agreeing(found, details, list(spectrum))
     if count < 3:
         assert not found.any()
         return
@@ -176,10 +177,11 @@ def test_a_flash_of_one_band_is_no_detail_and_a_thing_of_all_is():
     alone, everywhere = np.zeros((2, 5, 9, 9), np.float32)
     alone[2, 4, 4] = 5
     everywhere[:, 4, 4] = 5
-    for details in (alone, everywhere):
-        agreeing(details, [1.0] * 5)
-    assert not alone.any()
-    assert (everywhere[:, 4, 4] == 5).all()
+    level = np.full((2, 5, 9, 9), 7, np.float32)
+    for found, details in zip(level, (alone, everywhere), strict=True):
+        add_agreeing(found, details, [1.0] * 5)
+    np.testing.assert_array_equal(level[0], 7)
+    np.testing.assert_array_equal(level[1], 7 + everywhere)
 
 
 @pytest.mark.parametrize("psf", [GREEN, LOPSIDED], ids=["green", "lopsided"])
@@ -208,7 +210,8 @@ def level_of(block, size, case):
     psfs = [GREEN, LOPSIDED, GREEN, LOPSIDED] if case.pop("psfs", False) else None
     if case.pop("sharp", False):
         block = [richardson_lucy(b, p, iterations=1) for b, p in zip(block, psfs, strict=True)]
-    return opened_level(list(block), size, order=(2, 0, 1, 3), spectrum=(1.0, 0.7, 1.4, 1.1), psfs=psfs, **case)
+    shape = (len(block), *block[0].shape)
+    return opened_level(list(block), shape, size, order=(2, 0, 1, 3), spectrum=(1.0, 0.7, 1.4, 1.1), psfs=psfs, **case)
 
 
 def halo_of(size, case):
@@ -239,8 +242,8 @@ def test_tiles_are_the_whole_to_the_bit(name, data):
 
 def test_a_level_of_one_band_and_of_nothing():
     band = sparkle()
-    np.testing.assert_array_equal(opened_level([band], 13)[0], rank_opening(band, 13, corners=True))
-    one = opened_level([band], 13, detail=11, order=(0,), spectrum=(1.0,))  # one band has no neighbours to agree with
+    np.testing.assert_array_equal(opened_level([band], (1, *band.shape), 13)[0], rank_opening(band, 13, corners=True))
+    one = opened_level([band], (1, *band.shape), 13, detail=11, order=(0,), spectrum=(1.0,))  # no neighbours to agree
     np.testing.assert_array_equal(one[0], rank_opening(band, 13, corners=True))
-    assert np.isnan(opened_level([np.full((8, 8), np.nan, np.float32)] * 3, 5, detail=3, order=(0, 1, 2),
+    assert np.isnan(opened_level([np.full((8, 8), np.nan, np.float32)] * 3, (3, 8, 8), 5, detail=3, order=(0, 1, 2),
                                  spectrum=(1.0, 1.0, 1.0), psfs=[GREEN] * 3)).all()  # fmt: skip

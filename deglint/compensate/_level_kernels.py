@@ -23,8 +23,8 @@ def divided(row, by, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def capped(a, b, c, d, factor, out):  # type: ignore[no-untyped-def]
-    """Keep no more than the factor times the best pair: the two before, one on either side, the two after."""
+def capped(a, b, c, d, factor, detail, out):  # type: ignore[no-untyped-def]
+    """Add of a detail no more than the factor times the best pair: two before, one on either side, two after."""
     apart()
     for j in range(out.size):
         before = a[j] if a[j] < b[j] else b[j]
@@ -32,19 +32,20 @@ def capped(a, b, c, d, factor, out):  # type: ignore[no-untyped-def]
         after = c[j] if c[j] < d[j] else d[j]
         most = before if before > around else around
         most = (most if most > after else after) * factor
-        out[j] = most if most < out[j] else out[j]
+        out[j] = out[j] + (most if most < detail[j] else detail[j])
 
 
 @nb.njit(cache=True, nogil=True)
-def agree(details, order, spectrum, factor):  # type: ignore[no-untyped-def]
-    """`deglint.compensate.level.agreeing`; spectrum and factor, slack times that, are float32."""
+def agree(level, details, order, spectrum, factor):  # type: ignore[no-untyped-def]
+    """`deglint.compensate.level.add_agreeing`; spectrum and factor, slack times that, are float32."""
     count, (rows, columns) = len(order), details.shape[1:]
     scaled = np.zeros((count + 4, columns), np.float32)  # nothing agrees beyond the first and the last band
     for i in range(rows):
         for n in range(count):
             divided(details[order[n], i], spectrum[n], scaled[n + 2])
         for n in range(count):
-            capped(scaled[n], scaled[n + 1], scaled[n + 3], scaled[n + 4], factor[n], details[order[n], i])
+            a, b, c, d = scaled[n], scaled[n + 1], scaled[n + 3], scaled[n + 4]
+            capped(a, b, c, d, factor[n], details[order[n], i], level[order[n], i])
 
 
 @nb.njit(cache=True, nogil=True)

@@ -148,9 +148,12 @@ def leave(rows, at, missing, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def run(band, missing, steps, level, detail):  # type: ignore[no-untyped-def]
-    """All steps on all rows of a band; `steps` is `deglint.compensate.opening.Steps`, level and detail are written."""
-    count, (height, width) = steps.kind.size, band.shape
+def run(band, missing, steps, corner, level, detail):  # type: ignore[no-untyped-def]
+    """All steps on all rows of a band; `steps` is `deglint.compensate.opening.Steps`.
+
+    level and detail, which begin at this corner of the band, are written.
+    """
+    count, (height, width), (top, left) = steps.kind.size, band.shape, corner
     margin, wide = -(-(steps.widen.max() + 1) // LANES) * LANES, -(-width // LANES) * LANES
     line = wide + 2 * margin
     rows = np.empty((steps.keep.sum() + 3) * line + LANES, np.float32)
@@ -169,7 +172,7 @@ def run(band, missing, steps, level, detail):  # type: ignore[no-untyped-def]
                 place = slot[source] - back if slot[source] >= back else slot[source] - back + steps.keep[source]
                 at[k] = first[source] + place * line + steps.right[n, k]
             newest[n], slot[n] = i, slot[n] + 1 if slot[n] + 1 < steps.keep[n] else 0
-            to = first[n] + slot[n] * line
+            to, wanted = first[n] + slot[n] * line, top <= i < top + len(level)
             if kind == INPUT:
                 enter(band[i], missing, rows, to)
             elif kind == LEAST and steps.points[n] == 3:
@@ -177,12 +180,14 @@ def run(band, missing, steps, level, detail):  # type: ignore[no-untyped-def]
             elif kind == LEAST:
                 least5(rows, at[0], at[1], at[2], at[3], at[4], to, wide)
             elif kind == OUTLINES:
-                outlines(rows, (at[0], at[1], at[2]), at[3], at[4], at[5], detail[i])
+                if wanted:
+                    at += left
+                    outlines(rows, (at[0], at[1], at[2]), at[3], at[4], at[5], detail[i - top])
             else:
                 in_order(rows, at[0] - 1, at[1] - 1, at[2] - 1, spare - 1, line, wide + 2)
                 median9(rows, spare, line, to, wide)
                 if kind == CORNERS:
                     corners(rows, at[3], at[4], to, wide)
-            if n == steps.level:
-                leave(rows, to, missing, level[i])
+            if n == steps.level and wanted:
+                leave(rows, to + left, missing, level[i - top])
             widen(rows, to, width, steps.widen[n])

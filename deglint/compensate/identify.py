@@ -284,8 +284,9 @@ def _levels(
         state.image[b][slice(*rows), slice(*columns)] if state.sharp is None else state.sharp(b, outer) for b in bands
     )
     within = tuple((a - c, b - c) for (a, b), (c, _) in zip(state.inner(), outer, strict=True))
+    shape = (len(bands), rows[1] - rows[0], columns[1] - columns[0])
     return opened_level(
-        source, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs,
+        source, shape, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs,
         within=(within[0], within[1]), sound=state.sound,
     )  # fmt: skip
 

@@ -30,30 +30,36 @@ SLACK = 2.0
 """How much brighter, against the sun, a detail may be in one band than in its neighbours."""
 
 
-def agreeing(
-    details: Float32Array, spectrum: Sequence[float], slack: float = SLACK, *, order: Sequence[int] | None = None
+def add_agreeing(
+    level: Float32Array,
+    details: Float32Array,
+    spectrum: Sequence[float],
+    slack: float = SLACK,
+    *,
+    order: Sequence[int] | None = None,
 ) -> None:
-    """Keep of every band's detail what two neighbouring bands have as well, in place.
+    """Add to every band of a level of its detail what two neighbouring bands have as well.
 
     Parameters
     ----------
+    level : (band, row, column) float32 ndarray
+        Changed in place.
     details : (band, row, column) float32 ndarray
-        With fewer than three nothing is kept.
+        Of fewer than three bands nothing is added.
     spectrum : sequence of float
         Brightness of glint in each band, in which details are compared.
     slack : float
         A detail may be so many times brighter than the fainter of its neighbours.
     order : sequence of int, optional
-        Bands by wavelength; as they stand by default. Those that are not named are left as they are.
+        Bands by wavelength; as they stand by default. Those that are not named get nothing.
     """
     from ._level_kernels import agree
 
     bands = list(range(len(details)) if order is None else order)
     if len(bands) < 3:
-        details[bands] = 0.0
         return
     brightness = np.array([spectrum[b] for b in bands])
-    agree(details, np.array(bands), brightness.astype(np.float32), (slack * brightness).astype(np.float32))
+    agree(level, details, np.array(bands), brightness.astype(np.float32), (slack * brightness).astype(np.float32))
 
 
 def blurred(band: Float32Array, psf: PSF, within: Window | None = None, *, sound: bool = False) -> Float32Array:
@@ -77,6 +83,7 @@ def blurred(band: Float32Array, psf: PSF, within: Window | None = None, *, sound
 
 def opened_level(
     bands: Iterable[Float32Array],
+    shape: tuple[int, int, int],
     size: int,
     *,
     detail: int = 0,
@@ -92,6 +99,8 @@ def opened_level(
     ----------
     bands : iterable of (row, column) float32 ndarray
         The bands, sharpened or not, each asked for once.
+    shape : (int, int, int)
+        How many bands, rows and columns.
     size : int
         Element of the opening [pixel].
     detail : int
@@ -112,23 +121,34 @@ def opened_level(
     -------
     (band, row, column) float32 ndarray
     """
-    base: list[Float32Array] = []
-    details: Float32Array | None = None
-    for band in bands:
+    inner = within or ((0, shape[1]), (0, shape[2]))
+    reach = max((p.radius for p in psfs or ()), default=0)
+    outer = _grown(inner, reach, shape[1:])
+    level = np.empty((shape[0], *(last - first for first, last in outer)), np.float32)
+    details = np.empty_like(level) if detail else level[:0]
+    for i, band in enumerate(bands):
         if detail:
-            details = np.empty((len(spectrum), *band.shape), np.float32) if details is None else details
-            base.append(opening_and_detail(band, size, detail, details[len(base)], sound=sound))
+            opening_and_detail(band, size, detail, (level[i], details[i]), within=outer, sound=sound)
         else:
-            base.append(rank_opening(band, size, corners=True, sound=sound))
-    if details is not None:
-        agreeing(details, spectrum, order=order)
-    rows, columns = within or tuple((0, n) for n in base[0].shape)
-    out = np.empty((len(base), rows[1] - rows[0], columns[1] - columns[0]), np.float32)
-    for i in range(len(out)):
-        low, base[i] = base[i], base[i][:0]  # and its memory with it
-        if details is not None:
-            low += details[i]
-        out[i] = (
-            low[slice(*rows), slice(*columns)] if psfs is None else blurred(low, psfs[i], (rows, columns), sound=sound)
-        )
+            rank_opening(band, size, corners=True, within=outer, sound=sound, out=level[i])
+    if detail:
+        add_agreeing(level, details, spectrum, order=order)
+    del details
+    if psfs is None:
+        return level
+    (top, bottom), (left, right) = (_shifted(a, b) for a, b in zip(inner, outer, strict=True))
+    out = np.empty((shape[0], bottom - top, right - left), np.float32)
+    for i, psf in enumerate(psfs):
+        out[i] = blurred(level[i], psf, ((top, bottom), (left, right)), sound=sound)
     return out
+
+
+def _grown(window: Window, reach: int, shape: Sequence[int]) -> Window:
+    """A window with so many pixels around it, as far as the array goes."""
+    rows, columns = ((max(a - reach, 0), min(b + reach, n)) for (a, b), n in zip(window, shape, strict=True))
+    return rows, columns
+
+
+def _shifted(part: tuple[int, int], whole: tuple[int, int]) -> tuple[int, int]:
+    """A range counted from the beginning of another."""
+    return part[0] - whole[0], part[1] - whole[0]

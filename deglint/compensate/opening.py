@@ -20,11 +20,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
+from ..scene import Window
 from .sharpen import all_finite
 from .state import Float32Array
 
 Point = tuple[int, int]
 """Rows down and columns right."""
+Pair = tuple[Float32Array, Float32Array]
 Ints = npt.NDArray[np.int64]
 
 GUIDE = 3
@@ -162,8 +164,9 @@ def _steps(size: int, shape: str, corners: bool, detail: int = 0) -> Steps:
 
 
 def rank_opening(
-    band: Float32Array, size: int, *, shape: str = "square", corners: bool = False, sound: bool = False
-) -> Float32Array:
+    band: Float32Array, size: int, *, shape: str = "square", corners: bool = False, within: Window | None = None,
+    sound: bool = False, out: Float32Array | None = None,
+) -> Float32Array:  # fmt: skip
     """Take away what is brighter than its surroundings and smaller than an element.
 
     ``m = dilate_n(median_3(e)), e = erode_n(a)``, or with corners ``m = dilate_n(max(median_3(e), open_2(e)))``
@@ -179,8 +182,12 @@ def rank_opening(
     corners : bool
         The median takes no patch of 2 x 2 minima or more away: it would cut the corners off an object into which the
         element just fits, whose minima are a patch of a few pixels.
+    within : ((row0, row1), (col0, col1)), optional
+        Only these rows and columns are wanted.
     sound : bool
         Every number is known to be finite, and is not looked at for that.
+    out : (row, column) float32 ndarray, optional
+        Receives the result.
 
     Returns
     -------
@@ -202,12 +209,13 @@ def rank_opening(
     >>> float(rank_opening(sea, 3).max())
     1.0
     """
-    return _opened(band, _steps(_odd(size), shape, corners), np.empty((0, 0), np.float32), sound)
+    both = None if out is None else (out, np.empty((0, 0), np.float32))
+    return _opened(band, _steps(_odd(size), shape, corners), within, sound, both)
 
 
 def opening_and_detail(
-    band: Float32Array, size: int, detail: int, out: Float32Array, *, sound: bool = False
-) -> Float32Array:
+    band: Float32Array, size: int, detail: int, out: Pair, *, within: Window | None = None, sound: bool = False
+) -> None:
     """The opening by a square that keeps corners, and by how much other openings exceed it.
 
     Those are a rounder, smaller one, by an octagon, grown back by one pixel under the opening by a square of 3; and
@@ -218,20 +226,17 @@ def opening_and_detail(
     band : (row, column) float32 ndarray
     size, detail : int
         Of the square and of the octagon, odd [pixel].
-    out : (row, column) float32 ndarray
-        Receives the excess; 0 where there is no level.
-    sound : bool
+    out : two (row, column) float32 ndarrays
+        Receive the opening and the excess, of the rows and columns that are wanted; an excess of 0 where there is
+        no opening.
+    within, sound
         As for `rank_opening`.
-
-    Returns
-    -------
-    (row, column) float32 ndarray
 
     Notes
     -----
     Cost, one core: COST ns a pixel for 13 and 11.
     """
-    return _opened(band, _steps(_odd(size), "square", True, _odd(detail)), out, sound)
+    _opened(band, _steps(_odd(size), "square", True, _odd(detail)), within, sound, out)
 
 
 def _odd(size: int) -> int:
@@ -240,10 +245,13 @@ def _odd(size: int) -> int:
     return size
 
 
-def _opened(band: Float32Array, steps: Steps, detail: Float32Array, sound: bool) -> Float32Array:
+def _opened(
+    band: Float32Array, steps: Steps, within: Window | None, sound: bool, out: Pair | None = None
+) -> Float32Array:
     from ._opening_kernels import run
 
-    level = np.empty(band.shape, np.float32)
-    if band.size:
-        run(np.ascontiguousarray(band), not sound and not all_finite(band), steps, level, detail)
+    (top, bottom), (left, right) = within or ((0, band.shape[0]), (0, band.shape[1]))
+    level, detail = out or (np.empty((bottom - top, right - left), np.float32), np.empty((0, 0), np.float32))
+    if level.size:
+        run(np.ascontiguousarray(band), not sound and not all_finite(band), steps, (top, left), level, detail)
     return level
