@@ -12,6 +12,7 @@ openings themselves, and what they are after, are in `deglint.compensate.opening
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -133,11 +134,12 @@ def opened_level(
             rank_opening(band, size, corners=True, within=outer, sound=sound, out=level[i])
     if detail:
         add_agreeing(level, details, spectrum, order=order)
-    del details
     if psfs is None:
         return level
     (top, bottom), (left, right) = (_shifted(a, b) for a, b in zip(inner, outer, strict=True))
-    out = np.empty((shape[0], bottom - top, right - left), np.float32)
+    wanted = (shape[0], bottom - top, right - left)
+    spent = details.ravel()[: math.prod(wanted)]  # memory that is there already
+    out = spent.reshape(wanted) if detail else np.empty(wanted, np.float32)
     for i, psf in enumerate(psfs):
         out[i] = blurred(level[i], psf, ((top, bottom), (left, right)), sound=sound)
     return out

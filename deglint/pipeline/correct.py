@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..compensate import Chain, State, apply_stages, finish
 from ..compensate.evidence import REACH, grown
-from ..compensate.protect import put_back, things
+from ..compensate.protect import Things, put_back, things
 from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
 from ..compensate.uncertainty import Parts, Uncertainty, stderr
@@ -217,13 +217,13 @@ class Correction:
         physical: Any = source.to_physical(raw, valid)
         after = None
         if self.chain.runs:
-            around, place = physical, (slice(None), *core_of(tile.crop_of(outer), outer.shape))
-            physical, raw = around[place], raw[place].copy()  # compensation works on the block around, in place
-            valid = None if valid is None else valid[place]
-            known, saturated = self._known(physical, valid), _saturated(self.scene, physical, self.want_flags)
-            physical = physical.copy() if keep else None
-            if known is None or known.any():
-                after = self._compensated(around, tile, outer)
+            place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
+            known = self._known(physical[place], None if valid is None else valid[place])
+            saturated = _saturated(self.scene, physical[place], self.want_flags)
+            begun = self._begun(physical, tile, outer) if known is None or known.any() else None
+            raw, valid = raw[place].copy(), None if valid is None else valid[place]
+            physical = physical[place].copy() if keep else None  # the block around is let go, or worked on in place
+            after = None if begun is None else self._compensated(begun, tile, outer)
             inside = None if after is None else after.inside
         else:
             known, inside = self._known(physical, valid), self._inside(tile, physical)
@@ -297,20 +297,24 @@ class Correction:
         reach = LEVEL_REACH if self.want_stderr else 0
         return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo, reach)
 
-    def _compensated(self, around: Any, tile: Tile, outer: Tile) -> Compensated:
-        """The tile after the chain; `around`, the block with its halo, is worked on in place where that can be.
-
-        Each stage sees no more of the halo than the stages after it need.
-        """
-        height, width = self.scene.height, self.scene.width
-        middle = tile.grown(self._halo - self.chain.halo_before, height, width)
-        looked = tile.grown(self.chain.protection.halo, height, width)
-        raw = around[_place(looked, outer)].copy() if self.chain.protection.possible else None
+    def _begun(self, around: Any, tile: Tile, outer: Tile) -> _Begun:
+        """What compensation of a block begins with; where that can be, it works on the block itself."""
         state = State.own(around) if self.chain.in_place else State.of(around)
         state.sound = all_finite(state.image)
+        looked = tile.grown(self.chain.protection.halo, self.scene.height, self.scene.width)
+        raw = around[_place(looked, outer)].copy() if self.chain.protection.possible else None
+        return _Begun(state, raw, looked, None if state.image is around else around)
+
+    def _compensated(self, begun: _Begun, tile: Tile, outer: Tile) -> Compensated:
+        """The tile after the chain. Each stage sees no more of the halo than the stages after it need."""
+        state = begun.state
+        middle = tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
         apply_stages(state, self.chain.before, middle.crop_of(outer))
-        clean, replaced = finish(state, around[_place(middle, outer)]), state.replaced
+        clean, replaced = state.image, state.replaced
+        if begun.block is not None:
+            clean = finish(state, begun.block[_place(middle, outer)])
         level, units, within = state.water, state.units, _place(tile, middle)
+        found = None if level is None else self._things(begun, level[_place(begun.looked, middle)], tile)
         inner = (within[1], within[2])
         inside = self._water_of(clean, inner, tile)
         if self.model.fits:
@@ -325,12 +329,18 @@ class Correction:
         else:
             clean = clean[within]
         levels = self._levels(units, level, inner)
-        if raw is None or level is None:
+        if found is None or level is None:
             return Compensated(inside, clean, replaced, None, *levels)
-        found = things(raw, level[_place(looked, middle)], self.chain.protection)
-        found = found.cropped(core_of(tile.crop_of(looked), looked.shape))
         clean = put_back(clean, level[within], found)
         return Compensated(inside, clean, replaced & ~found.mask, found.mask, *levels)
+
+    def _things(self, begun: _Begun, level: Any, tile: Tile) -> Things | None:
+        """Small things in the tile that the level has lost; the block's own values are let go."""
+        raw, begun.raw = begun.raw, None
+        if raw is None:
+            return None
+        found = things(raw, level, self.chain.protection)
+        return found.cropped(core_of(tile.crop_of(begun.looked), begun.looked.shape))
 
     def _levels(self, units: Any, level: Any, inner: tuple[slice, slice]) -> tuple[Any, Any, tuple[slice, slice]]:
         """The level before and after removal, where a standard error is wanted, and where the tile lies in it."""
@@ -427,6 +437,17 @@ def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int
     if not chain.runs:
         return removed
     return sorted(only) if only else list(range(len(scene.bands)))
+
+
+@dataclass(eq=False)
+class _Begun:
+    """A block on its way: its state, its own values where things are looked for, where that is, and the block itself
+    where the state does not work on that."""
+
+    state: State
+    raw: Any
+    looked: Tile
+    block: Any
 
 
 @dataclass(frozen=True, eq=False)
