@@ -218,7 +218,8 @@ def test_without_glint_only_flagged_noise_changes_and_by_noise_alone(text):
     chain = fitted(text, block)
     out = compensate.apply(block, chain)
     assert (out != block).mean() < 0.2
-    assert np.abs(out - block).max() < 9
+    deviations = 4.5 if "replace-bands" not in text else 4.5 * 2**0.5  # another band has noise of its own
+    assert np.abs(out - block).max() < deviations * 2
 
 
 @pytest.mark.parametrize("text", CHAINS)

@@ -135,7 +135,7 @@ def test_squares_survive_to_the_size_of_the_element_and_smaller_things_go():
 
 def test_detail_is_the_rounder_opening_grown_by_a_pixel_under_a_small_one_and_the_diamond():
     band = sparkle(holes=0.02)
-    octagon = opening(band, 11, "octagon")
+    octagon = opening(band, 11, "octagon", corners=True)
     cross = ndimage.generate_binary_structure(2, 1)
     around = ndimage.maximum_filter(np.nan_to_num(octagon, nan=-np.inf), footprint=cross)
     grown = np.minimum(around, opening(band, 3))

@@ -3,9 +3,9 @@
 Sparkle is bright and small. The darkest pixel within an element, the median of those minima, and the brightest of
 these within the element again, is what remains when everything brighter than its surroundings and smaller than the
 element is taken away. Of one frame alone nothing tells a glint from a small bright object; where bands see the sea at
-different instants something does: an object is there in all of them. So a second, rounder opening, which follows the
-outline of an object more closely and lets more sparkle through, counts only where neighbouring bands agree; so does
-the opening by a diamond as large as the square, for objects that stand on their corners.
+different instants something does: an object is there in all of them. So the openings by an octagon of the same width,
+which follows round outlines and lets more sparkle through, and by a diamond as large as the square, for objects that
+stand on their corners, count only where neighbouring bands agree.
 
 Arrays only. Local: a tile with `opening_halo` pixels around it gives what the whole image gives, to the bit. The
 openings themselves, and what they are after, are in `deglint.compensate.opening`."""
@@ -105,7 +105,7 @@ def opened_level(
     size : int
         Element of the opening [pixel].
     detail : int
-        Element of the rounder opening that follows outlines where bands agree [pixel]; 0 for none. Only for bands
+        Octagon that follows outlines where bands agree [pixel]; 0 for none, nor for a diamond. Only for bands
         that see the sea at different instants: in bands of one instant sparkle agrees, too.
     order : sequence of int
         Bands by wavelength.

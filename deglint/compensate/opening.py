@@ -155,7 +155,7 @@ def _steps(size: int, shape: str, corners: bool, detail: int = 0) -> Steps:
     band = plan.add(INPUT)
     base = plan.opened(band, size, shape, corners)
     if detail:
-        octagon = plan.opened(band, detail, "octagon", corners=False)
+        octagon = plan.opened(band, detail, "octagon", corners=True)
         guide = plan.opened(band, GUIDE, "square", corners=False)
         diamond = plan.opened(band, diamond_of(size), "diamond", corners=True)
         around = [(octagon, (down, 0)) for down in (-1, 0, 1)]
@@ -218,8 +218,8 @@ def opening_and_detail(
 ) -> None:
     """The opening by a square that keeps corners, and by how much other openings exceed it.
 
-    Those are a rounder, smaller one, by an octagon, grown back by one pixel under the opening by a square of 3; and
-    that by a diamond as large as the square: outlines of objects, and clumps of sparkle.
+    Those are one by an octagon, grown back by one pixel under the opening by a square of 3, and one by a diamond as
+    large as the square: outlines of objects, and clumps of sparkle.
 
     Parameters
     ----------

@@ -309,7 +309,7 @@ def halo_of(steps: Sequence[Step], psfs: tuple[PSF, ...] | None) -> int:
         if step.name in ("psf", "psf-image") and psfs:
             total += Sharpen(psfs, size or 2, step.name == "psf-image").halo
         elif step.name == "identify-level":
-            total += opening_halo(size or 13, max((size or 13) - 2, 0))
+            total += opening_halo(size or 13, size or 13)
         elif step.name == "match" and psfs:
             total += max(p.radius for p in psfs)
         elif step.name == "median":
