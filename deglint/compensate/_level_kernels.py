@@ -66,6 +66,28 @@ def mark(band, offset, rise, full, level, hit):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
+def settled(row, offset, rise, full, may, level, replaced):  # type: ignore[no-untyped-def]
+    """Add the offset to a row of the level, and put that in place of what exceeds it by `rise`, or is full."""
+    apart()
+    for j in range(row.size):
+        level[j] = level[j] + offset
+        hit = ((row[j] > level[j] + rise) | (row[j] >= full)) & (level[j] - level[j] == ZERO) & may[j]
+        row[j] = level[j] if hit else row[j]
+        replaced[j] = replaced[j] | hit
+
+
+@nb.njit(cache=True, nogil=True)
+def settle(image, limits, may, level, replaced):  # type: ignore[no-untyped-def]
+    """The same for a block of bands; limits are offset, rise and full of each, may has rows or is empty."""
+    always = np.ones(image.shape[2], np.bool_)
+    for b in range(len(image)):
+        offset, rise, full = limits[b]
+        for i in range(image.shape[1]):
+            here = may[i] if may.size else always
+            settled(image[b, i], offset, rise, full, here, level[b, i], replaced[b, i])
+
+
+@nb.njit(cache=True, nogil=True)
 def put(values, hit, row, replaced):  # type: ignore[no-untyped-def]
     """Put values into a row where it is hit, and note it."""
     apart()

@@ -408,6 +408,8 @@ def apply_stages(state: State, stages: Sequence[Stage], cut: tuple[int, int, int
         spare = [max(n - reach - pending, 0) for n in cut]
         a, b, c, d = (now - before for now, before in zip(spare, done, strict=True))
         state.spare, done = (a, b, c, d), spare
+        if not isinstance(stage, ReplaceLevel):
+            state.mark()
         stage.apply(state)
         state.cut()
     return state

@@ -116,19 +116,16 @@ class IdentifyLevel:
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
-        from ._level_kernels import mark
-
         level = _levels(state, self.bands, self.size, self.detail, self.order, self.spectrum)
         state.cut()
-        state.level, state.hit = level, np.empty(state.image.shape, np.bool_)
-        if len(level) < len(state.image):
-            state.level, state.hit[:] = np.full(state.image.shape, np.nan, np.float32), False
-            state.level[list(self.bands)] = level
+        limits = np.zeros((len(state.image), 3), np.float32)
         for band, offset, sigma in zip(self.bands, self.offsets, self.sigmas, strict=True):
-            rise, full = np.float32(self.k * sigma), _as_divided(self.saturation[band], state.units[band])
-            mark(state.image[band], np.float32(offset), rise, full, state.level[band], state.hit[band])
-        if state.where is not None:
-            state.hit &= state.where
+            limits[band] = offset, self.k * sigma, _as_divided(self.saturation[band], state.units[band])
+        if len(level) < len(state.image):
+            every = np.full(state.image.shape, np.nan, np.float32)
+            every[list(self.bands)] = level
+            level = every
+        state.found(level, limits)
 
 
 def fit_identify_median(
