@@ -11,7 +11,7 @@ import numpy as np
 
 from ._apart import apart
 
-ZERO, INFINITY = np.float32(0.0), np.float32(np.inf)
+ZERO = np.float32(0.0)
 
 
 @nb.njit(cache=True, nogil=True)
