@@ -147,7 +147,7 @@ def variance(raw: Float64, protection: Protection) -> Float64:
 def tables(parts: Iterable[Float64]) -> tuple[Float64, Float64]:
     """Log densities of the chain from reflectances (band, pixel), part by part; rare steps lean on the next band's own
     histogram."""
-    from scipy.ndimage import gaussian_filter
+    from .smoothing import gaussian
 
     step = (HIGH - LOW) / BINS
     single: list[Any] = []
@@ -158,11 +158,11 @@ def tables(parts: Iterable[Float64]) -> tuple[Float64, Float64]:
         steps = [np.bincount(p * BINS + q, minlength=BINS * BINS) for p, q in pairwise(place)]
         single.append(counts)
         double.append(steps)
-    alone = [gaussian_filter(counts, BLUR, mode="nearest") + 0.3 for counts in np.array(single, np.float64).sum(axis=0)]
+    alone = [gaussian(counts, BLUR) + 0.3 for counts in np.array(single, np.float64).sum(axis=0)]
     alone = [a / a.sum() for a in alone]
     following = []
     for pairs, after in zip(np.array(double, np.float64).sum(axis=0), alone[1:], strict=True):
-        table = gaussian_filter(pairs.reshape(BINS, BINS), BLUR, mode="nearest") + 3 * after
+        table = gaussian(pairs.reshape(BINS, BINS), BLUR) + 3 * after
         following.append(np.log(table / table.sum(axis=1, keepdims=True) / step))
     return np.log(alone[0] / step), np.array(following)
 

@@ -28,6 +28,7 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..remove.levels import mode
+from ..scene import Window
 from .level import level_halo, opened_level
 from .state import Float32Array, Mask, State
 
@@ -204,15 +205,18 @@ def fit_identify_level(
     chosen = tuple(range(len(states[0].image)) if bands is None else sorted(set(bands)))
 
     def above(state: State, mask: Mask) -> list[Float32Array]:
-        level = _levels(state, chosen, size, 0, order, ())
-        return [np.subtract(state.image[band], level[i])[mask] for i, band in enumerate(chosen)]
+        rows, columns = wanted = _around(mask)
+        at = slice(*rows), slice(*columns)
+        level = _levels(state, chosen, size, 0, order, (), wanted)
+        return [np.subtract(state.image[band][at], level[i])[mask[at]] for i, band in enumerate(chosen)]
 
     away = zip(*each(above, states, inside), strict=True)
     whole = steps if states[0].psfs is None else None  # a blurred level is no whole number
-    found = [
-        _about(np.concatenate(a), floor[band] if floor else 0.0, whole[band] if whole else 0.0)
-        for a, band in zip(away, chosen, strict=True)
-    ]
+
+    def about(away: Sequence[Float32Array], band: int) -> tuple[float, ...]:
+        return _about(np.concatenate(away), floor[band] if floor else 0.0, whole[band] if whole else 0.0)
+
+    found = each(about, away, chosen)
     offsets, sigmas, cover, certain, spectrum = zip(*found, strict=True)
     use = detail if float(np.median(cover)) <= MOST_COVER_FOR_DETAIL else 0
     return IdentifyLevel(
@@ -273,20 +277,32 @@ def _about(
 
 
 def _levels(
-    state: State, bands: Sequence[int], size: int, detail: int, order: Sequence[int], spectrum: Sequence[float]
-) -> Float32Array:
+    state: State, bands: Sequence[int], size: int, detail: int, order: Sequence[int], spectrum: Sequence[float],
+    wanted: Window | None = None,
+) -> Float32Array:  # fmt: skip
     """Opened level of some bands; `order` and `spectrum` are of the scene's bands and of the chosen ones."""
     place = {band: i for i, band in enumerate(bands)}
     psfs = None if state.psfs is None else [state.psfs[b] for b in bands]
-    rows, columns = outer = state.inner(level_halo(size, detail) + max((p.radius for p in psfs or ()), default=0))
-    source = (
-        state.image[b][slice(*rows), slice(*columns)] if state.sharp is None else state.sharp(b, outer) for b in bands
+    wanted = wanted or state.inner()
+    reach = level_halo(size, detail) + max((p.radius for p in psfs or ()), default=0)
+    (top, bottom), (left, right) = (
+        (max(a - reach, 0), min(b + reach, n)) for (a, b), n in zip(wanted, state.image.shape[1:], strict=True)
     )
-    within = tuple((a - c, b - c) for (a, b), (c, _) in zip(state.inner(), outer, strict=True))
+    outer = (top, bottom), (left, right)
+    source = (
+        state.image[b][top:bottom, left:right] if state.sharp is None else state.sharp(b, outer) for b in bands
+    )
+    within = tuple((a - c, b - c) for (a, b), (c, _) in zip(wanted, outer, strict=True))
     return opened_level(
         source, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs,
         within=(within[0], within[1]), sound=state.sound,
-    )  # fmt: skip
+    )
+
+
+def _around(mask: Mask) -> Window:
+    """Rows and columns that hold all of a mask; of an empty one, a single pixel."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return ((int(rows[0]), int(rows[-1]) + 1), (int(columns[0]), int(columns[-1]) + 1)) if rows.size else ((0, 1), (0, 1))
 
 
 def _above(state: State, limits: Sequence[Any], saturation: Sequence[float]) -> Mask:

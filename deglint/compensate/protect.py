@@ -13,8 +13,10 @@ Never here: files, tiles, the level itself (an opening makes it).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +42,7 @@ __all__ = ["Protection", "Things", "daylight", "fit", "instants", "put_back", "t
 
 Look = tuple[FloatArray, FloatArray]
 Pair = tuple[FloatArray, FloatArray]
+Each = Callable[..., Iterable[Any]]
 
 LONGEST = 1100.0
 """Bands beyond this are left out [nm]: things are dark there in ways that the shapes do not know."""
@@ -109,7 +112,12 @@ def daylight(bands: Sequence[Band], sun_zenith: float) -> Float64:
 
 
 def fit(
-    looks: Sequence[Look], bands: Sequence[Band], *, noise: npt.ArrayLike, irradiance: npt.ArrayLike | None = None
+    looks: Sequence[Look],
+    bands: Sequence[Band],
+    *,
+    noise: npt.ArrayLike,
+    irradiance: npt.ArrayLike | None = None,
+    each: Callable[..., Iterable[Any]] = map,
 ) -> Protection:
     """Learn from parts of a scene what its sparkle does.
 
@@ -126,6 +134,8 @@ def fit(
         What a white thing gives, (E_direct + E_diffuse) / pi [unit]: see `daylight`; ones for a scene in reflectance.
         By default the mean glint, whose spectrum is nearly that of the sun, scaled so that the brightest pixels
         are white.
+    each : callable
+        What works on the looks: `map`, or the map of a pool of threads.
 
     Returns
     -------
@@ -166,10 +176,10 @@ def fit(
         shapes=shapes(wavelength, [bands[i].width or WIDTH for i in order]),
         threshold=USUAL_SUM,
     )
-    return _learn(pairs, valid, found)
+    return _learn(pairs, valid, found, each)
 
 
-def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection) -> Protection:
+def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection, each: Each) -> Protection:
     """Tables of the chain, without things in the second round, and the threshold."""
     white = np.array(found.irradiance)[:, None, None]
     kept, order = list(valid), tuple(range(len(found.bands)))
@@ -177,8 +187,7 @@ def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection)
         first, following = tables(((r - m) / white)[:, k] for (r, m), k in zip(pairs, kept, strict=True))
         found = replace(found, first=first, following=following)
         judged = replace(found, bands=order)
-        scores = [score(r, m, judged)[0] for r, m in pairs]
-        masks = [clusters(s, USUAL_SUM) for s in scores]
+        scores, masks = zip(*each(partial(_scored, judged), pairs), strict=True)
         if again:
             kept = [v & ~grown(m, REACH) for v, m in zip(valid, masks, strict=True)]
     share = sum(int(m.sum()) for m in masks) / sum(int(v.sum()) for v in valid)
@@ -188,6 +197,12 @@ def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection)
             " check their time offsets"
         )
     return replace(found, threshold=_threshold(scores, masks), around=_around(pairs, kept, white))
+
+
+def _scored(judged: Protection, pair: Pair) -> tuple[Float64, BoolArray]:
+    """S of a look, and what of it passes for things."""
+    found = score(*pair, judged)[0]
+    return found, clusters(found, USUAL_SUM)
 
 
 def _around(pairs: Sequence[Pair], kept: Sequence[BoolArray], white: Float64) -> float:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from .. import tiles as tiling
 from ..compensate import Chain, State, apply_stages, finish
 from ..errors import FitError, NoWaterError
-from ..masks import WaterRule
+from ..masks import WaterRule, sample_halo
 from ..needs import HEAVY_COVER, Needs
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
@@ -159,7 +159,8 @@ def _fit_look(
             raise NoWaterError(look.water.reason)
         notes.append(look.water.reason)
     given = sampler_of(scene, recipe, look, threads) if recipe.sample != "auto" else None
-    todo = plan(scene, recipe, request, look, given, threads)
+    reach = 0 if given else _reach(recipe, request, look)
+    todo = plan(scene, recipe, request, look, given, reach, threads)
     chain, blocks = fit_before(scene, recipe, look, todo, threads) if todo.runs else (Chain(), None)
     sampled = METHODS[_method(recipe)].plan is not None
     auto = blocks is not None and sampled and given is None
@@ -194,6 +195,15 @@ def _fit_look(
     numbers |= {"needs": todo.needs.numbers(), "compensation": chain.numbers()}
     water = look.water if recipe.mask == "auto" else None
     return Fitted(model, chosen, tuple(notes), numbers, outline, water, role_bands(look.roles), chain, todo.needs)
+
+
+def _reach(recipe: Recipe, request: FitRequest, look: Look) -> int:
+    """Pixels around a tile of a sample that is found by itself that the removal will look at, at most."""
+    name = _compensated_method(request) if recipe.method == "auto" else recipe.method
+    gathered = METHODS[name].plan
+    if gathered is None or look.water is None:
+        return 0
+    return max(gathered(request).halo, 0) + sample_halo(look.water)
 
 
 def _compensated_method(request: FitRequest) -> str:
