@@ -289,20 +289,20 @@ def _levels(
         (max(a - reach, 0), min(b + reach, n)) for (a, b), n in zip(wanted, state.image.shape[1:], strict=True)
     )
     outer = (top, bottom), (left, right)
-    source = (
-        state.image[b][top:bottom, left:right] if state.sharp is None else state.sharp(b, outer) for b in bands
-    )
+    source = (state.image[b][top:bottom, left:right] if state.sharp is None else state.sharp(b, outer) for b in bands)
     within = tuple((a - c, b - c) for (a, b), (c, _) in zip(wanted, outer, strict=True))
     return opened_level(
         source, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs,
         within=(within[0], within[1]), sound=state.sound,
-    )
+    )  # fmt: skip
 
 
 def _around(mask: Mask) -> Window:
     """Rows and columns that hold all of a mask; of an empty one, a single pixel."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return ((int(rows[0]), int(rows[-1]) + 1), (int(columns[0]), int(columns[-1]) + 1)) if rows.size else ((0, 1), (0, 1))
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
+        return (0, 1), (0, 1)
+    return (int(rows[0]), int(rows[-1]) + 1), (int(columns[0]), int(columns[-1]) + 1)
 
 
 def _above(state: State, limits: Sequence[Any], saturation: Sequence[float]) -> Mask:

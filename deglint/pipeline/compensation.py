@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -148,6 +149,15 @@ def plan(
         stages = tuple(StageNeed(s.name, True, "asked for") for s in wanted if s.name != "remove")
         return replace(found, needs=replace(needs, stages=stages), setting=setting)
     return _automatic(scene, replace(found, needs=needs, setting=setting), sample, threads)
+
+
+def may_open(scene: Scene, recipe: Recipe) -> bool:
+    """Whether stages are likely to run, as far as the recipe and the size of the pixels tell."""
+    if recipe.compensate != "auto":
+        return recipe.compensate != "off"
+    with suppress(InputError):
+        return element_for(smallest_object(recipe.smallest_object, pixel_size(scene))) > 0
+    return False
 
 
 def _alike(scene: Scene, sample: Sample, nir: int) -> float | None:

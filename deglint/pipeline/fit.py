@@ -23,12 +23,13 @@ from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
 from .blocks import Blocks, cleaned, tiles_of
-from .compensation import Plan, fit_after, fit_before, fit_references, plan
+from .compensation import Plan, fit_after, fit_before, fit_references, may_open, plan
 from .following import find_moves, moved, moved_halo, with_moves
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
 from .sample import Sampler, sampler_of
 from .tolerance import Sampling, short_of
+from .warming import warming
 
 Progress = Callable[[str, int, int], None]
 MAX_COVER = 0.6
@@ -122,7 +123,7 @@ def fit_scene(
     """
     recipe = recipe or Recipe()
     threads = threads or default_threads()
-    with environment():
+    with environment(), warming(may_open(scene, recipe)):
         request, notes = make_request(scene, recipe)
         request = replace(request, regression=_regression(recipe))
         sampled = METHODS[_method(recipe)].plan is not None

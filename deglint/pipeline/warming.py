@@ -1,0 +1,87 @@
+"""Load what is compiled while something else is waited for: numba and its tables, and every kernel of compensation.
+
+That takes as long as all of a fit's arithmetic, most of it in Python; reading a scene and working on whole arrays is
+done meanwhile, on other threads.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import numpy as np
+
+from ..compensate import Chain, State, apply_stages
+from ..compensate.chain import Sharpen
+from ..compensate.evidence import BINS, Protection, clusters
+from ..compensate.identify import IdentifyLevel
+from ..compensate.protect import put_back, things
+from ..compensate.psf import kernel_psf
+from ..compensate.replace import ReplaceLevel
+from ..compensate.shapes import shapes
+from ..remove import BandFit, GlintIndex, GlintModel
+from ..remove.model import apply_compiled
+
+BANDS, SIDE = 3, 32
+"""Of the block that the kernels are tried on; bands agree only where there are three."""
+
+
+@contextmanager
+def warming(wanted: bool) -> Iterator[None]:
+    """Load it on a thread of its own, until it is done or no longer waited for."""
+    thread = threading.Thread(target=_tried, name="deglint-warming") if wanted else None
+    if thread is None:
+        yield
+        return
+    thread.start()
+    try:
+        yield
+    finally:
+        thread.join()
+
+
+def _tried() -> None:
+    """What goes wrong here goes wrong again, and is told, where a kernel is needed."""
+    with suppress(Exception):
+        warm_up()
+
+
+def warm_up() -> None:
+    """Load numba, and run what is compiled on a few pixels."""
+    without_scipy()
+    sea = np.ones((BANDS, SIDE, SIDE), np.float32)
+    sea[:, 9:12, 9:12] = 2.0
+    psf = kernel_psf([[0, 1, 0], [1, 4, 1], [0, 1, 0]])
+    ones, every = (1.0,) * BANDS, tuple(range(BANDS))
+    level = IdentifyLevel(5, 3, every, every, ones, ones, ones, ones, ones, (np.inf,) * BANDS)
+    stages = Sharpen((psf,) * BANDS, 1), level, ReplaceLevel()
+    state = apply_stages(State.of(sea), Chain(stages).before)
+    wavelength = tuple(np.linspace(450.0, 650.0, BANDS))
+    flat = np.zeros((BANDS - 1, BINS, BINS))
+    told = Protection(
+        every, ones, ((1e-6, 0.0),) * BANDS, ones, wavelength, 25.0, 1.0,
+        shapes=shapes(wavelength, [40.0] * BANDS), first=flat[0, 0], following=flat,
+    )  # fmt: skip
+    clusters(np.zeros(sea.shape[1:]), 1.0)
+    put_back(state.image, np.ones_like(sea), things(sea, np.ones_like(sea), told))
+    fits = (BandFit(0, "", 0, 1.0, None, 1.0, 1),)
+    apply_compiled(state.image, GlintModel("multiband", (GlintIndex((1, 2), (0.5, 0.5), 1.0),), fits, ("",) * BANDS))
+
+
+def without_scipy() -> None:
+    """Import numba without SciPy's linear algebra, which takes longer than the rest of it together.
+
+    numba only looks whether it is there, which it is, and imports it again where a kernel multiplies matrices.
+    """
+    import numba.np.linalg as linalg
+
+    with suppress(AttributeError, ImportError):
+        look = linalg.ensure_blas
+        linalg.ensure_blas = lambda: None
+        try:
+            import numba.np.arraymath as arraymath
+
+            arraymath.ensure_blas = look
+        finally:
+            linalg.ensure_blas = look
