@@ -244,14 +244,22 @@ def lower_spread(values: npt.NDArray[np.floating[Any]], middle: float, step: flo
     >>> round(lower_spread(counts, 50.2), 2), round(lower_spread(counts, 50.2, 1.0), 2)
     (0.3, 1.25)
     """
+    return spread_of_sorted(np.sort(values), middle, step)
+
+
+def spread_of_sorted(ordered: npt.NDArray[np.floating[Any]], middle: float, step: float = 0.0) -> float:
+    """`lower_spread` of values in ascending order."""
     if step > 0:
-        distinct, counts = np.unique(values.astype(np.float64), return_counts=True)
-        total = np.concatenate([[0], np.cumsum(counts)]).astype(np.float64)
+        first = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
+        distinct = ordered[first].astype(np.float64)
+        total = np.append(first, ordered.size).astype(np.float64)
         edges = np.concatenate([distinct - step / 2, [distinct[-1] + step / 2]])
         half = np.interp(middle, edges, total) / 2
         return 1.4826 * (middle - float(np.interp(half, total, edges)))
-    below = middle - values[values <= middle]
-    return 1.4826 * float(np.median(below)) if below.size else 0.0
+    count = int(np.searchsorted(ordered, ordered.dtype.type(middle), side="right"))
+    if not count:
+        return 0.0
+    return 1.4826 * float(np.median(middle - ordered[[(count - 1) // 2, count // 2]]))
 
 
 def _about(
@@ -270,8 +278,9 @@ def _about(
     apart = away[away != 0]  # a pixel that the opening found again is no measure of the noise
     if apart.size < FEWEST:
         return 0.0, max(floor, _TINY), 0.0, 0.0, _TINY
-    offset = mode(apart)
-    sigma = max(lower_spread(apart, offset, step), floor)
+    apart.sort()
+    offset = mode(apart, ordered=True)
+    sigma = max(spread_of_sorted(apart, offset, step), floor)
     cover, certain = (float(np.mean(away > offset + k * sigma)) for k in (COVER_K, CERTAIN_K))
     return offset, sigma, cover, certain, max(float(away.mean(dtype=np.float64)), _TINY)
 

@@ -29,7 +29,9 @@ from .evidence import (
     BoolArray,
     Float64,
     Protection,
+    binned,
     clusters,
+    counted,
     grown,
     plain,
     score,
@@ -183,8 +185,9 @@ def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection,
     """Tables of the chain, without things in the second round, and the threshold."""
     white = np.array(found.irradiance)[:, None, None]
     kept, order = list(valid), tuple(range(len(found.bands)))
+    places = list(each(lambda pair, v: binned(((pair[0] - pair[1]) / white)[:, v]), pairs, valid))
     for again in (True, False):
-        first, following = tables(((r - m) / white)[:, k] for (r, m), k in zip(pairs, kept, strict=True))
+        first, following = tables(each(lambda p, v, k: counted(p[:, k[v]]), places, valid, kept))
         found = replace(found, first=first, following=following)
         judged = replace(found, bands=order)
         scores, masks = zip(*each(partial(_scored, judged), pairs), strict=True)
