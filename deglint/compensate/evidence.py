@@ -163,7 +163,7 @@ def tables(parts: Iterable[tuple[Places, Places]]) -> tuple[Float64, Float64]:
     from .smoothing import gaussian
 
     step = (HIGH - LOW) / BINS
-    single, double = (np.sum(counts, axis=0, dtype=np.float64) for counts in zip(*parts, strict=True))
+    single, double = (np.array(counts, np.float64).sum(axis=0) for counts in zip(*parts, strict=True))
     alone = [gaussian(counts, BLUR) + 0.3 for counts in single]
     alone = [a / a.sum() for a in alone]
     following = []

@@ -162,23 +162,29 @@ def fit(
         return Protection(reason=reason)
     _check(looks, len(bands), noise, irradiance)
     chosen = list(order)
-    pairs: list[Pair] = [(plain(r[chosen]), plain(m[chosen])) for r, m in looks]
+    every = chosen == list(range(len(bands)))
+    pairs: list[Pair] = [(plain(r), plain(m)) if every else (plain(r[chosen]), plain(m[chosen])) for r, m in looks]
     valid = [np.asarray(np.isfinite(r + m).all(axis=0)) for r, m in pairs]
     if not any(v.any() for v in valid):
         raise FitError("the looks hold no valid pixel to learn sparkle from. Check --nodata, or widen --mask.")
     white = _glint_spectrum(pairs, valid) if irradiance is None else np.asarray(irradiance, np.float64)[chosen]
-    levels = np.concatenate([m[:, v] for (_, m), v in zip(pairs, valid, strict=True)], axis=1)
+    water = list(each(lambda b: _middle([m[b][v] for (_, m), v in zip(pairs, valid, strict=True)]), range(len(order))))
     wavelength = [float(bands[i].wavelength or 0.0) for i in order]
     found = Protection(
         bands=order,
         irradiance=tuple(white.tolist()),
         noise=tuple((float(a), float(b)) for a, b in noise[chosen]),
-        water=tuple((np.median(levels, axis=1) / white).tolist()),
+        water=tuple((np.array(water) / white).tolist()),
         wavelength=tuple(wavelength),
         shapes=shapes(wavelength, [bands[i].width or WIDTH for i in order]),
         threshold=USUAL_SUM,
     )
     return _learn(pairs, valid, found, each)
+
+
+def _middle(parts: Sequence[FloatArray]) -> Any:
+    """Median of some arrays, of their type."""
+    return np.median(np.concatenate(parts))
 
 
 def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection, each: Each) -> Protection:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from .recipe import Recipe
 from .sample import Sampler, tiles_over
 
 Mask = npt.NDArray[np.bool_]
+Result = TypeVar("Result")
 
 
 @dataclass(eq=False)
@@ -119,6 +120,15 @@ def cleaned(scene: Scene, tiles: Sequence[Tile], chain: Chain, blocks: Blocks, t
     largest = max(tiles, key=lambda t: t.shape[0] * t.shape[1])
     at_once = tiling.affordable(threads, largest.shape, 8 * len(scene.bands))
     return [block for _t, block in tiling.run(tiles, work, threads=at_once, start=enter_thread)]
+
+
+def aside(work: Callable[[], Result]) -> Future[Result]:
+    """Do some work on a thread of its own."""
+    pool = ThreadPoolExecutor(1, thread_name_prefix="deglint-aside")
+    try:
+        return pool.submit(work)
+    finally:
+        pool.shutdown(wait=False)
 
 
 @contextmanager

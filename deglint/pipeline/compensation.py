@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,7 @@ from ..compensate import THESIS, Chain, Sample, Setting, State, Step, finish, fi
 from ..compensate.chain import NO_STAGES
 from ..compensate.estimate import Spectra, estimate_optics, glint_spectra
 from ..compensate.evidence import Protection
-from ..compensate.fitting import Each, reach_of
+from ..compensate.fitting import reach_of
 from ..compensate.identify import IdentifyLevel
 from ..compensate.level import SMALLEST
 from ..compensate.protect import LEAST_DELAY
@@ -39,12 +41,14 @@ from ..readers.optics import optics_of, pixel_size
 from ..remove import FitRequest, GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
-from .blocks import Blocks, inside, read_blocks, some, tiles_of, workers
+from .blocks import Blocks, aside, inside, read_blocks, some, tiles_of, workers
 from .look import Look, core_of, raster_of
 from .recipe import Recipe
 from .sample import Sampler
 
 Mask = npt.NDArray[np.bool_]
+Seen = tuple[list[Any], list[State], list[Mask], list[tuple[slice, slice]]]
+"""Tiles as they were read, their blocks as the stages left them, the tiles' masks, and where they lie in the blocks."""
 LEAST_SPREAD = 0.75
 """Of the step of a band's numbers: whole numbers cannot show a smaller standard deviation."""
 
@@ -225,8 +229,10 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, threads: int) -> Plan:
     return replace(found, needs=replace(needs, stages=tuple(stages)), steps=parse(", ".join(text)))
 
 
-def fit_before(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: int) -> tuple[Chain, Blocks]:
-    """Fit the stages before the removal; and the sample as they leave it."""
+def fit_before(
+    scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: int
+) -> tuple[Chain, Blocks, Future[Protection]]:
+    """Fit the stages before the removal; the sample as they leave it; and the protection, which is worked out aside."""
     assert found.setting is not None
     assert found.blocks is not None
     blocks = found.blocks
@@ -239,21 +245,27 @@ def fit_before(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: i
     whole = None if in_place else [inside(s.image, cut).copy() for s, cut in zip(sample.states, cuts, strict=True)]
     with workers(threads) as each:
         stages = fit_stages(found.before, sample, found.setting, each=each, cuts=cuts)
-        protection = _protection(raw, left, stages, found, each)
+    seen = (
+        raw,
+        list(sample.states),
+        [m[core] for m, core in zip(sample.inside, left.cores(), strict=True)],
+        left.cores(),
+    )
+    protection = aside(partial(_protection, seen, stages, found, threads))
     text = ", ".join(s.name + (f":{s.number:g}" if s.number else "") for s in found.steps)
     images = [s.image if whole is None else finish(s, whole[i]) for i, s in enumerate(sample.states)]
     sample.states[:] = [State(image) for image in images]
-    return Chain(stages, (), text, protection=protection), left
+    return Chain(stages, (), text), left, protection
 
 
-def _protection(raw: list[Any], blocks: Blocks, stages: Sequence[Any], found: Plan, each: Each) -> Protection:
+def _protection(seen: Seen, stages: Sequence[Any], found: Plan, threads: int) -> Protection:
     """How small things are told from sparkle, where an opening would erase them and the bands' instants can tell."""
-    sample = blocks.sample
+    raw, states, masks, cores = seen
     levels = [s for s in stages if isinstance(s, IdentifyLevel)]
     assert found.setting is not None
-    if not levels or any(s.water is None for s in sample.states) or len(levels[-1].bands) < len(found.setting.bands):
+    if not levels or any(s.water is None for s in states) or len(levels[-1].bands) < len(found.setting.bands):
         return Protection(reason=NO_STAGES)
-    if any((s.units != 1).any() for s in sample.states):
+    if any((s.units != 1).any() for s in states):
         return Protection(reason="the bands were normalised")
     if not found.setting.detail:
         return Protection(reason="the bands see the sea at one instant, as sparkle does")
@@ -264,15 +276,16 @@ def _protection(raw: list[Any], blocks: Blocks, stages: Sequence[Any], found: Pl
         cover = float(np.median(levels[-1].cover))
         return Protection(reason=f"glint covers {cover:.0%} of the middlemost band, and clumps of it look like things")
     looks, noise = [], []
-    for block, state, mask, core in zip(raw, sample.states, sample.inside, blocks.cores(), strict=True):
+    for block, state, mask, core in zip(raw, states, masks, cores, strict=True):
         assert state.water is not None
-        inner = mask[core]
-        looks.append((np.where(inner, block, np.nan), np.where(inner, state.water[(slice(None), *core)], np.nan)))
+        water = state.water[(slice(None), *core)]
+        looks.append((block, water) if mask.all() else (np.where(mask, block, np.nan), np.where(mask, water, np.nan)))
     for b, sigma in enumerate(levels[-1].sigmas):
-        level = max(float(np.nanmedian(np.concatenate([m[b][np.isfinite(m[b])] for _, m in looks]))), 1e-30)
+        level = max(float(np.median(np.concatenate([m[b][np.isfinite(m[b])] for _, m in looks]))), 1e-30)
         noise.append((DARK_NOISE * sigma**2, (1 - DARK_NOISE) * sigma**2 / level))
     try:
-        return protect.fit(looks, found.setting.bands, noise=noise, each=each)
+        with ThreadPoolExecutor(threads, thread_name_prefix="deglint") as pool:
+            return protect.fit(looks, found.setting.bands, noise=noise, each=pool.map)
     except FitError as error:
         return Protection(reason=str(error))
 

@@ -162,7 +162,9 @@ def _fit_look(
     given = sampler_of(scene, recipe, look, threads) if recipe.sample != "auto" else None
     reach = 0 if given else _reach(recipe, request, look)
     todo = plan(scene, recipe, request, look, given, reach, threads)
-    chain, blocks = fit_before(scene, recipe, look, todo, threads) if todo.runs else (Chain(), None)
+    chain, blocks, protection = Chain(), None, None
+    if todo.runs:
+        chain, blocks, protection = fit_before(scene, recipe, look, todo, threads)
     sampled = METHODS[_method(recipe)].plan is not None
     auto = blocks is not None and sampled and given is None
     clean = cleaned(scene, look.tiles, chain, blocks, threads) if auto and blocks else None
@@ -184,8 +186,8 @@ def _fit_look(
         floor = said.pop("floor_percentile")
         chosen = replace(recipe, method=model.method, regression=model.regression or "auto", floor_percentile=floor)
         numbers["sample"] = said
-    if blocks is not None:
-        chain = fit_after(recipe, todo, chain, blocks, model, threads)
+    if blocks is not None and protection is not None:
+        chain = replace(fit_after(recipe, todo, chain, blocks, model, threads), protection=protection.result())
         model = replace(model, warnings=(*model.warnings, *_heavy(todo)))
         if todo.after and not chain.after:
             needs = todo.needs.without("second opening", "removal changed no band")

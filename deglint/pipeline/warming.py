@@ -19,12 +19,14 @@ from ..compensate.identify import IdentifyLevel
 from ..compensate.protect import put_back, things
 from ..compensate.psf import kernel_psf
 from ..compensate.replace import ReplaceLevel
-from ..compensate.shapes import shapes
+from ..compensate.shapes import Shapes
 from ..remove import BandFit, GlintIndex, GlintModel
 from ..remove.model import apply_compiled
 
 BANDS, SIDE = 3, 32
 """Of the block that the kernels are tried on; bands agree only where there are three."""
+UNLIKELY = -20.0
+"""Log density of its sparkle, so that there is a thing in it."""
 
 
 @contextmanager
@@ -57,11 +59,11 @@ def warm_up() -> None:
     level = IdentifyLevel(5, 3, every, every, ones, ones, ones, ones, ones, (np.inf,) * BANDS)
     stages = Sharpen((psf,) * BANDS, 1), level, ReplaceLevel()
     state = apply_stages(State.of(sea), Chain(stages).before)
-    wavelength = tuple(np.linspace(450.0, 650.0, BANDS))
-    flat = np.zeros((BANDS - 1, BINS, BINS))
+    flat, one = np.full((BANDS - 1, BINS, BINS), UNLIKELY), np.ones(1)
+    grey = Shapes(np.ones((1, BANDS)), one, one, one, np.array([-1]), one)
     told = Protection(
-        every, ones, ((1e-6, 0.0),) * BANDS, ones, wavelength, 25.0, 1.0,
-        shapes=shapes(wavelength, [40.0] * BANDS), first=flat[0, 0], following=flat,
+        every, ones, ((1e-6, 0.0),) * BANDS, ones, (450.0, 550.0, 650.0), 25.0, 1.0,
+        shapes=grey, first=flat[0, 0], following=flat,
     )  # fmt: skip
     clusters(np.zeros(sea.shape[1:]), 1.0)
     put_back(state.image, np.ones_like(sea), things(sea, np.ones_like(sea), told))
