@@ -282,11 +282,11 @@ def spares(stages: Sequence[tuple[str, int]], cut: Crop) -> Iterator[Crop]:
     """What may be cut off after each of some stages, of which the names and halos are given."""
     reach = sum(halo for _name, halo in stages)
     pending, done = 0, [0, 0, 0, 0]
-    for name, halo in stages:
+    for place, (name, halo) in enumerate(stages):
         reach -= halo
-        if name == "psf":  # it looks around when the level is built
+        if name == "psf":  # it looks around when a level is built, and may do so until glint is replaced
             pending += halo
-        elif name == IdentifyLevel.name:
+        elif name == IdentifyLevel.name and (stages[place + 1 :] or [("", 0)])[0][0] != name:
             pending = 0
         spare = [max(n - reach - pending, 0) for n in cut]
         a, b, c, d = (now - before for now, before in zip(spare, done, strict=True))

@@ -123,20 +123,21 @@ def fit_scene(
     """
     recipe = recipe or Recipe()
     threads = threads or default_threads()
-    with environment(), warming(may_open(scene, recipe)):
+    with environment():
         request, notes = make_request(scene, recipe)
         request = replace(request, regression=_regression(recipe))
         sampled = METHODS[_method(recipe)].plan is not None
         wanted = recipe.mask == "auto" or (sampled and recipe.sample == "auto")
-        for look in looks(scene, request.indexes[0].bands[0], threads, wanted=wanted):
-            try:
-                fitted = _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress, run)
-                if look.whole or recipe.sample != "auto" or not short_of(fitted.numbers):
-                    return fitted
-            except (NoWaterError, FitError):
-                # a look at a part may have missed the water, or the deep of it: look at more
-                if look.whole or (recipe.sample != "auto" and (look.water is None or look.water.has_water)):
-                    raise
+        with warming(may_open(scene, recipe)):
+            for look in looks(scene, request.indexes[0].bands[0], threads, wanted=wanted):
+                try:
+                    fitted = _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress, run)
+                    if look.whole or recipe.sample != "auto" or not short_of(fitted.numbers):
+                        return fitted
+                except (NoWaterError, FitError):
+                    # a look at a part may have missed the water, or the deep of it: look at more
+                    if look.whole or (recipe.sample != "auto" and (look.water is None or look.water.has_water)):
+                        raise
     raise AssertionError("unreachable: the last look is at everything")
 
 
