@@ -164,10 +164,10 @@ def fit(
     chosen = list(order)
     every = chosen == list(range(len(bands)))
     pairs: list[Pair] = [(plain(r), plain(m)) if every else (plain(r[chosen]), plain(m[chosen])) for r, m in looks]
-    valid = [np.asarray(np.isfinite(r + m).all(axis=0)) for r, m in pairs]
+    valid = list(each(lambda pair: np.asarray(np.isfinite(pair[0] + pair[1]).all(axis=0)), pairs))
     if not any(v.any() for v in valid):
         raise FitError("the looks hold no valid pixel to learn sparkle from. Check --nodata, or widen --mask.")
-    white = _glint_spectrum(pairs, valid) if irradiance is None else np.asarray(irradiance, np.float64)[chosen]
+    white = _glint_spectrum(pairs, valid, each) if irradiance is None else np.asarray(irradiance, np.float64)[chosen]
     water = list(each(lambda b: _middle([m[b][v] for (_, m), v in zip(pairs, valid, strict=True)]), range(len(order))))
     wavelength = [float(bands[i].wavelength or 0.0) for i in order]
     found = Protection(
@@ -247,10 +247,11 @@ def _check(looks: Sequence[Look], count: int, noise: Float64, irradiance: npt.Ar
             raise InputError(f"irradiance must be {count} positive numbers, got {irradiance}")
 
 
-def _glint_spectrum(pairs: Sequence[Pair], valid: Sequence[BoolArray]) -> Float64:
+def _glint_spectrum(pairs: Sequence[Pair], valid: Sequence[BoolArray], each: Each) -> Float64:
     """Mean excess of each band, scaled to the brightest pixels."""
-    excess = np.concatenate([(r - m)[:, v] for (r, m), v in zip(pairs, valid, strict=True)], axis=1)
-    mean = excess.mean(axis=1)
+    excess = list(each(lambda pair, v: (pair[0] - pair[1])[:, v], pairs, valid))
+    mean = np.concatenate(excess, axis=1).mean(axis=1)
     if not (mean > 0).all():
         raise FitError("the bands do not exceed their level, so there is no glint to measure the light by.")
-    return np.asarray(mean * np.quantile((excess / mean[:, None]).max(axis=0), BRIGHTEST))
+    most = list(each(lambda e: (e / mean[:, None]).max(axis=0), excess))
+    return np.asarray(mean * np.quantile(np.concatenate(most), BRIGHTEST))

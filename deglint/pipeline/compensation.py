@@ -280,14 +280,16 @@ def _protection(seen: Seen, stages: Sequence[Any], found: Plan, threads: int) ->
         assert state.water is not None
         water = state.water[(slice(None), *core)]
         looks.append((block, water) if mask.all() else (np.where(mask, block, np.nan), np.where(mask, water, np.nan)))
-    for b, sigma in enumerate(levels[-1].sigmas):
-        level = max(float(np.median(np.concatenate([m[b][np.isfinite(m[b])] for _, m in looks]))), 1e-30)
-        noise.append((DARK_NOISE * sigma**2, (1 - DARK_NOISE) * sigma**2 / level))
-    try:
-        with ThreadPoolExecutor(threads, thread_name_prefix="deglint") as pool:
+    with ThreadPoolExecutor(threads, thread_name_prefix="deglint") as pool:
+        middles = pool.map(
+            lambda b: np.median(np.concatenate([m[b][np.isfinite(m[b])] for _, m in looks])), range(len(raw[0]))
+        )
+        for sigma, middle in zip(levels[-1].sigmas, middles, strict=True):
+            noise.append((DARK_NOISE * sigma**2, (1 - DARK_NOISE) * sigma**2 / max(float(middle), 1e-30)))
+        try:
             return protect.fit(looks, found.setting.bands, noise=noise, each=pool.map)
-    except FitError as error:
-        return Protection(reason=str(error))
+        except FitError as error:
+            return Protection(reason=str(error))
 
 
 def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: GlintModel, threads: int) -> Chain:
