@@ -10,7 +10,8 @@ import numpy as np
 
 from deglint.compensate import Chain, Sample, Setting, State, fit_stages, parse, system_psf
 from deglint.compensate import apply as apply_chain
-from deglint.compensate.level import agreeing, blurred, detail_of, rank_opening
+from deglint.compensate.level import add_agreeing, blurred
+from deglint.compensate.opening import opening_and_detail, rank_opening
 from deglint.compensate.sharpen import richardson_lucy
 from deglint.physics.presets import preset
 from deglint.scene import Band
@@ -51,8 +52,9 @@ def main(quick: bool) -> None:
     cv2.setNumThreads(1)
     block, bands, psfs = sea(512 if quick else 1024)
     setting = Setting(bands, psfs, detail=True)
-    level = [rank_opening(b, 13, corners=True) for b in block]
-    details = [detail_of(b, m, 11, 13) for b, m in zip(block, level, strict=True)]
+    level, details = np.empty_like(block), np.empty_like(block)
+    for band, both in zip(block, zip(level, details, strict=True), strict=True):
+        opening_and_detail(band, 13, 11, both)
     spectrum = [1.0] * len(bands)
     chains = {text: fitted(text, block, setting) for text in (
         "identify-level:13, replace-level", "psf:2, identify-level:13, replace-level",
@@ -63,10 +65,10 @@ def main(quick: bool) -> None:
         "normalise": lambda: [b / np.float32(2) for b in block],
         "psf: 2 iterations": lambda: [richardson_lucy(b, p, iterations=2) for b, p in zip(block, psfs, strict=True)],
         "opening, square of 13": lambda: [rank_opening(b, 13, corners=True) for b in block],
-        "openings, octagon of 11 grown back, diamond": lambda: [
-            detail_of(b, m, 11, 13) for b, m in zip(block, level, strict=True)
+        "the same with an octagon of 11 grown back, and a diamond": lambda: [
+            opening_and_detail(b, 13, 11, (np.empty_like(b), np.empty_like(b))) for b in block
         ],
-        "details that neighbouring bands share": lambda: agreeing(np.stack(details), spectrum),
+        "details that neighbouring bands share": lambda: add_agreeing(level.copy(), details, spectrum),
         "level blurred again": lambda: [blurred(m, p) for m, p in zip(level, psfs, strict=True)],
     }
     jobs |= {f"chain: {text}": (lambda c=chain: apply_chain(block, c)) for text, chain in chains.items()}

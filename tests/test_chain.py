@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from deglint import compensate
 from deglint.compensate import THESIS, Chain, Sample, Setting, State, Step, apply_stages, finish, fit_stages, parse
 from deglint.compensate.chain import chain_from, stage_from
-from deglint.compensate.level import rank_opening
+from deglint.compensate.opening import rank_opening
 from deglint.compensate.psf import kernel_psf, system_psf
 from deglint.errors import FitError, InputError
 from deglint.scene import Band
@@ -218,7 +218,8 @@ def test_without_glint_only_flagged_noise_changes_and_by_noise_alone(text):
     chain = fitted(text, block)
     out = compensate.apply(block, chain)
     assert (out != block).mean() < 0.2
-    assert np.abs(out - block).max() < 9
+    deviations = 4.5 if "replace-bands" not in text else 4.5 * 2**0.5  # another band has noise of its own
+    assert np.abs(out - block).max() < deviations * 2
 
 
 @pytest.mark.parametrize("text", CHAINS)

@@ -17,8 +17,8 @@ from deglint.compensate.identify import (
     fit_identify_median,
     lower_spread,
 )
-from deglint.compensate.level import rank_opening
 from deglint.compensate.normalise import Normalise, fit_normalise, water_level
+from deglint.compensate.opening import rank_opening
 from deglint.compensate.replace import ReplaceLevel
 from deglint.compensate.state import State
 from deglint.errors import FitError

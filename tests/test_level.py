@@ -9,17 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from deglint.compensate.level import (
-    SLACK,
-    agreeing,
-    blurred,
-    detail_of,
-    diamond_of,
-    level_halo,
-    opened_level,
-    rank_opening,
-)
-from deglint.compensate.level import _elements as elements
+from deglint.compensate.level import SLACK, add_agreeing, blurred, opened_level
+from deglint.compensate.opening import diamond_of, elements, opening_and_detail, opening_halo, rank_opening
 from deglint.compensate.psf import kernel_psf, system_psf
 from deglint.compensate.sharpen import richardson_lucy, sharpen_halo
 from deglint.errors import InputError
@@ -67,7 +58,7 @@ def opening(band, size, shape="square", corners=False):
     return np.where(np.isinf(found), np.nan, found)
 
 
-@pytest.mark.parametrize("name", ["level", "normalise", "identify", "replace", "median", "chain"])
+@pytest.mark.parametrize("name", ["level", "opening", "normalise", "identify", "replace", "median", "chain"])
 def test_examples(name):
     assert doctest.testmod(importlib.import_module(f"deglint.compensate.{name}")).failed == 0
 
@@ -84,14 +75,15 @@ def test_is_the_definition(shape, corners, size, holes):
     np.testing.assert_array_equal(band, before)
 
 
-@pytest.mark.parametrize("shape", ["octagon", "diamond"])
-@pytest.mark.parametrize("size", [3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 43])
+@pytest.mark.parametrize("shape", ["square", "octagon", "diamond"])
+@pytest.mark.parametrize("size", [1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 43, 255])
 def test_small_elements_make_the_large_one(size, shape):
-    point = np.zeros((size + 4, size + 4))
-    point[size // 2 + 2, size // 2 + 2] = 1
+    found = {(0, 0)}
     for element in elements(size, shape):
-        point = ndimage.maximum_filter(point, footprint=element.astype(bool))
-    np.testing.assert_array_equal(point[2:-2, 2:-2] > 0, footprint(size, shape))
+        assert len(element) in (3, 5)
+        found = {(row + down, column + right) for row, column in found for down, right in element}
+    wanted = {tuple(place) for place in (np.argwhere(footprint(size, shape)) - size // 2).tolist()}
+    assert found == wanted
 
 
 def test_the_diamond_is_as_large_as_the_square():
@@ -143,15 +135,17 @@ def test_squares_survive_to_the_size_of_the_element_and_smaller_things_go():
 
 def test_detail_is_the_rounder_opening_grown_by_a_pixel_under_a_small_one_and_the_diamond():
     band = sparkle(holes=0.02)
-    base = rank_opening(band, 13, corners=True)
-    octagon = opening(band, 11, "octagon")
+    octagon = opening(band, 11, "octagon", corners=True)
     cross = ndimage.generate_binary_structure(2, 1)
     around = ndimage.maximum_filter(np.nan_to_num(octagon, nan=-np.inf), footprint=cross)
     grown = np.minimum(around, opening(band, 3))
     diamond = opening(band, 19, "diamond", corners=True)
-    wanted = np.fmax(np.maximum(octagon, grown), diamond) - base.astype(np.float64)
+    found = np.empty_like(band)
+    base = np.empty_like(band)
+    opening_and_detail(band, 13, 11, (base, found))
+    np.testing.assert_array_equal(base, opening(band, 13, corners=True))
+    wanted = np.fmax(np.fmax(octagon, grown), diamond) - base.astype(np.float64)
     both = np.isfinite(octagon) & np.isfinite(base)
-    found = detail_of(band, base, 11, 13)
     np.testing.assert_allclose(found[both], np.maximum(np.nan_to_num(wanted, nan=0.0), 0)[both], rtol=1e-6)
     assert (found >= 0).all()
 
@@ -168,8 +162,8 @@ def test_details_are_kept_where_two_neighbours_agree(count):
     rng = np.random.default_rng(count)
     details = rng.gamma(1.0, 3.0, (count, 20, 30)).astype(np.float32)
     spectrum = rng.uniform(0.5, 2.0, count)
-    found = details.copy()
-    agreeing(found, list(spectrum))
+    found = np.zeros_like(details)
+    add_agreeing(found, details, list(spectrum))
     if count < 3:
         assert not found.any()
         return
@@ -183,10 +177,11 @@ def test_a_flash_of_one_band_is_no_detail_and_a_thing_of_all_is():
     alone, everywhere = np.zeros((2, 5, 9, 9), np.float32)
     alone[2, 4, 4] = 5
     everywhere[:, 4, 4] = 5
-    for details in (alone, everywhere):
-        agreeing(details, [1.0] * 5)
-    assert not alone.any()
-    assert (everywhere[:, 4, 4] == 5).all()
+    level = np.full((2, 5, 9, 9), 7, np.float32)
+    for found, details in zip(level, (alone, everywhere), strict=True):
+        add_agreeing(found, details, [1.0] * 5)
+    np.testing.assert_array_equal(level[0], 7)
+    np.testing.assert_array_equal(level[1], 7 + everywhere)
 
 
 @pytest.mark.parametrize("psf", [GREEN, LOPSIDED], ids=["green", "lopsided"])
@@ -215,11 +210,12 @@ def level_of(block, size, case):
     psfs = [GREEN, LOPSIDED, GREEN, LOPSIDED] if case.pop("psfs", False) else None
     if case.pop("sharp", False):
         block = [richardson_lucy(b, p, iterations=1) for b, p in zip(block, psfs, strict=True)]
-    return opened_level(list(block), size, order=(2, 0, 1, 3), spectrum=(1.0, 0.7, 1.4, 1.1), psfs=psfs, **case)
+    shape = (len(block), *block[0].shape)
+    return opened_level(list(block), shape, size, order=(2, 0, 1, 3), spectrum=(1.0, 0.7, 1.4, 1.1), psfs=psfs, **case)
 
 
 def halo_of(size, case):
-    out = level_halo(size, case.get("detail", 0))
+    out = opening_halo(size, case.get("detail", 0))
     if case.get("psfs"):
         out += GREEN.radius
     return out + (sharpen_halo(GREEN, 1) if case.get("sharp") else 0)
@@ -246,8 +242,8 @@ def test_tiles_are_the_whole_to_the_bit(name, data):
 
 def test_a_level_of_one_band_and_of_nothing():
     band = sparkle()
-    np.testing.assert_array_equal(opened_level([band], 13)[0], rank_opening(band, 13, corners=True))
-    one = opened_level([band], 13, detail=11, order=(0,), spectrum=(1.0,))  # one band has no neighbours to agree with
+    np.testing.assert_array_equal(opened_level([band], (1, *band.shape), 13)[0], rank_opening(band, 13, corners=True))
+    one = opened_level([band], (1, *band.shape), 13, detail=11, order=(0,), spectrum=(1.0,))  # no neighbours to agree
     np.testing.assert_array_equal(one[0], rank_opening(band, 13, corners=True))
-    assert np.isnan(opened_level([np.full((8, 8), np.nan, np.float32)] * 3, 5, detail=3, order=(0, 1, 2),
+    assert np.isnan(opened_level([np.full((8, 8), np.nan, np.float32)] * 3, (3, 8, 8), 5, detail=3, order=(0, 1, 2),
                                  spectrum=(1.0, 1.0, 1.0), psfs=[GREEN] * 3)).all()  # fmt: skip

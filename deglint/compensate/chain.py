@@ -273,9 +273,16 @@ def apply_stages(state: State, stages: Sequence[Stage], cut: Crop = (0, 0, 0, 0)
     """
     for stage, spare in zip(stages, spares([(s.name, s.halo) for s in stages], cut), strict=True):
         state.spare = spare
-        stage.apply(state)
-        state.cut()
+        run(stage, state)
     return state
+
+
+def run(stage: Stage, state: State) -> None:
+    """Apply one stage, and cut off what no other will look at."""
+    if not isinstance(stage, ReplaceLevel):
+        state.mark()
+    stage.apply(state)
+    state.cut()
 
 
 def spares(stages: Sequence[tuple[str, int]], cut: Crop) -> Iterator[Crop]:

@@ -6,18 +6,20 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..errors import FitError, InputError
 from ..scene import Band, Window
-from .chain import ITERATIONS, Crop, Match, Sharpen, Stage, Step, spares
+from .chain import ITERATIONS, Crop, Match, Sharpen, Stage, Step, run, spares
 from .identify import FEWEST, THESIS_K, fit_identify_level, fit_identify_median
-from .level import level_halo
+from .level import SMALLEST
 from .match import fit_match
 from .median import Median
 from .normalise import fit_normalise
+from .opening import opening_halo
 from .psf import PSF
 from .replace import ReplaceBands, ReplaceLevel, neighbours
 from .state import Float32Array, Mask, State
@@ -133,8 +135,7 @@ def fit_stages(
         fitted.append(stage)
         if i < applied:
             inner = [s.inner() for s in sample.states]
-            deque(each(stage.apply, sample.states), maxlen=0)
-            deque(each(State.cut, sample.states), maxlen=0)
+            deque(each(partial(run, stage), sample.states), maxlen=0)
             sample.inside[:] = [m[slice(*r), slice(*c)] for m, (r, c) in zip(sample.inside, inner, strict=True)]
         for sharp in once:
             sharp.forget()
@@ -147,7 +148,7 @@ def reach_of(step: Step, psfs: Sequence[PSF] | None) -> int:
     if step.name in ("psf", "psf-image") and psfs:
         return Sharpen(tuple(psfs), size or ITERATIONS, step.name == "psf-image").halo
     if step.name == "identify-level":
-        return level_halo(size or ELEMENT, max((size or ELEMENT) - 2, 0))
+        return opening_halo(size or ELEMENT, size or ELEMENT)
     if step.name == "match" and psfs:
         return max(p.radius for p in psfs)
     return Median(size or REACH).halo if step.name == "median" else 0
@@ -205,7 +206,7 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, each: E
         return fit_identify_median(sample.values(), setting.saturation, k=k, floor=floor)
     if step.name == "identify-level":
         size = size or ELEMENT
-        detail = size - 2 if setting.detail and size >= 5 else 0
+        detail = size if setting.detail and size >= SMALLEST else 0
         return fit_identify_level(
             sample.states, sample.inside, size=size, order=setting.order, saturation=setting.saturation,
             detail=detail, bands=bands, floor=floor, steps=steps, each=each,

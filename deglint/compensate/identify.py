@@ -29,7 +29,8 @@ import numpy.typing as npt
 from ..errors import FitError
 from ..remove.levels import mode
 from ..scene import Window
-from .level import level_halo, opened_level
+from .level import opened_level
+from .opening import opening_halo
 from .state import Float32Array, Mask, State
 
 THESIS_K = 5.0
@@ -112,23 +113,20 @@ class IdentifyLevel:
     @property
     def halo(self) -> int:
         """Reach of the openings; what the level is blurred with comes on top, and is counted with the sharpening."""
-        return level_halo(self.size, self.detail)
+        return opening_halo(self.size, self.detail)
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
-        from ._level_kernels import mark
-
         level = _levels(state, self.bands, self.size, self.detail, self.order, self.spectrum)
         state.cut()
-        state.level, state.hit = level, np.empty(state.image.shape, np.bool_)
-        if len(level) < len(state.image):
-            state.level, state.hit[:] = np.full(state.image.shape, np.nan, np.float32), False
-            state.level[list(self.bands)] = level
+        limits = np.zeros((len(state.image), 3), np.float32)
         for band, offset, sigma in zip(self.bands, self.offsets, self.sigmas, strict=True):
-            rise, full = np.float32(self.k * sigma), _as_divided(self.saturation[band], state.units[band])
-            mark(state.image[band], np.float32(offset), rise, full, state.level[band], state.hit[band])
-        if state.where is not None:
-            state.hit &= state.where
+            limits[band] = offset, self.k * sigma, _as_divided(self.saturation[band], state.units[band])
+        if len(level) < len(state.image):
+            every = np.full(state.image.shape, np.nan, np.float32)
+            every[list(self.bands)] = level
+            level = every
+        state.found(level, limits)
 
 
 def fit_identify_median(
@@ -293,15 +291,16 @@ def _levels(
     place = {band: i for i, band in enumerate(bands)}
     psfs = None if state.psfs is None else [state.psfs[b] for b in bands]
     wanted = wanted or state.inner()
-    reach = level_halo(size, detail) + max((p.radius for p in psfs or ()), default=0)
+    reach = opening_halo(size, detail) + max((p.radius for p in psfs or ()), default=0)
     (top, bottom), (left, right) = (
         (max(a - reach, 0), min(b + reach, n)) for (a, b), n in zip(wanted, state.image.shape[1:], strict=True)
     )
     outer = (top, bottom), (left, right)
     source = (state.image[b][top:bottom, left:right] if state.sharp is None else state.sharp(b, outer) for b in bands)
     within = tuple((a - c, b - c) for (a, b), (c, _) in zip(wanted, outer, strict=True))
+    shape = (len(bands), bottom - top, right - left)
     return opened_level(
-        source, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs,
+        source, shape, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs,
         within=(within[0], within[1]), sound=state.sound,
     )  # fmt: skip
 
