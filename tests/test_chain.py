@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from deglint import compensate
 from deglint.compensate import THESIS, Chain, Sample, Setting, State, Step, apply_stages, finish, fit_stages, parse
 from deglint.compensate.chain import chain_from, stage_from
+from deglint.compensate.codes import decoded, encoded
 from deglint.compensate.opening import rank_opening
 from deglint.compensate.psf import kernel_psf, system_psf
 from deglint.errors import FitError, InputError
@@ -279,7 +280,8 @@ def test_the_default_chain_step_by_step():
     chain = fitted("identify-level:13, replace-level", block, Setting(BANDS))
     stage = chain.before[0]
     for b, band in enumerate(block):
-        level = rank_opening(band, 13, corners=True) + np.float32(stage.offsets[b])
+        told = decoded(encoded(band, *stage.grids[b]), *stage.grids[b])
+        level = rank_opening(told, 13, corners=True) + np.float32(stage.offsets[b])
         glint = (band > level + np.float32(1.5 * stage.sigmas[b])) | (band >= 400)
         np.testing.assert_array_equal(compensate.apply(block, chain)[b], np.where(glint, level, band))
 

@@ -11,41 +11,7 @@ import numpy as np
 
 from ._apart import apart
 
-ZERO, INFINITY = np.float32(0.0), np.float32(np.inf)
-
-
-@nb.njit(cache=True, nogil=True)
-def divided(row, by, out):  # type: ignore[no-untyped-def]
-    """A row over a number."""
-    apart()
-    for j in range(out.size):
-        out[j] = row[j] / by
-
-
-@nb.njit(cache=True, nogil=True)
-def capped(a, b, c, d, factor, detail, out):  # type: ignore[no-untyped-def]
-    """Add of a detail no more than the factor times the best pair: two before, one on either side, two after."""
-    apart()
-    for j in range(out.size):
-        before = a[j] if a[j] < b[j] else b[j]
-        around = b[j] if b[j] < c[j] else c[j]
-        after = c[j] if c[j] < d[j] else d[j]
-        most = before if before > around else around
-        most = (most if most > after else after) * factor
-        out[j] = out[j] + (most if most < detail[j] else detail[j])
-
-
-@nb.njit(cache=True, nogil=True)
-def agree(level, details, order, spectrum, factor):  # type: ignore[no-untyped-def]
-    """`deglint.compensate.level.add_agreeing`; spectrum and factor, slack times that, are float32."""
-    count, (rows, columns) = len(order), details.shape[1:]
-    scaled = np.zeros((count + 4, columns), np.float32)  # nothing agrees beyond the first and the last band
-    for i in range(rows):
-        for n in range(count):
-            divided(details[order[n], i], spectrum[n], scaled[n + 2])
-        for n in range(count):
-            a, b, c, d = scaled[n], scaled[n + 1], scaled[n + 3], scaled[n + 4]
-            capped(a, b, c, d, factor[n], details[order[n], i], level[order[n], i])
+ZERO = np.float32(0.0)
 
 
 @nb.njit(cache=True, nogil=True)

@@ -29,7 +29,8 @@ import numpy.typing as npt
 from ..errors import FitError
 from ..remove.levels import mode
 from ..scene import Window
-from .level import opened_level
+from .codes import decoded, encoded
+from .level import Grid, opened_level
 from .opening import opening_halo
 from .state import Float32Array, Mask, State
 
@@ -47,6 +48,8 @@ FEWEST = 64
 """Fewest pixels that a level and a spread are taken from."""
 MOST = 200_000
 """Most pixels of the sample that they are taken from."""
+LEAST_UNIT = 1e-6
+"""Of the median: levels need not be told more finely than float32 tells them."""
 _TINY = float(np.finfo(np.float32).tiny)
 
 
@@ -88,6 +91,8 @@ class IdentifyLevel:
         Bands by wavelength.
     bands : tuple of int
         Bands that are looked at.
+    grids : tuple of (float, float)
+        Of each of them: centre and unit in which levels are told; see `deglint.compensate.codes`.
     spectrum, offsets, sigmas, cover, certain : tuple of float
         Of each of them: brightness of glint, how far the commonest pixel lies above the opening, standard deviation
         of pixels without glint about that, share of glinted pixels in the sample, and of those that no noise makes.
@@ -102,6 +107,7 @@ class IdentifyLevel:
     detail: int
     order: tuple[int, ...]
     bands: tuple[int, ...]
+    grids: tuple[Grid, ...]
     spectrum: tuple[float, ...]
     offsets: tuple[float, ...]
     sigmas: tuple[float, ...]
@@ -117,7 +123,7 @@ class IdentifyLevel:
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
-        level = _levels(state, self.bands, self.size, self.detail, self.order, self.spectrum)
+        level = _levels(state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum)
         state.cut()
         limits = np.zeros((len(state.image), 3), np.float32)
         for band, offset, sigma in zip(self.bands, self.offsets, self.sigmas, strict=True):
@@ -201,12 +207,17 @@ def fit_identify_level(
         Too few pixels to tell the spread of.
     """
     chosen = tuple(range(len(states[0].image)) if bands is None else sorted(set(bands)))
+    grids = tuple(each(lambda b: _grid([s.image[b][m] for s, m in zip(states, inside, strict=True)]), chosen))
+    unlike = states[0].sharp is not None  # a sharpened level is no pixel found again
 
     def above(state: State, mask: Mask) -> list[Float32Array]:
         rows, columns = wanted = _around(mask)
         at = slice(*rows), slice(*columns)
-        level = _levels(state, chosen, size, 0, order, (), wanted)
-        return [np.subtract(state.image[band][at], level[i])[mask[at]] for i, band in enumerate(chosen)]
+        level = _levels(state, chosen, grids, size, 0, order, (), wanted)
+        image = [np.ascontiguousarray(state.image[b][at]) for b in chosen]
+        if not unlike:
+            image = [decoded(encoded(band, *grid), *grid) for band, grid in zip(image, grids, strict=True)]
+        return [np.subtract(*both)[mask[at]] for both in zip(image, level, strict=True)]
 
     away = zip(*each(above, states, inside), strict=True)
     whole = steps if states[0].psfs is None else None  # a blurred level is no whole number
@@ -218,7 +229,7 @@ def fit_identify_level(
     offsets, sigmas, cover, certain, spectrum = zip(*found, strict=True)
     use = detail if float(np.median(cover)) <= MOST_COVER_FOR_DETAIL else 0
     return IdentifyLevel(
-        size, use, tuple(b for b in order if b in chosen), chosen, spectrum, offsets, sigmas, cover, certain,
+        size, use, tuple(b for b in order if b in chosen), chosen, grids, spectrum, offsets, sigmas, cover, certain,
         tuple(map(float, saturation)), k,
     )  # fmt: skip
 
@@ -283,9 +294,17 @@ def _about(
     return offset, sigma, cover, certain, max(float(away.mean(dtype=np.float64)), _TINY)
 
 
+def _grid(values: Sequence[npt.NDArray[np.float32]]) -> Grid:
+    """Centre and unit of a band: the median of its sample, and the spread below that."""
+    sample = np.concatenate(values)
+    sample = np.sort(sample[np.isfinite(sample)][:: max(sample.size // MOST, 1)])
+    centre = float(np.median(sample[[(sample.size - 1) // 2, sample.size // 2]])) if sample.size else 0.0
+    return centre, max(spread_of_sorted(sample, centre), LEAST_UNIT * abs(centre), _TINY)
+
+
 def _levels(
-    state: State, bands: Sequence[int], size: int, detail: int, order: Sequence[int], spectrum: Sequence[float],
-    wanted: Window | None = None,
+    state: State, bands: Sequence[int], grids: Sequence[Grid], size: int, detail: int, order: Sequence[int],
+    spectrum: Sequence[float], wanted: Window | None = None,
 ) -> Float32Array:  # fmt: skip
     """Opened level of some bands; `order` and `spectrum` are of the scene's bands and of the chosen ones."""
     place = {band: i for i, band in enumerate(bands)}
@@ -300,8 +319,8 @@ def _levels(
     within = tuple((a - c, b - c) for (a, b), (c, _) in zip(wanted, outer, strict=True))
     shape = (len(bands), bottom - top, right - left)
     return opened_level(
-        source, shape, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs,
-        within=(within[0], within[1]), sound=state.sound,
+        source, shape, size, grids, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum,
+        psfs=psfs, within=(within[0], within[1]), sound=state.sound,
     )  # fmt: skip
 
 

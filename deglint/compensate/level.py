@@ -12,17 +12,18 @@ openings themselves, and what they are after, are in `deglint.compensate.opening
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from ..scene import Window
-from .opening import opening_and_detail, rank_opening
+from .codes import Codes, encoded
+from .opening import openings
 from .psf import PSF
 from .sharpen import all_finite, blur_and_back, inside, share_of, surrounded
 from .state import Float32Array
 
+Grid = tuple[float, float]
 SMALLEST = 5
 """Smallest element that tells sparkle from water [pixel]."""
 LARGEST = 13
@@ -31,36 +32,41 @@ SLACK = 2.0
 """How much brighter, against the sun, a detail may be in one band than in its neighbours."""
 
 
-def add_agreeing(
-    level: Float32Array,
-    details: Float32Array,
+def agreeing(
+    levels: Codes,
+    outlines: Codes,
+    grids: Sequence[Grid],
     spectrum: Sequence[float],
-    slack: float = SLACK,
     *,
-    order: Sequence[int] | None = None,
-) -> None:
-    """Add to every band of a level of its detail what two neighbouring bands have as well.
+    order: Sequence[int],
+    slack: float = SLACK,
+) -> Float32Array:
+    """A level, and of what other openings exceed it by what two neighbouring bands have as well.
 
     Parameters
     ----------
-    level : (band, row, column) float32 ndarray
-        Changed in place.
-    details : (band, row, column) float32 ndarray
-        Of fewer than three bands nothing is added.
+    levels, outlines : (band, row, column) int16 ndarray
+        Codes.
+    grids : sequence of (float, float)
+        Centre and unit of each band's codes.
     spectrum : sequence of float
         Brightness of glint in each band, in which details are compared.
+    order : sequence of int
+        Bands by wavelength. Those that are not named get nothing added, and of fewer than three none does.
     slack : float
         A detail may be so many times brighter than the fainter of its neighbours.
-    order : sequence of int, optional
-        Bands by wavelength; as they stand by default. Those that are not named get nothing.
-    """
-    from ._level_kernels import agree
 
-    bands = list(range(len(details)) if order is None else order)
-    if len(bands) < 3:
-        return
-    brightness = np.array([spectrum[b] for b in bands])
-    agree(level, details, np.array(bands), brightness.astype(np.float32), (slack * brightness).astype(np.float32))
+    Returns
+    -------
+    (band, row, column) float32 ndarray
+    """
+    from ._code_kernels import agree
+
+    bands = np.array(order if len(order) >= 3 else (), np.int64)
+    glint = np.array([spectrum[b] for b in bands], np.float32)
+    found = np.empty(levels.shape, np.float32)
+    agree(levels, outlines, np.array(grids, np.float32), bands, glint, np.float32(slack), found)
+    return found
 
 
 def blurred(band: Float32Array, psf: PSF, within: Window | None = None, *, sound: bool = False) -> Float32Array:
@@ -86,6 +92,7 @@ def opened_level(
     bands: Iterable[Float32Array],
     shape: tuple[int, int, int],
     size: int,
+    grids: Sequence[Grid],
     *,
     detail: int = 0,
     order: Sequence[int] = (),
@@ -104,6 +111,9 @@ def opened_level(
         How many bands, rows and columns.
     size : int
         Element of the opening [pixel].
+    grids : sequence of (float, float)
+        Of each band the centre and the unit in which its levels are told: those of water and its noise. Levels are
+        steps of a thousandth of the unit near the centre, see `deglint.compensate.codes`.
     detail : int
         Octagon that follows outlines where bands agree [pixel]; 0 for none, nor for a diamond. Only for bands
         that see the sea at different instants: in bands of one instant sparkle agrees, too.
@@ -125,21 +135,15 @@ def opened_level(
     inner = within or ((0, shape[1]), (0, shape[2]))
     reach = max((p.radius for p in psfs or ()), default=0)
     outer = _grown(inner, reach, shape[1:])
-    level = np.empty((shape[0], *(last - first for first, last in outer)), np.float32)
-    details = np.empty_like(level) if detail else level[:0]
-    for i, band in enumerate(bands):
-        if detail:
-            opening_and_detail(band, size, detail, (level[i], details[i]), within=outer, sound=sound)
-        else:
-            rank_opening(band, size, corners=True, within=outer, sound=sound, out=level[i])
-    if detail:
-        add_agreeing(level, details, spectrum, order=order)
+    codes = np.empty((2 if detail else 1, shape[0], *(last - first for first, last in outer)), np.int16)
+    for i, (band, grid) in enumerate(zip(bands, grids, strict=True)):
+        openings(encoded(band, *grid), size, detail, within=outer, out=(codes[0, i], codes[-1, i]))
+    level = agreeing(codes[0], codes[-1], grids, spectrum, order=order if detail else ())
+    del codes
     if psfs is None:
         return level
     (top, bottom), (left, right) = (_shifted(a, b) for a, b in zip(inner, outer, strict=True))
-    wanted = (shape[0], bottom - top, right - left)
-    spent = details.ravel()[: math.prod(wanted)]  # memory that is there already
-    out = spent.reshape(wanted) if detail else np.empty(wanted, np.float32)
+    out = np.empty((shape[0], bottom - top, right - left), np.float32)
     for i, psf in enumerate(psfs):
         out[i] = blurred(level[i], psf, ((top, bottom), (left, right)), sound=sound)
     return out

@@ -220,7 +220,8 @@ class Correction:
             place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
             known = self._known(physical[place], None if valid is None else valid[place])
             saturated = _saturated(self.scene, physical[place], self.want_flags)
-            begun = self._begun(physical, tile, outer) if known is None or known.any() else None
+            whole = valid is None and raw.dtype.kind in "iu"
+            begun = self._begun(physical, tile, outer, whole) if known is None or known.any() else None
             raw, valid = raw[place].copy(), None if valid is None else valid[place]
             physical = physical[place].copy() if keep else None  # the block around is let go, or worked on in place
             after = None if begun is None else self._compensated(begun, tile, outer)
@@ -297,10 +298,13 @@ class Correction:
         reach = LEVEL_REACH if self.want_stderr else 0
         return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo, reach)
 
-    def _begun(self, around: Any, tile: Tile, outer: Tile) -> _Begun:
-        """What compensation of a block begins with; where that can be, it works on the block itself."""
+    def _begun(self, around: Any, tile: Tile, outer: Tile, whole: bool) -> _Begun:
+        """What compensation of a block begins with; where that can be, it works on the block itself.
+
+        whole : every number is known to be finite
+        """
         state = State.own(around) if self.chain.in_place else State.of(around)
-        state.sound = all_finite(state.image)
+        state.sound = whole or all_finite(state.image)
         looked = tile.grown(self.chain.protection.halo, self.scene.height, self.scene.width)
         raw = around[_place(looked, outer)].copy() if self.chain.protection.possible else None
         return _Begun(state, raw, looked, None if state.image is around else around)
@@ -322,7 +326,7 @@ class Correction:
         replaced = replaced[within]
         if self.chain.after:
             sound, state = state.sound, State.own(clean)
-            state.sound = sound and all_finite(clean)
+            state.sound = sound
             apply_stages(state, self.chain.after, tile.crop_of(middle))
             clean = finish(state, clean[within])
             replaced = replaced | state.replaced
