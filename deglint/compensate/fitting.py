@@ -169,7 +169,7 @@ class _Once:
         if band not in self.kept:
             self.kept[band] = self.sharp(band, self.window)
         rows, columns = (slice(a - low, b - low) for (a, b), (low, _) in zip(at, self.window, strict=True))
-        return self.kept[band][rows, columns]
+        return np.ascontiguousarray(self.kept[band][rows, columns])
 
     def forget(self) -> None:
         """What is sharpened has changed."""

@@ -315,7 +315,8 @@ def _levels(
         (max(a - reach, 0), min(b + reach, n)) for (a, b), n in zip(wanted, state.image.shape[1:], strict=True)
     )
     outer = (top, bottom), (left, right)
-    source = (state.image[b][top:bottom, left:right] if state.sharp is None else state.sharp(b, outer) for b in bands)
+    sharp = state.sharp or (lambda b, _outer: np.ascontiguousarray(state.image[b][top:bottom, left:right]))
+    source = (sharp(b, outer) for b in bands)
     within = tuple((a - c, b - c) for (a, b), (c, _) in zip(wanted, outer, strict=True))
     shape = (len(bands), bottom - top, right - left)
     return opened_level(
