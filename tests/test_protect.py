@@ -22,7 +22,9 @@ from deglint.compensate.evidence import (
     UNIT,
     WATER_HIDDEN,
     bends,
+    binned,
     clusters,
+    counted,
     score,
     tables,
 )
@@ -85,7 +87,7 @@ def test_likelihood_is_the_normal_density_integrated_over_brightness():
 def test_chain_is_the_sum_of_its_steps_and_a_density():
     rng = np.random.default_rng(4)
     y = rng.gamma(0.5, 0.05, (3, 4000))
-    first, following = tables([y])
+    first, following = tables([counted(binned(y))])
     step = (HIGH - LOW) / BINS
     assert np.exp(first).sum() * step == pytest.approx(1)
     assert (np.exp(following).sum(axis=2) * step) == pytest.approx(np.ones((2, BINS)))

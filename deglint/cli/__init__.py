@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import NoReturn
 
@@ -34,6 +35,7 @@ def cli() -> None:
 
 def main() -> NoReturn:
     """Run the command and leave with its exit code: 0 done, 1 failed, 2 usage, 3 no usable water."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads wait in loops for arrays that are never large
     sys.exit(run(sys.argv[1:]))
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from .options import METHOD_NAMES, REGRESSION_NAMES, Talk, cluster_of, common, creation_options, names, on_cluster
-from .running import keep_memory
+from .running import Progress, collecting_later, keep_memory
+
+if TYPE_CHECKING:
+    from ..pipeline import Result
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -139,8 +142,6 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     deglint remove scene.tif clean.tif --method hedley --sample deep.geojson
     deglint remove B02.tif B03.tif B04.tif B08.tif clean.tif --picture look.png
     """  # fmt: skip
-    from ..pipeline import Recipe, load_chain, load_model, remove_glint
-
     if given["model_in"] and (
         given["tolerance"] or any(given[k] != "auto" for k in ("method", "sample", "regression"))
     ):
@@ -149,25 +150,9 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         )
     keep_memory()
     talk = Talk(quiet=given["quiet"])
-    recipe = Recipe(
-        method=given["method"], nir=given["nir"], nir_use=given["nir_use"], bands=given["bands"],
-        sample=given["sample"], mask=given["mask"], regression=given["regression"],
-        floor_percentile=given["floor_percentile"], rrs_factor=given["rrs_factor"],
-        compensate=given["compensate"], smallest_object=given["smallest_object"],
-        tolerance=given["tolerance"] or 0.0,
-    )  # fmt: skip
     try:
-        with cluster_of(given, talk) as cluster:
-            result = remove_glint(
-                list(inputs), output, recipe, model=load_model(given["model_in"]) if given["model_in"] else None,
-                chain=load_chain(given["model_in"]) if given["model_in"] else None,
-                sensor=given["sensor"], nodata=given["nodata"],
-                grid=given["grid"], threads=given["threads"], cluster=cluster, progress=talk.progress,
-                flags=given["flags"], amount=given["amount"], stderr=given["stderr"],
-                sample=given["save_sample"],
-                model_file=given["save_model"], picture=given["picture"], overwrite=given["overwrite"],
-                dtype=given["dtype"], options=given["options"],
-            )  # fmt: skip
+        with collecting_later(talk.progress) as progress:
+            result = _removed(inputs, output, given, talk, progress)
     finally:
         talk.clear()
     for note in result.sidecar["notes"]:
@@ -180,3 +165,27 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
              f"in {result.sidecar['seconds']:.2f} s")  # fmt: skip
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
+
+
+def _removed(inputs: tuple[str, ...], output: str, given: dict[str, Any], talk: Talk, progress: Progress) -> Result:
+    """Do what the options say."""
+    from ..pipeline import Recipe, load_chain, load_model, remove_glint
+
+    recipe = Recipe(
+        method=given["method"], nir=given["nir"], nir_use=given["nir_use"], bands=given["bands"],
+        sample=given["sample"], mask=given["mask"], regression=given["regression"],
+        floor_percentile=given["floor_percentile"], rrs_factor=given["rrs_factor"],
+        compensate=given["compensate"], smallest_object=given["smallest_object"],
+        tolerance=given["tolerance"] or 0.0,
+    )  # fmt: skip
+    with cluster_of(given, talk) as cluster:
+        return remove_glint(
+            list(inputs), output, recipe, model=load_model(given["model_in"]) if given["model_in"] else None,
+            chain=load_chain(given["model_in"]) if given["model_in"] else None,
+            sensor=given["sensor"], nodata=given["nodata"],
+            grid=given["grid"], threads=given["threads"], cluster=cluster, progress=progress,
+            flags=given["flags"], amount=given["amount"], stderr=given["stderr"],
+            sample=given["save_sample"],
+            model_file=given["save_model"], picture=given["picture"], overwrite=given["overwrite"],
+            dtype=given["dtype"], options=given["options"],
+        )  # fmt: skip

@@ -17,7 +17,8 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from ..scene import FloatArray
-from .chain import STAGES, THESIS, Chain, Sample, Setting, Step, apply_stages, chain_from, finish, fit_stages, parse
+from .chain import STAGES, THESIS, Chain, Step, apply_stages, chain_from, finish, parse
+from .fitting import Sample, Setting, fit_stages
 from .psf import PSF, system_psf
 from .state import State
 
@@ -74,7 +75,7 @@ def fit(
         raise InputError(f"the sample must be of shape {block.shape[1:]} like the block, got {inside.shape}.")
     steps = parse(text)
     before = steps[: [s.name for s in steps].index("remove")]
-    found = fit_stages(before, Sample([State.of(block)], [inside]), setting, bands=bands)
+    found = fit_stages(before, Sample([State.of(block)], [inside]), setting, bands=bands, cuts=None)
     return Chain(found, (), text)
 
 

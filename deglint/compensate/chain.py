@@ -7,30 +7,30 @@ made of the sample, and is then a frozen value of plain numbers."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ..errors import FitError, InputError
-from ..scene import Band, FloatArray
+from ..errors import InputError
+from ..scene import FloatArray
 from .evidence import Protection, protection_from
-from .identify import FEWEST, THESIS_K, IdentifyLevel, IdentifyMedian, fit_identify_level, fit_identify_median
-from .level import SMALLEST
-from .match import Matching, apply_match, fit_match
+from .identify import IdentifyLevel, IdentifyMedian
+from .match import Matching, apply_match
 from .median import Median
-from .normalise import Normalise, fit_normalise
+from .normalise import Normalise
 from .psf import PSF
 from .reference import ReferenceRule
 from .register import Move
-from .replace import ReplaceBands, ReplaceLevel, neighbours
+from .replace import ReplaceBands, ReplaceLevel
 from .sharpen import richardson_lucy, sharpen_halo
-from .state import Mask, State
+from .state import State
 
 Stage = Any
 """One of the fitted stages: `apply(state)`, `halo`, `name`."""
+Crop = tuple[int, int, int, int]
+"""Rows above and below, columns left and right."""
 STAGES: dict[str, str] = {
     "normalise": "divide by the median of deep water; by its mode where glint covers more than N %",
     "psf": "N iterations of Richardson-Lucy, to build the level only",
@@ -259,133 +259,7 @@ def _check(steps: Sequence[Step]) -> None:
             ready.clear()
 
 
-@dataclass(frozen=True, eq=False)
-class Sample:
-    """Blocks of a scene with their halos, in physical values, and which of their pixels are deep water."""
-
-    states: list[State]
-    inside: list[Mask]
-
-    def values(self) -> list[Any]:
-        """The sample's pixels, one array a band.
-
-        Raises
-        ------
-        FitError
-            There are too few.
-        """
-        bands = range(len(self.states[0].image))
-        out = [np.concatenate([s.image[b][m] for s, m in zip(self.states, self.inside, strict=True)]) for b in bands]
-        out = [v[np.isfinite(v)] for v in out]
-        least = min(v.size for v in out)
-        if least < FEWEST:
-            raise FitError(f"sample holds {least} valid pixels of a band, need at least {FEWEST}. Widen the --sample.")
-        return out
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What a chain needs to know of the scene to be fitted.
-
-    Attributes
-    ----------
-    bands : tuple of Band
-        Of the scene.
-    psfs : tuple of PSF, optional
-        Of the bands, where the optics are known.
-    detail : bool
-        Bands see the sea at different instants, so that outlines may be told from sparkle.
-    floor : tuple of float, optional
-        Least standard deviation of pixels without glint, of each band: what is known of the noise and the steps.
-    steps : tuple of float, optional
-        Of each band's numbers, where those are whole numbers in the file.
-    """
-
-    bands: tuple[Band, ...]
-    psfs: tuple[PSF, ...] | None = None
-    detail: bool = False
-    floor: tuple[float, ...] | None = None
-    steps: tuple[float, ...] | None = None
-
-    @property
-    def saturation(self) -> tuple[float, ...]:
-        """Of each band; infinity where not known."""
-        return tuple(np.inf if b.saturation is None else b.saturation for b in self.bands)
-
-    @property
-    def order(self) -> tuple[int, ...]:
-        """Bands by wavelength, or as they stand in the file where a wavelength is not known."""
-        if any(b.wavelength is None for b in self.bands):
-            return tuple(range(len(self.bands)))
-        return tuple(sorted(range(len(self.bands)), key=lambda i: (self.bands[i].wavelength or 0.0, i)))
-
-
-def fit_stages(
-    steps: Sequence[Step],
-    sample: Sample,
-    setting: Setting,
-    *,
-    bands: Sequence[int] | None = None,
-    each: Callable[..., Iterable[Any]] = map,
-) -> tuple[Stage, ...]:
-    """Fit stages to a sample, each on what the one before it made; the sample's images are worked on in place.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        No `remove` among them.
-    sample : Sample
-    setting : Setting
-    bands : sequence of int, optional
-        Bands that `identify-level` looks at; all by default.
-    each : callable
-        What works on the blocks: `map`, or the map of a pool of threads.
-
-    Raises
-    ------
-    FitError, InputError
-        The sample is too small, or a stage lacks what it needs.
-    """
-    fitted = []
-    for step in steps:
-        stage = _fit_stage(step, sample, setting, bands, each)
-        deque(each(stage.apply, sample.states), maxlen=0)
-        fitted.append(stage)
-    return tuple(fitted)
-
-
-def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, each: Callable[..., Iterable[Any]]) -> Stage:
-    size = int(step.number or 0)
-    units = sample.states[0].units
-    floor, steps = (None if known is None else list(known / units) for known in (setting.floor, setting.steps))
-    if step.name == "normalise":
-        return fit_normalise(sample.values(), most_cover=0.01 * (step.number or 100.0))
-    if step.name in ("psf", "psf-image"):
-        if setting.psfs is None:
-            raise InputError(
-                f"{step.name} needs the sensor's optics, which are not known. Name a --sensor, or leave it out."
-            )
-        return Sharpen(setting.psfs, size or ITERATIONS, step.name == "psf-image")
-    if step.name == "match":
-        if setting.psfs is None:
-            raise InputError("match needs the sensor's optics, which are not known. Name a --sensor, or leave it out.")
-        return Match(fit_match(setting.psfs, setting.order[-1]))
-    if step.name == "identify-median":
-        k = THESIS_K if step.number is None else step.number
-        return fit_identify_median(sample.values(), setting.saturation, k=k, floor=floor)
-    if step.name == "identify-level":
-        size = size or 13
-        detail = size if setting.detail and size >= SMALLEST else 0
-        return fit_identify_level(
-            sample.states, sample.inside, size=size, order=setting.order, saturation=setting.saturation,
-            detail=detail, bands=bands, floor=floor, steps=steps, each=each,
-        )  # fmt: skip
-    if step.name == "replace-bands":
-        return ReplaceBands(neighbours([b.wavelength for b in setting.bands]))
-    return ReplaceLevel() if step.name == "replace-level" else Median(size or 25)
-
-
-def apply_stages(state: State, stages: Sequence[Stage], cut: tuple[int, int, int, int] = (0, 0, 0, 0)) -> State:
+def apply_stages(state: State, stages: Sequence[Stage], cut: Crop = (0, 0, 0, 0)) -> State:
     """Work on a block, in place where nothing is cut off.
 
     Parameters
@@ -397,22 +271,34 @@ def apply_stages(state: State, stages: Sequence[Stage], cut: tuple[int, int, int
         Rows above and below, columns left and right, that are no part of the result. Stages need not work on what the
         stages after them do not look at.
     """
-    reach = sum(stage.halo for stage in stages)
+    for stage, spare in zip(stages, spares([(s.name, s.halo) for s in stages], cut), strict=True):
+        state.spare = spare
+        run(stage, state)
+    return state
+
+
+def run(stage: Stage, state: State) -> None:
+    """Apply one stage, and cut off what no other will look at."""
+    if not isinstance(stage, ReplaceLevel):
+        state.mark()
+    stage.apply(state)
+    state.cut()
+
+
+def spares(stages: Sequence[tuple[str, int]], cut: Crop) -> Iterator[Crop]:
+    """What may be cut off after each of some stages, of which the names and halos are given."""
+    reach = sum(halo for _name, halo in stages)
     pending, done = 0, [0, 0, 0, 0]
-    for stage in stages:
-        reach -= stage.halo
-        promised = isinstance(stage, Sharpen) and not stage.image  # it looks around when the level is built
-        pending = pending + stage.halo if promised else pending
-        if isinstance(stage, IdentifyLevel):
+    for place, (name, halo) in enumerate(stages):
+        reach -= halo
+        if name == "psf":  # it looks around when a level is built, and may do so until glint is replaced
+            pending += halo
+        elif name == IdentifyLevel.name and (stages[place + 1 :] or [("", 0)])[0][0] != name:
             pending = 0
         spare = [max(n - reach - pending, 0) for n in cut]
         a, b, c, d = (now - before for now, before in zip(spare, done, strict=True))
-        state.spare, done = (a, b, c, d), spare
-        if not isinstance(stage, ReplaceLevel):
-            state.mark()
-        stage.apply(state)
-        state.cut()
-    return state
+        done = spare
+        yield a, b, c, d
 
 
 def finish(state: State, block: FloatArray) -> FloatArray:

@@ -230,9 +230,18 @@ class _Falloff:
         """(band, frequency): spectrum of the glint with A = 1, as the window shows it."""
         glint = self.detector * (np.maximum(self.radius, LOWEST / 3) / 0.3) ** -place[1]
         blur = np.exp(place[0]) * self.relative
-        full = np.stack([(glint * mtf_diffraction(self.radius * q) ** 2).sum(axis=(2, 3)) for q in blur])
+        full = np.stack([self._passed(glint, q) for q in blur])
         seen = np.fft.rfft2(np.fft.irfft2(full, s=self.lags.shape) * self.lags).real
         return np.asarray(seen[:, ::2, ::2][:, self.used])
+
+    def _passed(self, glint: Float64Array, blur: float) -> Float64Array:
+        """What the optics leave of the glint, aliases and all; beyond the cutoff that is nothing."""
+        frequency, out = self.radius * blur, np.zeros_like(glint)
+        inside = frequency < 1.0
+        if 3 * np.count_nonzero(inside) > inside.size:  # to pick them out would take longer than it saves
+            return np.asarray((glint * mtf_diffraction(frequency) ** 2).sum(axis=(2, 3)))
+        out[inside] = glint[inside] * mtf_diffraction(frequency[inside]) ** 2
+        return np.asarray(out.sum(axis=(2, 3)))
 
     def levels(self, place: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Glint, where it is strongest among the frequencies in use, and noise of every band."""

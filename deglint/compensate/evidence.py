@@ -145,25 +145,31 @@ def variance(raw: Float64, protection: Protection) -> Float64:
     return np.asarray(fixed[:, None] + rising[:, None] * np.maximum(raw, 0.0))
 
 
-def tables(parts: Iterable[Float64]) -> tuple[Float64, Float64]:
-    """Log densities of the chain from reflectances (band, pixel), part by part; rare steps lean on the next band's own
-    histogram."""
-    from scipy.ndimage import gaussian_filter
+def binned(y: Float64) -> npt.NDArray[np.uint8]:
+    """The bins of reflectances."""
+    step = (HIGH - LOW) / BINS
+    place = [np.clip(((np.arcsinh(b / UNIT) - LOW) / step).astype(np.int64), 0, BINS - 1) for b in y]
+    return np.array(place, np.uint8)
+
+
+def counted(place: npt.NDArray[np.uint8]) -> tuple[Places, Places]:
+    """Pixels in each bin, (band, bin), and in each pair of bins of a band and the next, from (band, pixel) bins."""
+    wide = place.astype(np.int64)
+    single = np.array([np.bincount(p, minlength=BINS) for p in wide])
+    return single, np.array([np.bincount(p * BINS + q, minlength=BINS * BINS) for p, q in pairwise(wide)])
+
+
+def tables(parts: Iterable[tuple[Places, Places]]) -> tuple[Float64, Float64]:
+    """Log densities of the chain from the counts of some parts; rare steps lean on the next band's own histogram."""
+    from .smoothing import gaussian
 
     step = (HIGH - LOW) / BINS
-    single: list[Any] = []
-    double: list[Any] = []
-    for y in parts:
-        place = [np.clip(((np.arcsinh(b / UNIT) - LOW) / step).astype(np.int64), 0, BINS - 1) for b in y]
-        counts = [np.bincount(p, minlength=BINS) for p in place]
-        steps = [np.bincount(p * BINS + q, minlength=BINS * BINS) for p, q in pairwise(place)]
-        single.append(counts)
-        double.append(steps)
-    alone = [gaussian_filter(counts, BLUR, mode="nearest") + 0.3 for counts in np.array(single, np.float64).sum(axis=0)]
+    single, double = (np.array(counts, np.float64).sum(axis=0) for counts in zip(*parts, strict=True))
+    alone = [gaussian(counts, BLUR) + 0.3 for counts in single]
     alone = [a / a.sum() for a in alone]
     following = []
-    for pairs, after in zip(np.array(double, np.float64).sum(axis=0), alone[1:], strict=True):
-        table = gaussian_filter(pairs.reshape(BINS, BINS), BLUR, mode="nearest") + 3 * after
+    for pairs, after in zip(double, alone[1:], strict=True):
+        table = gaussian(pairs.reshape(BINS, BINS), BLUR) + 3 * after
         following.append(np.log(table / table.sum(axis=1, keepdims=True) / step))
     return np.log(alone[0] / step), np.array(following)
 

@@ -28,6 +28,7 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..remove.levels import mode
+from ..scene import Window
 from .codes import decoded, encoded
 from .level import Grid, opened_level
 from .opening import opening_halo
@@ -206,22 +207,25 @@ def fit_identify_level(
         Too few pixels to tell the spread of.
     """
     chosen = tuple(range(len(states[0].image)) if bands is None else sorted(set(bands)))
-    grids = tuple(_grid([s.image[b][m] for s, m in zip(states, inside, strict=True)]) for b in chosen)
+    grids = tuple(each(lambda b: _grid([s.image[b][m] for s, m in zip(states, inside, strict=True)]), chosen))
     unlike = states[0].sharp is not None  # a sharpened level is no pixel found again
 
     def above(state: State, mask: Mask) -> list[Float32Array]:
-        level = _levels(state, chosen, grids, size, 0, order, ())
-        image = [state.image[b] for b in chosen]
+        rows, columns = wanted = _around(mask)
+        at = slice(*rows), slice(*columns)
+        level = _levels(state, chosen, grids, size, 0, order, (), wanted)
+        image = [np.ascontiguousarray(state.image[b][at]) for b in chosen]
         if not unlike:
             image = [decoded(encoded(band, *grid), *grid) for band, grid in zip(image, grids, strict=True)]
-        return [np.subtract(*both)[mask] for both in zip(image, level, strict=True)]
+        return [np.subtract(*both)[mask[at]] for both in zip(image, level, strict=True)]
 
     away = zip(*each(above, states, inside), strict=True)
     whole = steps if states[0].psfs is None else None  # a blurred level is no whole number
-    found = [
-        _about(np.concatenate(a), floor[band] if floor else 0.0, whole[band] if whole else 0.0)
-        for a, band in zip(away, chosen, strict=True)
-    ]
+
+    def about(away: Sequence[Float32Array], band: int) -> tuple[float, ...]:
+        return _about(np.concatenate(away), floor[band] if floor else 0.0, whole[band] if whole else 0.0)
+
+    found = each(about, away, chosen)
     offsets, sigmas, cover, certain, spectrum = zip(*found, strict=True)
     use = detail if float(np.median(cover)) <= MOST_COVER_FOR_DETAIL else 0
     return IdentifyLevel(
@@ -249,14 +253,22 @@ def lower_spread(values: npt.NDArray[np.floating[Any]], middle: float, step: flo
     >>> round(lower_spread(counts, 50.2), 2), round(lower_spread(counts, 50.2, 1.0), 2)
     (0.3, 1.25)
     """
+    return spread_of_sorted(np.sort(values), middle, step)
+
+
+def spread_of_sorted(ordered: npt.NDArray[np.floating[Any]], middle: float, step: float = 0.0) -> float:
+    """`lower_spread` of values in ascending order."""
     if step > 0:
-        distinct, counts = np.unique(values.astype(np.float64), return_counts=True)
-        total = np.concatenate([[0], np.cumsum(counts)]).astype(np.float64)
+        first = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
+        distinct = ordered[first].astype(np.float64)
+        total = np.append(first, ordered.size).astype(np.float64)
         edges = np.concatenate([distinct - step / 2, [distinct[-1] + step / 2]])
         half = np.interp(middle, edges, total) / 2
         return 1.4826 * (middle - float(np.interp(half, total, edges)))
-    below = middle - values[values <= middle]
-    return 1.4826 * float(np.median(below)) if below.size else 0.0
+    count = int(np.searchsorted(ordered, ordered.dtype.type(middle), side="right"))
+    if not count:
+        return 0.0
+    return 1.4826 * float(np.median(middle - ordered[[(count - 1) // 2, count // 2]]))
 
 
 def _about(
@@ -275,8 +287,9 @@ def _about(
     apart = away[away != 0]  # a pixel that the opening found again is no measure of the noise
     if apart.size < FEWEST:
         return 0.0, max(floor, _TINY), 0.0, 0.0, _TINY
-    offset = mode(apart)
-    sigma = max(lower_spread(apart, offset, step), floor)
+    apart.sort()
+    offset = mode(apart, ordered=True)
+    sigma = max(spread_of_sorted(apart, offset, step), floor)
     cover, certain = (float(np.mean(away > offset + k * sigma)) for k in (COVER_K, CERTAIN_K))
     return offset, sigma, cover, certain, max(float(away.mean(dtype=np.float64)), _TINY)
 
@@ -284,28 +297,40 @@ def _about(
 def _grid(values: Sequence[npt.NDArray[np.float32]]) -> Grid:
     """Centre and unit of a band: the median of its sample, and the spread below that."""
     sample = np.concatenate(values)
-    sample = sample[np.isfinite(sample)][:: max(sample.size // MOST, 1)]
-    centre = float(np.median(sample)) if sample.size else 0.0
-    return centre, max(lower_spread(sample, centre), LEAST_UNIT * abs(centre), _TINY)
+    sample = np.sort(sample[np.isfinite(sample)][:: max(sample.size // MOST, 1)])
+    centre = float(np.median(sample[[(sample.size - 1) // 2, sample.size // 2]])) if sample.size else 0.0
+    return centre, max(spread_of_sorted(sample, centre), LEAST_UNIT * abs(centre), _TINY)
 
 
 def _levels(
     state: State, bands: Sequence[int], grids: Sequence[Grid], size: int, detail: int, order: Sequence[int],
-    spectrum: Sequence[float],
+    spectrum: Sequence[float], wanted: Window | None = None,
 ) -> Float32Array:  # fmt: skip
     """Opened level of some bands; `order` and `spectrum` are of the scene's bands and of the chosen ones."""
     place = {band: i for i, band in enumerate(bands)}
     psfs = None if state.psfs is None else [state.psfs[b] for b in bands]
-    rows, columns = outer = state.inner(opening_halo(size, detail) + max((p.radius for p in psfs or ()), default=0))
-    source = (
-        state.image[b][slice(*rows), slice(*columns)] if state.sharp is None else state.sharp(b, outer) for b in bands
+    wanted = wanted or state.inner()
+    reach = opening_halo(size, detail) + max((p.radius for p in psfs or ()), default=0)
+    (top, bottom), (left, right) = (
+        (max(a - reach, 0), min(b + reach, n)) for (a, b), n in zip(wanted, state.image.shape[1:], strict=True)
     )
-    within = tuple((a - c, b - c) for (a, b), (c, _) in zip(state.inner(), outer, strict=True))
-    shape = (len(bands), rows[1] - rows[0], columns[1] - columns[0])
+    outer = (top, bottom), (left, right)
+    sharp = state.sharp or (lambda b, _outer: np.ascontiguousarray(state.image[b][top:bottom, left:right]))
+    source = (sharp(b, outer) for b in bands)
+    within = tuple((a - c, b - c) for (a, b), (c, _) in zip(wanted, outer, strict=True))
+    shape = (len(bands), bottom - top, right - left)
     return opened_level(
         source, shape, size, grids, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum,
         psfs=psfs, within=(within[0], within[1]), sound=state.sound,
     )  # fmt: skip
+
+
+def _around(mask: Mask) -> Window:
+    """Rows and columns that hold all of a mask; of an empty one, a single pixel."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
+        return (0, 1), (0, 1)
+    return (int(rows[0]), int(rows[-1]) + 1), (int(columns[0]), int(columns[-1]) + 1)
 
 
 def _above(state: State, limits: Sequence[Any], saturation: Sequence[float]) -> Mask:

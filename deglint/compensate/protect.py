@@ -13,8 +13,10 @@ Never here: files, tiles, the level itself (an opening makes it).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +29,9 @@ from .evidence import (
     BoolArray,
     Float64,
     Protection,
+    binned,
     clusters,
+    counted,
     grown,
     plain,
     score,
@@ -40,6 +44,7 @@ __all__ = ["Protection", "Things", "daylight", "fit", "instants", "put_back", "t
 
 Look = tuple[FloatArray, FloatArray]
 Pair = tuple[FloatArray, FloatArray]
+Each = Callable[..., Iterable[Any]]
 
 LONGEST = 1100.0
 """Bands beyond this are left out [nm]: things are dark there in ways that the shapes do not know."""
@@ -109,7 +114,12 @@ def daylight(bands: Sequence[Band], sun_zenith: float) -> Float64:
 
 
 def fit(
-    looks: Sequence[Look], bands: Sequence[Band], *, noise: npt.ArrayLike, irradiance: npt.ArrayLike | None = None
+    looks: Sequence[Look],
+    bands: Sequence[Band],
+    *,
+    noise: npt.ArrayLike,
+    irradiance: npt.ArrayLike | None = None,
+    each: Callable[..., Iterable[Any]] = map,
 ) -> Protection:
     """Learn from parts of a scene what its sparkle does.
 
@@ -126,6 +136,8 @@ def fit(
         What a white thing gives, (E_direct + E_diffuse) / pi [unit]: see `daylight`; ones for a scene in reflectance.
         By default the mean glint, whose spectrum is nearly that of the sun, scaled so that the brightest pixels
         are white.
+    each : callable
+        What works on the looks: `map`, or the map of a pool of threads.
 
     Returns
     -------
@@ -150,35 +162,41 @@ def fit(
         return Protection(reason=reason)
     _check(looks, len(bands), noise, irradiance)
     chosen = list(order)
-    pairs: list[Pair] = [(plain(r[chosen]), plain(m[chosen])) for r, m in looks]
-    valid = [np.asarray(np.isfinite(r + m).all(axis=0)) for r, m in pairs]
+    every = chosen == list(range(len(bands)))
+    pairs: list[Pair] = [(plain(r), plain(m)) if every else (plain(r[chosen]), plain(m[chosen])) for r, m in looks]
+    valid = list(each(lambda pair: np.asarray(np.isfinite(pair[0] + pair[1]).all(axis=0)), pairs))
     if not any(v.any() for v in valid):
         raise FitError("the looks hold no valid pixel to learn sparkle from. Check --nodata, or widen --mask.")
-    white = _glint_spectrum(pairs, valid) if irradiance is None else np.asarray(irradiance, np.float64)[chosen]
-    levels = np.concatenate([m[:, v] for (_, m), v in zip(pairs, valid, strict=True)], axis=1)
+    white = _glint_spectrum(pairs, valid, each) if irradiance is None else np.asarray(irradiance, np.float64)[chosen]
+    water = list(each(lambda b: _middle([m[b][v] for (_, m), v in zip(pairs, valid, strict=True)]), range(len(order))))
     wavelength = [float(bands[i].wavelength or 0.0) for i in order]
     found = Protection(
         bands=order,
         irradiance=tuple(white.tolist()),
         noise=tuple((float(a), float(b)) for a, b in noise[chosen]),
-        water=tuple((np.median(levels, axis=1) / white).tolist()),
+        water=tuple((np.array(water) / white).tolist()),
         wavelength=tuple(wavelength),
         shapes=shapes(wavelength, [bands[i].width or WIDTH for i in order]),
         threshold=USUAL_SUM,
     )
-    return _learn(pairs, valid, found)
+    return _learn(pairs, valid, found, each)
 
 
-def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection) -> Protection:
+def _middle(parts: Sequence[FloatArray]) -> Any:
+    """Median of some arrays, of their type."""
+    return np.median(np.concatenate(parts))
+
+
+def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection, each: Each) -> Protection:
     """Tables of the chain, without things in the second round, and the threshold."""
     white = np.array(found.irradiance)[:, None, None]
     kept, order = list(valid), tuple(range(len(found.bands)))
+    places = list(each(lambda pair, v: binned(((pair[0] - pair[1]) / white)[:, v]), pairs, valid))
     for again in (True, False):
-        first, following = tables(((r - m) / white)[:, k] for (r, m), k in zip(pairs, kept, strict=True))
+        first, following = tables(each(lambda p, v, k: counted(p[:, k[v]]), places, valid, kept))
         found = replace(found, first=first, following=following)
         judged = replace(found, bands=order)
-        scores = [score(r, m, judged)[0] for r, m in pairs]
-        masks = [clusters(s, USUAL_SUM) for s in scores]
+        scores, masks = zip(*each(partial(_scored, judged), pairs), strict=True)
         if again:
             kept = [v & ~grown(m, REACH) for v, m in zip(valid, masks, strict=True)]
     share = sum(int(m.sum()) for m in masks) / sum(int(v.sum()) for v in valid)
@@ -188,6 +206,12 @@ def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection)
             " check their time offsets"
         )
     return replace(found, threshold=_threshold(scores, masks), around=_around(pairs, kept, white))
+
+
+def _scored(judged: Protection, pair: Pair) -> tuple[Float64, BoolArray]:
+    """S of a look, and what of it passes for things."""
+    found = score(*pair, judged)[0]
+    return found, clusters(found, USUAL_SUM)
 
 
 def _around(pairs: Sequence[Pair], kept: Sequence[BoolArray], white: Float64) -> float:
@@ -223,10 +247,11 @@ def _check(looks: Sequence[Look], count: int, noise: Float64, irradiance: npt.Ar
             raise InputError(f"irradiance must be {count} positive numbers, got {irradiance}")
 
 
-def _glint_spectrum(pairs: Sequence[Pair], valid: Sequence[BoolArray]) -> Float64:
+def _glint_spectrum(pairs: Sequence[Pair], valid: Sequence[BoolArray], each: Each) -> Float64:
     """Mean excess of each band, scaled to the brightest pixels."""
-    excess = np.concatenate([(r - m)[:, v] for (r, m), v in zip(pairs, valid, strict=True)], axis=1)
-    mean = excess.mean(axis=1)
+    excess = list(each(lambda pair, v: (pair[0] - pair[1])[:, v], pairs, valid))
+    mean = np.concatenate(excess, axis=1).mean(axis=1)
     if not (mean > 0).all():
         raise FitError("the bands do not exceed their level, so there is no glint to measure the light by.")
-    return np.asarray(mean * np.quantile((excess / mean[:, None]).max(axis=0), BRIGHTEST))
+    most = list(each(lambda e: (e / mean[:, None]).max(axis=0), excess))
+    return np.asarray(mean * np.quantile(np.concatenate(most), BRIGHTEST))

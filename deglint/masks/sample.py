@@ -85,11 +85,20 @@ class SampleRule:
     @property
     def halo(self) -> int:
         """Pixels that `deep_water` needs around a tile."""
-        return self.water.halo + max(self.distance, SIZE // 2) + CLEANING - 1
+        return _halo(self.water, self.distance)
 
     def numbers(self) -> dict[str, Any]:
         """Everything but the water rule as plain numbers, for a sidecar."""
         return {k: v for k, v in asdict(self).items() if k != "water"} | {"halo": self.halo}
+
+
+def sample_halo(water: WaterRule) -> int:
+    """Pixels that `deep_water` needs around a tile, at most, whatever rule is found."""
+    return _halo(water, max(DISTANCES))
+
+
+def _halo(water: WaterRule, distance: int) -> int:
+    return water.halo + max(distance, SIZE // 2) + CLEANING - 1
 
 
 class _Local(NamedTuple):

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..compensate import Chain, Sample, State, apply_stages, finish
+from ..compensate.chain import Crop
 from ..masks import water
 from ..raster.environment import enter_thread
 from ..scene import FloatArray, Scene
@@ -22,6 +23,7 @@ from .recipe import Recipe
 from .sample import Sampler, tiles_over
 
 Mask = npt.NDArray[np.bool_]
+Result = TypeVar("Result")
 
 
 @dataclass(eq=False)
@@ -52,6 +54,11 @@ class Blocks:
         grown = [t.grown(self.read, self.scene.height, self.scene.width) for t in self.tiles]
         return [core_of(t.crop_of(o), o.shape) for t, o in zip(self.tiles, grown, strict=True)]
 
+    def margins(self, halo: int) -> list[Crop]:
+        """By how much each block exceeds its tile with a halo."""
+        height, width = self.scene.height, self.scene.width
+        return [t.grown(halo, height, width).crop_of(t.grown(self.read, height, width)) for t in self.tiles]
+
     def image(self, tile: Tile, halo: int) -> FloatArray | None:
         """A tile with a halo as the stages so far left it; None where there is no such tile, or too little halo."""
         if halo > self.halo or tile not in self.tiles:
@@ -60,6 +67,11 @@ class Blocks:
         inner = core_of(tile.grown(halo, self.scene.height, self.scene.width).crop_of(wide), wide.shape)
         found: FloatArray = self.sample.states[self.tiles.index(tile)].image[(slice(None), *inner)]
         return found
+
+
+def inside(block: FloatArray, cut: Crop) -> FloatArray:
+    """A block without some rows above and below, columns left and right."""
+    return block[(slice(None), *core_of(cut, block.shape[1:]))]
 
 
 def read_blocks(
@@ -74,7 +86,7 @@ def read_blocks(
         block = scene.source.read(outer.window, everything)
         core = np.zeros(outer.shape, np.bool_)
         core[core_of(tile.crop_of(outer), outer.shape)] = True
-        return State.of(block), core & _wanted(block, tile, outer, recipe, look, sampler)
+        return State.own(block), core & _wanted(block, tile, outer, recipe, look, sampler)
 
     at_once = tiling.affordable(threads, (512, 512), 4 * len(everything))
     parts = [p for _t, p in tiling.run(tiles, work, threads=at_once, start=enter_thread)]
@@ -108,6 +120,15 @@ def cleaned(scene: Scene, tiles: Sequence[Tile], chain: Chain, blocks: Blocks, t
     largest = max(tiles, key=lambda t: t.shape[0] * t.shape[1])
     at_once = tiling.affordable(threads, largest.shape, 8 * len(scene.bands))
     return [block for _t, block in tiling.run(tiles, work, threads=at_once, start=enter_thread)]
+
+
+def aside(work: Callable[[], Result]) -> Future[Result]:
+    """Do some work on a thread of its own."""
+    pool = ThreadPoolExecutor(1, thread_name_prefix="deglint-aside")
+    try:
+        return pool.submit(work)
+    finally:
+        pool.shutdown(wait=False)
 
 
 @contextmanager

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,13 +15,12 @@ import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..compensate import THESIS, Chain, Sample, Setting, State, Step, finish, fit_stages, parse, protect, system_psf
-from ..compensate.chain import NO_STAGES, Sharpen
+from ..compensate.chain import NO_STAGES
 from ..compensate.estimate import Spectra, estimate_optics, glint_spectra
 from ..compensate.evidence import Protection
+from ..compensate.fitting import reach_of
 from ..compensate.identify import IdentifyLevel
 from ..compensate.level import SMALLEST
-from ..compensate.median import Median
-from ..compensate.opening import opening_halo
 from ..compensate.protect import LEAST_DELAY
 from ..compensate.psf import PSF
 from ..compensate.reference import SIZE, ReferenceRule, fit_reference
@@ -39,12 +41,14 @@ from ..readers.optics import optics_of, pixel_size
 from ..remove import FitRequest, GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
-from .blocks import Blocks, read_blocks, some, tiles_of, workers
+from .blocks import Blocks, aside, inside, read_blocks, some, tiles_of, workers
 from .look import Look, core_of, raster_of
 from .recipe import Recipe
 from .sample import Sampler
 
 Mask = npt.NDArray[np.bool_]
+Seen = tuple[list[Any], list[State], list[Mask], list[tuple[slice, slice]]]
+"""Tiles as they were read, their blocks as the stages left them, the tiles' masks, and where they lie in the blocks."""
 LEAST_SPREAD = 0.75
 """Of the step of a band's numbers: whole numbers cannot show a smaller standard deviation."""
 
@@ -67,6 +71,7 @@ class Plan:
     setting: Setting | None = None
     blocks: Blocks | None = None
     sampler: Sampler | None = None
+    reach: int = 0
     warnings: tuple[str, ...] = ()
 
     @property
@@ -85,12 +90,25 @@ class Plan:
         return self.steps[self._place + 1 :]
 
     @property
+    def left(self) -> int:
+        """Pixels around a tile that are looked at once the stages before the removal are through."""
+        psfs = self.setting.psfs if self.setting else None
+        return max(halo_of(self.after, psfs), self.reach)
+
+    @property
+    def halo(self) -> int:
+        """Pixels around a tile that are looked at, at most."""
+        return halo_of(self.before, self.setting.psfs if self.setting else None) + self.left
+
+    @property
     def _place(self) -> int:
         return [s.name for s in self.steps].index("remove")
 
 
-def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler: Sampler | None, threads: int) -> Plan:
-    """Look at some tiles and decide which stages run.
+def plan(
+    scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler: Sampler | None, reach: int, threads: int
+) -> Plan:
+    """Look at some tiles and decide which stages run; the removal will look at `reach` pixels around each.
 
     Raises
     ------
@@ -121,12 +139,12 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
     usual = wanted or parse(
         f"psf:2, identify-level:{needs.element}, replace-level, remove, identify-level:{needs.element}"
     )
-    blocks = read_blocks(scene, recipe, look, tiles, sampler, halo_of(usual, psfs), threads)
-    sample = blocks.sample
-    found = Plan(needs, steps, setting, blocks, sampler)
+    found = Plan(needs, steps, setting, None, sampler, reach)
+    blocks = read_blocks(scene, recipe, look, tiles, sampler, replace(found, steps=usual).halo, threads)
+    sample, found = blocks.sample, replace(found, blocks=blocks)
     alike = _alike(scene, sample, nir)
     if psfs is None and wanted is not None and _wants_psf(wanted):
-        psfs, optics = estimated_psfs(scene, sample)
+        psfs, optics = estimated_psfs(scene, blocks)
         setting = replace(setting, psfs=psfs)
         found = replace(found, setting=setting)
     needs = replace(needs, coherence=alike, offsets=_offsets(scene, nir), optics=optics)
@@ -135,6 +153,15 @@ def plan(scene: Scene, recipe: Recipe, request: FitRequest, look: Look, sampler:
         stages = tuple(StageNeed(s.name, True, "asked for") for s in wanted if s.name != "remove")
         return replace(found, needs=replace(needs, stages=stages), setting=setting)
     return _automatic(scene, replace(found, needs=needs, setting=setting), sample, threads)
+
+
+def may_open(scene: Scene, recipe: Recipe) -> bool:
+    """Whether stages are likely to run, as far as the recipe and the size of the pixels tell."""
+    if recipe.compensate != "auto":
+        return recipe.compensate != "off"
+    with suppress(InputError):
+        return element_for(smallest_object(recipe.smallest_object, pixel_size(scene))) > 0
+    return False
 
 
 def _alike(scene: Scene, sample: Sample, nir: int) -> float | None:
@@ -149,7 +176,7 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, threads: int) -> Plan:
     assert setting is not None
     try:
         with workers(threads) as each:
-            (stage,) = fit_stages([Step("identify-level", needs.element)], sample, setting, each=each)
+            (stage,) = fit_stages([Step("identify-level", needs.element)], sample, setting, each=each, cuts=None)
     except FitError as error:
         return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
     cover = stage.cover
@@ -159,7 +186,8 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, threads: int) -> Plan:
         why = f"at most {most:.3%} of a band is too bright for noise (threshold {LITTLE_COVER:.2%})"
         return Plan(replace(needs, stages=(StageNeed("compensation", False, why, "all of its time"),)))
     if setting.psfs is None:
-        psfs, optics = estimated_psfs(scene, sample)
+        assert found.blocks is not None
+        psfs, optics = estimated_psfs(scene, found.blocks)
         needs, setting = replace(needs, optics=optics), replace(setting, psfs=psfs)
         found = replace(found, setting=setting)
     if needs.simultaneous and setting.psfs is not None and min(p.centre for p in setting.psfs) < BLURRED:
@@ -201,35 +229,43 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, threads: int) -> Plan:
     return replace(found, needs=replace(needs, stages=tuple(stages)), steps=parse(", ".join(text)))
 
 
-def fit_before(scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: int) -> tuple[Chain, Blocks]:
-    """Fit the stages before the removal; and the sample as they leave it."""
+def fit_before(
+    scene: Scene, recipe: Recipe, look: Look, found: Plan, threads: int
+) -> tuple[Chain, Blocks, Future[Protection]]:
+    """Fit the stages before the removal; the sample as they leave it; and the protection, which is worked out aside."""
     assert found.setting is not None
     assert found.blocks is not None
-    blocks, halo = found.blocks, halo_of(found.steps, found.setting.psfs)
-    if halo > blocks.read:
-        tiles = blocks.tiles
-        blocks = read_blocks(scene, recipe, look, tiles, found.sampler, halo, threads)
-    sample = blocks.sample
+    blocks = found.blocks
+    if found.halo > blocks.read:
+        blocks = read_blocks(scene, recipe, look, blocks.tiles, found.sampler, found.halo, threads)
+    sample, left = blocks.sample, replace(blocks, halo=found.left, read=found.left)
     raw = [s.image[(slice(None), *core)].copy() for s, core in zip(sample.states, blocks.cores(), strict=True)]
+    cuts = blocks.margins(found.left)
     in_place = not any(step.name == "normalise" for step in found.before)
-    whole = None if in_place else [s.image.copy() for s in sample.states]
+    whole = None if in_place else [inside(s.image, cut).copy() for s, cut in zip(sample.states, cuts, strict=True)]
     with workers(threads) as each:
-        stages = fit_stages(found.before, sample, found.setting, each=each)
+        stages = fit_stages(found.before, sample, found.setting, each=each, cuts=cuts)
+    seen = (
+        raw,
+        list(sample.states),
+        [m[core] for m, core in zip(sample.inside, left.cores(), strict=True)],
+        left.cores(),
+    )
+    protection = aside(partial(_protection, seen, stages, found, threads))
     text = ", ".join(s.name + (f":{s.number:g}" if s.number else "") for s in found.steps)
-    chain = Chain(stages, (), text, protection=_protection(raw, blocks, stages, found))
     images = [s.image if whole is None else finish(s, whole[i]) for i, s in enumerate(sample.states)]
     sample.states[:] = [State(image) for image in images]
-    return chain, replace(blocks, halo=blocks.read - chain.halo_before)
+    return Chain(stages, (), text), left, protection
 
 
-def _protection(raw: list[Any], blocks: Blocks, stages: Sequence[Any], found: Plan) -> Protection:
+def _protection(seen: Seen, stages: Sequence[Any], found: Plan, threads: int) -> Protection:
     """How small things are told from sparkle, where an opening would erase them and the bands' instants can tell."""
-    sample = blocks.sample
+    raw, states, masks, cores = seen
     levels = [s for s in stages if isinstance(s, IdentifyLevel)]
     assert found.setting is not None
-    if not levels or any(s.water is None for s in sample.states) or len(levels[-1].bands) < len(found.setting.bands):
+    if not levels or any(s.water is None for s in states) or len(levels[-1].bands) < len(found.setting.bands):
         return Protection(reason=NO_STAGES)
-    if any((s.units != 1).any() for s in sample.states):
+    if any((s.units != 1).any() for s in states):
         return Protection(reason="the bands were normalised")
     if not found.setting.detail:
         return Protection(reason="the bands see the sea at one instant, as sparkle does")
@@ -240,17 +276,20 @@ def _protection(raw: list[Any], blocks: Blocks, stages: Sequence[Any], found: Pl
         cover = float(np.median(levels[-1].cover))
         return Protection(reason=f"glint covers {cover:.0%} of the middlemost band, and clumps of it look like things")
     looks, noise = [], []
-    for block, state, mask, core in zip(raw, sample.states, sample.inside, blocks.cores(), strict=True):
+    for block, state, mask, core in zip(raw, states, masks, cores, strict=True):
         assert state.water is not None
-        inner = mask[core]
-        looks.append((np.where(inner, block, np.nan), np.where(inner, state.water[(slice(None), *core)], np.nan)))
-    for b, sigma in enumerate(levels[-1].sigmas):
-        level = max(float(np.nanmedian(np.concatenate([m[b][np.isfinite(m[b])] for _, m in looks]))), 1e-30)
-        noise.append((DARK_NOISE * sigma**2, (1 - DARK_NOISE) * sigma**2 / level))
-    try:
-        return protect.fit(looks, found.setting.bands, noise=noise)
-    except FitError as error:
-        return Protection(reason=str(error))
+        water = state.water[(slice(None), *core)]
+        looks.append((block, water) if mask.all() else (np.where(mask, block, np.nan), np.where(mask, water, np.nan)))
+    with ThreadPoolExecutor(threads, thread_name_prefix="deglint") as pool:
+        middles = pool.map(
+            lambda b: np.median(np.concatenate([m[b][np.isfinite(m[b])] for _, m in looks])), range(len(raw[0]))
+        )
+        for sigma, middle in zip(levels[-1].sigmas, middles, strict=True):
+            noise.append((DARK_NOISE * sigma**2, (1 - DARK_NOISE) * sigma**2 / max(float(middle), 1e-30)))
+        try:
+            return protect.fit(looks, found.setting.bands, noise=noise, each=pool.map)
+        except FitError as error:
+            return Protection(reason=str(error))
 
 
 def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: GlintModel, threads: int) -> Chain:
@@ -268,7 +307,7 @@ def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: 
         images = each(lambda s: np.asarray(apply(s.image, model, out=s.image)), sample.states)
         left = Sample([State(image) for image in images], sample.inside)
         bands = sorted(f.band for f in model.fits) or None
-        after = fit_stages(found.after, left, setting, bands=bands, each=each)
+        after = fit_stages(found.after, left, setting, bands=bands, each=each, cuts=None)
     return replace(chain, after=after)
 
 
@@ -303,18 +342,7 @@ def fit_references(
 
 def halo_of(steps: Sequence[Step], psfs: tuple[PSF, ...] | None) -> int:
     """Pixels around a tile that a chain will look at, once it is fitted."""
-    total = 0
-    for step in steps:
-        size = int(step.number or 0)
-        if step.name in ("psf", "psf-image") and psfs:
-            total += Sharpen(psfs, size or 2, step.name == "psf-image").halo
-        elif step.name == "identify-level":
-            total += opening_halo(size or 13, size or 13)
-        elif step.name == "match" and psfs:
-            total += max(p.radius for p in psfs)
-        elif step.name == "median":
-            total += Median(size or 25).halo
-    return total
+    return sum(reach_of(step, psfs) for step in steps)
 
 
 def smallest_object(text: str | None, pixel: float | None) -> float:
@@ -356,12 +384,14 @@ def _wants_psf(wanted: Sequence[Step] | None) -> bool:
     return wanted is None or any(s.name.startswith(("psf", "match")) for s in wanted)
 
 
-def estimated_psfs(scene: Scene, sample: Sample) -> tuple[tuple[PSF, ...] | None, str]:
+def estimated_psfs(scene: Scene, blocks: Blocks) -> tuple[tuple[PSF, ...] | None, str]:
     """PSF of every band from the sparkle in the image, where its optics are not known; and what to say of it."""
     wavelengths = [b.wavelength for b in scene.bands if b.wavelength is not None]
     if len(wavelengths) < len(scene.bands):
         return None, "unknown, and wavelengths are too"
-    parts = [glint_spectra(np.where(m, s.image, np.nan)) for s, m in zip(sample.states, sample.inside, strict=True)]
+    sample, parts = blocks.sample, []
+    for state, mask, core in zip(sample.states, sample.inside, blocks.cores(), strict=True):
+        parts.append(glint_spectra(np.where(mask[core], state.image[(slice(None), *core)], np.nan)))
     found = estimate_optics(Spectra.merge(parts), wavelengths, pitch=NOMINAL_PITCH)
     if found.f_number is None:
         return None, f"unknown: {found.reason}"

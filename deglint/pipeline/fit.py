@@ -14,7 +14,7 @@ import numpy.typing as npt
 from .. import tiles as tiling
 from ..compensate import Chain, State, apply_stages, finish
 from ..errors import FitError, NoWaterError
-from ..masks import WaterRule
+from ..masks import WaterRule, sample_halo
 from ..needs import HEAVY_COVER, Needs
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
@@ -23,12 +23,13 @@ from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile
 from .blocks import Blocks, cleaned, tiles_of
-from .compensation import Plan, fit_after, fit_before, fit_references, plan
+from .compensation import Plan, fit_after, fit_before, fit_references, may_open, plan
 from .following import find_moves, moved, moved_halo, with_moves
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
 from .sample import Sampler, sampler_of
 from .tolerance import Sampling, short_of
+from .warming import warming
 
 Progress = Callable[[str, int, int], None]
 MAX_COVER = 0.6
@@ -127,15 +128,16 @@ def fit_scene(
         request = replace(request, regression=_regression(recipe))
         sampled = METHODS[_method(recipe)].plan is not None
         wanted = recipe.mask == "auto" or (sampled and recipe.sample == "auto")
-        for look in looks(scene, request.indexes[0].bands[0], threads, wanted=wanted):
-            try:
-                fitted = _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress, run)
-                if look.whole or recipe.sample != "auto" or not short_of(fitted.numbers):
-                    return fitted
-            except (NoWaterError, FitError):
-                # a look at a part may have missed the water, or the deep of it: look at more
-                if look.whole or (recipe.sample != "auto" and (look.water is None or look.water.has_water)):
-                    raise
+        with warming(may_open(scene, recipe)):
+            for look in looks(scene, request.indexes[0].bands[0], threads, wanted=wanted):
+                try:
+                    fitted = _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress, run)
+                    if look.whole or recipe.sample != "auto" or not short_of(fitted.numbers):
+                        return fitted
+                except (NoWaterError, FitError):
+                    # a look at a part may have missed the water, or the deep of it: look at more
+                    if look.whole or (recipe.sample != "auto" and (look.water is None or look.water.has_water)):
+                        raise
     raise AssertionError("unreachable: the last look is at everything")
 
 
@@ -159,8 +161,11 @@ def _fit_look(
             raise NoWaterError(look.water.reason)
         notes.append(look.water.reason)
     given = sampler_of(scene, recipe, look, threads) if recipe.sample != "auto" else None
-    todo = plan(scene, recipe, request, look, given, threads)
-    chain, blocks = fit_before(scene, recipe, look, todo, threads) if todo.runs else (Chain(), None)
+    reach = 0 if given else _reach(recipe, request, look)
+    todo = plan(scene, recipe, request, look, given, reach, threads)
+    chain, blocks, protection = Chain(), None, None
+    if todo.runs:
+        chain, blocks, protection = fit_before(scene, recipe, look, todo, threads)
     sampled = METHODS[_method(recipe)].plan is not None
     auto = blocks is not None and sampled and given is None
     clean = cleaned(scene, look.tiles, chain, blocks, threads) if auto and blocks else None
@@ -182,8 +187,8 @@ def _fit_look(
         floor = said.pop("floor_percentile")
         chosen = replace(recipe, method=model.method, regression=model.regression or "auto", floor_percentile=floor)
         numbers["sample"] = said
-    if blocks is not None:
-        chain = fit_after(recipe, todo, chain, blocks, model, threads)
+    if blocks is not None and protection is not None:
+        chain = replace(fit_after(recipe, todo, chain, blocks, model, threads), protection=protection.result())
         model = replace(model, warnings=(*model.warnings, *_heavy(todo)))
         if todo.after and not chain.after:
             needs = todo.needs.without("second opening", "removal changed no band")
@@ -194,6 +199,15 @@ def _fit_look(
     numbers |= {"needs": todo.needs.numbers(), "compensation": chain.numbers()}
     water = look.water if recipe.mask == "auto" else None
     return Fitted(model, chosen, tuple(notes), numbers, outline, water, role_bands(look.roles), chain, todo.needs)
+
+
+def _reach(recipe: Recipe, request: FitRequest, look: Look) -> int:
+    """Pixels around a tile of a sample that is found by itself that the removal will look at, at most."""
+    name = _compensated_method(request) if recipe.method == "auto" else recipe.method
+    gathered = METHODS[name].plan
+    if gathered is None or look.water is None:
+        return 0
+    return max(gathered(request).halo, 0) + sample_halo(look.water)
 
 
 def _compensated_method(request: FitRequest) -> str:

@@ -22,7 +22,7 @@ _REACH = 4
 _MOST_BINS = 1 << 20
 
 
-def mode(sample: npt.NDArray[np.floating]) -> float:
+def mode(sample: npt.NDArray[np.floating], *, ordered: bool = False) -> float:
     """Mode of a sample, for float and integer data alike.
 
     The peak of a Gaussian kernel density (Parzen 1962). Its bandwidth is the one that suits the slope of a density,
@@ -36,6 +36,8 @@ def mode(sample: npt.NDArray[np.floating]) -> float:
     ----------
     sample : (pixels,) ndarray
         Finite.
+    ordered : bool
+        They are in ascending order.
 
     Returns
     -------
@@ -53,16 +55,17 @@ def mode(sample: npt.NDArray[np.floating]) -> float:
     """
     if sample.size == 0:
         raise FitError("the mode of no values was asked for; the sample is empty.")
-    values: Float64 = np.sort(sample.astype(np.float64))
-    quarter = np.quantile(values, [0.25, 0.75])
-    scale = float(quarter[1] - quarter[0]) / 1.349 or float(values[-1] - values[0])
+    values: Float64 = sample.astype(np.float64)
+    if not ordered:
+        values.sort()
+    scale = (quantile(values, 0.75) - quantile(values, 0.25)) / 1.349 or float(values[-1] - values[0])
     if scale == 0:
         return float(values[0])
     step = _step(values)
     peak = _density_peak(values, scale, step)
     for _ in range(10):
         below = values[: max(np.searchsorted(values, peak, side="right"), 1)]
-        lower = max(1.4826 * float(np.median(peak - below)), step / 2)
+        lower = max(1.4826 * _middle_distance(below, peak), step / 2)
         if lower <= 0 or abs(lower - scale) < 0.01 * scale:
             break
         scale = lower
@@ -76,16 +79,39 @@ def _density_peak(values: Float64, scale: float, step: float) -> float:
     fine = bandwidth / _FINE
     if step > 0:
         fine = max(1.0, round(fine / step)) * step
-    first, last = np.quantile(values, [0.0, 0.99])
-    middle = values[(values >= first) & (values <= max(last, first + 1000 * fine))]
+    last = max(quantile(values, 0.99), float(values[0]) + 1000 * fine)
+    middle = values[: np.searchsorted(values, last, side="right")]
     if (middle[-1] - middle[0]) / fine > _MOST_BINS:  # a far tail below: keep what surrounds the bulk
-        middle = middle[middle >= np.median(values) - _MOST_BINS * fine / 2]
+        middle = middle[middle >= quantile(values, 0.5) - _MOST_BINS * fine / 2]
         middle = middle[: np.searchsorted(middle, middle[0] + _MOST_BINS * fine)]
     low = middle[0] - fine / 2
     counts = np.bincount(((middle - low) / fine).astype(np.int64)).astype(np.float64)
     reach = max(1, round(_REACH * bandwidth / fine))
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * fine / max(bandwidth, fine / 2)) ** 2)
     return float(low + fine * (_peak(np.convolve(counts, kernel)) - reach + 0.5))
+
+
+def quantile(ordered: npt.NDArray[np.floating], share: float) -> float:
+    """Quantile of sorted values, as `numpy.quantile` takes it of any, to the bit.
+
+    Examples
+    --------
+    >>> quantile(np.array([1.0, 2.0, 4.0]), 0.75)
+    3.0
+    """
+    place = (ordered.size - 1) * share
+    below = min(int(place), ordered.size - 1)
+    low, high = float(ordered[below]), float(ordered[min(below + 1, ordered.size - 1)])
+    part = place - below
+    return high - (high - low) * (1 - part) if part >= 0.5 else low + (high - low) * part
+
+
+def _middle_distance(ordered: Float64, peak: float) -> float:
+    """Median distance of sorted values from a peak above them."""
+    half = ordered.size // 2
+    if ordered.size % 2:
+        return peak - float(ordered[half])
+    return ((peak - float(ordered[half])) + (peak - float(ordered[half - 1]))) / 2
 
 
 def _step(ordered: Float64) -> float:

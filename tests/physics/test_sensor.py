@@ -126,6 +126,16 @@ def test_delays_are_from_band_to_band():
     assert {b.time_offset for b in THESIS.delayed(0.0).bands} == {0.0}
 
 
+@pytest.mark.parametrize(("size", "oversample"), [(33, 8), (65, 3), (3, 64), (129, 2)])
+@pytest.mark.parametrize("jitter", [0.0, 0.3])
+def test_a_quarter_of_the_mtf_gives_the_whole_psf(size, oversample, jitter):
+    sensor = replace(THESIS, jitter=jitter)
+    frequency = np.fft.fftfreq(size * oversample, 1 / oversample)
+    fine = np.fft.ifft2(mtf(frequency[:, None], frequency[None, :], sensor, 660.0)).real * oversample**2
+    whole = np.fft.fftshift(fine[::oversample, ::oversample])
+    np.testing.assert_array_equal(psf(sensor, 660.0, size=size, oversample=oversample), whole)
+
+
 @pytest.mark.parametrize("factor", [2, 4, 5])
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (0.3, -0.2)])
 def test_observing_agrees_with_a_plain_transform(factor, shift):
