@@ -209,7 +209,7 @@ def fit(
     reference : int
         0-based NIR band; needed with compensation.
     glint : mapping of int to float, optional
-        Mean brightness of glint in each band, with compensation.
+        Mean brightness of glint in each band, with compensation, as it raises the level there.
     cover : float
         Share of glinted pixels in the reference.
 
