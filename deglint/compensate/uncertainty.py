@@ -406,7 +406,7 @@ def _span(level: Float32Array) -> Float32Array:
     known = np.isfinite(level)
     high = cv2.dilate(np.where(known, level, np.float32(-np.inf)), element)
     low = cv2.erode(np.where(known, level, np.float32(np.inf)), element)
-    return np.where(known, high - low, np.float32(0))
+    return np.subtract(high, low, out=np.zeros_like(level), where=known)
 
 
 def _level(parts: Parts) -> Float32Array:
