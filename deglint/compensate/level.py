@@ -19,8 +19,8 @@ import numpy as np
 from ..scene import Window
 from .codes import Codes, encoded
 from .opening import openings
+from .products import by_products, products
 from .psf import PSF
-from .sharpen import all_finite, blur_and_back, inside, share_of, surrounded
 from .state import Float32Array
 
 Grid = tuple[float, float]
@@ -69,23 +69,17 @@ def agreeing(
     return found
 
 
-def blurred(band: Float32Array, psf: PSF, within: Window | None = None, *, sound: bool = False) -> Float32Array:
+def blurred(
+    band: Float32Array, psf: PSF, within: Window | None = None, *, sound: bool = False, out: Float32Array | None = None
+) -> Float32Array:
     """A level of sharpened pixels as the sensor would see it: convolved with the PSF's separable form.
 
     NaN has no share and stays. Exact at tile edges with `psf.radius` pixels around a tile; `within` names the rows and
-    columns that are wanted.
+    columns that are wanted, `out` the array that they go to. Cost, one core with vectors of 16 float32: 0.8 ns a pixel
+    for 9 x 9 taps, 0.9 for 15 x 15.
     """
-    blur, halo = blur_and_back(psf)[0], psf.radius
-    rows, columns = within or ((0, band.shape[0]), (0, band.shape[1]))
-    wide = surrounded(band, rows, columns, halo)
-    inner = inside(wide.shape, halo)
-    if sound or all_finite(wide):
-        return blur(wide)[inner]
-    valid = np.isfinite(wide)
-    wide[~valid] = 0.0
-    out = (blur(wide) / share_of(valid, blur, halo))[inner]
-    out[~valid[inner]] = np.nan
-    return out
+    wanted = within or ((0, band.shape[0]), (0, band.shape[1]))
+    return by_products(band, products(psf), 0, wanted, sound=sound, out=out)
 
 
 def opened_level(
@@ -145,7 +139,7 @@ def opened_level(
     (top, bottom), (left, right) = (_shifted(a, b) for a, b in zip(inner, outer, strict=True))
     out = np.empty((shape[0], bottom - top, right - left), np.float32)
     for i, psf in enumerate(psfs):
-        out[i] = blurred(level[i], psf, ((top, bottom), (left, right)), sound=sound)
+        blurred(level[i], psf, ((top, bottom), (left, right)), sound=sound, out=out[i])
     return out
 
 
