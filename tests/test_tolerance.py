@@ -140,7 +140,7 @@ def test_clumps_are_not_believed(sea, write, tmp_path):
     fitted, numbers = said(write(tmp_path / "in.tif", raw), 0.1)
     assert not numbers["met"]
     assert numbers["effective_cells"] < 12
-    assert max(numbers["relative_standard_error"].values()) < 0.01
+    assert max(numbers["relative_standard_error"].values()) < 0.2 * numbers["wanted"]
     assert any("too few to know the error by" in w for w in fitted.model.warnings)
 
 
@@ -169,7 +169,7 @@ def test_error_of_one_reference_is_that_of_its_slope(seed):
 
 @pytest.mark.parametrize("factor", [1.0, 1e-6, 1e6])
 def test_error_of_several_references_against_brute_force(factor):
-    """The sandwich of Liang and Zeger, written out over pixels; and no unit changes it."""
+    """The sandwich of Bell and McCaffrey, written out over pixels; and no unit changes it."""
     request, block = statistics(7, factor)
     plan = METHODS["multiband"].plan(request)
     stats = merge([gather(block, np.ones(block.shape[1:], bool), plan)], plan)
@@ -179,8 +179,9 @@ def test_error_of_several_references_against_brute_force(factor):
     power = np.einsum("irc,jrc->ij", x, x)
     rest = y - np.einsum("i,irc->rc", w, x)
     score = (x * rest).reshape(2, 4, 64, 4, 64).sum(axis=(2, 4)).reshape(2, -1)
-    half = np.linalg.inv(power) @ score
-    spread = half @ half.T * 16 / 15
+    glint = (np.einsum("i,irc->rc", w, x) ** 2).reshape(4, 64, 4, 64).sum(axis=(1, 3)).ravel() / (w @ power @ w)
+    half = np.linalg.inv(power) @ (score / (1 - glint))
+    spread = half @ half.T * 15 / 16
     expected = np.sqrt(np.trace(spread @ power) / (w @ power @ w))
     assert glint_error(stats, 0, found.references, w)[0] == pytest.approx(expected, rel=1e-6)
 

@@ -7,11 +7,11 @@ import pytest
 
 from deglint import Recipe, fit_scene, open_scene, remove_glint
 from deglint.compensate import uncertainty as module
-from deglint.compensate.uncertainty import BandError, Parts, Uncertainty, fit, stderr
+from deglint.compensate.uncertainty import BandError, Parts, Trial, Uncertainty, fit, stderr
 from deglint.errors import FitError, InputError
 from deglint.physics.presets import preset
 from deglint.pipeline.correct import Correction
-from deglint.pipeline.uncertain import with_stderr
+from deglint.pipeline.uncertain import _trial, with_stderr
 from deglint.raster.output import Layout
 from deglint.raster.simulated import write_scene
 from deglint.remove import GlintModel
@@ -92,12 +92,11 @@ def test_tiles_give_what_the_whole_gives(kind, calm, simulated):
     np.testing.assert_array_equal(found, expected)
 
 
-def looks(seed=0, shape=(40, 50), noise=0.2, texture=0.0):
-    """A flat level, pixels about it with a known noise, and texture that neighbours share."""
+def looks(seed=0, shape=(40, 50), noise=0.2):
+    """A flat level, and pixels about it with a known noise."""
     rng = np.random.default_rng(seed)
     level = np.full((2, *shape), 10.0, np.float32)
-    shared = np.repeat(np.repeat(rng.standard_normal((2, shape[0] // 10, shape[1] // 10)), 10, 1), 10, 2)
-    after = (level + noise * rng.standard_normal(level.shape) + texture * shared).astype(np.float32)
+    after = (level + noise * rng.standard_normal(level.shape)).astype(np.float32)
     replaced = rng.random(level.shape) < 0.2
     after[replaced] = level[replaced]
     return Parts(after, after, np.ones(shape, np.bool_), replaced, None, level, level)
@@ -112,24 +111,81 @@ def test_every_pixel_is_what_its_parts_say():
     after[1, 2, 2] = np.nan
     where, replaced, kept = rng.random((8, 10)) < 0.9, rng.random((2, 8, 10)) < 0.4, rng.random((8, 10)) < 0.1
     parts = Parts(after, after, where, replaced, kept, wide, wide - np.float32(3), inner)
-    told = Uncertainty((BandError(0, 0.3, 0.02, 0.05, 1.5, 0.4, 0, 0.1),), 1, 6.0, 2.0, 0.5)
+    error = BandError(0, 0.3, 0.02, 0.05, 1.5, edges=0.01, high=-0.3, left=0.4, index=0, slope_error=0.1)
+    told = Uncertainty((error,), 1, 6.0, 2.0, 0.5)
     found = stderr(parts, told, steps=(0.6, 0.6))
     for r, c in np.ndindex(8, 10):
         level, shown = float(wide[0, r + 2, c + 3]) - 3, max(float(wide[1, r + 2, c + 3]) - 6.0, 0.0)
         near = wide[0, max(r - 1, 0) : r + 6, max(c, 0) : c + 7].astype(float)
-        of_level = 0.05 + module.OF_RELIEF**2 * max(float(np.float32(near.max() - near.min())) ** 2 - 1.5, 0)
+        relief = max(float(np.float32(near.max() - near.min())) ** 2 - 1.5, 0)
+        of_level = 0.05 + (0.01 + module.OF_RELIEF**2) * relief
         noise = 0.3 + 0.02 * float(after[0, r, c] if kept[r, c] else level)
         variance = noise + of_level if kept[r, c] else of_level if replaced[0, r, c] else noise
-        variance += 0.4**2 * (0.25 * shown**2 + 0.75 * max(shown - module.STANDS_OUT * 2.0, 0) ** 2)
+        left = 0.4 * np.sqrt(0.25 * shown**2 + 0.75 * max(shown - module.STANDS_OUT * 2.0, 0) ** 2)
+        variance += (left - 0.3 * bool(replaced[0, r, c] and not kept[r, c])) ** 2
         variance += (0.1 * 3.0) ** 2 + 0.6**2 / 12
         assert found[0, r, c] == pytest.approx(np.sqrt(variance), rel=1e-5) if where[r, c] else np.isnan(found[0, r, c])
 
 
-def test_noise_is_the_clean_pixels_own_and_the_level_is_what_neighbours_share():
-    told = fit([looks(seed, texture=0.1) for seed in range(6)], MODEL, [0], reference=1, glint={0: 1.0, 1: 1.0})
+def trial(part, error):
+    return Trial(error.astype(np.float32), part.replaced, part.where, part.removed_level)
+
+
+def test_noise_is_the_clean_pixels_own_and_the_level_errs_as_in_trials():
+    parts = [looks(seed) for seed in range(6)]
+    rng = np.random.default_rng(7)
+    trials = [trial(part, 0.3 * rng.standard_normal(part.level.shape)) for part in parts]
+    told = fit(parts, MODEL, [0], trials=trials, reference=1, glint={0: 1.0, 1: 1.0})
     (band,) = told.bands
-    assert band.fixed + 10 * band.growing == pytest.approx(0.2**2 + 0.1**2, rel=0.05)
-    assert band.level == pytest.approx(module.OF_LEVEL * 0.1**2 * 0.9, rel=0.25)  # nine in ten pairs share it
+    assert band.fixed + 10 * band.growing == pytest.approx(0.2**2, rel=0.05)
+    assert (band.level, band.edges) == (pytest.approx(0.3**2, rel=0.1), 0.0)
+    assert abs(band.high) < 0.01
+
+
+def test_errors_grow_where_the_level_spans():
+    """A trial that errs by a tenth of how far the level spans within reach, beyond what is usual."""
+    rng = np.random.default_rng(8)
+    level = np.cumsum(rng.exponential(1.0, (2, 80, 60)), axis=2).astype(np.float32)
+    after = level + rng.normal(0, 0.2, level.shape).astype(np.float32)
+    replaced = rng.random(level.shape) < 0.3
+    part = Parts(after, after, np.ones((80, 60), np.bool_), replaced, None, level, level)
+    squares = np.stack([module._span(band) for band in level]).astype(np.float64) ** 2
+    usual = np.median(squares[0][~replaced[0]])
+    error = 0.1 * np.sqrt(np.maximum(squares - usual, 0.0)) * rng.standard_normal(level.shape)
+    (band,) = fit([part], MODEL, [0], trials=[trial(part, error)], reference=1, glint={0: 1.0, 1: 1.0}).bands
+    assert band.relief == pytest.approx(usual)
+    assert (band.edges, band.level) == (pytest.approx(0.01, rel=0.1), pytest.approx(0.0, abs=0.001 * usual))
+
+
+@pytest.mark.parametrize(("high", "sigma", "k"), [(0.0, 1.0, 1.5), (0.4, 1.0, 1.5), (-0.3, 2.0, 1.2)])
+def test_a_level_that_lies_too_high_is_seen_in_what_lies_below_it(high, sigma, k):
+    """Pixels without glint, less a level too high; those k deviations above it are not clean. Against numbers drawn."""
+    drawn = np.random.default_rng(5).normal(-high, sigma, 400_000)
+    rest = drawn[drawn < k * sigma]
+    found = module._cut_off(rest) - rest.mean()
+    assert found == pytest.approx(high, abs=0.1 * sigma + 0.25 * abs(high))
+    assert module._cut_off(np.zeros(10)) == 0.0
+    exact = np.random.default_rng(6).standard_normal(1_000_000)
+    from scipy.stats import truncnorm
+
+    assert module._cut_off(exact[exact < 1.5]) == pytest.approx(truncnorm.mean(-np.inf, 1.5), abs=0.01)
+
+
+def test_a_trial_lays_sparkle_and_noise_elsewhere(calm, simulated):
+    """The sea of a trial is the level and what stands above it; where there is none of that, nothing errs."""
+    work, whole = calm
+    parts = replace(work, uncertainty=None)(whole).parts
+    found = _trial(work, parts)
+    assert found.where.mean() > 0.9
+    error = found.error[:, found.where]
+    assert np.isfinite(error).all()
+    truth = simulated["calm"][1]
+    real, tried = [], []
+    for b in range(5):  # beyond these glint that is left varies with the waves, which no trial shows
+        level = np.median(truth[b])
+        real.append(((parts.after[b] - truth[b]) / level)[parts.replaced[b]])
+        tried.append(found.error[b][found.replaced[b] & found.where] / level)
+    assert 0.6 < np.std(np.concatenate(tried)) / np.std(np.concatenate(real)) < 1.3
 
 
 def test_line_is_found_and_never_below_zero():
@@ -198,11 +254,13 @@ def test_a_compensation_without_a_level_is_refused(simulated, tmp_path, compensa
 def test_too_few_pixels():
     few = looks(shape=(10, 10))
     with pytest.raises(FitError, match="need 256"):
-        fit([few], MODEL, [0], reference=1)
+        fit([few], MODEL, [0], trials=[trial(few, few.level)], reference=1)
     with pytest.raises(FitError, match="need 256"):
         fit([Parts(few.after, few.after, few.where)], MODEL, [0])
     with pytest.raises(InputError, match="replace-level"):
         fit([replace(few, level=None)], MODEL, [0], reference=1)
+    with pytest.raises(InputError, match="needs a trial"):
+        fit([few], MODEL, [0], reference=1)
 
 
 def test_one_band_and_gaps_in_the_level():
@@ -211,7 +269,7 @@ def test_one_band_and_gaps_in_the_level():
     level[:, 5:8, 5:8] = np.nan
     part = replace(part, level=level, removed_level=level, where=part.where & np.isfinite(level[0]))
     model = replace(MODEL, fits=(), indexes=())
-    told = fit([part], model, [1], reference=1, glint={1: 1.0})
+    told = fit([part], model, [1], trials=[trial(part, 0 * part.level)], reference=1, glint={1: 1.0})
     found = stderr(part, told)
     assert found.shape == (1, 40, 50)
     assert np.array_equal(np.isnan(found[0]), ~part.where)

@@ -2,12 +2,15 @@
 
 Two kinds of pixels, and what their errors are made of. A pixel *passed on* by a compensation keeps its own noise: the
 variance of clean pixels about the level of the water, as a line in the level. A *replaced* pixel has the error of
-the level in its place: the covariance of neighbouring clean pixels about it (their noise is not common to neighbours,
-the error of the level is), and more where the level changes within a few pixels. Both may hold glint that is left:
-where it covers much of the sea the level rises with it, and by how much is seen in the near infrared, whose water is
-even. A band that removal corrects keeps of it what the references do not explain. Without a compensation the error is
-that of removal: what differs from pixel to pixel in its result, as a line in the square of what was removed, and the
-standard error of the slope.
+the level in its place, which a trial tells: the chain runs once more on a sea that is known, the level that it found,
+with what the scene has above and below that level (sparkle and noise, all bands alike) laid on it in other places.
+How far it is off there, as a line in how far the level spans around, is how far it is off here. What the trial takes
+for the truth is not in its errors: that the level lies above the middle of the clean pixels, which is seen in these
+(those above the threshold are not among them, and the mean of a normal distribution that is cut off is known); and
+glint that is left in both kinds of pixels: where it covers much of the sea the level rises with it, and by how much is
+seen in the near infrared, whose water is even. A band that removal corrects keeps of it what the references do not
+explain. Without a compensation the error is that of removal: what differs from pixel to pixel in its result, as a line
+in the square of what was removed, and the standard error of the slope.
 
 Root mean square errors, bias and all, not halves of an interval: errors are not normal. Assumes dark, even water in the
 reference; that things narrower than the element are not there (an opening erases them, and nothing tells); that
@@ -15,14 +18,17 @@ errors which all pixels share (calibration, atmosphere, the level of removal) ar
 
 References
 ----------
-Curran, Dungan (1989), IEEE Transactions on Geoscience and Remote Sensing 27, 620-628, doi:10.1109/TGRS.1989.35945
-(noise as what neighbours do not share); Immerkaer (1996), Computer Vision and Image Understanding 64, 300-302,
-doi:10.1006/cviu.1996.0060 (noise from second differences)."""
+Efron (1979), Annals of Statistics 7, 1-26, doi:10.1214/aos/1176344552 (the bootstrap, of residuals in its section 7);
+Kuensch (1989), Annals of Statistics 17, 1217-1241, doi:10.1214/aos/1176347265 (whole blocks of them, where neighbours
+depend on each other); Barr, Sherrill (1999), The American Statistician 53, 357-361,
+doi:10.1080/00031305.1999.10474490 (mean of a normal distribution that is cut off); Immerkaer (1996), Computer Vision
+and Image Understanding 64, 300-302, doi:10.1006/cviu.1996.0060 (noise from second differences)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from math import erf, exp, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -40,18 +46,19 @@ GROUPS = 24
 """Groups of pixels of like brightness through whose variances a line is laid."""
 LOWEST = 1.0
 """Percentile of the reference's level that counts as water without glint [%]."""
+HIGHEST = 99.9
+"""Percentile of clean pixels about their level where they are cut off [%]."""
 LEFT = 1.05
 """Glint left in a band that is not corrected, relative to what the reference shows."""
-LEFT_CORRECTED = 0.4
+LEFT_CORRECTED = 0.3
 """The same in a corrected band, times the root of the share of its variance that the references do not explain."""
 FULL_COVER = 0.2
 """Share of glinted pixels from which on what the reference shows above its lowest level is all glint."""
 STANDS_OUT = 1.5
 """Below that cover it is noise of the level, save what exceeds its median by this factor."""
-OF_LEVEL = 1.4
-"""Variance of a replaced pixel's level, relative to that of the level under clean pixels."""
-OF_RELIEF = 0.05
-"""Error of a replaced pixel, relative to how far the level spans within `REACH`."""
+OF_RELIEF = 0.035
+"""Error of a replaced pixel that a trial does not show, relative to how far the level spans within `REACH`: what an
+opening cuts off is not in the level that the trial begins with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +92,28 @@ class Parts:
     inner: tuple[slice, slice] = (slice(None), slice(None))
 
 
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """The chain, run on a sea that is known: a level of the water, and on it the scene's own sparkle and noise, moved.
+
+    Attributes
+    ----------
+    error : (band, row, column) float32 ndarray
+        What the chain, and the removal in it, made of that, less `level`.
+    replaced : bool ndarray
+        What the chain replaced.
+    where : (row, column) bool ndarray
+        Pixels to look at.
+    level : float32 ndarray
+        The level, after removal.
+    """
+
+    error: Float32Array
+    replaced: Mask
+    where: Mask
+    level: Float32Array
+
+
 @dataclass(frozen=True, slots=True)
 class BandError:
     """Of one band, in the scene's unit and its square.
@@ -96,9 +125,13 @@ class BandError:
     fixed, growing : float
         Variance of a clean pixel: at 0, and per unit of the level (or of the squared amount, without compensation).
     level : float
-        Variance of the level in the place of a replaced pixel.
+        Variance of the level in the place of a replaced pixel, in trials.
     relief : float
         Mean square of how far the level spans around a clean pixel.
+    edges : float
+        Its increase with the square of how far the level spans around.
+    high : float
+        How far the level lies above the middle of the clean pixels.
     left : float
         Glint left, per unit of what the reference shows above its lowest level.
     index : int
@@ -112,6 +145,8 @@ class BandError:
     growing: float
     level: float = 0.0
     relief: float = 0.0
+    edges: float = 0.0
+    high: float = 0.0
     left: float = 0.0
     index: int = -1
     slope_error: float = 0.0
@@ -155,6 +190,7 @@ def fit(
     model: GlintModel,
     bands: Sequence[int],
     *,
+    trials: Sequence[Trial] = (),
     reference: int = -1,
     glint: Mapping[int, float] | None = None,
     cover: float = 1.0,
@@ -168,10 +204,12 @@ def fit(
         Of the removal.
     bands : sequence of int
         0-based bands that may have changed.
+    trials : sequence of Trial
+        On the levels of the looks; needed with compensation.
     reference : int
         0-based NIR band; needed with compensation.
     glint : mapping of int to float, optional
-        Mean brightness of glint in each band, with compensation.
+        Mean brightness of glint in each band, with compensation, as it raises the level there.
     cover : float
         Share of glinted pixels in the reference.
 
@@ -180,7 +218,7 @@ def fit(
     FitError
         Too few clean pixels.
     InputError
-        A compensation without a level.
+        A compensation without a level, or without a trial.
 
     Notes
     -----
@@ -189,10 +227,12 @@ def fit(
     compensated = any(p.replaced is not None for p in looks)
     if compensated and any(p.level is None for p in looks):
         raise InputError("a standard error needs a compensation with replace-level, or none (--compensate off).")
+    if compensated and not trials:
+        raise InputError("a standard error with a compensation needs a trial of it.")
     fits = {f.band: f for f in model.fits}
     found = []
     for band in bands:
-        error = _of_level(looks, band) if compensated else _of_removal(looks, band)
+        error = _of_level(looks, trials, band) if compensated else _of_removal(looks, band)
         if band in fits:
             fitted = fits[band]
             relative = float(fitted.stderr or 0.0) / abs(fitted.slope) if fitted.slope else 0.0
@@ -245,13 +285,14 @@ def _local(parts: Parts, error: BandError, uncertainty: Uncertainty) -> npt.NDAr
     assert parts.removed_level is not None
     level = parts.removed_level[error.band]
     span = np.maximum(_span(level)[parts.inner].astype(np.float64) ** 2 - error.relief, 0.0)
-    of_level = error.level + OF_RELIEF**2 * span
+    of_level = error.level + (error.edges + OF_RELIEF**2) * span
     kept = np.zeros_like(parts.where) if parts.kept is None else parts.kept
     base = np.where(kept, parts.after[error.band], level[parts.inner])
     noise = error.fixed + error.growing * np.maximum(base, 0).astype(np.float64)
-    replaced = parts.replaced[error.band]
-    variance = np.where(replaced & ~kept, of_level, noise) + np.where(kept, of_level, 0.0)
-    return np.asarray(variance + error.left**2 * _shown(parts, uncertainty))
+    replaced = parts.replaced[error.band] & ~kept
+    left = error.left * np.sqrt(_shown(parts, uncertainty))
+    variance = np.where(replaced, of_level, noise) + np.where(kept, of_level, 0.0)
+    return np.asarray(variance + (left + np.where(replaced, error.high, 0.0)) ** 2)
 
 
 def _shown(parts: Parts, uncertainty: Uncertainty) -> npt.NDArray[np.float64]:
@@ -266,9 +307,9 @@ def _plain(parts: Parts, error: BandError) -> npt.NDArray[np.float64]:
     return np.asarray(error.fixed + error.growing * _removed(parts, error.band) ** 2)
 
 
-def _of_level(looks: Sequence[Parts], band: int) -> BandError:
-    """How clean pixels lie about the level."""
-    away, place, spans, pairs = [], [], [], [0.0, 0.0]
+def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int) -> BandError:
+    """How clean pixels lie about the level, and by how much the level errs in trials."""
+    away, place, spans = [], [], []
     for parts in looks:
         assert parts.replaced is not None
         assert parts.removed_level is not None
@@ -281,16 +322,35 @@ def _of_level(looks: Sequence[Parts], band: int) -> BandError:
         away.append(rest[clean])
         place.append(level[clean])
         spans.append(_span(wide)[parts.inner][clean].astype(np.float64))
-        for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-            both = clean[a] & clean[b]
-            pairs[0] += float((rest[a][both] * rest[b][both]).sum())
-            pairs[1] += int(both.sum())
     rest, level, span = np.concatenate(away), np.concatenate(place), np.concatenate(spans)
-    if rest.size < FEWEST or not pairs[1]:
+    if rest.size < FEWEST:
         return _too_few(rest.size)
     fixed, growing = _line(np.maximum(level, 0.0), (rest - rest.mean()) ** 2)
-    of_level = OF_LEVEL * max(pairs[0] / pairs[1], 0.0)
-    return BandError(band, fixed, growing, of_level, float(np.median(span**2)))
+    relief = float(np.median(span**2))
+    wrong = [_wrong(trial, band, relief) for trial in trials]
+    span, squares = (np.concatenate(both) for both in zip(*wrong, strict=True))
+    of_level, edges = _line(span, squares) if squares.size else (float(rest.var()), 0.0)
+    return BandError(band, fixed, growing, of_level, relief, edges, _cut_off(rest) - float(rest.mean()))
+
+
+def _wrong(trial: Trial, band: int, relief: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Of a trial's replaced pixels: how far the level spans around them, squared, less relief, and squared errors."""
+    at = trial.where & trial.replaced[band] & np.isfinite(trial.error[band])
+    span = _span(trial.level[band])[at].astype(np.float64)
+    return np.maximum(span**2 - relief, 0.0), trial.error[band][at].astype(np.float64) ** 2
+
+
+def _cut_off(rest: npt.NDArray[np.float64]) -> float:
+    """Mean of a normal distribution about 0 that has the lower half of these, and is cut off where they are.
+
+    Barr, Sherrill (1999), equation 2.
+    """
+    below = rest[rest < 0]
+    sigma = sqrt(float((below**2).mean())) if below.size else 0.0
+    if sigma == 0:
+        return 0.0
+    z = float(np.percentile(rest, HIGHEST)) / sigma
+    return -sigma * exp(-z * z / 2) / sqrt(2 * pi) / (0.5 * (1 + erf(z / sqrt(2))))
 
 
 def _of_removal(looks: Sequence[Parts], band: int) -> BandError:
@@ -346,7 +406,7 @@ def _span(level: Float32Array) -> Float32Array:
     known = np.isfinite(level)
     high = cv2.dilate(np.where(known, level, np.float32(-np.inf)), element)
     low = cv2.erode(np.where(known, level, np.float32(np.inf)), element)
-    return np.where(known, high - low, np.float32(0))
+    return np.subtract(high, low, out=np.zeros_like(level), where=known)
 
 
 def _level(parts: Parts) -> Float32Array:

@@ -1,4 +1,8 @@
-"""Learn a scene's standard errors: some of its tiles are corrected once more, and looked at."""
+"""Learn a scene's standard errors: some of its tiles are corrected once more, and their sparkle is moved and corrected.
+
+A trial lays what a tile has above and below its level on the same level elsewhere, around the tile's edges, and runs
+the chain on that: a sea like the tile's, whose truth is known. See `deglint.compensate.uncertainty`.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +12,19 @@ from dataclasses import replace
 import numpy as np
 
 from .. import tiles as tiling
+from ..compensate import State, apply_stages, finish
 from ..compensate.identify import IdentifyLevel
-from ..compensate.uncertainty import fit
+from ..compensate.uncertainty import Parts, Trial, fit
 from ..errors import FitError, InputError
 from ..raster.environment import enter_thread
 from ..readers.roles import find_nir
 from ..tiles import Tile
-from .correct import Correction
+from .correct import Correction, removed
 
 VALUES = 8 << 20
-"""Most values (pixels times bands) that are looked at."""
+"""Most values (pixels times bands) that are looked at, and that trials are made of where one of each tile is fewer."""
+MOVES = ((0.5, 0.5), (0.25, 0.75), (0.75, 0.25), (0.5, 0.0))
+"""Where trials lay the sparkle: so much of a tile down and to the right. Small scenes get all, for what is rare."""
 
 
 def with_stderr(work: Correction, everything: Sequence[Tile], nir: Sequence[str], threads: int) -> Correction:
@@ -42,17 +49,60 @@ def with_stderr(work: Correction, everything: Sequence[Tile], nir: Sequence[str]
     if work.chain.before and (not levels or not any(s.name == "replace-level" for s in work.chain.before)):
         raise InputError("--stderr needs a compensation with replace-level before the removal, or --compensate off.")
     bands = tuple(work.changed)
-    chosen = tiling.spread(everything, VALUES // len(work.scene.bands))
-    parts = [done.parts for _t, done in tiling.run(chosen, work, threads=threads, start=enter_thread)]
-    looks = [p for p in parts if p is not None and p.where.any()]
+    if levels and set(bands) - set(levels[-1].bands):
+        raise InputError("--stderr needs a level of every band: leave it out, or identify glint in all bands.")
+    most = VALUES // len(work.scene.bands)
+    chosen = tiling.spread(everything, most)
+    moves = MOVES[: max(most // sum(t.shape[0] * t.shape[1] for t in chosen), 1)]
+
+    def look(tile: Tile) -> tuple[Parts, list[Trial]] | None:
+        parts = work(tile).parts
+        if parts is None or not parts.where.any():
+            return None
+        return parts, [] if parts.level is None else [_trial(work, parts, move) for move in moves]
+
+    both = [found for _t, found in tiling.run(chosen, look, threads=threads, start=enter_thread) if found]
+    looks, trials = [parts for parts, _ in both], [trial for _, some in both for trial in some]
     if not looks:
         raise FitError("no pixel is corrected in the tiles that were looked at, so --stderr has nothing to learn from.")
     if not levels:
         return replace(work, uncertainty=fit(looks, work.model, bands))
     stage = levels[-1]
-    if set(bands) - set(stage.bands):
-        raise InputError("--stderr needs a level of every band: leave it out, or identify glint in all bands.")
     reference = find_nir(work.scene, list(nir) or None)[0]
-    glint = dict(zip(stage.bands, stage.spectrum, strict=True))
+    glint = {band: mean * _skirt(work, band, reference) for band, mean in zip(stage.bands, stage.spectrum, strict=True)}
     cover = stage.cover[stage.bands.index(reference)] if reference in stage.bands else float(np.median(stage.cover))
-    return replace(work, uncertainty=fit(looks, work.model, bands, reference=reference, glint=glint, cover=cover))
+    learnt = fit(looks, work.model, bands, trials=trials, reference=reference, glint=glint, cover=cover)
+    return replace(work, uncertainty=learnt)
+
+
+def _skirt(work: Correction, band: int, reference: int) -> float:
+    """How much less than in the reference flashes raise the level beside them: diffraction goes with the wavelength.
+
+    Of a band that removal corrects what is left has been set against its glint as it is.
+    """
+    here, there = (work.scene.bands[b].wavelength for b in (band, reference))
+    if here is None or there is None or any(f.band == band for f in work.model.fits):
+        return 1.0
+    return min(here / there, 1.0)
+
+
+def _trial(work: Correction, parts: Parts, move: tuple[float, float] = MOVES[0]) -> Trial:
+    """What the chain makes of a tile's sparkle and noise on its own level, so much of the tile further."""
+    assert parts.level is not None
+    assert parts.removed_level is not None
+    at = (slice(None), *parts.inner)
+    level, truth = parts.level[at], parts.removed_level[at]
+    usable = parts.where & np.isfinite(level).all(axis=0) & np.isfinite(parts.before).all(axis=0)
+    if parts.kept is not None:
+        usable = usable & ~parts.kept
+    by = tuple(int(share * side) for share, side in zip(move, usable.shape, strict=True))
+    moved = np.roll(np.where(usable, parts.before - level, np.float32(0)), by, axis=(1, 2))
+    sea = np.where(usable, level + moved, parts.before)
+    state = apply_stages(State.of(sea), work.chain.before)
+    clean, replaced = finish(state, sea), state.replaced
+    if work.model.fits:
+        clean = removed(clean, work.model)
+    if work.chain.after:
+        state = apply_stages(State.own(clean), work.chain.after)
+        clean, replaced = finish(state, clean), replaced | state.replaced
+    return Trial(clean - truth, replaced, usable & np.roll(usable, by, axis=(0, 1)), truth)

@@ -2,11 +2,16 @@
 
 Neighbouring pixels are not independent: a textbook standard error is too small by the square root of how many
 pixels move together. Where the sample spans enough cells, the error is therefore taken between cells (the
-cluster-robust estimate of Liang and Zeger 1986), and only otherwise from independent pixels.
+cluster-robust estimate of Liang and Zeger 1986), and only otherwise from independent pixels. A cell that holds much of
+the glint draws the slope to itself, so that its own residuals are too small; they are divided by what the other cells
+hold of it, which makes the estimate the jackknife over cells (CR3 of Bell and McCaffrey 2002; Cameron and Miller 2015,
+section VI.B).
 
 References
 ----------
 Liang, Zeger (1986), Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
+Bell, McCaffrey (2002), Survey Methodology 28, 169-181.
+Cameron, Miller (2015), Journal of Human Resources 50, 317-372, doi:10.3368/jhr.50.2.317.
 Carter, Schnepel, Steigerwald (2017), Review of Economics and Statistics 99, 698-709, doi:10.1162/REST_a_00639.
 Huber (1964), Annals of Mathematical Statistics 35, 73-101, doi:10.1214/aoms/1177703732.
 Sen (1968), Journal of the American Statistical Association 63, 1379-1389, doi:10.1080/01621459.1968.10480934.
@@ -26,6 +31,8 @@ from .statistics import SampleStatistics
 
 CLUSTERS = 10
 """Fewest cells for a standard error between cells."""
+LEAST_ELSEWHERE = 1e-3
+"""Least share of the glint that other cells are taken to hold."""
 ROBUST_PIXELS = 50_000
 """Most pixels that the Huber regression looks at."""
 PAIRED_PIXELS = 2_000
@@ -84,7 +91,11 @@ REGRESSIONS: dict[str, Callable[[SampleStatistics], Slopes]] = {
 
 
 def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
-    """Standard errors of slopes (bands, indexes): between cells, or of independent pixels for few cells."""
+    """Standard errors of slopes (bands, indexes): between cells, or of independent pixels for few cells.
+
+    ``sqrt((G - 1) / G sum_c (s_c / (1 - h_c))^2) / S``, with S the index's comoment, h_c the share of it in cell c of
+    G, and s_c the cell's score (CR3 of Cameron and Miller 2015, section VI.B, for one regressor).
+    """
     bands = len(stats.plan.bands)
     power = np.diag(stats.regressed.comoment)[bands:]
     if len(stats.cells.n) < CLUSTERS:
@@ -94,9 +105,14 @@ def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
     away = (cells.mean - stats.regressed.mean) + (cells.rest - stats.regressed.rest)
     about = cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
     power_of_cell = np.diagonal(about, axis1=1, axis2=2)[:, None, bands:]
-    score = about[:, :bands, bands:] - slope * power_of_cell
+    score = (about[:, :bands, bands:] - slope * power_of_cell) / _elsewhere(power_of_cell / power)
     count = len(cells.n)
-    return np.sqrt((score**2).sum(axis=0) * count / (count - 1)) / power
+    return np.sqrt((score**2).sum(axis=0) * (count - 1) / count) / power
+
+
+def _elsewhere(share: Float64) -> Float64:
+    """What is not in a cell; never nothing, or one cell with all the glint would have no finite error."""
+    return np.maximum(1 - share, LEAST_ELSEWHERE)
 
 
 def glint_error(
@@ -104,12 +120,13 @@ def glint_error(
 ) -> tuple[float, float]:
     """Relative standard error of the glint that a mixture of references takes from a band, and how far to believe it.
 
-    .. math:: \\sqrt{\\mathrm{tr}(V C) / w^T C w}, \\quad s_c = C_{ri,c} - C_{rr,c} w,
-        \\quad V = C^{-1} \\Big( \\frac{G}{G - 1} \\sum_c s_c s_c^T \\Big) C^{-1}
+    .. math:: \\sqrt{\\mathrm{tr}(V C) / w^T C w}, \\quad s_c = (C_{ri,c} - C_{rr,c} w) / (1 - p_c),
+        \\quad V = C^{-1} \\Big( \\frac{G - 1}{G} \\sum_c s_c s_c^T \\Big) C^{-1}
 
-    with C the comoments of the references and s_c the score of cell c, of G: the cluster-robust covariance V of the
-    weights w (Liang and Zeger 1986), in the unit of the mixture's own spread. For one reference it is the slope's
-    standard error over the slope.
+    with C the comoments of the references, s_c the score of cell c, of G, and p_c its share of the glint: the
+    cluster-robust covariance V of the weights w (CR3 of Bell and McCaffrey 2002, with the leverage of the mixture in
+    place of that of each reference), in the unit of the mixture's own spread. For one reference it
+    is the slope's standard error over the slope.
 
     Parameters
     ----------
@@ -138,12 +155,12 @@ def glint_error(
     away = cells.mean - stats.regressed.mean
     about = cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
     mixed = about[:, rows][:, :, rows] @ w
-    score = about[:, rows, band] - mixed
+    share = mixed @ w / removed
+    score = (about[:, rows, band] - mixed) / _elsewhere(share)[:, None]
     scale = np.sqrt(np.diag(power))  # references of any unit
     scaled = power / np.outer(scale, scale)
     half = np.linalg.pinv(scaled, hermitian=True) @ (score / scale).T
-    spread = half @ half.T * count / (count - 1)
-    share = mixed @ w / removed
+    spread = half @ half.T * (count - 1) / count
     return math.sqrt(max(float(np.trace(spread @ scaled)), 0.0) / removed), float(1 / (share @ share))
 
 
