@@ -20,7 +20,7 @@ from numba import njit
 _SAME = {"contract"}
 DONE, DEFICIENT, ASIDE = 0, 1, 255
 WIDTH = 64  # pixels whose covariances are factored side by side: they stay in the first-level cache
-SOME = 9  # channels whose sums along a row are made together
+SOME = 3  # channels whose sums along a row are made together
 EPS = 2.220446049250313e-16
 
 
@@ -80,6 +80,31 @@ def _down(x, known, start, width, place, fresh, suffix, prefix, out):  # type: i
             out[q, c] = suffix[place, q, c] + prefix[q, c]
 
 
+# Each loop is a function of its own: the compiler then sees that what is read and what is written do not overlap.
+@njit(nogil=True, cache=True)
+def _two(a, b, n, out):  # type: ignore[no-untyped-def]
+    for k in range(n):
+        out[k] = a[k] + b[k]
+
+
+@njit(nogil=True, cache=True)
+def _three(a, b, c, n, out):  # type: ignore[no-untyped-def]
+    for k in range(n):
+        out[k] = (a[k] + b[k]) + c[k]
+
+
+@njit(nogil=True, cache=True)
+def _four(a, b, c, d, n, out):  # type: ignore[no-untyped-def]
+    for k in range(n):
+        out[k] = (a[k] + b[k]) + (c[k] + d[k])
+
+
+@njit(nogil=True, cache=True)
+def _add(a, n, out):  # type: ignore[no-untyped-def]
+    for k in range(n):
+        out[k] += a[k]
+
+
 @njit(nogil=True, cache=True)
 def _windows(values, spare, n, width, sums):  # type: ignore[no-untyped-def]
     """Sums of entries k..k+width-1 for every k that has them: of sums of 1, 2, 4, ... entries, as width needs them.
@@ -89,24 +114,21 @@ def _windows(values, spare, n, width, sums):  # type: ignore[no-untyped-def]
     done, span = 0, 1
     while True:
         if width & span:
-            there = values[done:]
-            for k in range(n - done):
-                sums[k] = there[k] if done == 0 else sums[k] + there[k]
+            if done:
+                _add(values[done:], n - done, sums)
+            else:
+                sums[:n] = values[:n]
             done += span
         if 2 * span > width:
             return
-        second, third, fourth = values[span:], values[2 * span :], values[3 * span :]
         if 2 * span == width:
-            for k in range(n - span):
-                sums[k] = values[k] + second[k]
+            _two(values, values[span:], n - span, sums)
             return
         if width & 2 * span:
-            for k in range(n - span):
-                spare[k] = values[k] + second[k]
+            _two(values, values[span:], n - span, spare)
             span *= 2
         else:
-            for k in range(n - 3 * span):
-                spare[k] = (values[k] + second[k]) + (third[k] + fourth[k])
+            _four(values, values[span:], values[2 * span :], values[3 * span :], n - 3 * span, spare)
             span *= 4
         values, spare = spare, values
 
@@ -122,16 +144,12 @@ def _rings(above, below, beside, inner, bar, piece, work, rings):  # type: ignor
     values, spare, middle, sides = work[0], work[1], work[2], work[3]
     for first in range(0, rings.shape[0], piece):
         n = min(piece, rings.shape[0] - first)
-        a, b, c, out = above[first:], below[first:], beside[first:], rings[first:]
-        for k in range(n):
-            values[k] = a[k] + b[k]
+        a, b = above[first:], below[first:]
+        _two(a, b, n, values)
         _windows(values, spare, n, inner, middle)  # columns of the guard
-        for k in range(n):
-            values[k] = (a[k] + b[k]) + c[k]
+        _three(a, b, beside[first:], n, values)
         _windows(values, spare, n, bar, sides)
-        guard, right = middle[bar:], sides[apart:]
-        for k in range(n - apart):
-            out[k] = (sides[k] + right[k]) + guard[k]
+        _three(sides, sides[apart:], middle[bar:], n - apart, rings[first:])
 
 
 @njit(nogil=True, cache=True, fastmath=_SAME)
