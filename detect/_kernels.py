@@ -1,7 +1,7 @@
 """The compiled inner loop of `detect.local`: moments of every pixel's ring, and the distance of the pixel from them.
 
 Sums down a window are made of two runs, one to the end of a block and one from its start (van Herk 1992): blocks are
-as long as the window and lie at multiples of it in the scene. Sums along its rows are made of sums of 1, 2, 4, ...
+as long as the window and lie at multiples of it in the scene. Sums along its rows are made of sums of 1, 4, 16, ...
 pixels. So a sum holds the pixels of its window and no others, nothing is ever taken away again, the cost grows
 slowly with the window, and any tiling gives the same bits.
 The ring is the sum of four bars around the guard, not a difference of two squares.
@@ -94,42 +94,56 @@ def _three(a, b, c, n, out):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True)
-def _four(a, b, c, d, n, out):  # type: ignore[no-untyped-def]
+def _four(a, step, n, out):  # type: ignore[no-untyped-def]
+    b, c, d = a[step:], a[2 * step :], a[3 * step :]
     for k in range(n):
         out[k] = (a[k] + b[k]) + (c[k] + d[k])
 
 
 @njit(nogil=True, cache=True)
-def _add(a, n, out):  # type: ignore[no-untyped-def]
-    for k in range(n):
-        out[k] += a[k]
+def _first(a, step, many, n, out):  # type: ignore[no-untyped-def]
+    """The sum of `many`, 1 to 3, entries of `a` that lie `step` apart."""
+    if many == 1:
+        out[:n] = a[:n]
+    elif many == 2:
+        _two(a, a[step:], n, out)
+    else:
+        _three(a, a[step:], a[2 * step :], n, out)
+
+
+@njit(nogil=True, cache=True)
+def _further(a, step, many, n, out):  # type: ignore[no-untyped-def]
+    """The same, added to what is there."""
+    b, c = a[step:], a[2 * step :]
+    if many == 1:
+        for k in range(n):
+            out[k] += a[k]
+    elif many == 2:
+        for k in range(n):
+            out[k] += a[k] + b[k]
+    else:
+        for k in range(n):
+            out[k] += (a[k] + b[k]) + c[k]
 
 
 @njit(nogil=True, cache=True)
 def _windows(values, spare, n, width, sums):  # type: ignore[no-untyped-def]
-    """Sums of entries k..k+width-1 for every k that has them: of sums of 1, 2, 4, ... entries, as width needs them.
+    """Sums of entries k..k+width-1 for every k that has them: of sums of 1, 4, 16, ... entries, as width needs them.
 
     `values` and `spare` are overwritten.
     """
     done, span = 0, 1
     while True:
-        if width & span:
-            if done:
-                _add(values[done:], n - done, sums)
-            else:
-                sums[:n] = values[:n]
-            done += span
-        if 2 * span > width:
+        many = width // span % 4
+        if many and done == 0:
+            _first(values, span, many, n - many * span + span, sums)
+        elif many:
+            _further(values[done:], span, many, n - done - many * span + span, sums)
+        done += many * span
+        if done == width:
             return
-        if 2 * span == width:
-            _two(values, values[span:], n - span, sums)
-            return
-        if width & 2 * span:
-            _two(values, values[span:], n - span, spare)
-            span *= 2
-        else:
-            _four(values, values[span:], values[2 * span :], values[3 * span :], n - 3 * span, spare)
-            span *= 4
+        _four(values, span, n - 3 * span, spare)
+        span *= 4
         values, spare = spare, values
 
 
