@@ -15,11 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from deglint.errors import InputError
-from deglint.pipeline import default_threads
 from deglint.pipeline.chunks import over_tiles
 from deglint.readers.arrays import open_array
 from deglint.scene import Scene
-from deglint.tiles import Tile
+from deglint.tiles import Tile, default_threads
 from deglint.xr import need_xarray
 
 from .background import Background

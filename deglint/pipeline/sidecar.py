@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 from .. import __version__
 from ..errors import ReadError
 from ..scene import Scene
-from .fit import Fitted
 
 if TYPE_CHECKING:
     from .apply import Outputs
     from .correct import Tally
+    from .fit import Fitted
 
 _CHUNK = 1 << 20
 COPIED = "no band needs a correction: copied as they are, and not counted by kind"

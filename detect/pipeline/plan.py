@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,6 +26,10 @@ from .recipe import Recipe
 
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
+Read = Callable[[Scene, Tile, Sequence[int]], npt.NDArray[Any]]
+"""What reads the pixels of a tile: `read`, or something that is called like it."""
+KEPT = 128 << 20
+"""Pixels that are kept from the first pass over a scene to the second [byte]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,3 +201,35 @@ def both(a: Mask | None, b: Mask | None) -> Mask | None:
 def read(scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
     """Pixels of a tile."""
     return scene.source.read(tile.window, list(bands))
+
+
+class Kept:
+    """Pixels of as many tiles as there is room for, so that a second pass need not read those again; safe for threads.
+
+    Parameters
+    ----------
+    room : int
+        Memory for them [byte].
+    """
+
+    def __init__(self, room: int = KEPT) -> None:
+        self._room, self._lock = room, threading.Lock()
+        self._blocks: dict[Tile, npt.NDArray[Any]] = {}
+
+    def read(self, scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
+        """As `read`, and keep them."""
+        with self._lock:
+            block = self._blocks.get(tile)
+        if block is None:
+            block = read(scene, tile, bands)
+            with self._lock:
+                if block.nbytes <= self._room:
+                    self._room -= block.nbytes
+                    self._blocks[tile] = block
+        return block
+
+    def last(self, scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
+        """As `read`, for the last time: they are let go."""
+        with self._lock:
+            block = self._blocks.pop(tile, None)
+        return read(scene, tile, bands) if block is None else block
