@@ -26,8 +26,10 @@ from deglint.scene import Window
 
 from .background import Float64, Mask, Scores, as_image, as_mask
 
-CELL = 128
-"""Side of the blocks that are worked on [pixel]; tiles that start at multiples of it give bit-identical scores."""
+CELL = 512
+"""Tiles that start at multiples of it give bit-identical scores [pixel]."""
+_COLUMNS = 256
+"""Columns that are worked on at a time, all rows of a cell [pixel]."""
 BORDERS = ("shrink", "mirror", "shift")
 """What the window does where it reaches beyond the image: lose what is outside, mirror it, or move inside."""
 KERNEL_BANDS = 24
@@ -212,7 +214,7 @@ def window_rule(
 def _check_memory(bands: int, rule: WindowRule) -> None:
     """Refuse a window whose sums, all those of its rows at a time, take a machine's memory."""
     sums = 1 + bands + bands * (bands + 1) // 2
-    need = 8 * sums * (rule.outer + 1) * (rule.outer + CELL)
+    need = 8 * (sums * (rule.outer + rule.inner) * _COLUMNS + bands * (rule.outer + CELL) * (rule.outer + _COLUMNS))
     if bands <= KERNEL_BANDS and need > MOST_SUMS:
         raise InputError(
             f"window: {rule.outer} pixels of {bands} bands take {need / 2**30:.1f} GiB a thread, allowed is "
@@ -223,8 +225,8 @@ def _check_memory(bands: int, rule: WindowRule) -> None:
 def _cells(part: Window) -> Iterator[Window]:
     (row0, row1), (col0, col1) = part
     for r in range(row0 // CELL * CELL, row1, CELL):
-        for c in range(col0 // CELL * CELL, col1, CELL):
-            yield (max(r, row0), min(r + CELL, row1)), (max(c, col0), min(c + CELL, col1))
+        for c in range(col0 // _COLUMNS * _COLUMNS, col1, _COLUMNS):
+            yield (max(r, row0), min(r + CELL, row1)), (max(c, col0), min(c + _COLUMNS, col1))
 
 
 def _score_cell(
@@ -241,8 +243,8 @@ def _score_cell(
         from ._kernels import ring_scores
 
         x, known = _padded(block, good, origin, cell, rule, _centre(block[(slice(None), *own)], inside))
-        corner = tuple(a - rule.halo + rule.outer * rule.inner * (rule.outer - rule.inner) for a, _ in cell)
-        ring_scores(x, known, corner, rule.inner, rule.outer, rule.ddof, rule.ridge, scores, states)
+        first = cell[0][0] - rule.halo + rule.outer * rule.inner * (rule.outer - rule.inner)
+        ring_scores(x, known, first, rule.inner, rule.outer, rule.ddof, rule.ridge, scores, states)
         if rule.border == "shift":
             states[inside & _near_edge(cell, rule)] = _DIRECT
         if (states == _ASIDE).any():
