@@ -305,12 +305,19 @@ def _reduce_cells(
             count = n[i] = x.shape[1]
             if not count:
                 continue
-            # of a constant it is that exactly; what rounding takes from it elsewhere is in `left`
-            centre = np.where(low[i] < high[i], x @ np.full(count, 1 / count), low[i])
+            shift = _typical(x)
+            x -= shift[:, None]
+            centre = x.mean(axis=1)
             x -= centre[:, None]
             left = x.mean(axis=1)
-            mean[i], rest[i] = _two_sum(centre, left)
+            mean[i], rest[i] = _two_sum(shift, centre + left)
             comoment[i] = x @ x.T - count * np.outer(left, left)
+
+
+def _typical(x: Float64) -> Float64:
+    """Of each row the middle one of three values: exactly that of a constant, and not a single stray pixel."""
+    a, b, c = x[:, 0], x[:, x.shape[1] // 2], x[:, -1]
+    return np.asarray(np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)))
 
 
 def _valid(x: Float64, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
