@@ -72,7 +72,7 @@ def work_of(path: Path, recipe: Recipe) -> tuple[Correction, list[tiling.Tile]]:
     scene = deglint.open_scene(path)
     fitted = fit_scene(scene, recipe, threads=2)
     info, shape = raster_of(scene).info, tile_shape_of(scene)
-    shape = tiling.compact(shape, block_of(scene)) if fitted.chain.runs else shape
+    shape = tiling.compact(shape, block_of(scene), len(scene.bands)) if fitted.chain.runs else shape
     layout = Layout(info, tuple(range(len(scene.bands))), info.dtype.name, info.nodata, {})
     work = Correction(scene, fitted.model, False, False, layout, None, None, fitted.water_bands, None, fitted.chain, ())
     return work, tiling.tiles(scene.height, scene.width, shape)

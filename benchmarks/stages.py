@@ -10,7 +10,9 @@ import numpy as np
 
 from deglint.compensate import Chain, Sample, Setting, State, fit_stages, parse, system_psf
 from deglint.compensate import apply as apply_chain
-from deglint.compensate.level import agreeing, blurred, detail_of, rank_opening
+from deglint.compensate.codes import decoded, encoded
+from deglint.compensate.level import agreeing, blurred
+from deglint.compensate.opening import openings
 from deglint.compensate.sharpen import richardson_lucy
 from deglint.physics.presets import preset
 from deglint.scene import Band
@@ -51,9 +53,18 @@ def main(quick: bool) -> None:
     cv2.setNumThreads(1)
     block, bands, psfs = sea(512 if quick else 1024)
     setting = Setting(bands, psfs, detail=True)
-    level = [rank_opening(b, 13, corners=True) for b in block]
-    details = [detail_of(b, m, 11, 13) for b, m in zip(block, level, strict=True)]
-    spectrum = [1.0] * len(bands)
+    grids = [(float(np.median(b)), float(b.std())) for b in block]
+    whole = ((0, block.shape[1]), (0, block.shape[2]))
+    codes = [encoded(b, *g) for b, g in zip(block, grids, strict=True)]
+    out = np.empty((2, *block.shape), np.int16)
+
+    def opened(detail: int) -> None:
+        for i, band in enumerate(codes):
+            openings(band, 13, detail, within=whole, out=(out[0, i], out[1, i]))
+
+    opened(13)
+    level = [decoded(c, *g) for c, g in zip(out[0], grids, strict=True)]
+    order, spectrum = range(len(bands)), [1.0] * len(bands)
     chains = {text: fitted(text, block, setting) for text in (
         "identify-level:13, replace-level", "psf:2, identify-level:13, replace-level",
         "normalise, identify-median:5, replace-bands, median:25",
@@ -62,11 +73,10 @@ def main(quick: bool) -> None:
         "read once (sum of each band)": lambda: [float(b.sum()) for b in block],
         "normalise": lambda: [b / np.float32(2) for b in block],
         "psf: 2 iterations": lambda: [richardson_lucy(b, p, iterations=2) for b, p in zip(block, psfs, strict=True)],
-        "opening, square of 13": lambda: [rank_opening(b, 13, corners=True) for b in block],
-        "openings, octagon of 11 grown back, diamond": lambda: [
-            detail_of(b, m, 11, 13) for b, m in zip(block, level, strict=True)
-        ],
-        "details that neighbouring bands share": lambda: agreeing(np.stack(details), spectrum),
+        "codes of 16 bits": lambda: [encoded(b, *g) for b, g in zip(block, grids, strict=True)],
+        "opening, square of 13": lambda: opened(0),
+        "the same with an octagon of 13 grown back, and a diamond": lambda: opened(13),
+        "outlines that neighbouring bands share": lambda: agreeing(out[0], out[1], grids, spectrum, order=order),
         "level blurred again": lambda: [blurred(m, p) for m, p in zip(level, psfs, strict=True)],
     }
     jobs |= {f"chain: {text}": (lambda c=chain: apply_chain(block, c)) for text, chain in chains.items()}

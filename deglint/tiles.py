@@ -85,9 +85,11 @@ def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> t
     return _side(side, block[0], bands), _side(side, block[1], bands)
 
 
-def compact(shape: tuple[int, int], block: tuple[int, int]) -> tuple[int, int]:
-    """The same, or smaller tiles for work that needs a halo and many copies: wide ones, for the halo's sake."""
-    return min(shape[0], _side(COMPACT, block[0], 1)), min(shape[1], _side(2 * COMPACT, block[1], 1))
+def compact(shape: tuple[int, int], block: tuple[int, int], bands: int) -> tuple[int, int]:
+    """Tiles for work that needs a halo and many copies: wide and not low, for the halo's sake, but small."""
+    rows = _side(min(max(shape[0], COMPACT // 2), COMPACT), block[0], 1)
+    wide = min(max(SAMPLES // (rows * bands), shape[1]), 2 * COMPACT)
+    return rows, _side(wide, block[1], 1)
 
 
 def _side(side: int, block: int, bands: int) -> int:

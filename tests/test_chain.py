@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from deglint import compensate
 from deglint.compensate import THESIS, Chain, Sample, Setting, State, Step, apply_stages, finish, fit_stages, parse
 from deglint.compensate.chain import chain_from, stage_from
-from deglint.compensate.level import rank_opening
+from deglint.compensate.codes import decoded, encoded
+from deglint.compensate.opening import rank_opening
 from deglint.compensate.psf import kernel_psf, system_psf
 from deglint.errors import FitError, InputError
 from deglint.scene import Band
@@ -218,7 +219,8 @@ def test_without_glint_only_flagged_noise_changes_and_by_noise_alone(text):
     chain = fitted(text, block)
     out = compensate.apply(block, chain)
     assert (out != block).mean() < 0.2
-    assert np.abs(out - block).max() < 9
+    deviations = 4.5 if "replace-bands" not in text else 4.5 * 2**0.5  # another band has noise of its own
+    assert np.abs(out - block).max() < deviations * 2
 
 
 @pytest.mark.parametrize("text", CHAINS)
@@ -278,7 +280,8 @@ def test_the_default_chain_step_by_step():
     chain = fitted("identify-level:13, replace-level", block, Setting(BANDS))
     stage = chain.before[0]
     for b, band in enumerate(block):
-        level = rank_opening(band, 13, corners=True) + np.float32(stage.offsets[b])
+        told = decoded(encoded(band, *stage.grids[b]), *stage.grids[b])
+        level = rank_opening(told, 13, corners=True) + np.float32(stage.offsets[b])
         glint = (band > level + np.float32(1.5 * stage.sigmas[b])) | (band >= 400)
         np.testing.assert_array_equal(compensate.apply(block, chain)[b], np.where(glint, level, band))
 

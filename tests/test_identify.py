@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from scipy.stats import norm
 
+from deglint.compensate.codes import decoded, encoded
 from deglint.compensate.identify import (
     CERTAIN_K,
     COVER_K,
@@ -17,8 +18,8 @@ from deglint.compensate.identify import (
     fit_identify_median,
     lower_spread,
 )
-from deglint.compensate.level import rank_opening
 from deglint.compensate.normalise import Normalise, fit_normalise, water_level
+from deglint.compensate.opening import rank_opening
 from deglint.compensate.replace import ReplaceLevel
 from deglint.compensate.state import State
 from deglint.errors import FitError
@@ -130,10 +131,16 @@ def test_spread_in_steps_is_the_quantile_of_boxes():
 # ------------------------------------------------------------------------------------------- above the level beside
 
 
+def told(band, grid):
+    """A band as its level is told."""
+    return decoded(encoded(band, *grid), *grid)
+
+
 def test_offset_spread_and_cover_are_those_of_the_pixels_about_their_level():
     block = sea(shape=(300, 300), cover=0.08)
     stage = fitted(block)
     for b, band in enumerate(block):
+        band = told(band, stage.grids[b])
         away = (band - rank_opening(band, 5, corners=True)).astype(np.float64)
         quiet = sea(shape=(300, 300), cover=0.0)[b]
         apart = (quiet - rank_opening(quiet, 5, corners=True)).astype(np.float64)
@@ -143,11 +150,8 @@ def test_offset_spread_and_cover_are_those_of_the_pixels_about_their_level():
         np.testing.assert_allclose((stage.cover[b], stage.certain[b]), [(away > x).mean() for x in limit], atol=1e-9)
         assert stage.cover[b] == pytest.approx(0.08, abs=0.015)
         assert stage.spectrum[b] == pytest.approx(away.mean(), rel=1e-9)
-    np.testing.assert_array_equal(
-        hits(stage, block)[0],
-        block[0]
-        > (rank_opening(block[0], 5, corners=True) + np.float32(stage.offsets[0])) + np.float32(1.5 * stage.sigmas[0]),
-    )
+    level = rank_opening(told(block[0], stage.grids[0]), 5, corners=True) + np.float32(stage.offsets[0])
+    np.testing.assert_array_equal(hits(stage, block)[0], block[0] > level + np.float32(1.5 * stage.sigmas[0]))
 
 
 @pytest.mark.parametrize("noise", [0.7, 1.0, 1.4, 2.5])
@@ -280,7 +284,7 @@ def test_tiles_are_the_whole_to_the_bit(detail, data):
 
 def test_a_sample_in_parts_says_what_the_whole_says():
     block = sea(shape=(80, 120))
-    halo = IdentifyLevel(5, 0, (0,), (0,), (1.0,), (0.0,), (1.0,), (0.0,), (0.0,), OPEN).halo
+    halo = IdentifyLevel(5, 0, (0,), (0,), ((0.0, 1.0),), (1.0,), (0.0,), (1.0,), (0.0,), (0.0,), OPEN).halo
     states, inside = [], []
     for c in range(0, 120, 40):
         left = max(c - halo, 0)

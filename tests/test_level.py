@@ -9,22 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from deglint.compensate.level import (
-    SLACK,
-    agreeing,
-    blurred,
-    detail_of,
-    diamond_of,
-    level_halo,
-    opened_level,
-    rank_opening,
-)
-from deglint.compensate.level import _elements as elements
+from deglint.compensate.codes import NOTHING, decoded, encoded
+from deglint.compensate.level import SLACK, agreeing, blurred, opened_level
+from deglint.compensate.opening import diamond_of, elements, opening_halo, openings, rank_opening
 from deglint.compensate.psf import kernel_psf, system_psf
 from deglint.compensate.sharpen import richardson_lucy, sharpen_halo
 from deglint.errors import InputError
 
 GREEN = system_psf(545.0, f_number=10, pitch=8e-6)
+GRID = (50.0, 2.0)
 LOPSIDED = kernel_psf([[0, 1, 0], [2, 8, 4], [0, 3, 1]])
 
 
@@ -35,6 +28,12 @@ def sparkle(shape=(60, 71), seed=0, holes=0.0, bands=1):
     if holes:
         band[:, :9, :14] = np.nan  # larger than some elements, in a corner
     return band.astype(np.float32) if bands > 1 else band[0].astype(np.float32)
+
+
+def told(band, grid=GRID):
+    """A band, or some, as levels are told of it."""
+    flat = np.asarray(band, np.float32).reshape(-1, np.shape(band)[-1])
+    return decoded(encoded(flat, *grid), *grid).reshape(np.shape(band))
 
 
 def footprint(size, shape):
@@ -67,7 +66,7 @@ def opening(band, size, shape="square", corners=False):
     return np.where(np.isinf(found), np.nan, found)
 
 
-@pytest.mark.parametrize("name", ["level", "normalise", "identify", "replace", "median", "chain"])
+@pytest.mark.parametrize("name", ["level", "opening", "codes", "normalise", "identify", "replace", "median", "chain"])
 def test_examples(name):
     assert doctest.testmod(importlib.import_module(f"deglint.compensate.{name}")).failed == 0
 
@@ -84,14 +83,15 @@ def test_is_the_definition(shape, corners, size, holes):
     np.testing.assert_array_equal(band, before)
 
 
-@pytest.mark.parametrize("shape", ["octagon", "diamond"])
-@pytest.mark.parametrize("size", [3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 43])
+@pytest.mark.parametrize("shape", ["square", "octagon", "diamond"])
+@pytest.mark.parametrize("size", [1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 43, 255])
 def test_small_elements_make_the_large_one(size, shape):
-    point = np.zeros((size + 4, size + 4))
-    point[size // 2 + 2, size // 2 + 2] = 1
+    found = {(0, 0)}
     for element in elements(size, shape):
-        point = ndimage.maximum_filter(point, footprint=element.astype(bool))
-    np.testing.assert_array_equal(point[2:-2, 2:-2] > 0, footprint(size, shape))
+        assert len(element) in (3, 5)
+        found = {(row + down, column + right) for row, column in found for down, right in element}
+    wanted = {tuple(place) for place in (np.argwhere(footprint(size, shape)) - size // 2).tolist()}
+    assert found == wanted
 
 
 def test_the_diamond_is_as_large_as_the_square():
@@ -141,19 +141,53 @@ def test_squares_survive_to_the_size_of_the_element_and_smaller_things_go():
     np.testing.assert_array_equal(rank_opening(flat, 13), flat)
 
 
-def test_detail_is_the_rounder_opening_grown_by_a_pixel_under_a_small_one_and_the_diamond():
-    band = sparkle(holes=0.02)
-    base = rank_opening(band, 13, corners=True)
-    octagon = opening(band, 11, "octagon")
+@pytest.mark.parametrize("holes", [0.0, 0.02, 0.4])
+def test_outlines_are_an_octagon_grown_by_a_pixel_under_a_small_square_and_a_diamond(holes):
+    band = told(sparkle(holes=holes))
+    octagon = opening(band, 11, "octagon", corners=True)
     cross = ndimage.generate_binary_structure(2, 1)
     around = ndimage.maximum_filter(np.nan_to_num(octagon, nan=-np.inf), footprint=cross)
     grown = np.minimum(around, opening(band, 3))
     diamond = opening(band, 19, "diamond", corners=True)
-    wanted = np.fmax(np.maximum(octagon, grown), diamond) - base.astype(np.float64)
-    both = np.isfinite(octagon) & np.isfinite(base)
-    found = detail_of(band, base, 11, 13)
-    np.testing.assert_allclose(found[both], np.maximum(np.nan_to_num(wanted, nan=0.0), 0)[both], rtol=1e-6)
-    assert (found >= 0).all()
+    rows, columns = (3, 40), (11, 71)
+    found = np.empty((2, 37, 60), np.int16)
+    openings(encoded(band, *GRID), 13, 11, within=(rows, columns), out=(found[0], found[1]))
+    base, outline = decoded(found[0], *GRID), decoded(found[1], *GRID)
+    np.testing.assert_array_equal(base, opening(band, 13, corners=True)[slice(*rows), slice(*columns)])
+    wanted = np.fmax(np.fmax(octagon, grown), diamond)[slice(*rows), slice(*columns)]
+    np.testing.assert_array_equal(outline, wanted)
+
+
+def kept(level, outlines, spectrum):
+    codes = [np.stack([encoded(b, 0.0, 1.0) for b in block]) for block in (level, outlines)]
+    return agreeing(*codes, [(0.0, 1.0)] * len(level), list(spectrum), order=range(len(level)))
+
+
+@settings(max_examples=60)
+@given(
+    centre=st.floats(-1e4, 1e4, width=32), power=st.integers(-30, 12), seed=st.integers(0, 9),
+    reach=st.sampled_from([1e-3, 1.0, 100.0, 1e6, 1e12]),
+)  # fmt: skip
+def test_codes_keep_the_order_and_are_as_fine_as_they_say(centre, power, seed, reach):
+    unit = float(np.float32(max(2.0**power, 1e-4 * abs(centre))))
+    values = np.random.default_rng(seed).standard_cauchy((1, 400)) * reach * unit + centre
+    values = np.sort(values.astype(np.float32), axis=1)
+    codes = encoded(values, centre, unit)
+    assert (np.diff(codes.astype(int)) >= 0).all()
+    back = decoded(codes, centre, unit).astype(np.float64)
+    np.testing.assert_array_equal(encoded(back.astype(np.float32), centre, unit), codes)
+    away = np.abs(values.astype(np.float64) - centre) / unit
+    inside = away < 4e9
+    step = (1 + away) / 1024 * unit + 1e-6 * (np.abs(values) + abs(centre))
+    assert (np.abs(back - values) <= 0.51 * step)[inside].all()
+
+
+def test_codes_of_what_is_no_number_and_of_what_is_too_large():
+    odd = np.array([[np.nan, np.inf, -np.inf, 3e38, -3e38, 0.0]], np.float32)
+    codes = encoded(odd, 0.0, 1.0)
+    assert codes[0].tolist() == [NOTHING, 32766, -32766, 32766, -32766, 0]
+    assert np.isnan(decoded(np.array([[NOTHING, -NOTHING]], np.int16), 1.0, 2.0)).all()
+    assert decoded(codes[:, 1:5], 0.0, 1.0).tolist() == [[v, -v, v, -v] for v in [decoded(codes, 0.0, 1.0)[0, 1]]]
 
 
 def most_of_two_neighbours(scaled, i):
@@ -166,13 +200,13 @@ def most_of_two_neighbours(scaled, i):
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8])
 def test_details_are_kept_where_two_neighbours_agree(count):
     rng = np.random.default_rng(count)
-    details = rng.gamma(1.0, 3.0, (count, 20, 30)).astype(np.float32)
+    details = told(rng.gamma(1.0, 3.0, (count, 20, 30)) - 0.5, (0.0, 1.0))
     spectrum = rng.uniform(0.5, 2.0, count)
-    found = details.copy()
-    agreeing(found, list(spectrum))
+    found = kept(np.zeros_like(details), details, spectrum)
     if count < 3:
         assert not found.any()
         return
+    details = np.maximum(details, 0)
     scaled = details / spectrum[:, None, None]
     for i in range(count):
         wanted = np.minimum(details[i], SLACK * spectrum[i] * most_of_two_neighbours(scaled, i))
@@ -183,10 +217,9 @@ def test_a_flash_of_one_band_is_no_detail_and_a_thing_of_all_is():
     alone, everywhere = np.zeros((2, 5, 9, 9), np.float32)
     alone[2, 4, 4] = 5
     everywhere[:, 4, 4] = 5
-    for details in (alone, everywhere):
-        agreeing(details, [1.0] * 5)
-    assert not alone.any()
-    assert (everywhere[:, 4, 4] == 5).all()
+    level = np.full((5, 9, 9), 7, np.float32)
+    np.testing.assert_array_equal(kept(level, level + alone, [1.0] * 5), 7)
+    np.testing.assert_array_equal(kept(level, level + everywhere, [1.0] * 5), 7 + everywhere)
 
 
 @pytest.mark.parametrize("psf", [GREEN, LOPSIDED], ids=["green", "lopsided"])
@@ -215,11 +248,14 @@ def level_of(block, size, case):
     psfs = [GREEN, LOPSIDED, GREEN, LOPSIDED] if case.pop("psfs", False) else None
     if case.pop("sharp", False):
         block = [richardson_lucy(b, p, iterations=1) for b, p in zip(block, psfs, strict=True)]
-    return opened_level(list(block), size, order=(2, 0, 1, 3), spectrum=(1.0, 0.7, 1.4, 1.1), psfs=psfs, **case)
+    shape = (len(block), *block[0].shape)
+    return opened_level(
+        list(block), shape, size, [GRID] * 4, order=(2, 0, 1, 3), spectrum=(1.0, 0.7, 1.4, 1.1), psfs=psfs, **case
+    )
 
 
 def halo_of(size, case):
-    out = level_halo(size, case.get("detail", 0))
+    out = opening_halo(size, case.get("detail", 0))
     if case.get("psfs"):
         out += GREEN.radius
     return out + (sharpen_halo(GREEN, 1) if case.get("sharp") else 0)
@@ -246,8 +282,12 @@ def test_tiles_are_the_whole_to_the_bit(name, data):
 
 def test_a_level_of_one_band_and_of_nothing():
     band = sparkle()
-    np.testing.assert_array_equal(opened_level([band], 13)[0], rank_opening(band, 13, corners=True))
-    one = opened_level([band], 13, detail=11, order=(0,), spectrum=(1.0,))  # one band has no neighbours to agree with
-    np.testing.assert_array_equal(one[0], rank_opening(band, 13, corners=True))
-    assert np.isnan(opened_level([np.full((8, 8), np.nan, np.float32)] * 3, 5, detail=3, order=(0, 1, 2),
-                                 spectrum=(1.0, 1.0, 1.0), psfs=[GREEN] * 3)).all()  # fmt: skip
+    wanted = rank_opening(told(band), 13, corners=True)
+    np.testing.assert_array_equal(opened_level([band], (1, *band.shape), 13, [GRID])[0], wanted)
+    one = opened_level([band], (1, *band.shape), 13, [GRID], detail=11, order=(0,), spectrum=(1.0,))  # no neighbours
+    np.testing.assert_array_equal(one[0], wanted)
+    nothing = [np.full((8, 8), np.nan, np.float32)] * 3
+    found = opened_level(
+        nothing, (3, 8, 8), 5, [GRID] * 3, detail=3, order=(0, 1, 2), spectrum=(1.0, 1.0, 1.0), psfs=[GREEN] * 3
+    )
+    assert np.isnan(found).all()

@@ -1,4 +1,4 @@
-"""Compiled: what is done pixel by pixel with the openings of the bands, in one pass over the memory each.
+"""Compiled: what is done pixel by pixel with the levels of the bands, in one pass over the memory each.
 
 Rows are worked on by functions of their own (`deglint.compensate._apart`); no sum is taken in another order than numpy
 takes it, so that the results are the same to the bit.
@@ -11,71 +11,7 @@ import numpy as np
 
 from ._apart import apart
 
-ZERO, INFINITY = np.float32(0.0), np.float32(np.inf)
-
-
-@nb.njit(cache=True, nogil=True)
-def exceeding(here, beside, up, down, guide, diamond, base, out):  # type: ignore[no-untyped-def]
-    """By how much a row exceeds base: `here`, or grown from its neighbours (`beside` is the row, one pixel wider on
-    either side) under the guide, or the diamond; 0 where that is no number."""
-    apart()
-    left, right = beside, beside[2:]
-    for j in range(out.size):
-        most = here[j] if here[j] > -INFINITY else -INFINITY
-        most = left[j] if left[j] > most else most
-        most = right[j] if right[j] > most else most
-        most = up[j] if up[j] > most else most
-        most = down[j] if down[j] > most else most
-        most = most if most < guide[j] else guide[j]
-        most = here[j] if here[j] > most else most
-        most = diamond[j] if (diamond[j] > most) | (most != most) else most
-        most = most - base[j]
-        out[j] = most if most > ZERO and most < INFINITY else ZERO
-
-
-@nb.njit(cache=True, nogil=True)
-def outlines(octagon, guide, diamond, base, out):  # type: ignore[no-untyped-def]
-    """max(0, max(octagon, min(octagon dilated by a cross, guide), diamond) - base)."""
-    rows, columns = octagon.shape
-    beside = np.empty(columns + 2, np.float32)
-    for i in range(rows):
-        beside[1 : columns + 1] = octagon[i]
-        beside[0], beside[columns + 1] = beside[1], beside[columns]
-        up, down = octagon[max(i - 1, 0)], octagon[min(i + 1, rows - 1)]
-        exceeding(octagon[i], beside, up, down, guide[i], diamond[i], base[i], out[i])
-
-
-@nb.njit(cache=True, nogil=True)
-def divided(row, by, out):  # type: ignore[no-untyped-def]
-    """A row over a number."""
-    apart()
-    for j in range(out.size):
-        out[j] = row[j] / by
-
-
-@nb.njit(cache=True, nogil=True)
-def capped(a, b, c, d, factor, out):  # type: ignore[no-untyped-def]
-    """Keep no more than the factor times the best pair: the two before, one on either side, the two after."""
-    apart()
-    for j in range(out.size):
-        before = a[j] if a[j] < b[j] else b[j]
-        around = b[j] if b[j] < c[j] else c[j]
-        after = c[j] if c[j] < d[j] else d[j]
-        most = before if before > around else around
-        most = (most if most > after else after) * factor
-        out[j] = most if most < out[j] else out[j]
-
-
-@nb.njit(cache=True, nogil=True)
-def agree(details, order, spectrum, factor):  # type: ignore[no-untyped-def]
-    """`deglint.compensate.level.agreeing`; spectrum and factor, slack times that, are float32."""
-    count, (rows, columns) = len(order), details.shape[1:]
-    scaled = np.zeros((count + 4, columns), np.float32)  # nothing agrees beyond the first and the last band
-    for i in range(rows):
-        for n in range(count):
-            divided(details[order[n], i], spectrum[n], scaled[n + 2])
-        for n in range(count):
-            capped(scaled[n], scaled[n + 1], scaled[n + 3], scaled[n + 4], factor[n], details[order[n], i])
+ZERO = np.float32(0.0)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -93,6 +29,28 @@ def mark(band, offset, rise, full, level, hit):  # type: ignore[no-untyped-def]
     """The same for a band; level and hit are written."""
     for i in range(len(band)):
         marked(band[i], offset, rise, full, level[i], hit[i])
+
+
+@nb.njit(cache=True, nogil=True)
+def settled(row, offset, rise, full, may, level, replaced):  # type: ignore[no-untyped-def]
+    """Add the offset to a row of the level, and put that in place of what exceeds it by `rise`, or is full."""
+    apart()
+    for j in range(row.size):
+        level[j] = level[j] + offset
+        hit = ((row[j] > level[j] + rise) | (row[j] >= full)) & (level[j] - level[j] == ZERO) & may[j]
+        row[j] = level[j] if hit else row[j]
+        replaced[j] = replaced[j] | hit
+
+
+@nb.njit(cache=True, nogil=True)
+def settle(image, limits, may, level, replaced):  # type: ignore[no-untyped-def]
+    """The same for a block of bands; limits are offset, rise and full of each, may has rows or is empty."""
+    always = np.ones(image.shape[2], np.bool_)
+    for b in range(len(image)):
+        offset, rise, full = limits[b]
+        for i in range(image.shape[1]):
+            here = may[i] if may.size else always
+            settled(image[b, i], offset, rise, full, here, level[b, i], replaced[b, i])
 
 
 @nb.njit(cache=True, nogil=True)

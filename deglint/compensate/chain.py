@@ -18,6 +18,7 @@ from ..errors import FitError, InputError
 from ..scene import Band, FloatArray
 from .evidence import Protection, protection_from
 from .identify import FEWEST, THESIS_K, IdentifyLevel, IdentifyMedian, fit_identify_level, fit_identify_median
+from .level import SMALLEST
 from .match import Matching, apply_match, fit_match
 from .median import Median
 from .normalise import Normalise, fit_normalise
@@ -374,7 +375,7 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, each: C
         return fit_identify_median(sample.values(), setting.saturation, k=k, floor=floor)
     if step.name == "identify-level":
         size = size or 13
-        detail = size - 2 if setting.detail and size >= 5 else 0
+        detail = size if setting.detail and size >= SMALLEST else 0
         return fit_identify_level(
             sample.states, sample.inside, size=size, order=setting.order, saturation=setting.saturation,
             detail=detail, bands=bands, floor=floor, steps=steps, each=each,
@@ -407,6 +408,8 @@ def apply_stages(state: State, stages: Sequence[Stage], cut: tuple[int, int, int
         spare = [max(n - reach - pending, 0) for n in cut]
         a, b, c, d = (now - before for now, before in zip(spare, done, strict=True))
         state.spare, done = (a, b, c, d), spare
+        if not isinstance(stage, ReplaceLevel):
+            state.mark()
         stage.apply(state)
         state.cut()
     return state

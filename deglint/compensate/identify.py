@@ -28,7 +28,9 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..remove.levels import mode
-from .level import level_halo, opened_level
+from .codes import decoded, encoded
+from .level import Grid, opened_level
+from .opening import opening_halo
 from .state import Float32Array, Mask, State
 
 THESIS_K = 5.0
@@ -45,6 +47,8 @@ FEWEST = 64
 """Fewest pixels that a level and a spread are taken from."""
 MOST = 200_000
 """Most pixels of the sample that they are taken from."""
+LEAST_UNIT = 1e-6
+"""Of the median: levels need not be told more finely than float32 tells them."""
 _TINY = float(np.finfo(np.float32).tiny)
 
 
@@ -86,6 +90,8 @@ class IdentifyLevel:
         Bands by wavelength.
     bands : tuple of int
         Bands that are looked at.
+    grids : tuple of (float, float)
+        Of each of them: centre and unit in which levels are told; see `deglint.compensate.codes`.
     spectrum, offsets, sigmas, cover, certain : tuple of float
         Of each of them: brightness of glint, how far the commonest pixel lies above the opening, standard deviation
         of pixels without glint about that, share of glinted pixels in the sample, and of those that no noise makes.
@@ -100,6 +106,7 @@ class IdentifyLevel:
     detail: int
     order: tuple[int, ...]
     bands: tuple[int, ...]
+    grids: tuple[Grid, ...]
     spectrum: tuple[float, ...]
     offsets: tuple[float, ...]
     sigmas: tuple[float, ...]
@@ -111,23 +118,20 @@ class IdentifyLevel:
     @property
     def halo(self) -> int:
         """Reach of the openings; what the level is blurred with comes on top, and is counted with the sharpening."""
-        return level_halo(self.size, self.detail)
+        return opening_halo(self.size, self.detail)
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
-        from ._level_kernels import mark
-
-        level = _levels(state, self.bands, self.size, self.detail, self.order, self.spectrum)
+        level = _levels(state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum)
         state.cut()
-        state.level, state.hit = level, np.empty(state.image.shape, np.bool_)
-        if len(level) < len(state.image):
-            state.level, state.hit[:] = np.full(state.image.shape, np.nan, np.float32), False
-            state.level[list(self.bands)] = level
+        limits = np.zeros((len(state.image), 3), np.float32)
         for band, offset, sigma in zip(self.bands, self.offsets, self.sigmas, strict=True):
-            rise, full = np.float32(self.k * sigma), _as_divided(self.saturation[band], state.units[band])
-            mark(state.image[band], np.float32(offset), rise, full, state.level[band], state.hit[band])
-        if state.where is not None:
-            state.hit &= state.where
+            limits[band] = offset, self.k * sigma, _as_divided(self.saturation[band], state.units[band])
+        if len(level) < len(state.image):
+            every = np.full(state.image.shape, np.nan, np.float32)
+            every[list(self.bands)] = level
+            level = every
+        state.found(level, limits)
 
 
 def fit_identify_median(
@@ -202,10 +206,15 @@ def fit_identify_level(
         Too few pixels to tell the spread of.
     """
     chosen = tuple(range(len(states[0].image)) if bands is None else sorted(set(bands)))
+    grids = tuple(_grid([s.image[b][m] for s, m in zip(states, inside, strict=True)]) for b in chosen)
+    unlike = states[0].sharp is not None  # a sharpened level is no pixel found again
 
     def above(state: State, mask: Mask) -> list[Float32Array]:
-        level = _levels(state, chosen, size, 0, order, ())
-        return [np.subtract(state.image[band], level[i])[mask] for i, band in enumerate(chosen)]
+        level = _levels(state, chosen, grids, size, 0, order, ())
+        image = [state.image[b] for b in chosen]
+        if not unlike:
+            image = [decoded(encoded(band, *grid), *grid) for band, grid in zip(image, grids, strict=True)]
+        return [np.subtract(*both)[mask] for both in zip(image, level, strict=True)]
 
     away = zip(*each(above, states, inside), strict=True)
     whole = steps if states[0].psfs is None else None  # a blurred level is no whole number
@@ -216,7 +225,7 @@ def fit_identify_level(
     offsets, sigmas, cover, certain, spectrum = zip(*found, strict=True)
     use = detail if float(np.median(cover)) <= MOST_COVER_FOR_DETAIL else 0
     return IdentifyLevel(
-        size, use, tuple(b for b in order if b in chosen), chosen, spectrum, offsets, sigmas, cover, certain,
+        size, use, tuple(b for b in order if b in chosen), chosen, grids, spectrum, offsets, sigmas, cover, certain,
         tuple(map(float, saturation)), k,
     )  # fmt: skip
 
@@ -272,20 +281,30 @@ def _about(
     return offset, sigma, cover, certain, max(float(away.mean(dtype=np.float64)), _TINY)
 
 
+def _grid(values: Sequence[npt.NDArray[np.float32]]) -> Grid:
+    """Centre and unit of a band: the median of its sample, and the spread below that."""
+    sample = np.concatenate(values)
+    sample = sample[np.isfinite(sample)][:: max(sample.size // MOST, 1)]
+    centre = float(np.median(sample)) if sample.size else 0.0
+    return centre, max(lower_spread(sample, centre), LEAST_UNIT * abs(centre), _TINY)
+
+
 def _levels(
-    state: State, bands: Sequence[int], size: int, detail: int, order: Sequence[int], spectrum: Sequence[float]
-) -> Float32Array:
+    state: State, bands: Sequence[int], grids: Sequence[Grid], size: int, detail: int, order: Sequence[int],
+    spectrum: Sequence[float],
+) -> Float32Array:  # fmt: skip
     """Opened level of some bands; `order` and `spectrum` are of the scene's bands and of the chosen ones."""
     place = {band: i for i, band in enumerate(bands)}
     psfs = None if state.psfs is None else [state.psfs[b] for b in bands]
-    rows, columns = outer = state.inner(level_halo(size, detail) + max((p.radius for p in psfs or ()), default=0))
+    rows, columns = outer = state.inner(opening_halo(size, detail) + max((p.radius for p in psfs or ()), default=0))
     source = (
         state.image[b][slice(*rows), slice(*columns)] if state.sharp is None else state.sharp(b, outer) for b in bands
     )
     within = tuple((a - c, b - c) for (a, b), (c, _) in zip(state.inner(), outer, strict=True))
+    shape = (len(bands), rows[1] - rows[0], columns[1] - columns[0])
     return opened_level(
-        source, size, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum, psfs=psfs,
-        within=(within[0], within[1]), sound=state.sound,
+        source, shape, size, grids, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum,
+        psfs=psfs, within=(within[0], within[1]), sound=state.sound,
     )  # fmt: skip
 
 

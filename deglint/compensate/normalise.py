@@ -55,6 +55,7 @@ class Normalise:
 
     def apply(self, state: State) -> None:
         """Divide by the levels."""
+        state.mark()
         for planes in (state.image,) if state.level is None else (state.image, state.level):
             for band, level in zip(planes, self.levels, strict=True):
                 band /= np.float32(level)

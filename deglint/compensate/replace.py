@@ -36,9 +36,9 @@ class ReplaceLevel:
 
     def apply(self, state: State) -> None:
         """Put the level where there is glint."""
-        if state.hit is None or state.level is None:
+        if state.level is None:
             raise InputError("replace-level needs a level: name identify-level before it.")
-        state.replace(state.hit, state.level)
+        state.settle()
         state.water = state.level
         state.hit = state.level = state.sharp = state.psfs = None
 

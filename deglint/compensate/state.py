@@ -36,8 +36,8 @@ class State:
         What the bands would be without glint, where that is known.
     water : (band, row, column) float32 ndarray, optional
         The last level that glint was replaced by: of the water beside the sparkle.
-    hit : (band, row, column) bool ndarray, optional
-        Identified glint that is not replaced yet.
+    limits : (band, 3) float32 ndarray, optional
+        What is still to be added to the level, and by how much glint exceeds that, and where a band is full.
     replaced : (band, row, column) bool ndarray
         What has been replaced.
     sound : bool
@@ -53,7 +53,8 @@ class State:
     psfs: tuple[PSF, ...] | None = None
     level: Float32Array | None = None
     water: Float32Array | None = None
-    hit: Mask | None = None
+    limits: Float32Array | None = None
+    _hit: Mask | None = None
     replaced: Mask = field(default_factory=lambda: np.zeros((0, 0, 0), np.bool_))
     sound: bool = False
     spare: tuple[int, int, int, int] = (0, 0, 0, 0)
@@ -74,6 +75,46 @@ class State:
         """A state that works on the block itself where that is float32, and on a copy elsewhere."""
         return cls(block if block.dtype == np.float32 and block.flags.writeable else _single(block))
 
+    @property
+    def hit(self) -> Mask | None:
+        """Identified glint that is not replaced yet, (band, row, column)."""
+        self.mark()
+        return self._hit
+
+    @hit.setter
+    def hit(self, found: Mask | None) -> None:
+        self._hit, self.limits = found, None
+
+    def found(self, level: Float32Array, limits: Float32Array) -> None:
+        """A level, and what exceeds it is glint."""
+        self.level, self._hit, self.limits = level, None, limits
+
+    def mark(self) -> None:
+        """Mark what exceeds the level, where that is still to be done: before the image or the level change."""
+        from ._level_kernels import mark
+
+        if self.limits is None or self.level is None:
+            return
+        self._hit = np.empty(self.image.shape, np.bool_)
+        for b, (offset, rise, full) in enumerate(self.limits):
+            mark(self.image[b], offset, rise, full, self.level[b], self._hit[b])
+        if self.where is not None:
+            self._hit &= self.where
+        self.limits = None
+
+    def settle(self) -> None:
+        """Put the level where there is glint."""
+        from ._level_kernels import settle
+
+        assert self.level is not None
+        if self.limits is None:
+            if self._hit is not None:
+                self.replace(self._hit, self.level)
+            return
+        may = np.empty((0, 0), np.bool_) if self.where is None else self.where
+        settle(self.image, self.limits, may, self.level, self.replaced)
+        self.limits = None
+
     def replace(self, hit: Mask, values: Float32Array) -> None:
         """Put values where there is glint."""
         from ._level_kernels import put_all
@@ -93,7 +134,7 @@ class State:
         at = slice(*rows), slice(*columns)
         if self.sharp is not None:
             self.sharp = _moved(self.sharp, rows[0], columns[0])
-        for name in ("image", "where", "level", "water", "hit", "replaced"):
+        for name in ("image", "where", "level", "water", "_hit", "replaced"):
             value = getattr(self, name)
             if value is not None:
                 setattr(self, name, np.ascontiguousarray(value[(..., *at)]))

@@ -16,8 +16,9 @@ from ..compensate.chain import NO_STAGES, Sharpen
 from ..compensate.estimate import Spectra, estimate_optics, glint_spectra
 from ..compensate.evidence import Protection
 from ..compensate.identify import IdentifyLevel
-from ..compensate.level import SMALLEST, level_halo
+from ..compensate.level import SMALLEST
 from ..compensate.median import Median
+from ..compensate.opening import opening_halo
 from ..compensate.protect import LEAST_DELAY
 from ..compensate.psf import PSF
 from ..compensate.reference import SIZE, ReferenceRule, fit_reference
@@ -308,7 +309,7 @@ def halo_of(steps: Sequence[Step], psfs: tuple[PSF, ...] | None) -> int:
         if step.name in ("psf", "psf-image") and psfs:
             total += Sharpen(psfs, size or 2, step.name == "psf-image").halo
         elif step.name == "identify-level":
-            total += level_halo(size or 13, max((size or 13) - 2, 0))
+            total += opening_halo(size or 13, size or 13)
         elif step.name == "match" and psfs:
             total += max(p.radius for p in psfs)
         elif step.name == "median":

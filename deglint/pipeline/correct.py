@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..compensate import Chain, State, apply_stages, finish
 from ..compensate.evidence import REACH, grown
-from ..compensate.protect import put_back, things
+from ..compensate.protect import Things, put_back, things
 from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
 from ..compensate.uncertainty import Parts, Uncertainty, stderr
@@ -90,7 +90,8 @@ class _Read:
 
     raw: Any
     valid: Any
-    physical: Any
+    physical: Any  # None where compensation has all that is wanted of it
+    saturated: Saturated
     after: Compensated | None
     known: npt.NDArray[np.bool_] | None
     where: npt.NDArray[np.bool_] | None
@@ -138,18 +139,21 @@ class Correction:
         """Read a tile, correct it, and bring it into the output's type."""
         if self.copies:
             return self._copied(tile)
-        read = self._read(tile)
+        read = self._read(tile, self.want_amount or self.want_stderr)
         raw, valid, physical, where, known = read.raw, read.valid, read.physical, read.where, read.known
         tally, source = read.tally, raster_of(self.scene)
         flags = self._flags(known, where, tile.shape) if self.want_flags else None
-        tally.saturated = _saturated(self.scene, physical, flags)
+        tally.saturated = read.saturated.counts
+        if flags is not None and read.saturated.any_band is not None:
+            flags[read.saturated.any_band] |= SATURATED
         before = physical[self.changed].copy() if self.want_amount else None
         whole = physical.astype(np.float32) if self.want_stderr else None
         file_valid = self._file_valid(raw, valid)
         raw, lost = self._retyped(raw, valid)
+        corrected = physical if read.after is None else read.after.clean
         for bands, place in self._work(tile, physical, read.after, where, tally, flags):
             counts = encode(
-                physical, raw, bands=bands, scales=source.info.scales, offsets=source.info.offsets,
+                corrected, raw, bands=bands, scales=source.info.scales, offsets=source.info.offsets,
                 where=place, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
             )  # fmt: skip
             tally.negative, tally.clipped = tally.negative + counts.negative, tally.clipped + counts.clipped
@@ -198,36 +202,42 @@ class Correction:
 
     def physical(self, tile: Tile) -> npt.NDArray[Any]:
         """Read a tile and correct it: physical values of all bands."""
-        read = self._read(tile)
+        read = self._read(tile, True)
         self._work(tile, read.physical, read.after, read.where, read.tally, None)
         return read.physical
 
-    def _read(self, tile: Tile) -> _Read:
-        """A tile as it is, what compensation makes of it, and where it is to be corrected."""
+    def _read(self, tile: Tile, keep: bool) -> _Read:
+        """A tile as it is, what compensation makes of it, and where it is to be corrected.
+
+        keep : physical values are wanted where compensation has changed them, too
+        """
         source = raster_of(self.scene)
         outer = tile.grown(self._halo, self.scene.height, self.scene.width)
         raw, valid = source.read_raw(outer.window)
-        physical = source.to_physical(raw, valid)
+        physical: Any = source.to_physical(raw, valid)
         after = None
         if self.chain.runs:
-            around, place = physical, (slice(None), *core_of(tile.crop_of(outer), outer.shape))
-            physical, raw = around[place].copy(), raw[place].copy()
-            valid = None if valid is None else valid[place]
-            known = self._known(physical, valid)
-            if known is None or known.any():
-                after = self._compensated(around, tile, outer)
+            place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
+            known = self._known(physical[place], None if valid is None else valid[place])
+            saturated = _saturated(self.scene, physical[place], self.want_flags)
+            whole = valid is None and raw.dtype.kind in "iu"
+            begun = self._begun(physical, tile, outer, whole) if known is None or known.any() else None
+            raw, valid = raw[place].copy(), None if valid is None else valid[place]
+            physical = physical[place].copy() if keep else None  # the block around is let go, or worked on in place
+            after = None if begun is None else self._compensated(begun, tile, outer)
             inside = None if after is None else after.inside
         else:
             known, inside = self._known(physical, valid), self._inside(tile, physical)
+            saturated = _saturated(self.scene, physical, self.want_flags)
         where = known if inside is None else inside if known is None else known & inside
         tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
         tally.usable = tally.total if where is None else int(np.count_nonzero(where))
         tally.nodata = 0 if known is None else tally.total - int(np.count_nonzero(known))
         tally.not_water = tally.total - tally.usable - tally.nodata
-        if not physical.flags.writeable:
+        if physical is not None and not physical.flags.writeable:
             physical = physical.copy()
         where = None if tally.usable == tally.total else where
-        return _Read(raw, valid, physical, after, known, where, tally)
+        return _Read(raw, valid, physical, saturated, after, known, where, tally)
 
     @staticmethod
     def _touched(replaced: Any, held: Any) -> Any:
@@ -237,7 +247,7 @@ class Correction:
     def _work(
         self, tile: Tile, physical: Any, after: Compensated | None, where: Any, tally: Tally, flags: Any
     ) -> list[tuple[list[int], Any]]:
-        """Correct `physical`; which bands changed, and where (None: everywhere)."""
+        """Correct `physical`, where it is given; which bands changed, and where (None: everywhere)."""
         removed = [f.band for f in self.model.fits]
         usable = tally.usable
         if not usable or not (removed or after):
@@ -273,7 +283,7 @@ class Correction:
         done += [
             ([b], place) for b in changed if b not in removed and (place := self._touched(replaced[b], held)).any()
         ]
-        for bands, place in done:
+        for bands, place in done if physical is not None else ():
             for band in bands:
                 np.copyto(
                     physical[band], after.clean[band], where=True if place is None else place, casting="same_kind"
@@ -288,20 +298,27 @@ class Correction:
         reach = LEVEL_REACH if self.want_stderr else 0
         return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo, reach)
 
-    def _compensated(self, around: Any, tile: Tile, outer: Tile) -> Compensated:
-        """The tile after the chain; `around`, the block with its halo, is worked on in place where that can be.
+    def _begun(self, around: Any, tile: Tile, outer: Tile, whole: bool) -> _Begun:
+        """What compensation of a block begins with; where that can be, it works on the block itself.
 
-        Each stage sees no more of the halo than the stages after it need.
+        whole : every number is known to be finite
         """
-        height, width = self.scene.height, self.scene.width
-        middle = tile.grown(self._halo - self.chain.halo_before, height, width)
-        looked = tile.grown(self.chain.protection.halo, height, width)
-        raw = around[_place(looked, outer)].copy() if self.chain.protection.possible else None
         state = State.own(around) if self.chain.in_place else State.of(around)
-        state.sound = all_finite(state.image)
+        state.sound = whole or all_finite(state.image)
+        looked = tile.grown(self.chain.protection.halo, self.scene.height, self.scene.width)
+        raw = around[_place(looked, outer)].copy() if self.chain.protection.possible else None
+        return _Begun(state, raw, looked, None if state.image is around else around)
+
+    def _compensated(self, begun: _Begun, tile: Tile, outer: Tile) -> Compensated:
+        """The tile after the chain. Each stage sees no more of the halo than the stages after it need."""
+        state = begun.state
+        middle = tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
         apply_stages(state, self.chain.before, middle.crop_of(outer))
-        clean, replaced = finish(state, around[_place(middle, outer)]), state.replaced
+        clean, replaced = state.image, state.replaced
+        if begun.block is not None:
+            clean = finish(state, begun.block[_place(middle, outer)])
         level, units, within = state.water, state.units, _place(tile, middle)
+        found = None if level is None else self._things(begun, level[_place(begun.looked, middle)], tile)
         inner = (within[1], within[2])
         inside = self._water_of(clean, inner, tile)
         if self.model.fits:
@@ -309,19 +326,25 @@ class Correction:
         replaced = replaced[within]
         if self.chain.after:
             sound, state = state.sound, State.own(clean)
-            state.sound = sound and all_finite(clean)
+            state.sound = sound
             apply_stages(state, self.chain.after, tile.crop_of(middle))
             clean = finish(state, clean[within])
             replaced = replaced | state.replaced
         else:
             clean = clean[within]
         levels = self._levels(units, level, inner)
-        if raw is None or level is None:
+        if found is None or level is None:
             return Compensated(inside, clean, replaced, None, *levels)
-        found = things(raw, level[_place(looked, middle)], self.chain.protection)
-        found = found.cropped(core_of(tile.crop_of(looked), looked.shape))
         clean = put_back(clean, level[within], found)
         return Compensated(inside, clean, replaced & ~found.mask, found.mask, *levels)
+
+    def _things(self, begun: _Begun, level: Any, tile: Tile) -> Things | None:
+        """Small things in the tile that the level has lost; the block's own values are let go."""
+        raw, begun.raw = begun.raw, None
+        if raw is None:
+            return None
+        found = things(raw, level, self.chain.protection)
+        return found.cropped(core_of(tile.crop_of(begun.looked), begun.looked.shape))
 
     def _levels(self, units: Any, level: Any, inner: tuple[slice, slice]) -> tuple[Any, Any, tuple[slice, slice]]:
         """The level before and after removal, where a standard error is wanted, and where the tile lies in it."""
@@ -420,6 +443,17 @@ def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int
     return sorted(only) if only else list(range(len(scene.bands)))
 
 
+@dataclass(eq=False)
+class _Begun:
+    """A block on its way: its state, its own values where things are looked for, where that is, and the block itself
+    where the state does not work on that."""
+
+    state: State
+    raw: Any
+    looked: Tile
+    block: Any
+
+
 @dataclass(frozen=True, eq=False)
 class Compensated:
     """A tile after the chain: where it is to be corrected (None: everywhere), its bands, what was replaced in each, and
@@ -434,13 +468,21 @@ class Compensated:
     inner: tuple[slice, slice] = (slice(None), slice(None))
 
 
-def _saturated(scene: Scene, physical: Any, flags: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.int64]:
-    """Pixels of each band at or above its saturation, flagged where asked."""
-    counts = np.zeros(len(scene.bands), np.int64)
+@dataclass(frozen=True, eq=False)
+class Saturated:
+    """Pixels of each band that are saturated, and where any band is, if that is wanted and there are such."""
+
+    counts: npt.NDArray[np.int64]
+    any_band: npt.NDArray[np.bool_] | None = None
+
+
+def _saturated(scene: Scene, physical: Any, wanted: bool) -> Saturated:
+    """Pixels of each band at or above its saturation."""
+    counts, places = np.zeros(len(scene.bands), np.int64), None
     for i, band in enumerate(scene.bands):
         if band.saturation is not None:
             full = physical[i] >= physical.dtype.type(band.saturation)
             counts[i] = np.count_nonzero(full)
-            if flags is not None and counts[i]:
-                flags[full] |= SATURATED
-    return counts
+            if wanted and counts[i]:
+                places = full if places is None else places | full
+    return Saturated(counts, places)
