@@ -1,10 +1,13 @@
 """The compiled inner loop of `detect.local`: moments of every pixel's ring, and the distance of the pixel from them.
 
-Sums down a window are made of two runs, one to the end of a block and one from its start (van Herk 1992): blocks are
-as long as the window and lie at multiples of it in the scene. Sums along its rows are made of sums of 1, 4, 16, ...
-pixels. So a sum holds the pixels of its window and no others, nothing is ever taken away again, the cost grows
-slowly with the window, and any tiling gives the same bits.
+Sums along a window's rows are made of sums of 1, 4, 16, ... pixels. Sums of those down the window are made of two
+runs, one to the end of a block and one from its start (van Herk 1992): blocks are as long as the window and lie at
+multiples of it in the scene. So a sum holds the pixels of its window and no others, nothing is ever taken away again,
+the cost grows slowly with the window, and any tiling gives the same bits.
 The ring is the sum of four bars around the guard, not a difference of two squares.
+
+A loop runs in vector registers only where the compiler can tell quickly that what it writes is not what it reads: where
+few rows are written and read in one loop.
 
 References
 ----------

@@ -21,14 +21,14 @@ from deglint.scene import Scene
 from deglint.tiles import Tile
 
 from ..background import Background
-from ..local import CELL, WindowRule, window_rule
+from ..local import WindowRule, cell_side, window_rule
 from .recipe import Recipe
 
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
 Read = Callable[[Scene, Tile, Sequence[int]], npt.NDArray[Any]]
 """What reads the pixels of a tile: `read`, or something that is called like it."""
-KEPT = 128 << 20
+KEPT = 96 << 20
 """Pixels that are kept from the first pass over a scene to the second [byte]."""
 
 
@@ -130,7 +130,7 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, progress: Progress | N
         rule = window_rule(*recipe.window, recipe.border, size, ddof=recipe.ddof, ridge=ridge)
     shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
     if rule is not None:
-        shape = _local_shape(shape, scene, threads)
+        shape = _local_shape(shape, scene, threads, cell_side(len(bands)))
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
     return Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, rule, tuple(notes), progress)
@@ -182,14 +182,14 @@ def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
     return Masking(scene, None, look.water, role_bands(roles))
 
 
-def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[int, int]:
+def _local_shape(shape: tuple[int, int], scene: Scene, threads: int, cell: int) -> tuple[int, int]:
     """Tiles of whole cells of local RX, and enough of them for all threads."""
-    rows, columns = (-(-side // CELL) * CELL for side in shape)
-    while -(-scene.height // rows) * -(-scene.width // columns) < 2 * threads and max(rows, columns) > CELL:
+    rows, columns = (-(-side // cell) * cell for side in shape)
+    while -(-scene.height // rows) * -(-scene.width // columns) < 2 * threads and max(rows, columns) > cell:
         if rows >= columns:
-            rows = rows // 2 // CELL * CELL or CELL
+            rows = rows // 2 // cell * cell or cell
         else:
-            columns = columns // 2 // CELL * CELL or CELL
+            columns = columns // 2 // cell * cell or cell
     return rows, columns
 
 
