@@ -246,6 +246,41 @@ def subset(source, target, bands, change=None, **options):
     return block
 
 
+@pytest.mark.parametrize("mask", ["auto", "area"])
+def test_tiles_without_water_or_beyond_the_mask_are_passed_as_they_are(made, read, tmp_path, monkeypatch, mask):
+    source, _ = made()
+    land = np.random.default_rng(0).integers(2500, 3500, (8, 320, 480))
+
+    def beside(block):
+        land[:, :160, :160] = block
+        land[:, :160, 160:320] = block[:, :, ::-1]
+        return land.astype(np.uint16)
+
+    scene = tmp_path / "coast.tif"
+    subset(source, scene, range(8), beside, width=480, height=320)
+    given = tmp_path / "area.tif"
+    with (
+        rasterio.open(scene) as data,
+        rasterio.open(given, "w", **(data.profile | {"count": 1, "dtype": "uint8"})) as out,
+    ):
+        sea = np.zeros((320, 480), np.uint8)
+        sea[:160, :320] = 1
+        out.write(sea, 1)
+    recipe = Recipe(mask="auto" if mask == "auto" else str(given))
+    whole = remove_glint(scene, tmp_path / "whole.tif", recipe)
+    monkeypatch.setattr(tiling, "SAMPLES", 64 * 64 * 8)
+    monkeypatch.setattr(tiling, "COMPACT", 64)
+    tiled = remove_glint(scene, tmp_path / "tiled.tif", recipe)
+    found = read(tmp_path / "tiled.tif")
+    np.testing.assert_array_equal(found, read(tmp_path / "whole.tif"))
+    np.testing.assert_array_equal(found[:, 160:], land[:, 160:])
+    assert (found[:, :160, :320] != land[:, :160, :320]).mean() > 0.3
+    assert whole.tally.passed == 0
+    assert tiled.tally.passed > 0.1 * tiled.tally.total
+    assert "lie in tiles where nothing is to be corrected" in tiled.sidecar["skipped"]["compensation"]
+    assert (tiled.tally.not_water, tiled.tally.corrected) == (whole.tally.not_water, whole.tally.corrected)
+
+
 @pytest.mark.parametrize("compensate", ["auto", "thesis", CHAIN])
 def test_holes_stay_and_do_not_spread(made, read, tmp_path, compensate):
     source, scene = made()

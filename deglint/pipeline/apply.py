@@ -36,7 +36,7 @@ from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from .blocks import one_thread_each
 from .cluster import Cluster, writing_images
-from .correct import Correction, Tally, changed_bands
+from .correct import Correction, changed_bands
 from .fit import Fitted, Progress, fit_scene
 from .following import for_scene, without_moves
 from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
@@ -44,6 +44,7 @@ from .recipe import Recipe
 from .saved import saved
 from .sidecar import Checksum, fingerprint, sidecar
 from .surroundings import Surroundings
+from .tally import Tally
 from .uncertain import with_stderr
 
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")

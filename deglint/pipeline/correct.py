@@ -27,6 +27,7 @@ from ..tiles import Tile
 from .following import moved_halo, nir_to_follow, remove_following
 from .look import core_of, raster_of
 from .surroundings import Around, Surroundings
+from .tally import Saturated, Tally, saturated_in
 
 FLAGS = {
     1: "nodata: not valid, passed unchanged",
@@ -39,36 +40,9 @@ FLAGS = {
     128: "protected: stands out in a way that glint does not, and kept as it was",
 }
 """Bits of the flag raster."""
+BESIDE = 32
+"""Pixels from a pixel that is as dark as water within which compensation may find more water under sparkle."""
 NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED, REPLACED, PROTECTED = FLAGS
-
-
-@dataclass
-class Tally:
-    """Pixels of the whole run; bands in scene order. What was `copied` was not looked at: only its total is known."""
-
-    bands: int
-    total: int = 0
-    copied: bool = False
-    nodata: int = 0
-    not_water: int = 0
-    corrected: int = 0
-    protected: int = 0
-    usable: int = 0
-    replaced: npt.NDArray[np.int64] = field(init=False)
-    negative: npt.NDArray[np.int64] = field(init=False)
-    clipped: npt.NDArray[np.int64] = field(init=False)
-    saturated: npt.NDArray[np.int64] = field(init=False)
-
-    def __post_init__(self) -> None:
-        for name in ("replaced", "negative", "clipped", "saturated"):
-            setattr(self, name, np.zeros(self.bands, np.int64))
-
-    def add(self, other: Tally) -> None:
-        """Add a tile's counts."""
-        counts = ("total", "nodata", "not_water", "usable", "corrected", "protected")
-        self.copied |= other.copied
-        for name in (*counts, "replaced", "negative", "clipped", "saturated"):
-            setattr(self, name, getattr(self, name) + getattr(other, name))
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,20 +193,22 @@ class Correction:
         if self.chain.runs:
             place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
             known = self._known(physical[place], None if valid is None else valid[place])
-            saturated = _saturated(self.scene, physical[place], self.want_flags)
+            saturated = saturated_in(self.scene, physical[place], self.want_flags)
+            near = self._near(physical, known, tile, outer)
             whole = valid is None and raw.dtype.kind in "iu"
-            begun = self._begun(physical, tile, outer, whole) if known is None or known.any() else None
+            begun = self._begun(physical, tile, outer, whole) if near is None or near.any() else None
             raw, valid = raw[place].copy(), None if valid is None else valid[place]
             physical = physical[place].copy() if keep else None  # the block around is let go, or worked on in place
             after = None if begun is None else self._compensated(begun, tile, outer)
-            inside = None if after is None else after.inside
+            inside = near if after is None or after.inside is None else after.inside & (True if near is None else near)
         else:
             known, inside = self._known(physical, valid), self._inside(tile, physical)
-            saturated = _saturated(self.scene, physical, self.want_flags)
+            saturated = saturated_in(self.scene, physical, self.want_flags)
         where = known if inside is None else inside if known is None else known & inside
         tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
         tally.usable = tally.total if where is None else int(np.count_nonzero(where))
         tally.nodata = 0 if known is None else tally.total - int(np.count_nonzero(known))
+        tally.passed = tally.total if self.chain.runs and after is None else 0
         tally.not_water = tally.total - tally.usable - tally.nodata
         if physical is not None and not physical.flags.writeable:
             physical = physical.copy()
@@ -296,7 +272,27 @@ class Correction:
         if not self.chain.runs:
             return 0
         reach = LEVEL_REACH if self.want_stderr else 0
+        reach = max(reach, BESIDE - self.chain.halo_before)
         return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo, reach)
+
+    def _near(self, around: Any, known: Any, tile: Tile, outer: Tile) -> npt.NDArray[np.bool_] | None:
+        """Known pixels of a tile that may be water, by a look at the bands as they stand; None for all.
+
+        Sparkle is bright, but no water is so bright that none within `BESIDE` pixels is as dark as water.
+        """
+        near = self.area.read(tile.window) if self.area is not None else None
+        rule = self.water if self.area is None else None
+        if rule is not None and not rule.all_water:
+            import cv2
+
+            dark = around[self.water_bands[rule.roles.nir]] <= around.dtype.type(rule.threshold)
+            if not dark.all():
+                side = 2 * BESIDE + 1
+                wide = cv2.dilate(dark.view(np.uint8), np.ones((side, side), np.uint8)).view(np.bool_)
+                near = wide[core_of(tile.crop_of(outer), outer.shape)]
+        if near is None or near.all():
+            return known
+        return np.asarray(near if known is None else near & known)
 
     def _begun(self, around: Any, tile: Tile, outer: Tile, whole: bool) -> _Begun:
         """What compensation of a block begins with; where that can be, it works on the block itself.
@@ -320,7 +316,7 @@ class Correction:
         level, units, within = state.water, state.units, _place(tile, middle)
         found = None if level is None else self._things(begun, level[_place(begun.looked, middle)], tile)
         inner = (within[1], within[2])
-        inside = self._water_of(clean, inner, tile)
+        inside = self._water_of(clean, inner)
         if self.model.fits:
             clean = removed(clean, self.model)
         replaced = replaced[within]
@@ -353,10 +349,10 @@ class Correction:
         level = level * units.astype(np.float32)[:, None, None]
         return level, apply(level, self.model) if self.model.fits else level, inner
 
-    def _water_of(self, block: Any, inner: tuple[slice, slice], tile: Tile) -> npt.NDArray[np.bool_] | None:
-        """Where correction is wanted, told by compensated bands: sparkle is no boat there."""
+    def _water_of(self, block: Any, inner: tuple[slice, slice]) -> npt.NDArray[np.bool_] | None:
+        """Where water is, told by compensated bands, where it is to be told: sparkle is no boat there."""
         if self.area is not None or self.water is None:
-            return self._inside(tile, block)
+            return None  # `_near` has said all
         return np.asarray(water([block[b] for b in self.water_bands], self.water)[inner])
 
     @property
@@ -466,23 +462,3 @@ class Compensated:
     level: Any = None
     removed_level: Any = None
     inner: tuple[slice, slice] = (slice(None), slice(None))
-
-
-@dataclass(frozen=True, eq=False)
-class Saturated:
-    """Pixels of each band that are saturated, and where any band is, if that is wanted and there are such."""
-
-    counts: npt.NDArray[np.int64]
-    any_band: npt.NDArray[np.bool_] | None = None
-
-
-def _saturated(scene: Scene, physical: Any, wanted: bool) -> Saturated:
-    """Pixels of each band at or above its saturation."""
-    counts, places = np.zeros(len(scene.bands), np.int64), None
-    for i, band in enumerate(scene.bands):
-        if band.saturation is not None:
-            full = physical[i] >= physical.dtype.type(band.saturation)
-            counts[i] = np.count_nonzero(full)
-            if wanted and counts[i]:
-                places = full if places is None else places | full
-    return Saturated(counts, places)

@@ -18,8 +18,8 @@ from ..scene import Scene
 
 if TYPE_CHECKING:
     from .apply import Outputs
-    from .correct import Tally
     from .fit import Fitted
+    from .tally import Tally
 
 _CHUNK = 1 << 20
 COPIED = "no band needs a correction: copied as they are, and not counted by kind"
@@ -111,7 +111,7 @@ def sidecar(
         "recipe": resolved(fitted),
         "model": asdict(fitted.model),
         **fitted.numbers,
-        "skipped": skipped(fitted, names) | ({"pixels": COPIED} if tally.copied else {}),
+        "skipped": skipped(fitted, names) | _not_looked_at(tally),
         "pixels": {
             "total": tally.total,
             "nodata": None if tally.copied else tally.nodata,
@@ -126,6 +126,18 @@ def sidecar(
         "notes": [*scene.notes, *fitted.notes],
         "warnings": warnings,
         "seconds": round(seconds, 3),
+    }
+
+
+def _not_looked_at(tally: Tally) -> dict[str, str]:
+    """Pixels that were not computed, and why."""
+    if tally.copied:
+        return {"pixels": COPIED}
+    if not tally.passed:
+        return {}
+    part = tally.passed / tally.total
+    return {
+        "compensation": f"{part:.1%} of the pixels lie in tiles where nothing is to be corrected: passed as they are"
     }
 
 
