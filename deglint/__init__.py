@@ -24,12 +24,12 @@ _HOMES = {
     "Result": "pipeline",
     "fit_scene": "pipeline",
     "remove_glint": "pipeline",
-    "correct": "pipeline",
+    "correct": "pipeline.apply",
     "METHODS": "remove",
     "GlintModel": "remove",
     "apply": "remove",
     "fit": "remove",
-    "examine": "pipeline",
+    "examine": "pipeline.examine",
     "DeglintError": "errors",
 }
 

@@ -294,17 +294,17 @@ def _reduce_cells(
     for i in range(len(n)):
         top, left = i // across * cell - row0, i % across * cell - col0
         rows, columns = slice(max(top, 0), top + cell), slice(max(left, 0), left + cell)
-        x = block[:, rows, columns].reshape(len(block), -1).astype(np.float64)
-        good = np.isfinite(x).all(axis=0)
-        if mask.size:
-            good &= mask[rows, columns].ravel()
-        count = int(np.count_nonzero(good))
-        if not count:
-            continue
-        if count < good.size:
-            x = x[:, good]
-        n[i], low[i], high[i] = count, x.min(axis=1), x.max(axis=1)
+        x = np.empty((len(block), *block[0, rows, columns].shape))
+        x[...] = block[:, rows, columns]
+        x = x.reshape(len(block), -1)
         with np.errstate(over="ignore", invalid="ignore"):  # whoever uses it looks whether it is finite
+            low[i], high[i] = x.min(axis=1), x.max(axis=1)
+            if mask.size or not np.isfinite(high[i] - low[i]).all():
+                x = x[:, _valid(x, mask[rows, columns])]
+                low[i], high[i] = x.min(axis=1, initial=np.inf), x.max(axis=1, initial=-np.inf)
+            count = n[i] = x.shape[1]
+            if not count:
+                continue
             shift = _typical(x)
             x -= shift[:, None]
             centre = x.mean(axis=1)
@@ -318,6 +318,12 @@ def _typical(x: Float64) -> Float64:
     """Of each row the middle one of three values: exactly that of a constant, and not a single stray pixel."""
     a, b, c = x[:, 0], x[:, x.shape[1] // 2], x[:, -1]
     return np.asarray(np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)))
+
+
+def _valid(x: Float64, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Which pixels of (variables, pixels) are finite and masked in; a mask of no size is True everywhere."""
+    good = np.isfinite(x).all(axis=0)
+    return np.asarray(good & mask.ravel() if mask.size else good)
 
 
 def _two_sum(a: Float64, b: Float64) -> tuple[Float64, Float64]:

@@ -8,6 +8,7 @@ compute while the calling thread takes the results in the order of the tiles and
 from __future__ import annotations
 
 import math
+import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -130,6 +131,11 @@ def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
         shift = 0.25 if i % 2 else 0.75
         chosen += [line[int((j + shift) * len(line) / across)] for j in range(across)]
     return sorted(set(chosen), key=lambda t: (t.row0, t.col0))
+
+
+def default_threads() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from .compensate import Chain
 from .errors import DeglintError, InputError
-from .pipeline import Fitted, Recipe, default_threads, fit_scene
+from .pipeline import Fitted, Recipe, fit_scene
 from .pipeline.apply import DTYPES, given_model, marking
 from .pipeline.chunks import Nothing, over_tiles
 from .pipeline.correct import Correction
@@ -33,7 +33,7 @@ from .readers.arrays import open_array
 from .readers.roles import find_band
 from .remove import GlintModel
 from .scene import Scene
-from .tiles import Tile
+from .tiles import Tile, default_threads
 
 
 def fit(

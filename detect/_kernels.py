@@ -1,10 +1,13 @@
 """The compiled inner loop of `detect.local`: moments of every pixel's ring, and the distance of the pixel from them.
 
-Sums down a window are made of two runs, one to the end of a block and one from its start (van Herk 1992): blocks are
-as long as the window and lie at multiples of it in the scene. Sums along its rows are made of sums of 1, 2, 4, ...
-pixels. So a sum holds the pixels of its window and no others, nothing is ever taken away again, the cost grows
-slowly with the window, and any tiling gives the same bits.
+Sums along a window's rows are made of sums of 1, 4, 16, ... pixels. Sums of those down the window are made of two
+runs, one to the end of a block and one from its start (van Herk 1992): blocks are as long as the window and lie at
+multiples of it in the scene. So a sum holds the pixels of its window and no others, nothing is ever taken away again,
+the cost grows slowly with the window, and any tiling gives the same bits.
 The ring is the sum of four bars around the guard, not a difference of two squares.
+
+A loop runs in vector registers only where the compiler can tell quickly that what it writes is not what it reads: where
+few rows are written and read in one loop.
 
 References
 ----------
@@ -20,137 +23,200 @@ from numba import njit
 _SAME = {"contract"}
 DONE, DEFICIENT, ASIDE = 0, 1, 255
 WIDTH = 64  # pixels whose covariances are factored side by side: they stay in the first-level cache
-SOME = 9  # channels whose sums along a row are made together
+SOME = 3  # channels (count, sums, products) that are summed together
 EPS = 2.220446049250313e-16
+# Unsigned, so that no loop asks whether an index counts from the end; functions on whole arrays are put where they are
+# called, since to hand an array over takes as long as a loop.
+ZERO, ONE, TWO, THREE, FOUR, LANES, MANY = (np.uint64(k) for k in (0, 1, 2, 3, 4, WIDTH, SOME))
+VALUES, SPARE, OTHER, GUARD, SIDE = (np.uint64(k) for k in range(5))  # what is worked on along a row of pixels,
+WHOLE, BESIDE, DOWN = (np.uint64(k) for k in range(3))  # down the columns,
+REST, AWAY, PIVOT, ENTRY = LANES, TWO * LANES, THREE * LANES, FOUR * LANES  # and in factoring, after the mean
 
 
-@njit(nogil=True, cache=True, fastmath=_SAME)
-def _put_row(x, known, p, source, target):  # type: ignore[no-untyped-def]
-    """target = source + count, values and products of padded row p; (channel, column) arrays, not the same."""
-    bands, columns = x.shape[1], x.shape[2]
-    for c in range(columns):
-        target[0, c] = source[0, c] + known[p, c]
-    k = 1 + bands
-    for i in range(bands):
-        for c in range(columns):
-            target[1 + i, c] = source[1 + i, c] + x[p, i, c]
-        for j in range(i + 1):
-            for c in range(columns):
-                target[k, c] = source[k, c] + x[p, i, c] * x[p, j, c]
-            k += 1
+@njit(nogil=True, cache=True, inline="always")
+def _first(w, a, span, many, n, out):  # type: ignore[no-untyped-def]
+    """The sum of `many`, 1 to 3, entries of row a that lie `span` apart."""
+    if many == ONE:
+        for k in range(n):
+            w[out, k] = w[a, k]
+    elif many == TWO:
+        for k in range(n):
+            w[out, k] = w[a, k] + w[a, k + span]
+    else:
+        for k in range(n):
+            w[out, k] = (w[a, k] + w[a, k + span]) + w[a, k + TWO * span]
 
 
-@njit(nogil=True, cache=True, fastmath=_SAME)
-def _add_row(x, known, p, target):  # type: ignore[no-untyped-def]
-    """The same, in place."""
-    bands, columns = x.shape[1], x.shape[2]
-    for c in range(columns):
-        target[0, c] += known[p, c]
-    k = 1 + bands
-    for i in range(bands):
-        for c in range(columns):
-            target[1 + i, c] += x[p, i, c]
-        for j in range(i + 1):
-            for c in range(columns):
-                target[k, c] += x[p, i, c] * x[p, j, c]
-            k += 1
-
-
-@njit(nogil=True, cache=True)
-def _down(x, known, start, width, place, fresh, suffix, prefix, out):  # type: ignore[no-untyped-def]
-    """Sums of the rows start..start+width-1 for every column; called for one start after the other.
-
-    `place` is the start's place in its block; `fresh` for the first start of all. The last of `suffix` stays 0.
-    """
-    if place == 0 or fresh:
-        for i in range(width - 1, place - 1, -1):
-            _put_row(x, known, start + i - place, suffix[i + 1], suffix[i])
-        prefix[:] = 0.0
-        for p in range(start + width - place, start + width - 1):
-            _add_row(x, known, p, prefix)
-    channels, columns = out.shape
-    if place == 0:
-        for q in range(channels):
-            for c in range(columns):
-                out[q, c] = suffix[0, q, c]
-        return
-    _add_row(x, known, start + width - 1, prefix)
-    for q in range(channels):
-        for c in range(columns):
-            out[q, c] = suffix[place, q, c] + prefix[q, c]
+@njit(nogil=True, cache=True, inline="always")
+def _further(w, a, start, span, many, n, out):  # type: ignore[no-untyped-def]
+    """The same, from `start` on, added to what is there."""
+    if many == ONE:
+        for k in range(n):
+            w[out, k] += w[a, k + start]
+    elif many == TWO:
+        for k in range(n):
+            w[out, k] += w[a, k + start] + w[a, k + start + span]
+    else:
+        for k in range(n):
+            w[out, k] += (w[a, k + start] + w[a, k + start + span]) + w[a, k + start + TWO * span]
 
 
 @njit(nogil=True, cache=True)
-def _windows(values, spare, n, width, sums):  # type: ignore[no-untyped-def]
-    """Sums of entries k..k+width-1 for every k that has them: of sums of 1, 2, 4, ... entries, as width needs them.
-
-    `values` and `spare` are overwritten.
-    """
-    done, span = 0, 1
+def _windows(w, width, out):  # type: ignore[no-untyped-def]
+    """Sums of the values k..k+width-1 for every k that has them, made of sums of 1, 4, 16, ... values."""
+    a, b, other, every = VALUES, SPARE, OTHER, np.uint64(w.shape[1])
+    done, span = ZERO, ONE
     while True:
-        if width & span:
-            there = values[done:]
-            for k in range(n - done):
-                sums[k] = there[k] if done == 0 else sums[k] + there[k]
-            done += span
-        if 2 * span > width:
+        many = width // span % FOUR
+        n = every + span - done - many * span
+        if many and done == ZERO:
+            _first(w, a, span, many, n, out)
+        elif many:
+            _further(w, a, done, span, many, n, out)
+        done += many * span
+        if done == width:
             return
-        second, third, fourth = values[span:], values[2 * span :], values[3 * span :]
-        if 2 * span == width:
-            for k in range(n - span):
-                sums[k] = values[k] + second[k]
-            return
-        if width & 2 * span:
-            for k in range(n - span):
-                spare[k] = values[k] + second[k]
-            span *= 2
+        for k in range(every - THREE * span):
+            w[b, k] = (w[a, k] + w[a, k + span]) + (w[a, k + TWO * span] + w[a, k + THREE * span])
+        span *= FOUR
+        a, b, other = b, other, b
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _take(x, known, p, channels, first, w):  # type: ignore[no-untyped-def]
+    """Put `SOME` channels of padded row p side by side: count, bands, products of two."""
+    n = np.uint64(x.shape[2])
+    for k in range(MANY):
+        i, j, to = np.uint64(channels[first + k, 0]), np.uint64(channels[first + k, 1]), k * n
+        if channels[first + k, 0] < 0:
+            for c in range(n):
+                w[VALUES, to + c] = known[p, c]
+        elif channels[first + k, 1] < 0:
+            for c in range(n):
+                w[VALUES, to + c] = x[p, i, c]
         else:
-            for k in range(n - 3 * span):
-                spare[k] = (values[k] + second[k]) + (third[k] + fourth[k])
-            span *= 4
-        values, spare = spare, values
+            for c in range(n):
+                w[VALUES, to + c] = x[p, i, c] * x[p, j, c]
 
 
-@njit(nogil=True, cache=True)
-def _rings(above, below, beside, inner, bar, piece, work, rings):  # type: ignore[no-untyped-def]
-    """Sums over the rings of a row, from sums down the bars above and below the guard, and down what is beside it.
+@njit(nogil=True, cache=True, inline="always")
+def _join(w, n, inner, bar, v, columns):  # type: ignore[no-untyped-def]
+    """Sums of a window's width, and of what is beside the guard alone."""
+    for k in range(MANY):
+        side, to = k * n, k * columns
+        right, guard = side + bar + inner, side + bar
+        for c in range(columns):
+            beside = w[SIDE, side + c] + w[SIDE, right + c]
+            v[BESIDE, to + c] = beside
+            v[WHOLE, to + c] = beside + w[GUARD, guard + c]
 
-    Flat arrays of one padded row a channel; a piece is some whole channels. What lies at a row's end, where windows
-    reach into the next, is of no use.
+
+@njit(nogil=True, cache=True, inline="always")
+def _down(v, row, q, place, fresh, table, prefix):  # type: ignore[no-untyped-def]
+    """Sums down the window that ends with this row; called for one row after the other.
+
+    `place` is the row's place in its block; `fresh` for the first row of all. `table` holds the rows of this block so
+    far, and below them the sums from there to the end of the block before.
     """
-    apart = bar + inner
-    values, spare, middle, sides = work[0], work[1], work[2], work[3]
-    for first in range(0, rings.shape[0], piece):
-        n = min(piece, rings.shape[0] - first)
-        a, b, c, out = above[first:], below[first:], beside[first:], rings[first:]
-        for k in range(n):
-            values[k] = a[k] + b[k]
-        _windows(values, spare, n, inner, middle)  # columns of the guard
-        for k in range(n):
-            values[k] = (a[k] + b[k]) + c[k]
-        _windows(values, spare, n, bar, sides)
-        guard, right = middle[bar:], sides[apart:]
-        for k in range(n - apart):
-            out[k] = (sides[k] + right[k]) + guard[k]
+    width, n = np.uint64(table.shape[1]), np.uint64(v.shape[1])
+    for c in range(n):
+        table[q, place, c] = v[row, c]
+    if place == ZERO or fresh:
+        for c in range(n):
+            prefix[q, c] = 0.0
+    if place + ONE < width:
+        for c in range(n):
+            total = prefix[q, c] + v[row, c]
+            prefix[q, c] = total
+            v[DOWN, c] = total + table[q, place + ONE, c]
+    else:
+        for c in range(n):
+            v[DOWN, c] = prefix[q, c] + v[row, c]
+        for i in range(ONE, width):
+            for c in range(n):
+                table[q, width - ONE - i, c] += table[q, width - i, c]
 
 
-@njit(nogil=True, cache=True, fastmath=_SAME)
+@njit(nogil=True, cache=True, inline="always")
+def _finish(v, waiting, q, slot, rings):  # type: ignore[no-untyped-def]
+    """Put the sum of what waits and what came last into `rings`, (piece, channel, `WIDTH`); the latter waits now."""
+    columns = np.uint64(v.shape[1]) // MANY
+    for k in range(MANY):
+        for piece in range(np.uint64(rings.shape[0])):
+            start, channel = k * columns + piece * LANES, q * MANY + k
+            for c in range(min(LANES, columns - piece * LANES)):
+                rings[piece, channel, c] = waiting[q, slot, start + c] + v[DOWN, start + c]
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _wait(v, waiting, q, slot):  # type: ignore[no-untyped-def]
+    for c in range(np.uint64(v.shape[1])):
+        waiting[q, slot, c] = v[DOWN, c]
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _add(v, waiting, q, slot):  # type: ignore[no-untyped-def]
+    for c in range(np.uint64(v.shape[1])):
+        waiting[q, slot, c] += v[DOWN, c]
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _entry(sums, k, j, root, a, b, work):  # type: ignore[no-untyped-def]
+    """Entry j of a row of centred products less what the bands before j have of it.
+
+    The row's factors begin at a in `root`, those of row j at b.
+    """
+    many, p, q = j % FOUR, ONE + j, k + j
+    if many == ZERO:
+        for c in range(LANES):
+            work[ENTRY + c] = sums[q, c] - work[c] * sums[p, c]
+    elif many == ONE:
+        for c in range(LANES):
+            work[ENTRY + c] = sums[q, c] - work[c] * sums[p, c] - root[a + c] * root[b + c]
+    elif many == TWO:
+        for c in range(LANES):
+            less = sums[q, c] - work[c] * sums[p, c] - root[a + c] * root[b + c]
+            work[ENTRY + c] = less - root[a + LANES + c] * root[b + LANES + c]
+    else:
+        for c in range(LANES):
+            less = sums[q, c] - work[c] * sums[p, c] - root[a + c] * root[b + c]
+            less = less - root[a + LANES + c] * root[b + LANES + c]
+            work[ENTRY + c] = less - root[a + TWO * LANES + c] * root[b + TWO * LANES + c]
+    for m in range(many * LANES, j * LANES, FOUR * LANES):
+        p, q = a + m, b + m
+        for c in range(LANES):
+            less = work[ENTRY + c] - root[p + c] * root[q + c] - root[p + LANES + c] * root[q + LANES + c]
+            less = less - root[p + TWO * LANES + c] * root[q + TWO * LANES + c]
+            work[ENTRY + c] = less - root[p + THREE * LANES + c] * root[q + THREE * LANES + c]
+
+
+@njit(nogil=True, cache=True, inline="always")
 def _less_earlier(sums, i, k, root, z, work):  # type: ignore[no-untyped-def]
     """Row i of the Cholesky factor, and what the bands before it leave of the pixel and of the pivot."""
-    mean, rest, pivot, entry = work[0], work[1], work[3], work[4]
+    row = i * (i + ONE) // TWO * LANES
     for j in range(i):
-        product, total, scale, earlier, left = sums[k + j], sums[1 + j], root[j, j], z[j], root[i, j]
-        for c in range(WIDTH):
-            entry[c] = product[c] - mean[c] * total[c]
-        for m in range(j):
-            a, b = root[i, m], root[j, m]
-            for c in range(WIDTH):
-                entry[c] -= a[c] * b[c]
-        for c in range(WIDTH):
-            a = entry[c] * scale[c]
-            left[c] = a
-            rest[c] -= a * earlier[c]
-            pivot[c] -= a * a
+        b = j * (j + ONE) // TWO * LANES
+        _entry(sums, k, j, root, row, b, work)
+        left, scale, earlier = row + j * LANES, b + j * LANES, j * LANES
+        for c in range(LANES):
+            a = work[ENTRY + c] * root[scale + c]
+            root[left + c] = a
+            work[REST + c] -= a * z[earlier + c]
+            work[PIVOT + c] -= a * a
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _doubt(sums, squares, work, near, exact, states):  # type: ignore[no-untyped-def]
+    """Mark the pixels whose pivot is lost or inexact."""
+    for c in range(LANES):
+        pivot, rest, away, square = work[PIVOT + c], work[REST + c], work[AWAY + c], sums[squares, c]
+        slack = 100.0 * exact * (square / sums[ZERO, c] + away * away)
+        if pivot > near * square:
+            continue
+        if pivot > exact * square or not rest * rest <= slack:
+            states[c] = ASIDE
+        elif states[c] != ASIDE:
+            states[c] = DEFICIENT
 
 
 @njit(nogil=True, cache=True, fastmath=_SAME, error_model="numpy")
@@ -161,49 +227,78 @@ def _distances(sums, x, ddof, ridge, root, z, work, total, states):  # type: ign
     these moments. A pivot is lost where it is below `exact`, and inexact below `near`, times the sum of squares that
     it was taken from.
     """
-    bands = x.shape[0]
+    bands = np.uint64(x.shape[0])
     exact = 32.0 * bands * EPS
     near = 1e3 * exact
-    mean, rest, away, pivot, n = work[0], work[1], work[2], work[3], sums[0]
-    for c in range(WIDTH):
+    k = ONE + bands
+    for c in range(LANES):
         total[c] = 0.0
-        states[c] = ASIDE if n[c] <= bands else DONE
-    k = 1 + bands
+        states[c] = ASIDE if sums[ZERO, c] <= bands else DONE
     for i in range(bands):
-        added, squares, scale, own = sums[1 + i], sums[k + i], root[i, i], z[i]
-        for c in range(WIDTH):
-            mean[c] = added[c] / n[c]
-            away[c] = x[i, c] - mean[c]
-            rest[c] = away[c]
-            pivot[c] = (squares[c] - mean[c] * added[c]) * (1.0 + ridge)
+        added, scale, own = ONE + i, i * (i + THREE) // TWO * LANES, i * LANES
+        squares = k + i
+        for c in range(LANES):
+            mean = sums[added, c] / sums[ZERO, c]
+            away = x[i, c] - mean
+            work[c] = mean
+            work[AWAY + c] = away
+            work[REST + c] = away
+            work[PIVOT + c] = (sums[squares, c] - mean * sums[added, c]) * (1.0 + ridge)
         _less_earlier(sums, i, k, root, z, work)
         lost = 0
-        for c in range(WIDTH):
-            fine = pivot[c] > near * squares[c]
-            scale[c] = 1.0 / np.sqrt(pivot[c]) if fine else 0.0
-            own[c] = rest[c] * scale[c]
-            total[c] += own[c] * own[c]
+        for c in range(LANES):
+            fine = work[PIVOT + c] > near * sums[squares, c]
+            root[scale + c] = 1.0 / np.sqrt(work[PIVOT + c]) if fine else 0.0
             lost += not fine
-        for c in range(WIDTH if lost else 0):
-            slack = 100.0 * exact * (squares[c] / n[c] + away[c] * away[c])
-            if pivot[c] > near * squares[c]:
-                continue
-            if pivot[c] > exact * squares[c] or not rest[c] * rest[c] <= slack:
-                states[c] = ASIDE
-            elif states[c] != ASIDE:
-                states[c] = DEFICIENT
-        k += i + 1
-    for c in range(WIDTH):
-        total[c] *= n[c] - ddof
+        for c in range(LANES):
+            z[own + c] = work[REST + c] * root[scale + c]
+            total[c] += z[own + c] * z[own + c]
+        if lost:
+            _doubt(sums, squares, work, near, exact, states)
+        k += i + ONE
+    for c in range(LANES):
+        total[c] *= sums[ZERO, c] - ddof
 
 
 @njit(nogil=True, cache=True)
-def _copy(source, first, count, target):  # type: ignore[no-untyped-def]
-    """Put `count` columns from `first` on into a narrower array; what lies beyond in it stays."""
-    for k in range(source.shape[0]):
-        row, out = source[k, first : first + count], target[k]
-        for c in range(count):
-            out[c] = row[c]
+def _take_row(x, known, p, origin, inner, channels, tables, w, v, rings):  # type: ignore[no-untyped-def]
+    """Add padded row p to the sums of the windows that hold it, and finish the rings of which it is the last row.
+
+    A ring waits from the end of its upper bar on: first what is beside the guard is added, then the lower bar, which
+    is at the same time the upper bar of the ring that waits next in its place.
+    """
+    bars, bars_prefix, middle, middle_prefix, waiting = tables
+    bar, apart, n = np.uint64(bars.shape[1]), np.uint64(waiting.shape[1]), np.uint64(x.shape[2])
+    at = origin + p
+    for q in range(np.uint64(bars.shape[0])):
+        _take(x, known, p, channels, q * MANY, w)
+        _windows(w, inner, GUARD)
+        _windows(w, bar, SIDE)
+        _join(w, n, inner, bar, v, np.uint64(v.shape[1]) // MANY)
+        _down(v, WHOLE, q, at % bar, p == ZERO, bars, bars_prefix)
+        upper = p + ONE - bar  # the pixel row whose ring has got so far, where there is one
+        if p + ONE >= bar:
+            if upper >= apart:
+                _finish(v, waiting, q, upper % apart, rings)
+            _wait(v, waiting, q, upper % apart)
+        if p >= bar:
+            _down(v, BESIDE, q, at % inner, p == bar, middle, middle_prefix)
+        if p + ONE >= apart:
+            _add(v, waiting, q, (p + ONE - apart) % apart)
+
+
+@njit(nogil=True, cache=True)
+def _channels(bands):  # type: ignore[no-untyped-def]
+    """Which bands are multiplied for each channel, -1 for none, up to a multiple of `SOME`."""
+    count = 1 + bands + bands * (bands + 1) // 2
+    out = np.full((-(-count // SOME) * SOME, 2), -1, np.int64)
+    k = 1 + bands
+    for i in range(bands):
+        out[1 + i, 0] = i
+        for j in range(i + 1):
+            out[k, 0], out[k, 1] = i, j
+            k += 1
+    return out
 
 
 @njit(nogil=True, cache=True)
@@ -211,38 +306,30 @@ def ring_scores(x, known, origin, inner, outer, ddof, ridge, scores, states):  #
     """Score a block against rings: `inner` is the guard's side, `outer` the window's.
 
     x, known : (rows + outer - 1, bands, columns + outer - 1), 0 where not valid; and 1 where valid, both float64
-    origin : row and column of the padded block's first pixel in the scene, not negative
+    origin : row of the padded block's first pixel in the scene, not negative
     scores, states : (rows, columns), filled where the pixel is valid; states 255 are left to the caller
     """
     rows, columns = scores.shape
-    bands, padded = x.shape[1], x.shape[2]
-    half, bar = outer // 2, (outer - inner) // 2
-    channels = 1 + bands + bands * (bands + 1) // 2
-    bar_suffix, bar_prefix = np.zeros((bar + 1, channels, padded)), np.empty((channels, padded))
-    mid_suffix, mid_prefix = np.zeros((inner + 1, channels, padded)), np.empty((channels, padded))
-    apart = bar + inner  # rows from the bar above the guard to the one below
-    bars, middle = np.empty((apart + 1, channels, padded)), np.empty((channels, padded))
-    flat_bars, flat_middle, piece = bars.reshape(apart + 1, -1), middle.reshape(-1), SOME * padded
-    work, rings = np.zeros((4, piece)), np.zeros((channels, padded))
-    root, z, rows_of = np.zeros((bands, bands, WIDTH)), np.empty((bands, WIDTH)), np.empty((5, WIDTH))
-    sums, own = np.ones((channels, WIDTH)), np.zeros((bands, WIDTH))
-    total, state = np.empty(WIDTH), np.empty(WIDTH, np.uint8)
-    for k in range(rows + apart):
-        place = (origin[0] + k) % bar
-        _down(x, known, k, bar, place, k == 0, bar_suffix, bar_prefix, bars[k % (apart + 1)])
-        r = k - apart
-        if r < 0:
-            continue
-        start = r + bar
-        _down(x, known, start, inner, (origin[0] + start) % inner, r == 0, mid_suffix, mid_prefix, middle)
-        above, below = flat_bars[r % (apart + 1)], flat_bars[k % (apart + 1)]
-        _rings(above, below, flat_middle, inner, bar, piece, work, rings.reshape(-1))
-        row = x[r + half, :, half : half + columns]
-        for first in range(0, columns, WIDTH):
+    bands, half, bar = x.shape[1], outer // 2, (outer - inner) // 2
+    channels = _channels(bands)
+    some, n = len(channels) // SOME, SOME * columns
+    bars, bars_prefix = np.zeros((some, bar, n)), np.zeros((some, n))
+    middle, middle_prefix = np.zeros((some, inner, n)), np.zeros((some, n))
+    tables = bars, bars_prefix, middle, middle_prefix, np.zeros((some, bar + inner, n))
+    w, v = np.zeros((5, SOME * x.shape[2])), np.zeros((3, n))
+    rings = np.ones((-(-columns // WIDTH), len(channels), WIDTH))
+    own, z, root = np.zeros((bands, WIDTH)), np.empty(bands * WIDTH), np.zeros((bands * (bands + 1) // 2 + 4) * WIDTH)
+    factoring, total, state = np.empty(5 * WIDTH), np.empty(WIDTH), np.empty(WIDTH, np.uint8)
+    for p in range(rows + outer - 1):
+        _take_row(x, known, np.uint64(p), np.uint64(origin), np.uint64(inner), channels, tables, w, v, rings)
+        r = p - outer + 1
+        for piece in range(rings.shape[0] if r >= 0 else 0):
+            first = piece * WIDTH
             count = min(WIDTH, columns - first)
-            _copy(rings, first, count, sums)
-            _copy(row, first, count, own)
-            _distances(sums, own, ddof, ridge, root, z, rows_of, total, state)
+            for b in range(bands):
+                for c in range(count):
+                    own[b, c] = x[r + half, b, half + first + c]
+            _distances(rings[piece], own, ddof, ridge, root, z, factoring, total, state)
             for c in range(count):
                 if known[r + half, half + first + c] > 0:
                     scores[r, first + c] = total[c]

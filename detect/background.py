@@ -150,8 +150,8 @@ class Gathering:
         keys = part.cells.keys[:, 0]
         if len(keys):
             self._close(below=int(keys.min()))
-        for row in np.unique(keys):
-            self._open.setdefault(int(row), []).append(part.cells.where(keys == row))
+        for row in sorted(set(keys.tolist())):
+            self._open.setdefault(row, []).append(part.cells.where(keys == row))
         if part.values is not None:
             self._places.append(part.places)
             self._values.append(part.values)
@@ -209,10 +209,12 @@ def part_of(
 def combine(parts: Sequence[Part]) -> Part:
     """One part in place of those of a row of tiles: the cells of each row are merged to one."""
     cells = CellMoments.concatenate([p.cells for p in parts]).by_place()
-    rows, starts = np.unique(cells.keys[:, 0], return_index=True)
+    rows = cells.keys[:, 0]
+    starts = np.flatnonzero(np.diff(rows, prepend=-1))
     if len(rows):
         each = [cells.where(np.arange(*ends)).total() for ends in pairwise([*starts.tolist(), len(cells.n)])]
         cells = CellMoments.concatenate([CellMoments.from_moments(m) for m in each])
+        rows = rows[starts]
         cells = replace(cells, keys=np.stack([rows, np.zeros_like(rows)], axis=1))
     kept = [p for p in parts if p.values is not None]
     places = np.concatenate([p.places for p in parts], axis=1)

@@ -3,7 +3,7 @@
 A window of `outer` pixels a side, less a guard of `inner` pixels a side around the pixel, is the background of that one
 pixel. Few bands go through sums over the window's four bars (`detect._kernels`), whose cost grows slowly with the
 window; many bands, and pixels that those sums cannot settle, are computed one by one from the ring's pixels. A pixel's
-score is the same to the bit in any tiling whose tiles start at multiples of `CELL`. No file is opened here.
+score is the same to the bit in any tiling whose tiles start at multiples of `cell_side`. No file is opened here.
 
 References
 ----------
@@ -26,8 +26,10 @@ from deglint.scene import Window
 
 from .background import Float64, Mask, Scores, as_image, as_mask
 
-CELL = 128
-"""Side of the blocks that are worked on [pixel]; tiles that start at multiples of it give bit-identical scores."""
+CELL, CELL_MANY = 512, 128
+"""Tiles that start at multiples of it give bit-identical scores, for few bands and for many [pixel]."""
+_COLUMNS = 256
+"""Columns that are worked on at a time, at most, of all rows of a cell [pixel]."""
 BORDERS = ("shrink", "mirror", "shift")
 """What the window does where it reaches beyond the image: lose what is outside, mirror it, or move inside."""
 KERNEL_BANDS = 24
@@ -165,7 +167,7 @@ def score_part(
     origin : (int, int)
         Row and column of the block's first pixel in the scene.
     part : ((row0, row1), (col0, col1))
-        Of the scene; its first row and column are multiples of `CELL`.
+        Of the scene; its first row and column are multiples of `cell_side`.
     mask, flags, threads : as `local_rx`; the mask is of the block, the flags of the part.
     """
     (row0, row1), (col0, col1) = part
@@ -185,7 +187,7 @@ def score_part(
         if flags is not None:
             flags[rows, columns] = states
 
-    cells = list(_cells(part))
+    cells = list(_cells(part, cell_side(len(block))))
     if threads > 1 and len(cells) > 1:
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(work, cells))
@@ -212,7 +214,7 @@ def window_rule(
 def _check_memory(bands: int, rule: WindowRule) -> None:
     """Refuse a window whose sums, all those of its rows at a time, take a machine's memory."""
     sums = 1 + bands + bands * (bands + 1) // 2
-    need = 8 * sums * (rule.outer + 1) * (rule.outer + CELL)
+    need = 8 * (sums * (rule.outer + rule.inner) * _COLUMNS + bands * (rule.outer + CELL) * (rule.outer + _COLUMNS))
     if bands <= KERNEL_BANDS and need > MOST_SUMS:
         raise InputError(
             f"window: {rule.outer} pixels of {bands} bands take {need / 2**30:.1f} GiB a thread, allowed is "
@@ -220,11 +222,17 @@ def _check_memory(bands: int, rule: WindowRule) -> None:
         )
 
 
-def _cells(part: Window) -> Iterator[Window]:
+def cell_side(bands: int) -> int:
+    """`CELL`, as it is for so many bands."""
+    return CELL if bands <= KERNEL_BANDS else CELL_MANY
+
+
+def _cells(part: Window, rows: int) -> Iterator[Window]:
     (row0, row1), (col0, col1) = part
-    for r in range(row0 // CELL * CELL, row1, CELL):
-        for c in range(col0 // CELL * CELL, col1, CELL):
-            yield (max(r, row0), min(r + CELL, row1)), (max(c, col0), min(c + CELL, col1))
+    columns = min(rows, _COLUMNS)
+    for r in range(row0 // rows * rows, row1, rows):
+        for c in range(col0 // columns * columns, col1, columns):
+            yield (max(r, row0), min(r + rows, row1)), (max(c, col0), min(c + columns, col1))
 
 
 def _score_cell(
@@ -241,8 +249,8 @@ def _score_cell(
         from ._kernels import ring_scores
 
         x, known = _padded(block, good, origin, cell, rule, _centre(block[(slice(None), *own)], inside))
-        corner = tuple(a - rule.halo + rule.outer * rule.inner * (rule.outer - rule.inner) for a, _ in cell)
-        ring_scores(x, known, corner, rule.inner, rule.outer, rule.ddof, rule.ridge, scores, states)
+        first = cell[0][0] - rule.halo + rule.outer * rule.inner * (rule.outer - rule.inner)
+        ring_scores(x, known, first, rule.inner, rule.outer, rule.ddof, rule.ridge, scores, states)
         if rule.border == "shift":
             states[inside & _near_edge(cell, rule)] = _DIRECT
         if (states == _ASIDE).any():

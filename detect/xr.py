@@ -15,15 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from deglint.errors import InputError
-from deglint.pipeline import default_threads
 from deglint.pipeline.chunks import over_tiles
 from deglint.readers.arrays import open_array
 from deglint.scene import Scene
-from deglint.tiles import Tile
+from deglint.tiles import Tile, default_threads
 from deglint.xr import need_xarray
 
 from .background import Background
-from .local import CELL
+from .local import cell_side
 from .pipeline import Recipe
 from .pipeline.plan import make_plan
 from .pipeline.run import Scoring, fit_background
@@ -114,7 +113,7 @@ def score(
     bare = replace(opened.scene, source=None)  # type: ignore[arg-type]
     work = Scoring(replace(plan, scene=bare, mask=replace(plan.mask, scene=bare), tiles=[]), ready, None, None, False)
     reach = (plan.rule.halo if plan.rule else 0) + (plan.mask.water.halo if plan.mask.water else 0)
-    step = CELL if plan.rule else 1
+    step = cell_side(len(plan.bands)) if plan.rule else 1
     scores = over_tiles(opened, partial(_scored, work), reach, (1, np.dtype(np.float32)), step=step, threads=threads)
     return opened.plane(scores[0], recipe.method)
 

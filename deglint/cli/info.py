@@ -23,7 +23,8 @@ from .options import common
 @common
 def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> None:
     """Say what IN is and what it needs: bands, NIR, water, glint, which stages would run and which not."""  # fmt: skip
-    from ..pipeline import Recipe, examine
+    from ..pipeline import Recipe
+    from ..pipeline.examine import examine
     from ..raster.environment import environment
     from ..raster.output import plain
     from ..readers import open_scene

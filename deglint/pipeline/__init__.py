@@ -1,17 +1,40 @@
 """From a file to a deglinted file: look, fit over the sample, apply over the tiles, say what was done.
 
 The only room that puts readers, masks, methods and writers together. A `Recipe` says what to do, `fit_scene` fits it
-to a scene, `remove_glint` does the whole job.
+to a scene, `remove_glint` does the whole job. Names are loaded when they are first used: who only looks at a scene, or
+only passes over its tiles, does not wait for the rest.
 """
 
-from .apply import Outputs, Result, correct, remove_glint
-from .correct import FLAGS
-from .examine import examine
-from .fit import Fitted, default_threads, fit_scene
-from .recipe import Recipe
-from .saved import load_chain, load_model
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .apply import Outputs, Result, remove_glint
+    from .correct import FLAGS
+    from .fit import Fitted, fit_scene
+    from .recipe import Recipe
+    from .saved import load_chain, load_model
+
+_HOMES = {
+    "FLAGS": "correct",
+    "Fitted": "fit",
+    "Outputs": "apply",
+    "Recipe": "recipe",
+    "Result": "apply",
+    "fit_scene": "fit",
+    "load_chain": "saved",
+    "load_model": "saved",
+    "remove_glint": "apply",
+}
 
 __all__ = [
-    "FLAGS", "Fitted", "Outputs", "Recipe", "Result", "correct", "default_threads", "examine", "fit_scene",
-    "load_chain", "load_model", "remove_glint",
+    "FLAGS", "Fitted", "Outputs", "Recipe", "Result", "fit_scene", "load_chain", "load_model", "remove_glint",
 ]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    """Load a name from the module it lives in."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f".{_HOMES[name]}", __name__), name)

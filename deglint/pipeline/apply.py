@@ -37,7 +37,7 @@ from ..scene import FloatArray, Scene, Window
 from .blocks import one_thread_each
 from .cluster import Cluster, writing_images
 from .correct import Correction, changed_bands
-from .fit import Fitted, Progress, default_threads, fit_scene
+from .fit import Fitted, Progress, fit_scene
 from .following import for_scene, without_moves
 from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
@@ -190,7 +190,7 @@ def remove_glint(
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
             return _run(
-                scene, recipe or Recipe(), targets, model, chain, threads or default_threads(), progress, cluster
+                scene, recipe or Recipe(), targets, model, chain, threads or tiling.default_threads(), progress, cluster
             )
 
 

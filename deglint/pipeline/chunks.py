@@ -18,8 +18,7 @@ from ..raster.arrays import ArraySource
 from ..raster.environment import enter_thread
 from ..readers.arrays import ArrayScene
 from ..scene import Scene
-from ..tiles import Tile
-from .fit import default_threads
+from ..tiles import Tile, default_threads
 
 Work = Callable[[Scene, Tile], npt.NDArray[Any]]
 """What makes a (band, row, column) array of a tile of a scene."""

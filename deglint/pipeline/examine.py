@@ -11,8 +11,8 @@ from .. import tiles as tiling
 from ..errors import DeglintError
 from ..raster.environment import enter_thread, environment
 from ..scene import Scene
-from ..tiles import Tile
-from .fit import default_threads, fit_scene
+from ..tiles import Tile, default_threads
+from .fit import fit_scene
 from .look import look_at, raster_of
 from .recipe import Recipe, make_request
 

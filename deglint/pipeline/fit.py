@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -21,7 +20,7 @@ from ..readers.areas import collection, to_geojson
 from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, SampleStatistics, combine, gather, useless
 from ..remove.multiband import references
 from ..scene import Scene, Window
-from ..tiles import Tile
+from ..tiles import Tile, default_threads
 from .blocks import Blocks, cleaned, tiles_of
 from .compensation import Plan, fit_after, fit_before, fit_references, may_open, plan
 from .following import find_moves, moved, moved_halo, with_moves
@@ -72,11 +71,6 @@ class Fitted:
     water_bands: tuple[int, ...] = ()
     chain: Chain = field(default_factory=Chain)
     needs: Needs = field(default_factory=Needs)
-
-
-def default_threads() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def fit_scene(

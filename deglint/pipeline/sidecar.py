@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 from .. import __version__
 from ..errors import ReadError
 from ..scene import Scene
-from .fit import Fitted
 
 if TYPE_CHECKING:
     from .apply import Outputs
+    from .fit import Fitted
     from .tally import Tally
 
 _CHUNK = 1 << 20

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from ..errors import DeglintError, NoWaterError
+from ..tiles import default_threads
 from .apply import remove_glint
-from .fit import default_threads
 from .jobs import DONE, FAILED, NO_WATER, Job, Outcome, Say, outcome
 from .order import Order
 

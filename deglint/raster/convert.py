@@ -78,7 +78,7 @@ def to_physical(
                 np.copyto(block, np.nan, where=bad)
             if valid is not None:
                 np.copyto(block, np.nan, where=~valid[band, rows])
-            if floating and not np.isfinite(np.add.reduce(block, axis=None)):  # a scale may make an infinity
+            if floating and not keep and not np.isfinite(np.add.reduce(block, axis=None)):  # that a scale made
                 np.copyto(block, np.nan, where=np.isinf(block))
     return out
 

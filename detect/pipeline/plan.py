@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,11 +21,15 @@ from deglint.scene import Scene
 from deglint.tiles import Tile
 
 from ..background import Background
-from ..local import CELL, WindowRule, window_rule
+from ..local import WindowRule, cell_side, window_rule
 from .recipe import Recipe
 
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
+Read = Callable[[Scene, Tile, Sequence[int]], npt.NDArray[Any]]
+"""What reads the pixels of a tile: `read`, or something that is called like it."""
+KEPT = 96 << 20
+"""Pixels that are kept from the first pass over a scene to the second [byte]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +130,7 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, progress: Progress | N
         rule = window_rule(*recipe.window, recipe.border, size, ddof=recipe.ddof, ridge=ridge)
     shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
     if rule is not None:
-        shape = _local_shape(shape, scene, threads)
+        shape = _local_shape(shape, scene, threads, cell_side(len(bands)))
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
     return Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, rule, tuple(notes), progress)
@@ -177,14 +182,14 @@ def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
     return Masking(scene, None, look.water, role_bands(roles))
 
 
-def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[int, int]:
+def _local_shape(shape: tuple[int, int], scene: Scene, threads: int, cell: int) -> tuple[int, int]:
     """Tiles of whole cells of local RX, and enough of them for all threads."""
-    rows, columns = (-(-side // CELL) * CELL for side in shape)
-    while -(-scene.height // rows) * -(-scene.width // columns) < 2 * threads and max(rows, columns) > CELL:
+    rows, columns = (-(-side // cell) * cell for side in shape)
+    while -(-scene.height // rows) * -(-scene.width // columns) < 2 * threads and max(rows, columns) > cell:
         if rows >= columns:
-            rows = rows // 2 // CELL * CELL or CELL
+            rows = rows // 2 // cell * cell or cell
         else:
-            columns = columns // 2 // CELL * CELL or CELL
+            columns = columns // 2 // cell * cell or cell
     return rows, columns
 
 
@@ -196,3 +201,35 @@ def both(a: Mask | None, b: Mask | None) -> Mask | None:
 def read(scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
     """Pixels of a tile."""
     return scene.source.read(tile.window, list(bands))
+
+
+class Kept:
+    """Pixels of as many tiles as there is room for, so that a second pass need not read those again; safe for threads.
+
+    Parameters
+    ----------
+    room : int
+        Memory for them [byte].
+    """
+
+    def __init__(self, room: int = KEPT) -> None:
+        self._room, self._lock = room, threading.Lock()
+        self._blocks: dict[Tile, npt.NDArray[Any]] = {}
+
+    def read(self, scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
+        """As `read`, and keep them."""
+        with self._lock:
+            block = self._blocks.get(tile)
+        if block is None:
+            block = read(scene, tile, bands)
+            with self._lock:
+                if block.nbytes <= self._room:
+                    self._room -= block.nbytes
+                    self._blocks[tile] = block
+        return block
+
+    def last(self, scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
+        """As `read`, for the last time: they are let go."""
+        with self._lock:
+            block = self._blocks.pop(tile, None)
+        return read(scene, tile, bands) if block is None else block

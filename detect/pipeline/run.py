@@ -16,7 +16,6 @@ from rasterio.windows import Window
 
 from deglint import tiles as tiling
 from deglint.errors import InputError, NoWaterError
-from deglint.pipeline import default_threads
 from deglint.pipeline.cluster import Cluster, writing_images
 from deglint.pipeline.look import core_of, raster_of
 from deglint.pipeline.sidecar import Checksum
@@ -24,7 +23,7 @@ from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, check_image, check_target, plain, write_json, write_text
 from deglint.scene import Scene
-from deglint.tiles import LARGEST, Tile
+from deglint.tiles import LARGEST, Tile, default_threads
 
 from .. import objects as marking
 from .. import threshold as cutting
@@ -33,7 +32,7 @@ from ..local import DEFICIENT, TOO_FEW, score_part
 from ..rx import Detector, detector, score
 from ..threshold import Tail, Threshold
 from .flags import Flags, flags_of
-from .plan import Plan, Progress, both, make_plan, read
+from .plan import Kept, Plan, Progress, Read, both, make_plan, read
 from .recipe import NO_LAW, Outputs, Recipe
 from .sidecar import describe, notes_on, warnings_of
 
@@ -220,13 +219,17 @@ def _run(
             raise InputError(f"{path} is the input, and would be lost. Give that output another name.")
     checksum = Checksum(raster_of(scene).info.paths)
     plan = make_plan(scene, recipe, threads, progress)
-    background = (
-        None if plan.rule else plan.given or fit_background(plan, tiling.run if cluster is None else cluster.run)
-    )
+    kept = Kept()
+    background = None
+    if plan.rule is None:
+        background = plan.given or (
+            fit_background(plan, reader=kept.read) if cluster is None else fit_background(plan, cluster.run)
+        )
     ready = detector(recipe.method, background, drop=recipe.drop, nir=plan.nir) if background else None
     law = _law(recipe, ready, background, len(plan.bands))
     with Scratch() as scratch:
-        tally, tail = _write_tiles(scratch, plan, targets, ready, law, cluster)
+        work = _scoring(plan, targets, ready, law, read if cluster else kept.last)
+        tally, tail = _write_tiles(scratch, work, targets, cluster, progress)
         if not tally.scored:
             raise NoWaterError(f"nothing to score in {scene.path}: {_why_nothing(tally)}. Check --nodata and --mask.")
         threshold = None if tail is None else _threshold(recipe, tail, law, tally)
@@ -250,7 +253,7 @@ def _run(
     return Result(tally, background, threshold, found, said)
 
 
-def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
+def fit_background(plan: Plan, run: tiling.Run = tiling.run, reader: Read = read) -> Background:
     """Fit the background of a plan over its tiles; two passes for ledoit-wolf, else one.
 
     Parameters
@@ -258,6 +261,8 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
     plan : Plan
     run : callable
         What passes over the tiles: threads here, or a cluster's `run`.
+    reader : callable
+        What reads them.
 
     Raises
     ------
@@ -275,7 +280,7 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
         return both(silent.mask.read(tile), None if silent.area is None else silent.area.read(tile.window))
 
     def gather(tile: Tile) -> Any:
-        block = read(silent.scene, tile, bands)
+        block = reader(silent.scene, tile, bands)
         # numpy's engine: reading takes much longer, and the compiled one takes 130 MB to load
         return part_of(block, where(tile), (tile.row0, tile.col0), share)
 
@@ -287,7 +292,7 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
     if recipe.covariance == "ledoit-wolf" and moments.n > 1:
 
         def fourth(tile: Tile) -> Any:
-            return fourth_moments(read(silent.scene, tile, bands), where(tile), moments, (tile.row0, tile.col0))
+            return fourth_moments(reader(silent.scene, tile, bands), where(tile), moments, (tile.row0, tile.col0))
 
         found = run(plan.tiles, fourth, combine=np.concatenate, progress=plan.note("shrink"), **options)
         fourths = [part for _row, part in found]
@@ -330,13 +335,14 @@ class Scoring:
     highest: Highest | None
     want_p: bool
     want_flags: bool = False
+    reader: Read = read
 
     def __call__(self, tile: Tile) -> Scored:
         """Read a tile, score it, and count."""
         plan, states = self.plan, None
         if plan.rule is None and self.ready is not None:
             mask = plan.mask.read(tile)
-            block = read(plan.scene, tile, plan.bands)
+            block = self.reader(plan.scene, tile, plan.bands)
             scores = score(block, self.ready, mask)
         elif plan.rule is not None:
             outer = tile.grown(plan.rule.halo, plan.scene.height, plan.scene.width)
@@ -370,23 +376,30 @@ def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
     return tally
 
 
-def _write_tiles(
-    scratch: Scratch, plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None, cluster: Cluster | None
-) -> tuple[Tally, Tail | None]:
-    info = raster_of(plan.scene).info
-    info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
-    base = Layout(
-        info, (0,), "float32", float("nan"), targets.options, scaled=False, names=(plan.recipe.method,), tile=plan.shape
-    )
+def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None, reader: Read) -> Scoring:
     pfa = plan.recipe.pfa
     highest = None if pfa is None else Highest(Tail.keep_for(pfa, plan.scene.height * plan.scene.width))
-    tally = Tally()
+    silent = replace(plan, progress=None)
+    return Scoring(silent, ready, law, highest, bool(targets.p_value), bool(targets.flags), reader)
+
+
+def _write_tiles(
+    scratch: Scratch, work: Scoring, targets: Outputs, cluster: Cluster | None, progress: Progress | None
+) -> tuple[Tally, Tail | None]:
+    plan, highest, tally = replace(work.plan, progress=progress), work.highest, Tally()
+    info = raster_of(plan.scene).info
+    info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
+    options = dict(targets.options)
+    if info.compression == "deflate" and "compress" not in map(str.lower, options):
+        options = {"ZLEVEL": "1", **options}  # scores are mostly noise: to try harder takes twice the time for nothing
+    base = Layout(
+        info, (0,), "float32", float("nan"), options, scaled=False, names=(plan.recipe.method,), tile=plan.shape
+    )
     images = {"scores": (targets.image, base)}
     if targets.p_value:
         images["p_values"] = targets.p_value, replace(base, names=("p-value",))
     if targets.flags:
         images["flags"] = targets.flags, replace(base, dtype="uint8", nodata=None, names=("flags",))
-    work = Scoring(replace(plan, progress=None), ready, law, highest, bool(targets.p_value), bool(targets.flags))
     with writing_images(scratch, targets.image, images, cluster) as (run, writers):
         done = run(plan.tiles, work, threads=plan.threads, progress=plan.note("score"), start=enter_thread)
         for tile, scored in done:

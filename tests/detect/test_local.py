@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from deglint.errors import InputError
 from detect import local
-from detect.local import BORDERS, CELL, DEFICIENT, TOO_FEW, local_rx, score_part, window_rule
+from detect.local import BORDERS, DEFICIENT, TOO_FEW, cell_side, local_rx, score_part, window_rule
 
 SCENES = Path(__file__).parents[3] / "shared" / "data" / "hyperspectral"
 
@@ -125,16 +125,17 @@ def test_tiles_are_the_whole_to_the_bit(bands, data):
     border = data.draw(st.sampled_from(BORDERS))
     inner = data.draw(st.sampled_from([1, 3, 5]))
     outer = inner + 2 * data.draw(st.integers(1, 4))
-    size = (CELL + 13, CELL + 40) if bands == 3 else (CELL + 9, 20)
+    cell = cell_side(bands)
+    size = (cell + 13, cell + 40) if bands == 3 else (cell + 9, 20)
     image = image_of(bands, *size).astype(np.float32)
     image[:, ::7, ::5] = np.nan
     mask = np.random.default_rng(1).random(size) < (0.9 if bands == 3 else 0.05)
     whole_flags = np.zeros(size, np.uint8)
     whole = local_rx(image, inner=inner, outer=outer, border=border, mask=mask, flags=whole_flags)
     rule = window_rule(inner, outer, border, size)
-    for row in range(0, size[0], CELL):
-        for column in range(0, size[1], CELL):
-            part = (row, min(row + CELL, size[0])), (column, min(column + CELL, size[1]))
+    for row in range(0, size[0], cell):
+        for column in range(0, size[1], cell):
+            part = (row, min(row + cell, size[0])), (column, min(column + cell, size[1]))
             outside = tuple(
                 slice(max(a - rule.halo, 0), min(b + rule.halo, n)) for (a, b), n in zip(part, size, strict=True)
             )
