@@ -38,9 +38,9 @@ from .evidence import (
     tables,
 )
 from .shapes import shapes
-from .things import Things, put_back, things
+from .things import Things, lifted, put, put_back, things
 
-__all__ = ["Protection", "Things", "daylight", "fit", "instants", "put_back", "things"]
+__all__ = ["Protection", "Things", "daylight", "fit", "instants", "lifted", "put", "put_back", "things"]
 
 Look = tuple[FloatArray, FloatArray]
 Pair = tuple[FloatArray, FloatArray]

@@ -151,13 +151,22 @@ def put_back(compensated: FloatArray, level: FloatArray, found: Things, out: Flo
         out = compensated.copy()
     elif out is not compensated:
         np.copyto(out, compensated)
-    bands, which = np.nonzero(found.kept)
-    at = bands, *np.divmod(found.places[which], found.mask.shape[1])
-    values = level[at] + found.kept[bands, which]
-    if out.dtype.kind in "iu":
-        values = np.rint(values)
-    out[at] = values.astype(out.dtype)
+    put(out, found, lifted(level, found))
     return out
+
+
+def lifted(level: FloatArray, found: Things) -> FloatArray:
+    """Level plus excess at the places of things, (band, place): all that `put` needs of the level."""
+    return np.asarray(level[:, *np.divmod(found.places, found.mask.shape[1])] + found.kept)
+
+
+def put(image: FloatArray, found: Things, values: FloatArray) -> None:
+    """Write the values into the image where there is excess."""
+    bands, which = np.nonzero(found.kept)
+    written = values[bands, which]
+    if image.dtype.kind in "iu":
+        written = np.rint(written)
+    image[bands, *np.divmod(found.places[which], found.mask.shape[1])] = written.astype(image.dtype)
 
 
 def _rigid(

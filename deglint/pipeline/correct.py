@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..compensate import Chain, State, apply_stages, finish
 from ..compensate.evidence import REACH, grown
-from ..compensate.protect import Things, put_back, things
+from ..compensate.protect import Things, lifted, put, things
 from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
 from ..compensate.uncertainty import Parts, Uncertainty, stderr
@@ -192,12 +192,16 @@ class Correction:
         after = None
         if self.chain.runs:
             place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
-            known = self._known(physical[place], None if valid is None else valid[place])
+            sound = valid is None and (raw.dtype.kind in "iu" or all_finite(physical))
+            known = None if sound else self._known(physical[place], None if valid is None else valid[place])
             saturated = saturated_in(self.scene, physical[place], self.want_flags)
             near = self._near(physical, known, tile, outer)
-            whole = valid is None and raw.dtype.kind in "iu"
-            begun = self._begun(physical, tile, outer, whole) if near is None or near.any() else None
-            raw, valid = raw[place].copy(), None if valid is None else valid[place]
+            begun = self._begun(physical, tile, outer, sound) if near is None or near.any() else None
+            valid = None if valid is None else valid[place]
+            if begun is not None and begun.raw is not None and physical is raw:  # the same numbers once more
+                raw = begun.raw[_place(tile, begun.looked)]
+            else:
+                raw = raw[place].copy()
             physical = physical[place].copy() if keep else None  # the block around is let go, or worked on in place
             after = None if begun is None else self._compensated(begun, tile, outer)
             inside = near if after is None or after.inside is None else after.inside & (True if near is None else near)
@@ -294,20 +298,21 @@ class Correction:
             return known
         return np.asarray(near if known is None else near & known)
 
-    def _begun(self, around: Any, tile: Tile, outer: Tile, whole: bool) -> _Begun:
+    def _begun(self, around: Any, tile: Tile, outer: Tile, sound: bool) -> _Begun:
         """What compensation of a block begins with; where that can be, it works on the block itself.
 
-        whole : every number is known to be finite
+        sound : every number is known to be finite
         """
         state = State.own(around) if self.chain.in_place else State.of(around)
-        state.sound = whole or all_finite(state.image)
+        state.sound = sound
         looked = tile.grown(self.chain.protection.halo, self.scene.height, self.scene.width)
         raw = around[_place(looked, outer)].copy() if self.chain.protection.possible else None
         return _Begun(state, raw, looked, None if state.image is around else around)
 
     def _compensated(self, begun: _Begun, tile: Tile, outer: Tile) -> Compensated:
         """The tile after the chain. Each stage sees no more of the halo than the stages after it need."""
-        state = begun.state
+        state, begun.state = begun.state, None
+        assert state is not None
         middle = tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
         apply_stages(state, self.chain.before, middle.crop_of(outer))
         clean, replaced = state.image, state.replaced
@@ -315,23 +320,28 @@ class Correction:
             clean = finish(state, begun.block[_place(middle, outer)])
         level, units, within = state.water, state.units, _place(tile, middle)
         found = None if level is None else self._things(begun, level[_place(begun.looked, middle)], tile)
+        values = None if found is None or level is None else lifted(level[within], found)
         inner = (within[1], within[2])
+        levels = self._levels(units, level, inner)
+        del level  # a tile of memory
         inside = self._water_of(clean, inner)
         if self.model.fits:
             clean = removed(clean, self.model)
         replaced = replaced[within]
         if self.chain.after:
-            sound, state = state.sound, State.own(clean)
+            sound, state, block = state.sound, State.own(clean), None
+            if state.image is not clean:
+                block = clean[within]
+            del clean  # the stages cut the image
             state.sound = sound
             apply_stages(state, self.chain.after, tile.crop_of(middle))
-            clean = finish(state, clean[within])
+            clean = state.image if block is None else finish(state, block)
             replaced = replaced | state.replaced
         else:
             clean = clean[within]
-        levels = self._levels(units, level, inner)
-        if found is None or level is None:
+        if found is None or values is None:
             return Compensated(inside, clean, replaced, None, *levels)
-        clean = put_back(clean, level[within], found, out=clean)
+        put(clean, found, values)
         replaced = replaced & ~found.mask if found.places.size else replaced
         return Compensated(inside, clean, replaced, found.mask, *levels)
 
@@ -445,7 +455,7 @@ class _Begun:
     """A block on its way: its state, its own values where things are looked for, where that is, and the block itself
     where the state does not work on that."""
 
-    state: State
+    state: State | None
     raw: Any
     looked: Tile
     block: Any
