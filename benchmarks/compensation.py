@@ -19,6 +19,7 @@ from deglint import Recipe, open_scene, remove_glint
 from deglint.compensate import THESIS, identify, level
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
+from deglint.scene import Window
 from deglint.simulate import Setup, SubmergedObject, simulate
 from detect.bench.measure import VISIBLE, curves, rms_error, rx_scores
 
@@ -182,6 +183,12 @@ def aucs(values: list[list[float]]) -> str:
     return " ".join(f"{v:.3f}" for v in np.mean(values, axis=0))
 
 
+def sharp(band: np.ndarray, _psf: Any, within: Window, *, out: np.ndarray, **_rest: Any) -> None:
+    """In the place of `deglint.compensate.level.blurred`: the level as it is."""
+    (top, bottom), (left, right) = within
+    out[...] = band[top:bottom, left:right]
+
+
 def ablation(place: Path, quick: bool) -> None:
     """What each piece of the default chain is worth."""
     conditions = [c for c in CONDITIONS if c.name in ("wind05_delay60", "wind09_delay60", "wind09_delay60_f30",
@@ -199,7 +206,7 @@ def ablation(place: Path, quick: bool) -> None:
         "all of it": (Recipe(compensate=DEFAULT), None),
         "no psf": (Recipe(compensate=second), None),
         "no detail": (Recipe(compensate=DEFAULT), (identify, "MOST_COVER_FOR_DETAIL", -1.0)),
-        "level not blurred again": (Recipe(compensate=DEFAULT), (level, "blurred", lambda band, _psf: band)),
+        "level not blurred again": (Recipe(compensate=DEFAULT), (level, "blurred", sharp)),
         "no second opening": (Recipe(compensate=DEFAULT.split(", identify-level:11")[0]), None),
         "joyce for multiband": (Recipe(compensate=DEFAULT, method="joyce"), None),
         "nothing but multiband": (Recipe(compensate="off", method="multiband"), None),
