@@ -19,6 +19,7 @@ BENCHMARKS = {
     "scale": ("scale", ("quick", "directory", "docs")),
     "segmented": ("segmented", ("directory",)),
     "ships": ("ships", ("directory",)),
+    "stages": ("stages", ("quick",)),
     "workers": ("workers", ("quick", "directory")),
 }
 """What is no experiment of `rxdetect bench`: module of each, and the options that its `main` takes."""

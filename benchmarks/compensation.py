@@ -233,8 +233,6 @@ def truth_of(stem: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def main(quick: bool) -> None:
     """Measure and print."""
-    from .stages import main as stages
-
     print("## Compensation\n\n" + machine())
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
@@ -244,4 +242,3 @@ def main(quick: bool) -> None:
             print("\nSkipped: the recorded scenes do not lie beside the project.")
         ablation(place, quick)
         own(place, quick)
-    stages(quick)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from statistics import median
 from typing import Any
 
 import numpy as np
 
-from deglint.compensate import Chain, Sample, Setting, State, fit_stages, parse, system_psf
+from deglint.compensate import Chain, Sample, Setting, State, apply_stages, fit_stages, parse, protect, system_psf
 from deglint.compensate import apply as apply_chain
 from deglint.compensate.codes import decoded, encoded
 from deglint.compensate.level import agreeing, blurred
@@ -21,6 +22,10 @@ from detect.bench.kernels import in_turns
 
 from .timing import say
 
+FORMS: dict[str, dict[str, Any]] = {
+    "one product": {"rank": 1}, "two products": {}, "FIR": {"form": "fir"}, "Fourier transform": {"form": "fft"},
+}  # fmt: skip
+
 
 def sea(side: int) -> tuple[np.ndarray, tuple[Band, ...], Any]:
     """A simulated sea, laid side by side to the size, its bands and their PSFs."""
@@ -28,7 +33,7 @@ def sea(side: int) -> tuple[np.ndarray, tuple[Band, ...], Any]:
     image = simulate(Setup(sensor=sensor, size=(256, 256), wind=9.0, sky="cardioidal", patch=0.06)).image
     scale = np.array([sensor.scale(b) for b in sensor.bands], np.float32)[:, None, None]
     block = np.tile(image.astype(np.float32) * scale, (1, side // 256, side // 256))
-    bands = tuple(Band(b.name, b.wavelength) for b in sensor.bands)
+    bands = tuple(Band(b.name, b.wavelength, b.high - b.low, b.time_offset) for b in sensor.bands)
     psfs = tuple(system_psf(b.wavelength, f_number=sensor.f_number, pitch=sensor.pitch) for b in sensor.bands)
     return block, bands, psfs
 
@@ -39,6 +44,23 @@ def fitted(text: str, block: np.ndarray, setting: Setting) -> Chain:
     steps = parse(text)
     stages = fit_stages(steps[:-1], Sample([State.of(part)], [np.ones(part.shape[1:], np.bool_)]), setting)
     return Chain(stages, (), text)
+
+
+def sharpened(block: np.ndarray, psfs: Any, **how: Any) -> None:
+    """Sharpen every band."""
+    for band, psf in zip(block, psfs, strict=True):
+        richardson_lucy(band, psf, iterations=2, **how)
+
+
+def searching(block: np.ndarray, bands: tuple[Band, ...], chain: Chain) -> Callable[[], object]:
+    """The search for small things in what a chain leaves of a block."""
+    state = apply_stages(State.of(block), chain.before)
+    assert state.water is not None
+    sigmas = np.array(chain.before[1].sigmas)
+    noise = np.stack([0.2 * sigmas**2, 0.8 * sigmas**2 / np.median(state.water, axis=(1, 2))], axis=1)
+    level = state.water
+    protection = protect.fit([(block, level)], bands, noise=noise)
+    return lambda: protect.things(block, level, protection)
 
 
 def rates(values: int, seconds: list[float]) -> str:
@@ -72,13 +94,14 @@ def main(quick: bool) -> None:
     jobs: dict[str, Callable[[], object]] = {
         "read once (sum of each band)": lambda: [float(b.sum()) for b in block],
         "normalise": lambda: [b / np.float32(2) for b in block],
-        "psf: 2 iterations": lambda: [richardson_lucy(b, p, iterations=2) for b, p in zip(block, psfs, strict=True)],
+        **{f"psf: 2 iterations, {name}": partial(sharpened, block, psfs, **how) for name, how in FORMS.items()},
         "codes of 16 bits": lambda: [encoded(b, *g) for b, g in zip(block, grids, strict=True)],
         "opening, square of 13": lambda: opened(0),
         "the same with an octagon of 13 grown back, and a diamond": lambda: opened(13),
         "outlines that neighbouring bands share": lambda: agreeing(out[0], out[1], grids, spectrum, order=order),
         "level blurred again": lambda: [blurred(m, p) for m, p in zip(level, psfs, strict=True)],
     }
+    jobs["search for small things"] = searching(block, bands, chains["psf:2, identify-level:13, replace-level"])
     jobs |= {f"chain: {text}": (lambda c=chain: apply_chain(block, c)) for text, chain in chains.items()}
     found = in_turns(jobs, 3 if quick else 7)
     base = min(found["read once (sum of each band)"])

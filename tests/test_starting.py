@@ -11,14 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core.dispatcher import Dispatcher
-from scipy.ndimage import gaussian_filter
 
 from deglint import Recipe, correct, fit_scene, open_scene
 from deglint.cli.running import collecting_later
 from deglint.compensate import Chain, Sample, Setting, State, fit_stages, parse
 from deglint.compensate.identify import lower_spread
 from deglint.compensate.psf import system_psf
-from deglint.compensate.smoothing import gaussian
 from deglint.pipeline.blocks import aside
 from deglint.pipeline.warming import warm_up, warming
 from deglint.remove.levels import mode, quantile
@@ -92,13 +90,6 @@ def test_a_spread_is_that_of_the_values_below(values, middle, scale):
 def test_a_mode_of_sorted_values_is_that_of_all():
     values = np.random.default_rng(0).gamma(5.0, 20.0, 5000).astype(np.float32)
     assert mode(values) == mode(np.sort(values), ordered=True)
-
-
-@pytest.mark.parametrize("shape", [(64,), (64, 64), (7, 3), (2, 5, 9)])
-@pytest.mark.parametrize("sigma", [0.5, 1.2, 3.0])
-def test_smoothing_is_scipys(shape, sigma):
-    counts = np.random.default_rng(1).poisson(3.0, shape) * 1e3
-    np.testing.assert_array_equal(gaussian(counts, sigma), gaussian_filter(counts, sigma, mode="nearest"))
 
 
 def test_a_fit_and_a_correction_compile_nothing_that_was_not_warmed_up():

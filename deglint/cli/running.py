@@ -100,8 +100,7 @@ def keep_memory() -> None:
 def collecting_later(progress: Progress) -> Iterator[Progress]:
     """Let Python search for garbage seldom until there is progress to tell.
 
-    What a command loads to start makes hardly any, and the search takes a quarter of the time; what is there by then is
-    not searched until the command ends.
+    What a command loads to start makes hardly any; what is there by then is not searched until the command ends.
     """
     usual = gc.get_threshold()
 

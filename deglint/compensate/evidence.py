@@ -161,15 +161,16 @@ def counted(place: npt.NDArray[np.uint8]) -> tuple[Places, Places]:
 
 def tables(parts: Iterable[tuple[Places, Places]]) -> tuple[Float64, Float64]:
     """Log densities of the chain from the counts of some parts; rare steps lean on the next band's own histogram."""
-    from .smoothing import gaussian
+    import cv2
 
-    step = (HIGH - LOW) / BINS
+    step, side, same = (HIGH - LOW) / BINS, 2 * round(4 * BLUR) + 1, cv2.BORDER_REPLICATE
     single, double = (np.array(counts, np.float64).sum(axis=0) for counts in zip(*parts, strict=True))
-    alone = [gaussian(counts, BLUR) + 0.3 for counts in single]
-    alone = [a / a.sum() for a in alone]
+    alone = np.asarray(cv2.GaussianBlur(single, (side, 1), BLUR, borderType=same)) + 0.3
+    alone /= alone.sum(axis=1, keepdims=True)
     following = []
     for pairs, after in zip(double, alone[1:], strict=True):
-        table = gaussian(pairs.reshape(BINS, BINS), BLUR) + 3 * after
+        blurred = cv2.GaussianBlur(pairs.reshape(BINS, BINS), (side, side), BLUR, borderType=same)
+        table = np.asarray(blurred) + 3 * after
         following.append(np.log(table / table.sum(axis=1, keepdims=True) / step))
     return np.log(alone[0] / step), np.array(following)
 

@@ -10,9 +10,9 @@ room reads no files, keeps no state, and never changes a pixel.
 """
 
 from .sample import SampleRule, deep_water, describe, fit_sample, sample_halo
-from .surface import Roles, WaterRule, brightness, fit_water, opened, valid_for, water
+from .surface import Roles, WaterRule, brightness, fit_water, near_water, opened, valid_for, water
 
 __all__ = [
-    "Roles", "SampleRule", "WaterRule", "brightness", "deep_water", "describe", "fit_sample", "fit_water", "opened",
-    "sample_halo", "valid_for", "water",
+    "Roles", "SampleRule", "WaterRule", "brightness", "deep_water", "describe", "fit_sample", "fit_water", "near_water",
+    "opened", "sample_halo", "valid_for", "water",
 ]  # fmt: skip

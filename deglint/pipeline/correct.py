@@ -14,7 +14,7 @@ from ..compensate.protect import Things, lifted, put, things
 from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
 from ..compensate.uncertainty import Parts, Uncertainty, stderr
-from ..masks import WaterRule, opened, valid_for, water
+from ..masks import WaterRule, near_water, opened, valid_for, water
 from ..raster.convert import is_valid
 from ..raster.encode import encode, retype
 from ..raster.info import same_nodata
@@ -280,20 +280,13 @@ class Correction:
         return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo, reach)
 
     def _near(self, around: Any, known: Any, tile: Tile, outer: Tile) -> npt.NDArray[np.bool_] | None:
-        """Known pixels of a tile that may be water, by a look at the bands as they stand; None for all.
-
-        Sparkle is bright, but no water is so bright that none within `BESIDE` pixels is as dark as water.
-        """
-        near = self.area.read(tile.window) if self.area is not None else None
-        rule = self.water if self.area is None else None
-        if rule is not None and not rule.all_water:
-            import cv2
-
-            dark = around[self.water_bands[rule.roles.nir]] <= around.dtype.type(rule.threshold)
-            if not dark.all():
-                side = 2 * BESIDE + 1
-                wide = cv2.dilate(dark.view(np.uint8), np.ones((side, side), np.uint8)).view(np.bool_)
-                near = wide[core_of(tile.crop_of(outer), outer.shape)]
+        """Known pixels of a tile that may be water, by a look at the bands as they stand; None for all."""
+        near = None
+        if self.area is not None:
+            near = self.area.read(tile.window)
+        elif self.water is not None:
+            wide = near_water(around[self.water_bands[self.water.roles.nir]], self.water, BESIDE)
+            near = None if wide is None else wide[core_of(tile.crop_of(outer), outer.shape)]
         if near is None or near.all():
             return known
         return np.asarray(near if known is None else near & known)
