@@ -152,7 +152,7 @@ def plan(
     if wanted is not None:
         stages = tuple(StageNeed(s.name, True, "asked for") for s in wanted if s.name != "remove")
         return replace(found, needs=replace(needs, stages=stages), setting=setting)
-    return _automatic(scene, replace(found, needs=needs, setting=setting), sample, threads)
+    return _automatic(scene, replace(found, needs=needs, setting=setting), sample, nir, threads)
 
 
 def may_open(scene: Scene, recipe: Recipe) -> bool:
@@ -170,7 +170,7 @@ def _alike(scene: Scene, sample: Sample, nir: int) -> float | None:
     return coherence([s.image for s in sample.states], sample.inside, scene.bands, nir, delayed=delayed)
 
 
-def _automatic(scene: Scene, found: Plan, sample: Sample, threads: int) -> Plan:
+def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int) -> Plan:
     """The default chain, without what this scene does not need."""
     needs, setting = found.needs, found.setting
     assert setting is not None
@@ -180,10 +180,10 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, threads: int) -> Plan:
     except FitError as error:
         return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
     cover = stage.cover
-    most = max(stage.certain)
+    most = stage.certain[nir]
     needs = replace(needs, cover=cover, certain=stage.certain)
     if most < LITTLE_COVER:
-        why = f"at most {most:.3%} of a band is too bright for noise (threshold {LITTLE_COVER:.2%})"
+        why = f"{most:.3%} of {scene.names[nir]} is too bright for noise (threshold {LITTLE_COVER:.2%})"
         return Plan(replace(needs, stages=(StageNeed("compensation", False, why, "all of its time"),)))
     if setting.psfs is None:
         assert found.blocks is not None
@@ -221,7 +221,7 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, threads: int) -> Plan:
             StageNeed("psf", True, f"glint covers {middle:.0%} of the middlemost band (threshold {PSF_COVER:.0%})")
         )
     text += [f"identify-level:{needs.element}", "replace-level", "remove"]
-    why = f"up to {most:.2%} of a band is too bright for noise (threshold {LITTLE_COVER:.2%})"
+    why = f"{most:.2%} of {scene.names[nir]} is too bright for noise (threshold {LITTLE_COVER:.2%})"
     stages.append(StageNeed("opening", True, why))
     if needs.element - 2 >= SMALLEST:
         text += [f"identify-level:{needs.element - 2}", "replace-level"]

@@ -17,7 +17,7 @@ from ..masks import WaterRule, sample_halo
 from ..needs import HEAVY_COVER, Needs
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
-from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, SampleStatistics, combine, gather, useless
+from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, SampleStatistics, combine, gather, harmful, useless
 from ..remove.multiband import references
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
@@ -35,6 +35,8 @@ MAX_COVER = 0.6
 """Share of glinted pixels above which the mode of the NIR is no longer that of water."""
 HEAVY_FLOOR = 1.0
 """Percentile of the mixture of references as its level where compensation has left much glint [%]."""
+MAJORITY = 0.5
+"""Share of glinted pixels above which the commonest mixture of references is not that of water without glint."""
 AUTO_FLOOR = 5.0
 """Percentile of the NIR that `auto` takes as the level under heavier glint [%]."""
 
@@ -217,6 +219,14 @@ def _heavy(todo: Plan) -> list[str]:
     return [f"glint covers {cover:.0%} of the middlemost band (more than {HEAVY_COVER:.0%}): much of it will be left."]
 
 
+def _level_of(todo: Plan) -> dict[str, Any]:
+    """Where the level of the mixtures is after compensation: the lower, the less water was without glint."""
+    cover = float(np.median(todo.needs.cover)) if todo.needs.cover else MAJORITY
+    if cover > HEAVY_COVER:
+        return {"floor_percentile": HEAVY_FLOOR}
+    return {} if cover >= MAJORITY else {"mode_level": True}
+
+
 @dataclass(frozen=True)
 class _Job:
     """What the pass over the sample works on."""
@@ -237,8 +247,8 @@ def _fit_sampled(
 ) -> tuple[GlintModel, dict[str, Any], dict[str, Any] | None]:
     scene, recipe, request, sampler, chain = job.scene, job.recipe, job.request, job.sampler, job.chain
     method = job.method
-    if method == "multiband" and recipe.method == "auto" and _heavy(job.todo):
-        request = replace(request, floor_percentile=HEAVY_FLOOR)
+    if method == "multiband" and recipe.method == "auto":
+        request = replace(request, **_level_of(job.todo))
     plan = METHODS[method].plan(request)  # type: ignore[misc]
     judge = recipe.method == "auto" and not recipe.bands
     sampling = Sampling(scene, sampler, request, method, plan, recipe.tolerance, judge)
@@ -341,18 +351,23 @@ def _choose(
 
 
 def _keep_useful(
-    request: FitRequest, _stats: SampleStatistics, model: GlintModel, *, judge: bool
+    request: FitRequest, stats: SampleStatistics, model: GlintModel, *, judge: bool
 ) -> tuple[GlintModel, float, dict[str, Any]]:
     """After compensation the method stands; bands that follow nothing any more are left as they are."""
-    model, alone, said = _without_useless(model, judge)
+    model, alone, said = _without_useless(model, judge, stats)
     if not model.fits:  # the glint was in what has been replaced
         model = replace(model, warnings=tuple(w for w in model.warnings if "no band follows" not in w))
     return model, request.floor_percentile, {"left_alone": alone, "notes": [f"method {model.method}", *said]}
 
 
-def _without_useless(model: GlintModel, judge: bool) -> tuple[GlintModel, dict[str, str], list[str]]:
-    """The model without bands that it would do nothing for, or harm; why, by band; and what to say."""
+def _without_useless(
+    model: GlintModel, judge: bool, stats: SampleStatistics | None = None
+) -> tuple[GlintModel, dict[str, str], list[str]]:
+    """The model without bands that it would do nothing for, or (as far as a sample tells) harm; why; what to say."""
     alone = {f.name: why for f in model.fits if (why := useless(f))} if judge else {}
+    if judge and stats is not None:
+        left = (f for f in model.fits if f.name not in alone)
+        alone |= {f.name: why for f in left if (why := harmful(f, model.indexes[f.index], stats))}
     kept = tuple(f for f in model.fits if f.name not in alone)
     warnings = tuple(w for w in model.warnings if not any(f" {name} " in w or f" {name}," in w for name in alone))
     said = [f"left as they are: {', '.join(f'{name} ({why})' for name, why in alone.items())}"] if alone else []

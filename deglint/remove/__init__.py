@@ -21,12 +21,12 @@ from ..scene import Band, FloatArray
 from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction
 from .model import HALO, BandFit, GlintIndex, GlintModel, apply
 from .regression import REGRESSIONS, glint_error
-from .request import FitRequest, Weighted, slope_weights, useless
+from .request import FitRequest, Weighted, harmful, slope_weights, useless
 from .statistics import SamplePlan, SampleStatistics, combine, gather, levels_for, merge
 
 __all__ = [
     "HALO", "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "Weighted", "apply", "combine", "fit", "gather", "glint_error", "levels_for", "merge",
+    "SampleStatistics", "Weighted", "apply", "combine", "fit", "gather", "glint_error", "harmful", "levels_for", "merge",
     "nir_request", "useless",
 ]  # fmt: skip
 

@@ -4,6 +4,8 @@ References
 ----------
 Parzen (1962), "On estimation of a probability density function and mode", Annals of Mathematical Statistics 33,
 1065-1076, doi:10.1214/aoms/1177704472.
+Rousseeuw, Croux (1993), Journal of the American Statistical Association 88, 1273-1283,
+doi:10.1080/01621459.1993.10476408 (median absolute deviation and its lower-side form).
 Silverman (1986), "Density estimation for statistics and data analysis", Chapman and Hall.
 """
 
@@ -71,6 +73,30 @@ def mode(sample: npt.NDArray[np.floating], *, ordered: bool = False) -> float:
         scale = lower
         peak = _density_peak(values, scale, step)
     return peak
+
+
+def even_share(sample: npt.NDArray[np.floating]) -> float:
+    """Share of a sample's variance that lies evenly about its mode: about 1 of noise, nearly nothing of glint.
+
+    Glint only adds, so what lies below the mode is something else, noise or the mirrored sky, and lies above it as
+    well: (1.4826 median(m - x | x <= m))^2 / var(x), m the mode (after Rousseeuw and Croux 1993).
+
+    Raises
+    ------
+    FitError
+        There are no values.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal(100_000)
+    >>> round(even_share(noise), 1), round(even_share(np.exp(2 * noise)), 1)
+    (1.0, 0.0)
+    """
+    values = np.sort(sample.astype(np.float64))
+    peak = mode(values, ordered=True)
+    below = values[: max(np.searchsorted(values, peak, side="right"), 1)]
+    variance = float(values.var())
+    return (1.4826 * _middle_distance(below, peak)) ** 2 / variance if variance > 0 else 0.0
 
 
 def _density_peak(values: Float64, scale: float, step: float) -> float:

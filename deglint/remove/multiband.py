@@ -23,10 +23,12 @@ regression)."""
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from ..moments import Float64
+from .levels import mode
 from .model import BandFit, GlintIndex, GlintModel
 from .request import FitRequest, Weighted, check_sample, r2_warning, sample_warnings
 from .statistics import SamplePlan, SampleStatistics
@@ -62,13 +64,12 @@ def plan(request: FitRequest) -> SamplePlan:
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """L'_i = L_i - (p_i - p_i0), p_i the ridge regression of L_i on all longer bands."""
-    first = len(stats.plan.bands)
     indexes, fits, warnings = [], [], sample_warnings(stats)
     for i, (band, found) in enumerate(zip(request.correct, weights(request, stats), strict=True)):
-        rows = [v - first for v in found.references]
-        mixture = np.asarray(found.weights) @ stats.values[rows].astype(np.float64)
-        level = float(np.percentile(mixture, request.floor_percentile or PERCENTILE))
-        indexes.append(GlintIndex(references(request, band), found.weights, level))
+        index = GlintIndex(references(request, band), found.weights)
+        mixture = stats.mixture(index)
+        level = mode(mixture) if request.mode_level else np.percentile(mixture, request.floor_percentile or PERCENTILE)
+        indexes.append(replace(index, level=float(level)))
         fitted = BandFit(band, request.bands[band].name, i, 1.0, None, found.r2, stats.regressed.n)
         fits.append(fitted)
         warnings += r2_warning(fitted)

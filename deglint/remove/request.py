@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..errors import BandError, FitError, InputError
 from ..scene import Band
 from .detrend import SIZE as DETREND_SIZE
+from .levels import even_share
 from .model import BandFit, GlintIndex, GlintModel
 from .regression import REGRESSIONS, explained
 from .statistics import SamplePlan, SampleStatistics
@@ -22,6 +23,8 @@ FEW_PIXELS = 1000
 """Below this many pixels a fit carries a warning."""
 LOW_R2 = 0.3
 """Below this R2 a band carries a warning: the index does not explain it."""
+EVEN = 0.5
+"""Share of a mixture's variance that lies evenly about its mode, above which removal adds more than it takes."""
 USELESS_R2 = 0.05
 """Below this R2 a correction takes away less than 3 % of a band's standard deviation."""
 SIGNIFICANT = 3.0
@@ -48,6 +51,8 @@ class FitRequest:
         Percentile of the index that Hedley takes as its level [%]; 0 is the minimum, as published.
     rrs_factor : float
         Physical values are this many times remote-sensing reflectance [sr^-1]; pi for reflectance.
+    mode_level : bool
+        The level of `multiband` is the mode of each mixture: right where most pixels are without glint.
     """
 
     bands: tuple[Band, ...]
@@ -57,6 +62,7 @@ class FitRequest:
     regression: str = "ols"
     floor_percentile: float = 0.0
     rrs_factor: float = math.pi
+    mode_level: bool = False
 
     def __post_init__(self) -> None:
         if self.regression not in REGRESSIONS:
@@ -221,6 +227,23 @@ def useless(fit: BandFit) -> str | None:
     if fit.stderr is not None and fit.slope < SIGNIFICANT * fit.stderr:
         return f"its slope {fit.slope:.3g} +- {fit.stderr:.2g} is not {SIGNIFICANT:g} standard errors above zero"
     return None
+
+
+def harmful(fit: BandFit, index: GlintIndex, stats: SampleStatistics) -> str | None:
+    """Why a correction would add more to a band than it takes; None where it does not.
+
+    Subtracting a least-squares mixture p of the references from a band with glint G and other things S that the bands
+    share (the mirrored sky, water) changes the mean square of its error by
+
+    .. math:: var(p) - 2 cov(G, p) = 2 cov(S, p) - var(p)
+
+    because cov(G, p) + cov(S, p) = var(p). What S and the references' noise have in p lies evenly about its mode, and
+    what G has lies above, so half of the variance is as much as may lie evenly.
+    """
+    share = even_share(stats.mixture(index))
+    if share <= EVEN:
+        return None
+    return f"{min(share, 1):.0%} of what would be taken lies evenly about its mode, as glint does not ({EVEN:.0%})"
 
 
 def fixed_fits(

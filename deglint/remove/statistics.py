@@ -121,6 +121,17 @@ class SampleStatistics:
         return self.values[first + k]
 
 
+    def mixture(self, index: GlintIndex) -> Float64:
+        """Kept values of a mixture of the plan's indexes (or of one of them), shape (pixels,)."""
+        first = len(self.plan.bands) if self.plan.keep == "all" else 0
+        places = {(i.bands, i.weights): first + k for k, i in enumerate(self.plan.indexes)}
+        own = places.get((index.bands, index.weights))
+        if own is not None:
+            return self.values[own].astype(np.float64)
+        rows = [places[(band,), (1.0,)] for band in index.bands]
+        return np.asarray(index.weights) @ self.values[rows].astype(np.float64)
+
+
 def gather(
     block: FloatArray,
     mask: npt.NDArray[np.bool_],
