@@ -20,8 +20,8 @@ Mask = npt.NDArray[np.bool_]
 
 SIMULTANEOUS = 0.93
 """Coherence of high-passed bands above which they see the sea at one instant."""
-LITTLE_COVER = 0.0002
-"""Share of pixels too bright for noise, in every band, below which there is nothing to compensate."""
+LITTLE_GLINT = 0.01
+"""Share that glint adds to a band's variance of noise, below which there is nothing to compensate in it."""
 PSF_COVER = 0.03
 """Share of glinted pixels below which sharpening gains nothing."""
 HEAVY_COVER = 0.6
@@ -68,8 +68,8 @@ class Needs:
         after the other); None where it cannot be told.
     cover : tuple of float
         Share of glinted pixels of each band beside its opened level; empty where it was not told.
-    certain : tuple of float
-        The same of pixels that are too bright for noise.
+    glint, things : tuple of float
+        What glint, and what other bright things, add to the variance of each band [of its noise].
     offsets : float or None
         Longest time between the NIR and another band that the file or sensor says [s].
     optics : str
@@ -82,7 +82,8 @@ class Needs:
     element: int = 0
     coherence: float | None = None
     cover: tuple[float, ...] = ()
-    certain: tuple[float, ...] = ()
+    glint: tuple[float, ...] = ()
+    things: tuple[float, ...] = ()
     offsets: float | None = None
     optics: str = "unknown"
     stages: tuple[StageNeed, ...] = field(default=())
@@ -91,6 +92,15 @@ class Needs:
     def simultaneous(self) -> bool:
         """The image says that its bands see the sea at one instant."""
         return self.coherence is not None and self.coherence >= SIMULTANEOUS
+
+    @property
+    def glinted(self) -> tuple[int, ...]:
+        """Bands that gain by compensation: glint adds to their error, and more than an opening takes of other things.
+
+        The level of the water stands in for whatever rises from it, glint or the corner of a thing.
+        """
+        found = enumerate(zip(self.glint, self.things, strict=True))
+        return tuple(b for b, (glint, things) in found if glint >= max(LITTLE_GLINT, things))
 
     def without(self, stage: str, why: str) -> Needs:
         """The same, with a stage that turned out not to be needed."""
@@ -123,7 +133,7 @@ class Needs:
             "pixel_m": self.pixel, "smallest_object_pixels": self.smallest, "element_pixels": self.element,
             "coherence": self.coherence, "coherence_threshold": SIMULTANEOUS, "simultaneous": self.simultaneous,
             "time_offset_s": self.offsets, "cover": list(self.cover),
-            "certain_cover": list(self.certain), "certain_cover_threshold": LITTLE_COVER,
+            "glint": list(self.glint), "glint_threshold": LITTLE_GLINT, "things": list(self.things),
             "optics": self.optics,
             "stages": [{"stage": s.stage, "runs": s.runs, "why": s.why, "saves": s.saves} for s in self.stages],
         }  # fmt: skip

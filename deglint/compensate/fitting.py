@@ -71,6 +71,8 @@ class Setting:
         Least standard deviation of pixels without glint, of each band: what is known of the noise and the steps.
     steps : tuple of float, optional
         Of each band's numbers, where those are whole numbers in the file.
+    nir : int, optional
+        The NIR, where `identify-level` is to tell glint from other bright things.
     """
 
     bands: tuple[Band, ...]
@@ -78,6 +80,7 @@ class Setting:
     detail: bool = False
     floor: tuple[float, ...] | None = None
     steps: tuple[float, ...] | None = None
+    nir: int | None = None
 
     @property
     def saturation(self) -> tuple[float, ...]:
@@ -209,7 +212,7 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, each: E
         detail = size if setting.detail and size >= SMALLEST else 0
         return fit_identify_level(
             sample.states, sample.inside, size=size, order=setting.order, saturation=setting.saturation,
-            detail=detail, bands=bands, floor=floor, steps=steps, each=each,
+            detail=detail, bands=bands, floor=floor, steps=steps, nir=setting.nir, each=each,
         )  # fmt: skip
     if step.name == "replace-bands":
         return ReplaceBands(neighbours([b.wavelength for b in setting.bands]))

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
-from ..remove.levels import mode
+from ..remove.levels import mode, spread_of_sorted
 from ..scene import Window
 from .codes import decoded, encoded
 from .level import Grid, opened_level
@@ -42,6 +42,8 @@ COVER_K = 3.0
 """Standard deviations above the local level that count as glint when cover is told."""
 CERTAIN_K = 5.0
 """The same where noise is to be ruled out: of a normal distribution 3e-7 lie above."""
+ALIKE = 2.0
+"""How many times as far as in the next band a thing stands out of the noise, at most."""
 MOST_COVER_FOR_DETAIL = 0.56
 """Share of glinted pixels, in the middlemost band, above which clumps of sparkle pass for outlines of objects."""
 FEWEST = 64
@@ -100,6 +102,9 @@ class IdentifyLevel:
         Of each band.
     k : float
         Standard deviations.
+    glint, things : tuple of float
+        Of each of the bands that are looked at, where the NIR is known: what glint and what other bright things add to
+        the variance of the sample, in variances of pixels without glint; see `standing_out`.
     """
 
     name: ClassVar[str] = "identify-level"
@@ -115,6 +120,8 @@ class IdentifyLevel:
     certain: tuple[float, ...]
     saturation: tuple[float, ...]
     k: float = LEVEL_K
+    glint: tuple[float, ...] = ()
+    things: tuple[float, ...] = ()
 
     @property
     def halo(self) -> int:
@@ -174,6 +181,7 @@ def fit_identify_level(
     bands: Sequence[int] | None = None,
     floor: Sequence[float] | None = None,
     steps: Sequence[float] | None = None,
+    nir: int | None = None,
     each: Callable[..., Iterable[Any]] = map,
 ) -> IdentifyLevel:
     """How pixels without glint lie about the opened level.
@@ -198,6 +206,8 @@ def fit_identify_level(
         Least standard deviation of each band of the scene.
     steps : sequence of float, optional
         Of the numbers of each band of the scene, where they come in whole steps.
+    nir : int, optional
+        The NIR, by which glint is told from other bright things, where that is wanted.
     each : callable
         What works on the blocks: `map`, or the map of a pool of threads.
 
@@ -219,19 +229,71 @@ def fit_identify_level(
             image = [decoded(encoded(band, *grid), *grid) for band, grid in zip(image, grids, strict=True)]
         return [np.subtract(*both)[mask[at]] for both in zip(image, level, strict=True)]
 
-    away = zip(*each(above, states, inside), strict=True)
+    away = [np.concatenate(band) for band in zip(*each(above, states, inside), strict=True)]
     whole = steps if states[0].psfs is None else None  # a blurred level is no whole number
 
-    def about(away: Sequence[Float32Array], band: int) -> tuple[float, ...]:
-        return _about(np.concatenate(away), floor[band] if floor else 0.0, whole[band] if whole else 0.0)
+    def about(away: Float32Array, band: int) -> tuple[float, ...]:
+        return _about(away, floor[band] if floor else 0.0, whole[band] if whole else 0.0)
 
     found = each(about, away, chosen)
     offsets, sigmas, cover, certain, spectrum = zip(*found, strict=True)
+    ranks = tuple(b for b in order if b in chosen)
+    powers: list[tuple[float, ...]] = [(), ()]
+    if nir in chosen:
+        places = [chosen.index(b) for b in ranks]
+        powers = list(standing_out(away, offsets, sigmas, places, chosen.index(nir)))
     use = detail if float(np.median(cover)) <= MOST_COVER_FOR_DETAIL else 0
     return IdentifyLevel(
-        size, use, tuple(b for b in order if b in chosen), chosen, grids, spectrum, offsets, sigmas, cover, certain,
-        tuple(map(float, saturation)), k,
+        size, use, ranks, chosen, grids, spectrum, offsets, sigmas, cover, certain, tuple(map(float, saturation)), k,
+        *powers,
     )  # fmt: skip
+
+
+def standing_out(
+    away: Sequence[npt.NDArray[np.floating[Any]]],
+    offsets: Sequence[float],
+    sigmas: Sequence[float],
+    order: Sequence[int],
+    nir: int,
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """What glint, and what other bright things, add to the variance of each band.
+
+    Counted is what no noise makes, more than `CERTAIN_K` standard deviations above the level. A thing under water
+    stands out in the next band by wavelength too, by `COVER_K` at least and as much as its noise over `ALIKE`, and not
+    in the NIR. Glint stands out in the NIR as well where bands see the sea at one instant, and where they do not in
+    one band alone, but for chance: of independent bands, each with a share c of glint, at most a share
+    (1 - c) (1 - (1 - c)^2) < 0.4 passes for things.
+
+    Parameters
+    ----------
+    away : sequence of (pixels,) ndarray
+        Pixels less their opened level, band by band, the same pixels in each.
+    offsets, sigmas : sequence of float
+        Distance of the commonest pixel from the level, and standard deviation about that.
+    order : sequence of int
+        Bands by wavelength.
+    nir : int
+        0-based.
+
+    Returns
+    -------
+    glint, things : tuple of float
+        Mean square of what stands out, in variances of pixels without glint.
+    """
+    step = max(away[0].size // MOST, 1)
+    z = [((a[::step] - o) / s).astype(np.float64) for a, o, s in zip(away, offsets, sigmas, strict=True)]
+    dark = ~(z[nir] > COVER_K)
+    glint, things = [0.0] * len(z), [0.0] * len(z)
+    for i, band in enumerate(order):
+        beside = np.full(z[band].shape, -np.inf)
+        for other in (*order[max(i - 1, 0) : i], *order[i + 1 : i + 2]):
+            beside = np.fmax(beside, z[other])
+        own, sure = z[band], z[band] > CERTAIN_K
+        like = np.minimum(own, ALIKE * beside)[sure & dark & (beside > COVER_K)]
+        count = max(int(np.isfinite(own).sum()), 1)
+        things[band] = float(like @ like) / count
+        glint[band] = float(own[sure] @ own[sure]) / count - things[band]
+    return tuple(glint), tuple(things)
 
 
 def lower_spread(values: npt.NDArray[np.floating[Any]], middle: float, step: float = 0.0) -> float:
@@ -254,21 +316,6 @@ def lower_spread(values: npt.NDArray[np.floating[Any]], middle: float, step: flo
     (0.3, 1.25)
     """
     return spread_of_sorted(np.sort(values), middle, step)
-
-
-def spread_of_sorted(ordered: npt.NDArray[np.floating[Any]], middle: float, step: float = 0.0) -> float:
-    """`lower_spread` of values in ascending order."""
-    if step > 0:
-        first = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
-        distinct = ordered[first].astype(np.float64)
-        total = np.append(first, ordered.size).astype(np.float64)
-        edges = np.concatenate([distinct - step / 2, [distinct[-1] + step / 2]])
-        half = np.interp(middle, edges, total) / 2
-        return 1.4826 * (middle - float(np.interp(half, total, edges)))
-    count = int(np.searchsorted(ordered, ordered.dtype.type(middle), side="right"))
-    if not count:
-        return 0.0
-    return 1.4826 * float(np.median(middle - ordered[[(count - 1) // 2, count // 2]]))
 
 
 def _about(

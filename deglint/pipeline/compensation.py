@@ -27,7 +27,7 @@ from ..compensate.reference import SIZE, ReferenceRule, fit_reference
 from ..errors import FitError, InputError
 from ..needs import (
     HIGH_PASS,
-    LITTLE_COVER,
+    LITTLE_GLINT,
     PSF_COVER,
     SMALLEST_OBJECT,
     UNKNOWN_OBJECT,
@@ -64,7 +64,7 @@ DARK_NOISE = 0.2
 
 @dataclass(frozen=True)
 class Plan:
-    """What compensation a scene gets: the stages, what they need to be fitted, and why."""
+    """What compensation a scene gets: the stages, what they need to be fitted, which bands they change, and why."""
 
     needs: Needs
     steps: tuple[Step, ...] = ()
@@ -72,6 +72,7 @@ class Plan:
     blocks: Blocks | None = None
     sampler: Sampler | None = None
     reach: int = 0
+    bands: tuple[int, ...] | None = None
     warnings: tuple[str, ...] = ()
 
     @property
@@ -176,14 +177,15 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
     assert setting is not None
     try:
         with workers(threads) as each:
-            (stage,) = fit_stages([Step("identify-level", needs.element)], sample, setting, each=each, cuts=None)
+            told = replace(setting, nir=nir)
+            (stage,) = fit_stages([Step("identify-level", needs.element)], sample, told, each=each, cuts=None)
     except FitError as error:
         return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
     cover = stage.cover
-    most = stage.certain[nir]
-    needs = replace(needs, cover=cover, certain=stage.certain)
-    if most < LITTLE_COVER:
-        why = f"{most:.3%} of {scene.names[nir]} is too bright for noise (threshold {LITTLE_COVER:.2%})"
+    needs = replace(needs, cover=cover, glint=stage.glint, things=stage.things)
+    most = max(needs.glint)
+    if not needs.glinted:
+        why = f"glint adds at most {most:.2%} to a band's variance of noise (threshold {LITTLE_GLINT:.0%})"
         return Plan(replace(needs, stages=(StageNeed("compensation", False, why, "all of its time"),)))
     if setting.psfs is None:
         assert found.blocks is not None
@@ -221,12 +223,17 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
             StageNeed("psf", True, f"glint covers {middle:.0%} of the middlemost band (threshold {PSF_COVER:.0%})")
         )
     text += [f"identify-level:{needs.element}", "replace-level", "remove"]
-    why = f"{most:.2%} of {scene.names[nir]} is too bright for noise (threshold {LITTLE_COVER:.2%})"
+    why = f"glint adds up to {most:.3g} times a band's variance of noise (threshold {LITTLE_GLINT:g})"
+    bands: tuple[int, ...] | None = None
+    if len(needs.glinted) < len(scene.bands):
+        bands = needs.glinted
+        alone = ", ".join(name for b, name in enumerate(scene.names) if b not in bands)
+        why += f"; not in {alone}, where it adds less, or less than other bright things"
     stages.append(StageNeed("opening", True, why))
     if needs.element - 2 >= SMALLEST:
         text += [f"identify-level:{needs.element - 2}", "replace-level"]
         stages.append(StageNeed("second opening", True, "what removal leaves is opened again"))
-    return replace(found, needs=replace(needs, stages=tuple(stages)), steps=parse(", ".join(text)))
+    return replace(found, needs=replace(needs, stages=tuple(stages)), steps=parse(", ".join(text)), bands=bands)
 
 
 def fit_before(
@@ -244,7 +251,7 @@ def fit_before(
     in_place = not any(step.name == "normalise" for step in found.before)
     whole = None if in_place else [inside(s.image, cut).copy() for s, cut in zip(sample.states, cuts, strict=True)]
     with workers(threads) as each:
-        stages = fit_stages(found.before, sample, found.setting, each=each, cuts=cuts)
+        stages = fit_stages(found.before, sample, found.setting, bands=found.bands, each=each, cuts=cuts)
     seen = (
         raw,
         list(sample.states),
@@ -263,8 +270,10 @@ def _protection(seen: Seen, stages: Sequence[Any], found: Plan, threads: int) ->
     raw, states, masks, cores = seen
     levels = [s for s in stages if isinstance(s, IdentifyLevel)]
     assert found.setting is not None
-    if not levels or any(s.water is None for s in states) or len(levels[-1].bands) < len(found.setting.bands):
+    if not levels or any(s.water is None for s in states):
         return Protection(reason=NO_STAGES)
+    if len(levels[-1].bands) < len(found.setting.bands):
+        return Protection(reason="there is little glint, and not in every band")
     if any((s.units != 1).any() for s in states):
         return Protection(reason="the bands were normalised")
     if not found.setting.detail:
@@ -306,7 +315,7 @@ def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: 
     with workers(threads) as each:
         images = each(lambda s: np.asarray(apply(s.image, model, out=s.image)), sample.states)
         left = Sample([State(image) for image in images], sample.inside)
-        bands = sorted(f.band for f in model.fits) or None
+        bands = sorted(f.band for f in model.fits if found.bands is None or f.band in found.bands) or None
         after = fit_stages(found.after, left, setting, bands=bands, each=each, cuts=None)
     return replace(chain, after=after)
 

@@ -18,7 +18,7 @@ from ..needs import HEAVY_COVER, Needs
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
 from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, SampleStatistics, combine, gather, harmful, useless
-from ..remove.multiband import references
+from ..remove.multiband import PERCENTILE, references
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
 from .blocks import Blocks, cleaned, tiles_of
@@ -35,8 +35,8 @@ MAX_COVER = 0.6
 """Share of glinted pixels above which the mode of the NIR is no longer that of water."""
 HEAVY_FLOOR = 1.0
 """Percentile of the mixture of references as its level where compensation has left much glint [%]."""
-MAJORITY = 0.5
-"""Share of glinted pixels above which the commonest mixture of references is not that of water without glint."""
+FAINT_COVER = 0.2
+"""Share of glinted pixels above which faint glint is everywhere, and lies as evenly as noise and the mirrored sky."""
 AUTO_FLOOR = 5.0
 """Percentile of the NIR that `auto` takes as the level under heavier glint [%]."""
 
@@ -219,12 +219,21 @@ def _heavy(todo: Plan) -> list[str]:
     return [f"glint covers {cover:.0%} of the middlemost band (more than {HEAVY_COVER:.0%}): much of it will be left."]
 
 
-def _level_of(todo: Plan) -> dict[str, Any]:
-    """Where the level of the mixtures is after compensation: the lower, the less water was without glint."""
-    cover = float(np.median(todo.needs.cover)) if todo.needs.cover else MAJORITY
-    if cover > HEAVY_COVER:
-        return {"floor_percentile": HEAVY_FLOOR}
-    return {} if cover >= MAJORITY else {"mode_level": True}
+def _floor_of(todo: Plan) -> float:
+    """Percentile of a mixture of references that is its level after compensation; 0 where the cover is not known.
+
+    Of the pixels that stand out by less than is told, as many again are taken to have faint glint. The middle of the
+    others is the level, as far as there are enough of them.
+    """
+    if not todo.needs.cover:
+        return 0.0
+    cover = float(np.median(todo.needs.cover))
+    return HEAVY_FLOOR if cover > HEAVY_COVER else max(50 * (1 - 2 * cover), PERCENTILE)
+
+
+def _tells(todo: Plan) -> bool:
+    """Whether what lies evenly in the references is no glint: sparkle is resolved, and does not lie everywhere."""
+    return bool(todo.needs.cover) and float(np.median(todo.needs.cover)) < FAINT_COVER
 
 
 @dataclass(frozen=True)
@@ -248,7 +257,7 @@ def _fit_sampled(
     scene, recipe, request, sampler, chain = job.scene, job.recipe, job.request, job.sampler, job.chain
     method = job.method
     if method == "multiband" and recipe.method == "auto":
-        request = replace(request, **_level_of(job.todo))
+        request = replace(request, floor_percentile=_floor_of(job.todo))
     plan = METHODS[method].plan(request)  # type: ignore[misc]
     judge = recipe.method == "auto" and not recipe.bands
     sampling = Sampling(scene, sampler, request, method, plan, recipe.tolerance, judge)
@@ -299,7 +308,7 @@ def _fit_sampled(
     numbers |= {"tolerance": tolerance} if tolerance else {}
     if recipe.method == "auto":
         choose = _keep_useful if job.todo.runs else _choose
-        model, floor, chosen = choose(request, stats, model, judge=judge)
+        model, floor, chosen = choose(request, stats, model, judge=judge, even=_tells(job.todo))
         notes += chosen.pop("notes")
         numbers |= chosen
     box = _union(boxes)
@@ -325,7 +334,7 @@ def _row_of(
 
 
 def _choose(
-    request: FitRequest, stats: SampleStatistics, joyce: GlintModel, *, judge: bool
+    request: FitRequest, stats: SampleStatistics, joyce: GlintModel, *, judge: bool, even: bool
 ) -> tuple[GlintModel, float, dict[str, Any]]:
     """The automatic method: the mode as level, or a low percentile under heavy glint; useless bands are left alone."""
     values = stats.index_values(0)
@@ -340,7 +349,7 @@ def _choose(
         f"glint stands above the commonest NIR in {cover:.0%} of the sample",
         f"method {model.method}, level at {level} of the NIR",
     ]
-    model, alone, said = _without_useless(model, judge)
+    model, alone, said = _without_useless(model, judge, stats if even else None)
     numbers = {
         "glint_cover": cover,
         "glint_level": float(stats.moments.mean[len(request.correct)]) - low,
@@ -351,10 +360,10 @@ def _choose(
 
 
 def _keep_useful(
-    request: FitRequest, stats: SampleStatistics, model: GlintModel, *, judge: bool
+    request: FitRequest, stats: SampleStatistics, model: GlintModel, *, judge: bool, even: bool
 ) -> tuple[GlintModel, float, dict[str, Any]]:
     """After compensation the method stands; bands that follow nothing any more are left as they are."""
-    model, alone, said = _without_useless(model, judge, stats)
+    model, alone, said = _without_useless(model, judge, stats if even else None)
     if not model.fits:  # the glint was in what has been replaced
         model = replace(model, warnings=tuple(w for w in model.warnings if "no band follows" not in w))
     return model, request.floor_percentile, {"left_alone": alone, "notes": [f"method {model.method}", *said]}

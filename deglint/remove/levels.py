@@ -93,10 +93,27 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
     (1.0, 0.0)
     """
     values = np.sort(sample.astype(np.float64))
-    peak = mode(values, ordered=True)
-    below = values[: max(np.searchsorted(values, peak, side="right"), 1)]
+    spread = spread_of_sorted(values, mode(values, ordered=True), _step(values))
     variance = float(values.var())
-    return (1.4826 * _middle_distance(below, peak)) ** 2 / variance if variance > 0 else 0.0
+    return spread**2 / variance if variance > 0 else 0.0
+
+
+def spread_of_sorted(ordered: npt.NDArray[np.floating[Any]], middle: float, step: float = 0.0) -> float:
+    """Standard deviation from the ascending values below the middle, 1.4826 median(m - x | x <= m).
+
+    Where values come in whole steps, each is taken to be spread evenly over its step.
+    """
+    if step > 0:
+        first = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
+        distinct = ordered[first].astype(np.float64)
+        total = np.append(first, ordered.size).astype(np.float64)
+        edges = np.concatenate([distinct - step / 2, [distinct[-1] + step / 2]])
+        half = np.interp(middle, edges, total) / 2
+        return 1.4826 * (middle - float(np.interp(half, total, edges)))
+    count = int(np.searchsorted(ordered, ordered.dtype.type(middle), side="right"))
+    if not count:
+        return 0.0
+    return 1.4826 * float(np.median(middle - ordered[[(count - 1) // 2, count // 2]]))
 
 
 def _density_peak(values: Float64, scale: float, step: float) -> float:

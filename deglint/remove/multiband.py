@@ -28,7 +28,6 @@ from dataclasses import replace
 import numpy as np
 
 from ..moments import Float64
-from .levels import mode
 from .model import BandFit, GlintIndex, GlintModel
 from .request import FitRequest, Weighted, check_sample, r2_warning, sample_warnings
 from .statistics import SamplePlan, SampleStatistics
@@ -67,8 +66,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     indexes, fits, warnings = [], [], sample_warnings(stats)
     for i, (band, found) in enumerate(zip(request.correct, weights(request, stats), strict=True)):
         index = GlintIndex(references(request, band), found.weights)
-        mixture = stats.mixture(index)
-        level = mode(mixture) if request.mode_level else np.percentile(mixture, request.floor_percentile or PERCENTILE)
+        level = np.percentile(stats.mixture(index), request.floor_percentile or PERCENTILE)
         indexes.append(replace(index, level=float(level)))
         fitted = BandFit(band, request.bands[band].name, i, 1.0, None, found.r2, stats.regressed.n)
         fits.append(fitted)

@@ -51,8 +51,6 @@ class FitRequest:
         Percentile of the index that Hedley takes as its level [%]; 0 is the minimum, as published.
     rrs_factor : float
         Physical values are this many times remote-sensing reflectance [sr^-1]; pi for reflectance.
-    mode_level : bool
-        The level of `multiband` is the mode of each mixture: right where most pixels are without glint.
     """
 
     bands: tuple[Band, ...]
@@ -62,7 +60,6 @@ class FitRequest:
     regression: str = "ols"
     floor_percentile: float = 0.0
     rrs_factor: float = math.pi
-    mode_level: bool = False
 
     def __post_init__(self) -> None:
         if self.regression not in REGRESSIONS:
