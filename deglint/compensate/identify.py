@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
-from ..remove.levels import mode, spread_of_sorted
+from ..remove.levels import mode
 from ..scene import Window
 from .codes import decoded, encoded
 from .level import Grid, opened_level
@@ -316,6 +316,21 @@ def lower_spread(values: npt.NDArray[np.floating[Any]], middle: float, step: flo
     (0.3, 1.25)
     """
     return spread_of_sorted(np.sort(values), middle, step)
+
+
+def spread_of_sorted(ordered: npt.NDArray[np.floating[Any]], middle: float, step: float = 0.0) -> float:
+    """`lower_spread` of values in ascending order."""
+    if step > 0:
+        first = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
+        distinct = ordered[first].astype(np.float64)
+        total = np.append(first, ordered.size).astype(np.float64)
+        edges = np.concatenate([distinct - step / 2, [distinct[-1] + step / 2]])
+        half = np.interp(middle, edges, total) / 2
+        return 1.4826 * (middle - float(np.interp(half, total, edges)))
+    count = int(np.searchsorted(ordered, ordered.dtype.type(middle), side="right"))
+    if not count:
+        return 0.0
+    return 1.4826 * float(np.median(middle - ordered[[(count - 1) // 2, count // 2]]))
 
 
 def _about(

@@ -376,7 +376,7 @@ def _without_useless(
     alone = {f.name: why for f in model.fits if (why := useless(f))} if judge else {}
     if judge and stats is not None:
         left = (f for f in model.fits if f.name not in alone)
-        alone |= {f.name: why for f in left if (why := harmful(f, model.indexes[f.index], stats))}
+        alone |= {f.name: why for f in left if (why := harmful(model.indexes[f.index], stats))}
     kept = tuple(f for f in model.fits if f.name not in alone)
     warnings = tuple(w for w in model.warnings if not any(f" {name} " in w or f" {name}," in w for name in alone))
     said = [f"left as they are: {', '.join(f'{name} ({why})' for name, why in alone.items())}"] if alone else []

@@ -26,8 +26,8 @@ from .statistics import SamplePlan, SampleStatistics, combine, gather, levels_fo
 
 __all__ = [
     "HALO", "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "Weighted", "apply", "combine", "fit", "gather", "glint_error", "harmful", "levels_for", "merge",
-    "nir_request", "useless",
+    "SampleStatistics", "Weighted", "apply", "combine", "fit", "gather", "glint_error", "harmful", "levels_for",
+    "merge", "nir_request", "useless",
 ]  # fmt: skip
 
 

@@ -23,8 +23,8 @@ FEW_PIXELS = 1000
 """Below this many pixels a fit carries a warning."""
 LOW_R2 = 0.3
 """Below this R2 a band carries a warning: the index does not explain it."""
-EVEN = 0.5
-"""Share of a mixture's variance that lies evenly about its mode, above which removal adds more than it takes."""
+EVEN = 0.55
+"""Share of a mixture's variance that lies evenly about its median, above which removal adds more than it takes."""
 USELESS_R2 = 0.05
 """Below this R2 a correction takes away less than 3 % of a band's standard deviation."""
 SIGNIFICANT = 3.0
@@ -226,21 +226,21 @@ def useless(fit: BandFit) -> str | None:
     return None
 
 
-def harmful(fit: BandFit, index: GlintIndex, stats: SampleStatistics) -> str | None:
-    """Why a correction would add more to a band than it takes; None where it does not.
+def harmful(index: GlintIndex, stats: SampleStatistics) -> str | None:
+    """Why following an index would add more to a band than it takes; None where it does not.
 
     Subtracting a least-squares mixture p of the references from a band with glint G and other things S that the bands
     share (the mirrored sky, water) changes the mean square of its error by
 
     .. math:: var(p) - 2 cov(G, p) = 2 cov(S, p) - var(p)
 
-    because cov(G, p) + cov(S, p) = var(p). What S and the references' noise have in p lies evenly about its mode, and
-    what G has lies above, so half of the variance is as much as may lie evenly.
+    because cov(G, p) + cov(S, p) = var(p). What S and the references' noise have in p lies evenly about its median,
+    and what G has lies above, so about half of the variance is as much as may lie evenly (noise alone does no harm).
     """
     share = even_share(stats.mixture(index))
     if share <= EVEN:
         return None
-    return f"{min(share, 1):.0%} of what would be taken lies evenly about its mode, as glint does not ({EVEN:.0%})"
+    return f"{min(share, 1):.0%} of what would be taken lies evenly, as glint does not (threshold {EVEN:.0%})"
 
 
 def fixed_fits(

@@ -120,7 +120,6 @@ class SampleStatistics:
         first = len(self.plan.bands) if self.plan.keep == "all" else 0
         return self.values[first + k]
 
-
     def mixture(self, index: GlintIndex) -> Float64:
         """Kept values of a mixture of the plan's indexes (or of one of them), shape (pixels,)."""
         first = len(self.plan.bands) if self.plan.keep == "all" else 0
