@@ -22,6 +22,8 @@ SIMULTANEOUS = 0.93
 """Coherence of high-passed bands above which they see the sea at one instant."""
 LITTLE_GLINT = 0.01
 """Share that glint adds to a band's variance of noise, below which there is nothing to compensate in it."""
+CLEAR_GLINT = 0.1
+"""The same, of the middlemost band, above which there is glint in every band."""
 PSF_COVER = 0.03
 """Share of glinted pixels below which sharpening gains nothing."""
 HEAVY_COVER = 0.6
@@ -95,10 +97,13 @@ class Needs:
 
     @property
     def glinted(self) -> tuple[int, ...]:
-        """Bands that gain by compensation: glint adds to their error, and more than an opening takes of other things.
+        """Bands that gain by compensation.
 
-        The level of the water stands in for whatever rises from it, glint or the corner of a thing.
+        The level of the water stands in for whatever rises from it, glint or the corner of a thing. Where few flashes
+        are met, a band gains if glint adds more to it than such things do; where there are many, every band.
         """
+        if self.glint and float(np.median(self.glint)) >= CLEAR_GLINT:
+            return tuple(range(len(self.glint)))
         found = enumerate(zip(self.glint, self.things, strict=True))
         return tuple(b for b, (glint, things) in found if glint >= max(LITTLE_GLINT, things))
 
