@@ -220,15 +220,18 @@ def _heavy(todo: Plan) -> list[str]:
 
 
 def _floor_of(todo: Plan) -> float:
-    """Percentile of a mixture of references that is its level after compensation; 0 where the cover is not known.
+    """Percentile of a mixture of references that is its level once glint is replaced; 0 for that of the method.
 
-    Of the pixels that stand out by less than is told, as many again are taken to have faint glint. The middle of the
-    others is the level, as far as there are enough of them.
+    As many pixels again as stand out are taken to have glint too faint for that. The middle of the others is the
+    level, as far as there are enough of them.
     """
     if not todo.needs.cover:
         return 0.0
     cover = float(np.median(todo.needs.cover))
-    return HEAVY_FLOOR if cover > HEAVY_COVER else max(50 * (1 - 2 * cover), PERCENTILE)
+    if cover > HEAVY_COVER:
+        return HEAVY_FLOOR
+    replaced = any(step.name.startswith("replace") for step in todo.before)
+    return max(50 * (1 - 2 * cover), PERCENTILE) if replaced else 0.0
 
 
 def _tells(todo: Plan) -> bool:
