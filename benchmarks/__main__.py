@@ -10,6 +10,7 @@ from pathlib import Path
 from detect.bench import EXPERIMENTS
 
 BENCHMARKS = {
+    "away": ("away", ("quick",)),
     "error": ("error", ("quick",)),
     "targets": ("targets", ("quick",)),
     "uncertainty": ("uncertainty", ("quick",)),

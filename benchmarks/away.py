@@ -1,0 +1,92 @@
+"""Never worse than doing nothing: every band by default beside the raw one, from looks away from the glint into it.
+
+Grids of objects at 5 m depth, as `compensation` has them, under a cardioidal sky; each scene also without its glint.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from deglint import open_scene
+from deglint.physics.presets import preset
+from deglint.raster.simulated import write_scene
+from deglint.simulate import Setup, SimulatedScene, simulate
+from deglint.simulate.scene import simulate_together
+from detect.bench.measure import VISIBLE
+
+from .compensation import SIDE, objects, run
+from .error import DEEP
+from .timing import machine, say
+
+WINDS = (2.0, 5.0, 9.0, 12.0)
+LOOKS = ((60.0, 0.0), (40.0, 0.0), (30.0, 0.0), (20.0, 0.0), (10.0, 0.0), (0.0, 0.0), (40.0, 90.0), (20.0, 180.0))
+"""View zenith angle, and azimuth of the sensor from that of the sun (180: into the glint), as seen from the target."""
+DELAYS = (0.0, 0.01, 0.06)
+SENSORS = ("thesis", "thesis-f30")
+PATCHES = (0.06, 0.005)
+WORSE = 1.01
+"""An error that many times the raw one is worse."""
+
+
+def scenes(wind: float, look: tuple[float, float], patch: float, seed: int, *, quick: bool) -> Iterator[SimulatedScene]:
+    """What sensors with these delays and optics see of one sea."""
+    base = Setup(size=(SIDE, SIDE), wind=wind, sky="cardioidal", patch=patch, seed=seed, objects=objects("square"),
+                 view_zenith=look[0], view_azimuth=(Setup.sun_azimuth + look[1]) % 360)  # fmt: skip
+    if quick:
+        yield simulate(replace(base, sensor=preset("thesis").delayed(DELAYS[-1])))
+        return
+    yield from simulate_together([replace(base, sensor=preset(s).delayed(d)) for d in DELAYS for s in SENSORS])
+
+
+def errors(image: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Of deep water and of the whole, band by band, in percent of the water level."""
+    away, level = image - truth, np.median(truth, axis=(1, 2))
+    return np.array([100 * np.sqrt((a**2).mean(axis=(1, 2))) / level for a in (away[:, :, :DEEP], away)])
+
+
+def measure(place: Path, scene: SimulatedScene, *, glint: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of the raw scene and of what is left by default."""
+    shown = scene if glint else replace(scene, image=scene.truth_image)
+    write_scene(shown, place / "away", overwrite=True, truth=False)
+    truth, raw = scene.truth.astype(np.float64), open_scene(place / "away.tif").read().astype(np.float64)
+    return errors(raw, truth), errors(run(place / "away.tif", place), truth)
+
+
+def visible(found: Sequence[np.ndarray]) -> str:
+    """Mean error of the visible bands over scenes, of deep water and of the whole, as text."""
+    each = np.sqrt((np.array(found)[:, :, :VISIBLE] ** 2).mean(axis=2)).mean(axis=0)
+    return f"{each[0]:.2f} / {each[1]:.2f}"
+
+
+def main(quick: bool) -> None:
+    """Measure and print."""
+    print("## Never worse\n\n" + machine())
+    winds, looks, patches = (WINDS[1:2], LOOKS[1::4], PATCHES[:1]) if quick else (WINDS, LOOKS, PATCHES)
+    rows = []
+    with tempfile.TemporaryDirectory() as name:
+        for wind in winds:
+            for look in looks:
+                raws, cleans, calms, ratios = [], [], [], []
+                for patch in patches:
+                    for scene in scenes(wind, look, patch, 0, quick=quick):
+                        raw, clean = measure(Path(name), scene, glint=True)
+                        before, calm = measure(Path(name), scene, glint=False)
+                        raws.append(raw)
+                        cleans.append(clean)
+                        calms.append(calm)
+                        ratios += [clean / raw, calm / before]
+                count = int((np.array(ratios) > WORSE).sum())
+                rows.append([f"{wind:g}", f"{look[0]:g}, {look[1]:g}", visible(raws), visible(cleans), visible(calms),
+                             f"{count} of {np.size(ratios)}", f"{np.max(ratios):.3f}"])  # fmt: skip
+    head = ("wind [m/s]", "look, azimuth from the sun", "raw [%]", "by default [%]", "without glint [%]", "worse",
+            "largest error, of the raw one")  # fmt: skip
+    delays = (1000 * d for d in (DELAYS[-1:] if quick else DELAYS))
+    note = (f"Deep water / whole, mean over delays of {', '.join(f'{d:g}' for d in delays)} ms, optics "
+            f"{', '.join(SENSORS[: 1 if quick else 2])}, and patches of {', '.join(f'{p:g}' for p in patches)} m. Worse: "
+            f"errors of a band, deep or whole, with glint or without, more than {WORSE - 1:.0%} above the raw ones.")  # fmt: skip
+    say("Every band beside the raw one", head, rows, note)
