@@ -85,8 +85,11 @@ def main(quick: bool) -> None:
                              f"{count} of {np.size(ratios)}", f"{np.max(ratios):.3f}"])  # fmt: skip
     head = ("wind [m/s]", "look, azimuth from the sun", "raw [%]", "by default [%]", "without glint [%]", "worse",
             "largest error, of the raw one")  # fmt: skip
-    delays = (1000 * d for d in (DELAYS[-1:] if quick else DELAYS))
-    note = (f"Deep water / whole, mean over delays of {', '.join(f'{d:g}' for d in delays)} ms, optics "
-            f"{', '.join(SENSORS[: 1 if quick else 2])}, and patches of {', '.join(f'{p:g}' for p in patches)} m. Worse: "
-            f"errors of a band, deep or whole, with glint or without, more than {WORSE - 1:.0%} above the raw ones.")  # fmt: skip
+    delays = ", ".join(f"{1000 * d:g}" for d in (DELAYS[-1:] if quick else DELAYS))
+    sizes = ", ".join(f"{p:g}" for p in patches)
+    note = (
+        f"Deep water / whole, mean over delays of {delays} ms, optics {', '.join(SENSORS[: 1 if quick else 2])}, and "
+        f"patches of {sizes} m. Worse: errors of a band, deep or whole, with glint or without, more than "
+        f"{WORSE - 1:.0%} above the raw ones."
+    )
     say("Every band beside the raw one", head, rows, note)

@@ -22,7 +22,7 @@ SIMULTANEOUS = 0.93
 """Coherence of high-passed bands above which they see the sea at one instant."""
 LITTLE_GLINT = 0.01
 """Share that glint adds to a band's variance of noise, below which there is nothing to compensate in it."""
-CLEAR_GLINT = 0.1
+CLEAR_GLINT = 0.5
 """The same, of the middlemost band, above which there is glint in every band."""
 PSF_COVER = 0.03
 """Share of glinted pixels below which sharpening gains nothing."""
