@@ -22,8 +22,10 @@ SIMULTANEOUS = 0.93
 """Coherence of high-passed bands above which they see the sea at one instant."""
 LITTLE_GLINT = 0.01
 """Share that glint adds to a band's variance of noise, below which there is nothing to compensate in it."""
-CLEAR_GLINT = 0.5
+CLEAR_GLINT = 1.0
 """The same, of the middlemost band, above which there is glint in every band."""
+FAINTER = 2.0
+"""How many times what stands out beyond doubt all glint is taken to add."""
 PSF_COVER = 0.03
 """Share of glinted pixels below which sharpening gains nothing."""
 HEAVY_COVER = 0.6
@@ -105,7 +107,7 @@ class Needs:
         if self.glint and float(np.median(self.glint)) >= CLEAR_GLINT:
             return tuple(range(len(self.glint)))
         found = enumerate(zip(self.glint, self.things, strict=True))
-        return tuple(b for b, (glint, things) in found if glint >= max(LITTLE_GLINT, things))
+        return tuple(b for b, (glint, things) in found if glint >= max(LITTLE_GLINT, things / FAINTER))
 
     def without(self, stage: str, why: str) -> Needs:
         """The same, with a stage that turned out not to be needed."""

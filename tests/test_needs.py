@@ -132,7 +132,7 @@ def test_metres_need_the_size_of_a_pixel():
 def test_what_is_said_and_written_is_what_was_found():
     needs = Needs(
         pixel=0.25, smallest=16, element=13, coherence=0.5, cover=(0.1, 0.2), offsets=0.36,
-        glint=(0.2, 0.4), things=(0.0, 2.0),
+        glint=(0.2, 0.4), things=(0.3, 1.0),
         stages=(StageNeed("psf", False, "little glint", "a third"), StageNeed("second opening", True, "left over")),
     )  # fmt: skip
     said = needs.lines()
@@ -146,7 +146,7 @@ def test_what_is_said_and_written_is_what_was_found():
     assert needs.without("second opening", "none").lines()[-1] == "second opening: skipped, none"
     assert needs.without("psf", "none").stages[1] == needs.stages[1]
     numbers = needs.numbers()
-    assert (numbers["cover"], numbers["glint"], numbers["things"]) == ([0.1, 0.2], [0.2, 0.4], [0.0, 2.0])
+    assert (numbers["cover"], numbers["glint"], numbers["things"]) == ([0.1, 0.2], [0.2, 0.4], [0.3, 1.0])
     assert not numbers["simultaneous"]
     assert needs.glinted == (0,)
     assert [s["runs"] for s in numbers["stages"]] == [False, True]
