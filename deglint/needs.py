@@ -20,10 +20,10 @@ Mask = npt.NDArray[np.bool_]
 
 SIMULTANEOUS = 0.93
 """Coherence of high-passed bands above which they see the sea at one instant."""
-LITTLE_GLINT = 0.01
-"""Share that glint adds to a band's variance of noise, below which there is nothing to compensate in it."""
+LITTLE_GLINT = 0.02
+"""Share that glint adds to a band's variance of noise, below which its error could not fall by 1 %."""
 CLEAR_GLINT = 1.0
-"""The same, of the middlemost band, above which there is glint in every band."""
+"""The same, above which a band is compensated whatever else is bright in it."""
 FAINTER = 2.0
 """How many times what stands out beyond doubt all glint is taken to add."""
 PSF_COVER = 0.03
@@ -101,13 +101,11 @@ class Needs:
     def glinted(self) -> tuple[int, ...]:
         """Bands that gain by compensation.
 
-        The level of the water stands in for whatever rises from it, glint or the corner of a thing. Where few flashes
-        are met, a band gains if glint adds more to it than such things do; where there are many, every band.
+        The level of the water stands in for whatever rises from it, glint or the corner of a thing. So a band gains
+        where glint adds something to it, and that is clear, or more than such things add.
         """
-        if self.glint and float(np.median(self.glint)) >= CLEAR_GLINT:
-            return tuple(range(len(self.glint)))
         found = enumerate(zip(self.glint, self.things, strict=True))
-        return tuple(b for b, (glint, things) in found if glint >= max(LITTLE_GLINT, things / FAINTER))
+        return tuple(b for b, (g, t) in found if g >= max(LITTLE_GLINT, min(CLEAR_GLINT, t / FAINTER)))
 
     def without(self, stage: str, why: str) -> Needs:
         """The same, with a stage that turned out not to be needed."""

@@ -78,7 +78,8 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
 
     Glint only adds, so what lies below the median is something else, noise or the mirrored sky, and as much of that
     lies above: 2 L / (L + U), with L and U the mean squares of the distances of the lower and of the upper half from
-    the median. More than 1 where the lower half is the wider.
+    the median. More than 1 where the lower half is the wider. Where values come in whole steps (integers, or integers
+    times a scale), each is taken to be spread evenly over its step for the median.
 
     Raises
     ------
@@ -94,10 +95,20 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
     if sample.size == 0:
         raise FitError("the spread of no values was asked for; the sample is empty.")
     values = np.sort(sample.astype(np.float64))
-    away, half = values - np.median(values), (values.size + 1) // 2
+    away, half = values - _median(values), (values.size + 1) // 2
     lower, upper = away[:half], away[-half:]
     total = float(lower @ lower + upper @ upper)
     return 2 * float(lower @ lower) / total if total > 0 else 0.0
+
+
+def _median(ordered: Float64) -> float:
+    """Median of sorted values, within its step where they come in whole steps."""
+    middle = quantile(ordered, 0.5)
+    step = _step(ordered)
+    if step == 0:
+        return middle
+    below, upto = (np.searchsorted(ordered, middle + d * step) for d in (-0.5, 0.5))
+    return middle + step * ((ordered.size / 2 - int(below)) / max(int(upto - below), 1) - 0.5)
 
 
 def _density_peak(values: Float64, scale: float, step: float) -> float:
