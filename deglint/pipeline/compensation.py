@@ -186,6 +186,8 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
     most = max(needs.glint)
     if not needs.glinted:
         why = f"glint adds at most {most:.2%} to a band's variance of noise (threshold {LITTLE_GLINT:.0%})"
+        if most >= LITTLE_GLINT:
+            why = f"what stands out is other bright things; glint adds at most {most:.1%} to a band's variance of noise"
         return Plan(replace(needs, stages=(StageNeed("compensation", False, why, "all of its time"),)))
     if setting.psfs is None:
         assert found.blocks is not None
