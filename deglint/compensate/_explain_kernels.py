@@ -10,6 +10,9 @@ import math
 import numba as nb
 import numpy as np
 
+from ._glance_kernels import SOON
+from ._lanes import ahead
+
 FLOOR = 0.02
 """Standard deviation in every band, as a share of the brightness of the thing."""
 LEAST, MOST = 0.002, 1.5
@@ -23,24 +26,28 @@ BATCH = 64
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def gather(look, places, sensor, y, x, variance):  # type: ignore[no-untyped-def]
-    """Excess of some pixels over the level, that of a thing over black, and the variance of noise and texture.
+def gather(look, places, sensor, y, deviation, x, variance):  # type: ignore[no-untyped-def]
+    """Excess of some pixels over the level and the noise, and that of a thing over black, the variance with texture.
 
     look : raw and level as Block, and how many columns they have; sensor : (band,) of bands, of white, (band, 2) of
-    noise, water that a thing leaves, texture; y, x, variance : (band, pixel)
+    noise, water that a thing leaves, texture; all others : (band, pixel)
     """
     (raw, level, columns), (bands, white, noise, left, texture) = look, sensor
+    for q in range(-SOON if places.size else 0, places.size):
+        row, column = divmod(places[min(q + SOON, places.size - 1)], columns)
+        for b in range(bands.size):
+            ahead(raw.numbers, bands[b] * raw.band + row * raw.row + column)
+            ahead(level.numbers, bands[b] * level.band + row * level.row + column)
+        row, column = divmod(places[max(q, 0)], columns)
+        for b in range(bands.size if q >= 0 else 0):
+            y[b, q] = raw.numbers[nb.uint64(bands[b] * raw.band + row * raw.row + column)]
+            x[b, q] = level.numbers[nb.uint64(bands[b] * level.band + row * level.row + column)]
     for b in range(bands.size):
-        for q in range(places.size):
-            row, column = places[q] // columns, places[q] % columns
-            seen = np.float64(raw.numbers[bands[b] * raw.band + row * raw.row + column])
-            under = np.float64(level.numbers[bands[b] * level.band + row * level.row + column])
-            y[b, q], variance[b, q] = seen - under, seen
         fixed, rising = noise[b, 0], noise[b, 1]
         for q in range(places.size):
-            y[b, q] /= white[b]
-            deviation = math.sqrt(fixed + rising * max(variance[b, q], 0.0)) / white[b]
-            variance[b, q] = deviation * deviation + texture[b]
+            deviation[b, q] = math.sqrt(fixed + rising * max(y[b, q], 0.0)) / white[b]
+            variance[b, q] = deviation[b, q] * deviation[b, q] + texture[b]
+            y[b, q] = (y[b, q] - x[b, q]) / white[b]
             x[b, q] = y[b, q] + left[b]
 
 
@@ -48,18 +55,20 @@ def gather(look, places, sensor, y, x, variance):  # type: ignore[no-untyped-def
 def in_turn(totals, kinds, least, pairs):  # type: ignore[no-untyped-def]
     """Pixels with each of their shapes of which the sum is above the least, round from that which has the largest.
 
-    pairs : (3, pair) of pixel, shape and sum, and one more
+    pairs : (3, pair) of pixel, shape and sum
     """
-    count = 0
+    count, high = 0, np.empty(kinds, np.int64)
     for q in range(len(totals)):
-        likely = 0
+        likely, some = 0, nb.int64(0)
         for k in range(kinds):
-            likely = k if totals[q, k] > totals[q, likely] else likely
-        for n in range(kinds):
-            k = n + likely
-            k -= kinds * (k >= kinds)
+            high[nb.uint64(some)] = k
+            some += totals[q, k] > least
+        for n in range(some):
+            likely = n if totals[q, high[n]] > totals[q, high[likely]] else likely
+        for n in range(some):
+            k = high[n + likely if n + likely < some else n + likely - some]
             pairs[0, count], pairs[1, count], pairs[2, count] = q, k, totals[q, k]
-            count += totals[q, k] > least
+            count += 1
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -221,14 +230,15 @@ def likelihood(chi, weight, factor, product, count):  # type: ignore[no-untyped-
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def chain(y, sparkle, unit, out):  # type: ignore[no-untyped-def]
-    """Log density of spectra (band, pixel) as a Markov chain over bands in the order of time."""
-    first, following, low, step = sparkle
-    before, width = np.zeros(out.size, np.int64), math.log(unit)
-    for b in range(y.shape[0]):
-        for q in range(out.size):
-            z = y[b, q] / unit
-            place = min(max(int((math.asinh(z) - low) / step), 0), first.size - 1)
-            out[q] = first[place] if b == 0 else out[q] + following[b - 1, before[q], place]
-            out[q] -= width + 0.5 * math.log1p(z * z)
-            before[q] = place
+def chain(y, rows, first, following, unit, out):  # type: ignore[no-untyped-def]
+    """Log density of spectra (band, pixel) as a Markov chain over bands in the order of time.
+
+    rows : (pixel, band - 1), in `following` as (row,); first : (bin,)
+    """
+    for q in range(out.size):
+        stretch, total = 1.0, first[rows[q, 0] // first.size]
+        for b in range(y.shape[0]):
+            stretch *= 1.0 + (y[b, q] / unit) ** 2
+        for b in range(rows.shape[1]):
+            total += following[rows[q, b]]
+        out[q] = total - 0.5 * math.log(stretch) - y.shape[0] * math.log(unit)
