@@ -55,7 +55,7 @@ def gather(look, places, sensor, y, deviation, x, variance):  # type: ignore[no-
 def in_turn(totals, kinds, least, pairs):  # type: ignore[no-untyped-def]
     """Pixels with each of their shapes of which the sum is above the least, round from that which has the largest.
 
-    pairs : (3, pair) of pixel, shape and sum
+    pairs : (pair, 3) of pixel, shape and sum, more than there are; returned is how many
     """
     count, high = 0, np.empty(kinds, np.int64)
     for q in range(len(totals)):
@@ -67,8 +67,9 @@ def in_turn(totals, kinds, least, pairs):  # type: ignore[no-untyped-def]
             likely = n if totals[q, high[n]] > totals[q, high[likely]] else likely
         for n in range(some):
             k = high[n + likely if n + likely < some else n + likely - some]
-            pairs[0, count], pairs[1, count], pairs[2, count] = q, k, totals[q, k]
+            pairs[count, 0], pairs[count, 1], pairs[count, 2] = q, k, totals[q, k]
             count += 1
+    return count
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -82,9 +83,9 @@ def choose(pairs, tried, lasts, y, kinds, smooth, limits, found):  # type: ignor
     """
     (values, spread, weight), (bends, left, hidden), (worth, room, least) = kinds, smooth, limits
     best, fit, away = found
-    for p in range(pairs.shape[1]):
-        q, k = pairs[0, p], pairs[1, p]
-        if pairs[2, p] * worth + room <= max(best[q], least):
+    for p in range(len(pairs)):
+        q, k = pairs[p, 0], pairs[p, 1]
+        if pairs[p, 2] * worth + room <= max(best[q], least):
             continue
         score = tried[0, p] + (weight[k] - lasts[q])
         if score > best[q]:
@@ -110,8 +111,8 @@ def shaped(x, variance, pairs, kinds, bends, hidden, out):  # type: ignore[no-un
     brightness of the first and of the second round, and the parts of the bends
     """
     data, how, kept = np.empty((x.shape[0], 3, BATCH)), np.empty((5, BATCH)), np.empty(BATCH, np.int64)
-    for first in range(0, pairs.shape[1], BATCH):
-        count = min(pairs.shape[1] - first, BATCH)
+    for first in range(0, len(pairs), BATCH):
+        count = min(len(pairs) - first, BATCH)
         for p in range(count):
             kept[p], out[0, first + p] = first + p, -np.inf
         take(x, variance, kept, count, pairs, kinds, data, how)
@@ -140,7 +141,7 @@ def take(x, variance, kept, count, pairs, kinds, data, how):  # type: ignore[no-
     """Of some pairs the pixel and its variance and the shape, (band, 3, pair), and how the shape may differ."""
     values, spread, odd = kinds
     for p in range(count):
-        q, k = pairs[0, kept[p]], pairs[1, kept[p]]
+        q, k = pairs[kept[p], 0], pairs[kept[p], 1]
         for b in range(data.shape[0]):
             data[b, 0, p], data[b, 1, p], data[b, 2, p] = x[b, q], variance[b, q], values[k, b]
         how[0, p], how[1, p], how[2, p], how[3, p] = spread[k, 0], spread[k, 1], spread[k, 2], odd[k]
@@ -225,8 +226,8 @@ def solved(data, bends, hidden, count, how):  # type: ignore[no-untyped-def]
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def likelihood(chi, weight, factor, product, count):  # type: ignore[no-untyped-def]
     """Logarithm of what `solved` found for `count` bands."""
-    determinant = 0.5 * (math.log(product) - count * math.log(1e5)) + math.log(factor)
-    return -0.5 * chi - determinant - 0.5 * (count - 1) * math.log(2 * math.pi) - 0.5 * math.log(weight)
+    root = math.log(product * weight * (factor * factor)) - count * math.log(1e5)
+    return -0.5 * (chi + root) - 0.5 * (count - 1) * math.log(2 * math.pi)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

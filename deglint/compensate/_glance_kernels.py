@@ -38,9 +38,9 @@ class Steps(NamedTuple):
 
     edge : of the bins, and one more that is not a number; begin, bins : the bin of zero, and bins of a factor e as
     float32 has it, as `binned` wants them
-    first, start, step : (bin,), (shape,), and flat rows of shapes, one for every (band - 1, bin, bin); shapes are
-    padded to `KINDS`
-    group_first, group : the most of each of `GROUPS` groups of shapes, flat rows for (bin,) and (band - 1, bin, bin)
+    first, start, step : (bin,), (shape,), and flat rows of shapes, one for every (band - 1, bin, bin);
+    shapes are padded to `KINDS`
+    group_first, group : the most of each of `GROUPS` groups of shapes, flat rows for (bin,), and as in `step`
     """
 
     edge: npt.NDArray[np.float32]

@@ -161,7 +161,7 @@ def _pair(_typing: Any, _before: Any, _now: Any, _base: Any, out: Any, _at: Any)
         before, now, base, out, at = given
         one = builder.insert_element(ir.Constant(_INTS, ir.Undefined), base, ir.IntType(32)(0))
         base = builder.shuffle_vector(one, one, ir.Constant(_INTS, [0] * LANES))
-        place = builder.add(builder.add(builder.shl(before, _each(6)), now), base)
+        place = builder.add(builder.add(builder.mul(before, _each(PIECES)), now), base)
         kind = ir.VectorType(ir.IntType(16), LANES)
         spot = pointer(context, builder, signature.args[3], out, at, kind)
         builder.store(builder.trunc(place, kind), spot, align=2)

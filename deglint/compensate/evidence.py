@@ -266,10 +266,10 @@ def _explained(look: Any, protection: Protection, places: Places, rows: Any, tot
     lasts = np.empty(places.size)
     chain(y, rows, first, following.ravel(), UNIT, lasts)
     least = int(np.floor((LEAST_SCORE - ROOM_OF_SHAPE) * QUARTERS))
-    pairs = np.empty((3, np.count_nonzero(totals[:, : len(s.weight)] > least)), np.int64)
-    in_turn(totals, len(s.weight), least, pairs)
+    pairs = np.empty((places.size * len(s.weight), 3), np.int32)
+    pairs = pairs[: in_turn(totals, len(s.weight), least, pairs)]
     spread = np.stack([s.slope, s.bend, s.rough], axis=1)
-    tried = np.empty((6, pairs.shape[1]))
+    tried = np.empty((6, len(pairs)))
     shaped(x, variance, pairs, (s.values, spread, s.odd), bent, hidden, tried)
     found = np.full(places.size, -np.inf), np.zeros((places.size, water.size)), np.empty(places.size)
     kinds, limits = (s.values, spread, np.log(s.weight)), (1 / QUARTERS, ROOM_OF_SHAPE, LEAST_SCORE)

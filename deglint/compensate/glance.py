@@ -58,6 +58,10 @@ def block(image: FloatArray) -> Block:
     (12, 4, 22.0)
     """
     size = image.itemsize
+    if image.flags.c_contiguous:
+        numbers = image.reshape(-1)
+        numbers.flags.writeable = False
+        return Block(numbers, image[0].size, image.shape[2])
     if image.size == 0 or image.strides[2] != size or min(image.strides) < 0 or any(s % size for s in image.strides):
         image = image.copy()
     band, row = image.strides[0] // size, image.strides[1] // size
@@ -101,7 +105,8 @@ def _chance(protection: Protection) -> Float64:
 
 def _packed(step: Steps8, start: Steps16, first: Steps16, chance: Float64) -> tuple[Steps16, Steps8]:
     """The most that a shape of each group adds, as it begins and with each step."""
-    groups = grouped(np.maximum(step, LOWEST)[chance > USUAL], start, chance[chance > USUAL], GROUPS)
+    common = np.maximum(step, LOWEST)[chance > USUAL]
+    groups = grouped(common, start, chance[chance > USUAL], GROUPS)
     begin = [first + start[g].max() for g in groups]
     more = [step[..., g].max(axis=-1).ravel() for g in groups]
     return np.stack(begin, axis=1).ravel(), np.stack(more, axis=1).ravel()
