@@ -315,17 +315,16 @@ def test_the_first_look_is_the_largest_sum_of_steps(learnt, dtype):
     raw[3, 5, 5], level[2, 6, 6] = np.nan, np.inf
     steps, missing, least = learnt.steps, np.empty(raw.shape[1:], bool), -10
     look, scale = (first_look.block(raw), first_look.block(level)), np.full(8, 1 / UNIT, dtype)
-    found = np.empty(missing.size, np.int64), np.empty(missing.size, np.int32), np.empty((missing.size, 7), np.uint16)
-    count = step_kernels.glance(
-        look, (np.arange(8), scale, NOISE.astype(dtype), dtype(16.0)), steps, least, missing, found
-    )
-    totals = np.empty((count, step_kernels.KINDS), np.int16)
-    after = step_kernels.weigh(count, steps, least, totals, found)
+    found = np.empty(missing.size, np.int64), np.empty((missing.size, 7), np.uint16)
+    sensor = np.arange(8), scale, NOISE.astype(dtype), dtype(16.0)
+    count = step_kernels.glance(look, sensor, steps, least, missing, found)
+    totals, most = np.empty((count, step_kernels.KINDS), np.int16), np.empty(count, np.int32)
+    after = step_kernels.weigh(count, steps, least, found, totals, most)
     valid = np.isfinite(raw - level).all(axis=0)
     high = ((raw - level) > 4 * np.sqrt(NOISE[:, :1, None] + NOISE[:, 1:, None] * raw)).sum(axis=0) >= 2
     assert np.array_equal(missing, ~valid)
     z, seen = ((raw - level) * dtype(1 / UNIT)).astype(np.float32), np.full(missing.size, least)
-    seen[found[0][:after]] = found[1][:after]
+    seen[found[0][:after]] = most[:after]
     for r, c in zip(*np.nonzero(valid & high), strict=True):
         assert seen.reshape(missing.shape)[r, c] == max(summed(z[:, r, c], steps).max(), least)
     assert (seen.reshape(missing.shape)[~valid | ~high] == least).all()

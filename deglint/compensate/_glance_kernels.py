@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._apart import apart
-from ._glance_lanes import GROUPS, PIECES, add, binned, each, highest, pair, put, row
+from ._glance_lanes import GROUPS, PIECES, above, add, binned, each, highest, pair, put, row
 from ._lanes import LANES, ahead
 
 KINDS = 48
@@ -62,7 +62,7 @@ def glance(look, sensor, steps, least, missing, found):  # type: ignore[no-untyp
 
     look : raw and level, Block of one dtype; sensor : of bands, (band,) from the unit of the scene to that of the bins,
     (band, 2) of noise, limit, all of that dtype; missing : (row, column), where a band is not finite; found : (pixel,)
-    of place, of sum, and (pixel, band - 1) of row in the table
+    of place and (pixel, band - 1) of row in the table
     """
     bands = sensor[0]
     many, listed = np.empty(PART, np.float32), np.empty(PART, np.int64)
@@ -72,10 +72,9 @@ def glance(look, sensor, steps, least, missing, found):  # type: ignore[no-untyp
     for i in range(missing.shape[0]):
         for left in range(0, columns, PART):
             width = min(PART, columns - left)
-            stand_out(look, sensor, i, left, z, many[:width])
+            stand_out(look, sensor, i, left, z, many[:width], missing[i, left : left + width])
             n = nb.int64(0)
             for j in range(width):
-                missing[i, left + j] = many[j] != many[j]
                 listed[nb.uint64(n)] = j
                 n += many[j] >= 2
             if n > 0:
@@ -85,10 +84,10 @@ def glance(look, sensor, steps, least, missing, found):  # type: ignore[no-untyp
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def stand_out(look, sensor, i, left, z, many):  # type: ignore[no-untyped-def]
+def stand_out(look, sensor, i, left, z, many, missing):  # type: ignore[no-untyped-def]
     """The excess of a part of a row in the unit of the bins, and in how many bands pixels exceed the level by enough.
 
-    NaN where a band is not finite. What lies below will be wanted next.
+    What lies below will be wanted next.
     """
     apart()
     (raw, level), (bands, scale, noise, limit) = look, sensor
@@ -104,7 +103,9 @@ def stand_out(look, sensor, i, left, z, many):  # type: ignore[no-untyped-def]
             more = seen[j] - water[j]
             out[j] = more * to_bins
             high = more * abs(more) > limit * (fixed + rising * max(seen[j], 0))
-            many[j] += np.float32(high) + np.float32(more - more)
+            many[j] += np.float32(high) + np.float32(more - more)  # not a number where that is not finite
+    for j in range(many.size):
+        missing[j] = many[j] != many[j]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -121,17 +122,16 @@ def pair_up(z, steps, pairs):  # type: ignore[no-untyped-def]
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def may_be(pairs, listed, steps, least, at, found, count):  # type: ignore[no-untyped-def]
     """Append those of some pixels, which are listed, of which the sum of some group is above the least."""
-    places, most, rows = found
-    begin = count
+    places, rows = found
+    begin, limit = count, each(nb.int64(least))
     for m in range(listed.size):  # without an `if`, which would often be guessed wrong
         j = nb.uint64(listed[m])
         r = nb.int64(pairs[nb.uint64(0), j])
         total = add(row(steps.group_first, (r // PIECES) * GROUPS), row(steps.group, r * GROUPS))
         for k in range(1, pairs.shape[0]):
             total = add(total, row(steps.group, nb.int64(pairs[nb.uint64(k), j]) * GROUPS))
-        top = highest(total)
-        places[nb.uint64(count)], most[nb.uint64(count)] = at + nb.int64(j), top
-        count += top > least
+        places[nb.uint64(count)] = at + nb.int64(j)
+        count += above(total, limit)
     for n in range(begin, count):
         for k in range(pairs.shape[0]):
             rows[n, k] = pairs[k, places[n] - at]
@@ -139,13 +139,13 @@ def may_be(pairs, listed, steps, least, at, found, count):  # type: ignore[no-un
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def weigh(count, steps, least, totals, found):  # type: ignore[no-untyped-def]
+def weigh(count, steps, least, found, totals, most):  # type: ignore[no-untyped-def]
     """Sum of the steps of every shape for those that `glance` has listed, of which it is above `least`; how many.
 
-    Whole numbers, so that it does not matter in which order they are added. totals : (pixel, shape); found : as of
-    `glance`, the sums now those of the best shape
+    Whole numbers, so that it does not matter in which order they are added. found : as of `glance`, and now without
+    the others; totals : (pixel, shape); most : (pixel,), of the best shape
     """
-    (places, most, rows), kept = found, nb.int64(0)
+    (places, rows), kept = found, nb.int64(0)
     for m in range(count):
         for r in rows[min(m + SOON, count - 1)]:
             ahead(steps.step, nb.int64(r) * KINDS)

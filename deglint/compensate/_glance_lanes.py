@@ -92,6 +92,16 @@ def _put(_typing: Any, _sums: Any, array: Any, _index: Any) -> Any:
     return types.void(sums, array, types.intp), lower
 
 
+def _above(_typing: Any, _a: Any, _b: Any) -> Any:
+    """Whether any sum is above the other of its place."""
+
+    def lower(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        bits = ir.IntType(GROUPS)
+        return builder.icmp_unsigned("!=", builder.bitcast(builder.icmp_signed(">", *given), bits), bits(0))
+
+    return types.boolean(sums, sums), lower
+
+
 def _highest(_typing: Any, _sums: Any) -> Any:
     """The largest of the sums."""
 
@@ -174,6 +184,7 @@ row: Any = intrinsic(_row)
 each: Any = intrinsic(_each_sum)
 add: Any = intrinsic(_add)
 put: Any = intrinsic(_put)
+above: Any = intrinsic(_above)
 highest: Any = intrinsic(_highest)
 binned: Any = intrinsic(_binned)
 pair: Any = intrinsic(_pair)

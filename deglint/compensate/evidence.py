@@ -242,11 +242,11 @@ def weighed(raw: FloatArray, level: FloatArray, protection: Protection, threshol
     least = max(int(np.floor((LEAST_SCORE - ROOM) * QUARTERS)), -MOST_ROOM)
     missing, size = np.empty(shape, np.bool_), shape[0] * shape[1]
     look = block(raw), block(level)
-    listed = np.empty(size, np.int64), np.empty(size, np.int32), np.empty((size, bands.size - 1), np.uint16)
+    listed = np.empty(size, np.int64), np.empty((size, bands.size - 1), np.uint16)
     count = glance(look, sensor, steps, least, missing, listed)
-    totals = np.empty((count, KINDS), np.int16)
-    count = weigh(count, steps, least, totals, listed)
-    places, most, rows = (a[:count] for a in listed)
+    totals, most = np.empty((count, KINDS), np.int16), np.empty(count, np.int32)
+    count = weigh(count, steps, least, listed, totals, most)
+    places, rows, most = (a[:count] for a in (*listed, most))
     some = _near(places, most / QUARTERS + ROOM, shape, threshold)
     return missing, _explained((*look, shape[1]), protection, places[some], rows[some], totals[some])
 
