@@ -164,12 +164,6 @@ class Weighed:
     noise: Float64
 
 
-def variance(raw: Float64, protection: Protection) -> Float64:
-    """Of the noise, (band, pixel)."""
-    fixed, rising = np.array(protection.noise).T
-    return np.asarray(fixed[:, None] + rising[:, None] * np.maximum(raw, 0.0))
-
-
 def binned(y: Float64) -> npt.NDArray[np.uint8]:
     """The bins of reflectances."""
     step = (HIGH - LOW) / BINS
@@ -285,13 +279,12 @@ def _near(places: Places, values: Float64, shape: tuple[int, ...], threshold: fl
     return which[: squares(places, values, threshold, reached, which)]
 
 
-def excess(raw: FloatArray, level: FloatArray, protection: Protection, places: Places) -> tuple[Float64, Float64]:
-    """Of some pixels the excess over the level and the standard deviation of the noise [reflectance], (band, pixel)."""
+def excess(raw: FloatArray, level: FloatArray, protection: Protection, places: Places) -> Float64:
+    """Of some pixels the excess over the level [reflectance], (band, pixel)."""
     at = np.array(protection.bands)[:, None], *np.divmod(places, raw.shape[2])
-    here, white = raw[at].astype(np.float64), np.array(protection.irradiance)[:, None]
     with np.errstate(invalid="ignore"):
-        more = here - level[at].astype(np.float64)
-    return more / white, np.sqrt(variance(here, protection)) / white
+        more = raw[at].astype(np.float64) - level[at].astype(np.float64)
+    return np.asarray(more / np.array(protection.irradiance)[:, None])
 
 
 def plain(block: FloatArray) -> FloatArray:

@@ -217,6 +217,8 @@ def _keep(
     near = np.flatnonzero(grown(mask, REACH))
     bright, kept, share = np.maximum(spectra, 0.0), np.zeros((len(raw), near.size), np.float32), np.zeros(near.size)
     kept[chosen, np.searchsorted(near, places)] = own * white
+    around = excess(raw, level, protection, near)
+    sound = np.asarray(np.isfinite(around).all(axis=0))
     rows, columns = np.divmod(places, mask.shape[1])
     strong = bright > 0.3 * bright.max(axis=0, initial=0.0)
     for down in range(-REACH, REACH + 1):
@@ -228,11 +230,12 @@ def _keep(
             if not use.any():
                 continue
             here, lit, which = at[use], bright[:, use], strong[:, use]
-            y, slot = excess(raw, level, protection, here)[0], np.searchsorted(near, here)
+            slot = np.searchsorted(near, here)
+            y = around[:, slot]
             ratio = np.where(which, y / np.where(which, lit, 1.0), np.inf)
             part = np.clip(_low_share(ratio, which.sum(axis=0)), 0.0, 1.0)
             total = part * lit.max(axis=0)
-            more = (total > share[slot]) & np.isfinite(y).all(axis=0)
+            more = (total > share[slot]) & sound[slot]
             share[slot[more]] = total[more]
             kept[chosen, slot[more]] = np.minimum(y[:, more], part[more] * lit[:, more]) * white
     edge = np.zeros(mask.shape, np.bool_)
