@@ -93,7 +93,7 @@ def test_chain_is_the_sum_of_its_steps_and_a_density():
     assert (np.exp(following).sum(axis=2) * step) == pytest.approx(np.ones((2, BINS)))
     out, place = np.empty(50), binned(y[:, :50]).astype(np.uint16)
     rows = np.arange(2)[:, None] * BINS**2 + place[:-1] * BINS + place[1:]
-    shape_kernels.chain(y[:, :50], rows.T, first, following.ravel(), UNIT, out)
+    shape_kernels.chain(y[:, :50], rows.T, np.arange(50), first, following.ravel(), UNIT, out)
     for i in range(50):
         z = np.arcsinh(y[:, i] / UNIT)
         at = ((z - LOW) / step).astype(int)

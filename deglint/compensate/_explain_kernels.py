@@ -52,22 +52,25 @@ def gather(look, places, sensor, y, deviation, x, variance):  # type: ignore[no-
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def in_turn(totals, kinds, least, pairs):  # type: ignore[no-untyped-def]
-    """Pixels with each of their shapes of which the sum is above the least, round from that which has the largest.
+def in_turn(totals, which, kinds, least, pairs):  # type: ignore[no-untyped-def]
+    """Some pixels with each of their shapes of which the sum is above the least, round from that of the largest.
 
     pairs : (pair, 3) of pixel, shape and sum, more than there are; returned is how many
     """
     count, high = 0, np.empty(kinds, np.int64)
-    for q in range(len(totals)):
-        likely, some = 0, nb.int64(0)
+    for q in range(which.size):
+        soon = which[min(q + SOON, which.size - 1)] * totals.shape[1]
+        ahead(totals, soon)
+        ahead(totals, soon + kinds)
+        likely, some, total = 0, nb.int64(0), totals[which[q]]
         for k in range(kinds):
             high[nb.uint64(some)] = k
-            some += totals[q, k] > least
+            some += total[k] > least
         for n in range(some):
-            likely = n if totals[q, high[n]] > totals[q, high[likely]] else likely
+            likely = n if total[high[n]] > total[high[likely]] else likely
         for n in range(some):
             k = high[n + likely if n + likely < some else n + likely - some]
-            pairs[count, 0], pairs[count, 1], pairs[count, 2] = q, k, totals[q, k]
+            pairs[count, 0], pairs[count, 1], pairs[count, 2] = q, k, total[k]
             count += 1
     return count
 
@@ -231,15 +234,16 @@ def likelihood(chi, weight, factor, product, count):  # type: ignore[no-untyped-
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def chain(y, rows, first, following, unit, out):  # type: ignore[no-untyped-def]
+def chain(y, rows, which, first, following, unit, out):  # type: ignore[no-untyped-def]
     """Log density of spectra (band, pixel) as a Markov chain over bands in the order of time.
 
-    rows : (pixel, band - 1), in `following` as (row,); first : (bin,)
+    rows : (pixel, band - 1), in `following` as (row,), of which some are taken; first : (bin,)
     """
     for q in range(out.size):
-        stretch, total = 1.0, first[rows[q, 0] // first.size]
+        row = rows[which[q]]
+        stretch, total = 1.0, first[row[0] // first.size]
         for b in range(y.shape[0]):
             stretch *= 1.0 + (y[b, q] / unit) ** 2
-        for b in range(rows.shape[1]):
-            total += following[rows[q, b]]
+        for b in range(row.size):
+            total += following[row[b]]
         out[q] = total - 0.5 * math.log(stretch) - y.shape[0] * math.log(unit)

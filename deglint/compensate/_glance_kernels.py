@@ -175,15 +175,18 @@ def squares(places, values, threshold, reached, out):  # type: ignore[no-untyped
     many are listed.
     """
     rows, columns = reached.shape[0] - 2, reached.shape[1] - 2
-    high, p, count, end = np.zeros((3, columns + 2)), 0, 0, 0
+    across, p, count, end = np.zeros((3, columns + 2)), 0, 0, 0  # sums of three in a row
     for i in range(rows + 1):
-        one, two, three = high[(i - 1) % 3], high[i % 3], high[(i + 1) % 3]
-        three[:], end = 0, end + columns
+        below, end = across[(i + 1) % 3], end + columns
+        below[:] = 0
         while p < places.size and places[p] < end:
-            three[places[p] - end + columns + 1] = values[p]
+            j = places[p] - end + columns
+            below[j] += values[p]
+            below[j + 1] += values[p]
+            below[j + 2] += values[p]
             p += 1
         if i > 0:
-            add_up(one, two, three, threshold, reached[i, 1 : columns + 1])
+            add_up(across[(i - 1) % 3, 1:], across[i % 3, 1:], below[1:], threshold, reached[i, 1 : columns + 1])
     i = end = 0
     for p in range(places.size):
         while places[p] >= end:
@@ -198,8 +201,7 @@ def squares(places, values, threshold, reached, out):  # type: ignore[no-untyped
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def add_up(one, two, three, threshold, out):  # type: ignore[no-untyped-def]
-    """Whether squares of three rows reach the threshold; without an `if`, so that many are added at once."""
+    """Whether sums of three rows reach the threshold; without an `if`, so that many are added at once."""
     apart()
     for j in range(out.size):
-        total = one[j] + one[j + 1] + one[j + 2] + two[j] + two[j + 1] + two[j + 2]
-        out[j] = total + three[j] + three[j + 1] + three[j + 2] >= threshold
+        out[j] = one[j] + two[j] + three[j] >= threshold

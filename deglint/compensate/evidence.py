@@ -242,11 +242,11 @@ def weighed(raw: FloatArray, level: FloatArray, protection: Protection, threshol
     count = weigh(count, steps, least, listed, totals, most)
     places, rows, most = (a[:count] for a in (*listed, most))
     some = _near(places, most / QUARTERS + ROOM, shape, threshold)
-    return missing, _explained((*look, shape[1]), protection, places[some], rows[some], totals[some])
+    return missing, _explained((*look, shape[1]), protection, places[some], (rows, totals, some))
 
 
-def _explained(look: Any, protection: Protection, places: Places, rows: Any, totals: Any) -> Weighed:
-    """Some pixels by the best shape of each."""
+def _explained(look: Any, protection: Protection, places: Places, seen: Any) -> Weighed:
+    """Some pixels by the best shape of each; seen : of more pixels rows and sums of steps, and which they are."""
     from ._explain_kernels import chain, choose, gather, in_turn, shaped
     from .glance import QUARTERS, ROOM_OF_SHAPE
 
@@ -257,11 +257,11 @@ def _explained(look: Any, protection: Protection, places: Places, rows: Any, tot
     y, deviation, x, variance = np.empty((4, water.size, places.size))
     sensor = np.array(protection.bands), white, np.array(protection.noise), left, (TEXTURE * water) ** 2
     gather(look, places, sensor, y, deviation, x, variance)
-    lasts = np.empty(places.size)
-    chain(y, rows, first, following.ravel(), UNIT, lasts)
+    (rows, totals, which), lasts = seen, np.empty(places.size)
+    chain(y, rows, which, first, following.ravel(), UNIT, lasts)
     least = int(np.floor((LEAST_SCORE - ROOM_OF_SHAPE) * QUARTERS))
     pairs = np.empty((places.size * len(s.weight), 3), np.int32)
-    pairs = pairs[: in_turn(totals, len(s.weight), least, pairs)]
+    pairs = pairs[: in_turn(totals, which, len(s.weight), least, pairs)]
     spread = np.stack([s.slope, s.bend, s.rough], axis=1)
     tried = np.empty((6, len(pairs)))
     shaped(x, variance, pairs, (s.values, spread, s.odd), bent, hidden, tried)
