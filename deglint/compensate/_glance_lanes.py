@@ -18,7 +18,7 @@ GROUPS = 16
 PIECES = 64
 """Bins, and one more than there are edges."""
 MIDDLE = 698_000
-"""By how much the bits of the highest tangent are too low in the mean of best and worst."""
+"""What is added to the bits of the highest tangent: for a logarithm they are too low by 0 to twice this."""
 _INTS = ir.VectorType(ir.IntType(32), LANES)
 _SUMS = ir.VectorType(ir.IntType(16), GROUPS)
 
@@ -136,11 +136,11 @@ def _looked_up(context: Any, builder: Any, kind: Any, table: Any, index: Any) ->
 
 
 def _binned(_typing: Any, z: Any, _at: Any, edges: Any, _begin: Any, _scale: Any) -> Any:
-    """How many edges lie at or below numbers of an array, by a guess of asinh that is never a bin too high.
+    """How many edges lie at or below numbers of an array: a guess, and one comparison.
 
-    |z| + sqrt(z^2 + 1) is taken for the highest of three of its tangents, and the bits of that for its logarithm.
-    `begin` is the bin of zero less what the guess may be too high by, and `scale` is by how many bins a number e times
-    as large is further; neither is looked at.
+    Edges are equally far apart in asinh(z) = ln(|z| + sqrt(z^2 + 1)), with the sign of z. For the root and |z| the
+    highest of three tangents is taken, and for the logarithm its bits, times `scale`: right within a third of a bin.
+    `begin` is half a bin lower than where zero lies, so that the guess is right or one too low.
     """
 
     def lower(context: Any, builder: Any, signature: Any, given: Any) -> Any:

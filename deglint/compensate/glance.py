@@ -6,8 +6,8 @@ two bins each, and can be looked up. The steps of all shapes lie side by side, a
 row of the tables for each pair of bands. Most pixels need less: shapes are put into a few groups, and where the most
 that any shape of a group adds, step by step, is too little for all groups, it is for all shapes.
 
-What is lost against the full likelihood is that brightness and bends are
-told by pairs of bands, not by all of them, and the width of the bins.
+All of that is whole numbers, side by side in the processor's lanes. What is lost against the full likelihood is that
+brightness and bends are told by pairs of bands, not by all of them, and the width of the bins.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MOST_ROOM = 20000
 LOWEST = -40
 """Steps below this count as this when shapes are grouped: they decide anyway."""
 GUESS = 0.5
-"""Bins by which the guess of a bin begins lower: it is right within a third of one."""
+"""Bins by which the guess of a bin (`deglint.compensate._glance_lanes`) begins lower."""
 USUAL = 1e-4
 """Chance of a step of sparkle from which it counts when shapes are grouped."""
 
