@@ -223,6 +223,17 @@ def test_parts_of_larger_arrays_need_no_copy_and_things_can_be_put_back_in_place
     assert np.array_equal(low, wanted)
 
 
+def test_a_part_of_what_was_found_is_what_lies_in_it(learnt):
+    raw, level = with_things()
+    raw[3, 25, 30] = np.nan
+    found, inner = protect.things(raw, level, learnt), (slice(21, 120), slice(18, 101))
+    part = found.cropped(inner)
+    assert part.mask.any()
+    for name in ("mask", "edge", "score", "residual", "excess"):
+        wanted = getattr(found, name)[(..., *inner)]
+        assert np.array_equal(getattr(part, name), wanted, equal_nan=wanted.dtype.kind == "f")
+
+
 def test_where_there_is_no_test_nothing_is_protected_and_the_reason_is_said():
     raw, level = sea(13)
     at_once = [Band(b.name, wavelength=b.wavelength, time_offset=0.0) for b in BANDS]
@@ -311,8 +322,9 @@ def summed(z, steps):
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_the_first_look_is_the_largest_sum_of_steps(learnt, dtype):
-    raw, level = (a.astype(dtype) for a in with_things())
-    raw[3, 5, 5], level[2, 6, 6] = np.nan, np.inf
+    raw, level = (np.pad(a.astype(dtype), ((0, 0), (0, 0), (0, 50)), mode="wrap") for a in with_things())
+    assert step_kernels.PART < raw.shape[2] < 2 * step_kernels.PART
+    raw[3, 5, 5], level[2, 6, 6], level[2, 7, 177] = np.nan, np.inf, np.inf
     steps, missing, least = learnt.steps, np.empty(raw.shape[1:], bool), -10
     look, scale = (first_look.block(raw), first_look.block(level)), np.full(8, 1 / UNIT, dtype)
     found = np.empty(missing.size, np.int64), np.empty((missing.size, 7), np.uint16)
