@@ -72,6 +72,8 @@ class Needs:
         after the other); None where it cannot be told.
     cover : tuple of float
         Share of glinted pixels of each band beside its opened level; empty where it was not told.
+    nir : int or None
+        The NIR, 0-based.
     glint, things : tuple of float
         What glint, and what other bright things, add to the variance of each band [of its noise].
     offsets : float or None
@@ -86,6 +88,7 @@ class Needs:
     element: int = 0
     coherence: float | None = None
     cover: tuple[float, ...] = ()
+    nir: int | None = None
     glint: tuple[float, ...] = ()
     things: tuple[float, ...] = ()
     offsets: float | None = None
@@ -102,8 +105,11 @@ class Needs:
         """Bands that gain by compensation.
 
         The level of the water stands in for whatever rises from it, glint or the corner of a thing. So a band gains
-        where glint adds something to it, and that is clear, or more than such things add.
+        where glint adds something to it, and that is clear, or more than such things add. The sample leaves out what
+        is too bright for water in the NIR, most of it flashes: where the NIR has clear glint yet, every band has more.
         """
+        if self.nir is not None and self.glint and self.glint[self.nir] >= CLEAR_GLINT:
+            return tuple(range(len(self.glint)))
         found = enumerate(zip(self.glint, self.things, strict=True))
         return tuple(b for b, (g, t) in found if g >= max(LITTLE_GLINT, min(CLEAR_GLINT, t / FAINTER)))
 

@@ -127,6 +127,8 @@ def test_independent_flashes_pass_for_glint_rather_than_things(share, seed):
 def test_which_bands_are_opened():
     assert Needs(glint=(0.03, 0.03, 0.01), things=(0.0, 0.1, 0.0)).glinted == (0,)
     assert Needs(glint=(1.1 * CLEAR_GLINT, 0.9 * CLEAR_GLINT), things=(9.0, 9.0)).glinted == (0,)
+    assert Needs(glint=(0.0, 1.1 * CLEAR_GLINT), things=(9.0, 0.0), nir=1).glinted == (0, 1)
+    assert Needs(glint=(0.0, 0.9 * CLEAR_GLINT), things=(9.0, 0.0), nir=1).glinted == (1,)
     assert Needs().glinted == ()
 
 

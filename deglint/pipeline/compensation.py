@@ -182,7 +182,7 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
     except FitError as error:
         return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
     cover = stage.cover
-    needs = replace(needs, cover=cover, glint=stage.glint, things=stage.things)
+    needs = replace(needs, cover=cover, nir=nir, glint=stage.glint, things=stage.things)
     most = max(needs.glint)
     if not needs.glinted:
         why = f"glint adds at most {most:.2%} to a band's variance of noise (threshold {LITTLE_GLINT:.0%})"
