@@ -73,7 +73,7 @@ class Needs:
     cover : tuple of float
         Share of glinted pixels of each band beside its opened level; empty where it was not told.
     nir : int or None
-        The NIR, 0-based.
+        The NIR, 0-based, where what is too bright in it is left out of what was looked at.
     glint, things : tuple of float
         What glint, and what other bright things, add to the variance of each band [of its noise].
     offsets : float or None
@@ -105,8 +105,8 @@ class Needs:
         """Bands that gain by compensation.
 
         The level of the water stands in for whatever rises from it, glint or the corner of a thing. So a band gains
-        where glint adds something to it, and that is clear, or more than such things add. The sample leaves out what
-        is too bright for water in the NIR, most of it flashes: where the NIR has clear glint yet, every band has more.
+        where glint adds something to it, and that is clear, or more than such things add. Where a sample leaves
+        out what is too bright for water in the NIR, and the NIR has clear glint yet, every band has more.
         """
         if self.nir is not None and self.glint and self.glint[self.nir] >= CLEAR_GLINT:
             return tuple(range(len(self.glint)))

@@ -58,6 +58,8 @@ BLURRED = 0.2
 """Share of a point's light in its pixel, in the band that is blurred most, below which bands are matched."""
 SHARP = 0.9
 """The same share from which on, in every band, sharpening gains less than a tenth of the noise."""
+LEFT_OUT = 0.0002
+"""Share of the pixels too bright in the NIR for water from which on glint in the sample is less than in the scene."""
 DARK_NOISE = 0.2
 """Share of the variance over water that does not grow with the signal, where nothing more is known of the noise."""
 
@@ -182,7 +184,7 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
     except FitError as error:
         return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
     cover = stage.cover
-    needs = replace(needs, cover=cover, nir=nir, glint=stage.glint, things=stage.things)
+    needs = replace(needs, cover=cover, nir=_if_left_out(found.blocks, nir), glint=stage.glint, things=stage.things)
     most = max(needs.glint)
     if not needs.glinted:
         why = f"glint adds at most {most:.2%} to a band's variance of noise (threshold {LITTLE_GLINT:.0%})"
@@ -236,6 +238,15 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
         text += [f"identify-level:{needs.element - 2}", "replace-level"]
         stages.append(StageNeed("second opening", True, "what removal leaves is opened again"))
     return replace(found, needs=replace(needs, stages=tuple(stages)), steps=parse(", ".join(text)), bands=bands)
+
+
+def _if_left_out(blocks: Blocks | None, nir: int) -> int | None:
+    """The NIR, where pixels too bright in it are left out of the sample: flashes, most of them, if there is glint."""
+    if blocks is None:
+        return None
+    inside = [m[core] for m, core in zip(blocks.sample.inside, blocks.cores(), strict=True)]
+    out = 1 - sum(int(m.sum()) for m in inside) / max(sum(m.size for m in inside), 1)
+    return nir if out > LEFT_OUT else None
 
 
 def fit_before(
