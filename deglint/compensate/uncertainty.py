@@ -36,7 +36,9 @@ import numpy.typing as npt
 
 from ..errors import FitError, InputError
 from ..remove import GlintModel
+from ._variances import weighted_line
 from .state import Float32Array, Mask
+from .trials import Trial
 
 REACH = 3
 """Pixels around a pixel in which the level is looked at."""
@@ -50,15 +52,15 @@ HIGHEST = 99.9
 """Percentile of clean pixels about their level where they are cut off [%]."""
 LEFT = 1.05
 """Glint left in a band that is not corrected, relative to what the reference shows."""
-LEFT_CORRECTED = 0.3
+LEFT_CORRECTED = 0.2
 """The same in a corrected band, times the root of the share of its variance that the references do not explain."""
 FULL_COVER = 0.2
 """Share of glinted pixels from which on what the reference shows above its lowest level is all glint."""
 STANDS_OUT = 1.5
 """Below that cover it is noise of the level, save what exceeds its median by this factor."""
-OF_RELIEF = 0.035
-"""Error of a replaced pixel that a trial does not show, relative to how far the level spans within `REACH`: what an
-opening cuts off is not in the level that the trial begins with."""
+UNFOLLOWED = 1.2
+"""Variance of the level in the place of a replaced pixel, relative to what trials say: they take for noise what is the
+water's own, from pixel to pixel, and no level follows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,28 +92,6 @@ class Parts:
     level: Float32Array | None = None
     removed_level: Float32Array | None = None
     inner: tuple[slice, slice] = (slice(None), slice(None))
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """The chain, run on a sea that is known: a level of the water, and on it the scene's own sparkle and noise, moved.
-
-    Attributes
-    ----------
-    error : (band, row, column) float32 ndarray
-        What the chain, and the removal in it, made of that, less `level`.
-    replaced : bool ndarray
-        What the chain replaced.
-    where : (row, column) bool ndarray
-        Pixels to look at.
-    level : float32 ndarray
-        The level, after removal.
-    """
-
-    error: Float32Array
-    replaced: Mask
-    where: Mask
-    level: Float32Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,6 +171,7 @@ def fit(
     bands: Sequence[int],
     *,
     trials: Sequence[Trial] = (),
+    growth: float = 1.0,
     reference: int = -1,
     glint: Mapping[int, float] | None = None,
     cover: float = 1.0,
@@ -206,6 +187,8 @@ def fit(
         0-based bands that may have changed.
     trials : sequence of Trial
         On the levels of the looks; needed with compensation.
+    growth : float
+        By what factor the scene's errors vary more than those of trials (`deglint.compensate.trials.growth`).
     reference : int
         0-based NIR band; needed with compensation.
     glint : mapping of int to float, optional
@@ -232,7 +215,7 @@ def fit(
     fits = {f.band: f for f in model.fits}
     found = []
     for band in bands:
-        error = _of_level(looks, trials, band) if compensated else _of_removal(looks, band)
+        error = _of_level(looks, trials, band, growth) if compensated else _of_removal(looks, band)
         if band in fits:
             fitted = fits[band]
             relative = float(fitted.stderr or 0.0) / abs(fitted.slope) if fitted.slope else 0.0
@@ -285,7 +268,7 @@ def _local(parts: Parts, error: BandError, uncertainty: Uncertainty) -> npt.NDAr
     assert parts.removed_level is not None
     level = parts.removed_level[error.band]
     span = np.maximum(_span(level)[parts.inner].astype(np.float64) ** 2 - error.relief, 0.0)
-    of_level = error.level + (error.edges + OF_RELIEF**2) * span
+    of_level = error.level + error.edges * span
     kept = np.zeros_like(parts.where) if parts.kept is None else parts.kept
     base = np.where(kept, parts.after[error.band], level[parts.inner])
     noise = error.fixed + error.growing * np.maximum(base, 0).astype(np.float64)
@@ -307,7 +290,7 @@ def _plain(parts: Parts, error: BandError) -> npt.NDArray[np.float64]:
     return np.asarray(error.fixed + error.growing * _removed(parts, error.band) ** 2)
 
 
-def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int) -> BandError:
+def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int, growth: float) -> BandError:
     """How clean pixels lie about the level, and by how much the level errs in trials."""
     away, place, spans = [], [], []
     for parts in looks:
@@ -327,17 +310,16 @@ def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int) -> Ban
         return _too_few(rest.size)
     fixed, growing = _line(np.maximum(level, 0.0), (rest - rest.mean()) ** 2)
     relief = float(np.median(span**2))
-    wrong = [_wrong(trial, band, relief) for trial in trials]
-    span, squares = (np.concatenate(both) for both in zip(*wrong, strict=True))
-    of_level, edges = _line(span, squares) if squares.size else (float(rest.var()), 0.0)
-    return BandError(band, fixed, growing, of_level, relief, edges, _cut_off(rest) - float(rest.mean()))
-
-
-def _wrong(trial: Trial, band: int, relief: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Of a trial's replaced pixels: how far the level spans around them, squared, less relief, and squared errors."""
-    at = trial.where & trial.replaced[band] & np.isfinite(trial.error[band])
-    span = _span(trial.level[band])[at].astype(np.float64)
-    return np.maximum(span**2 - relief, 0.0), trial.error[band][at].astype(np.float64) ** 2
+    high = _cut_off(rest) - float(rest.mean())
+    wrong = np.concatenate([trial.errors(band) for trial in trials])
+    if not wrong.size:
+        return BandError(band, fixed, growing, float(rest.var()), relief, 0.0, high)
+    steep = np.concatenate([_span(trial.level[band])[trial.of(band)] for trial in trials]).astype(np.float64)
+    of_level, edges = _line(np.maximum(steep**2 - relief, 0.0), (wrong - wrong.mean()) ** 2)
+    return BandError(
+        band, fixed, growing, UNFOLLOWED * growth * of_level, relief, UNFOLLOWED * growth * edges,
+        high + float(wrong.mean()),
+    )  # fmt: skip
 
 
 def _cut_off(rest: npt.NDArray[np.float64]) -> float:
@@ -381,20 +363,10 @@ def _line(place: npt.NDArray[np.float64], squares: npt.NDArray[np.float64]) -> t
     order = np.argsort(place, kind="stable")
     groups = [g for g in np.array_split(order, GROUPS) if g.size]
     x, y = (np.array([v[g].mean() for g in groups]) for v in (place, squares))
-    mean = float(squares.mean())
-    if mean == 0:
-        return 0.0, 0.0
     weight = np.array([float(g.size) for g in groups])
-    fixed, growing = mean, 0.0
-    for _ in range(4):  # the variance of a mean square goes with the square of the variance
-        w = weight / np.maximum((fixed + growing * x) / mean, 1e-3) ** 2
-        middle, height = (w * x).sum() / w.sum(), (w * y).sum() / w.sum()
-        power = (w * (x - middle) ** 2).sum()
-        growing = max(float((w * (x - middle) * (y - height)).sum() / power), 0.0) if power > 0 else 0.0
-        fixed = float(height - growing * middle)
-        if fixed < 0:
-            fixed, growing = 0.0, float((w * x * y).sum() / (w * x * x).sum())
-    scale = mean / float((weight * (fixed + growing * x)).sum() / weight.sum())
+    fixed, growing = weighted_line(x, y, weight)
+    told = float((weight * (fixed + growing * x)).sum() / weight.sum())
+    scale = float(squares.mean()) / told if told > 0 else 0.0
     return fixed * scale, growing * scale
 
 
