@@ -119,7 +119,7 @@ def test_every_pixel_is_what_its_parts_say():
         level, shown = float(wide[0, r + 2, c + 3]) - 3, max(float(wide[1, r + 2, c + 3]) - 6.0, 0.0)
         near = wide[0, max(r - 1, 0) : r + 6, max(c, 0) : c + 7].astype(float)
         relief = max(float(np.float32(near.max() - near.min())) ** 2 - 1.5, 0)
-        of_level = 0.05 + 0.01 * relief
+        of_level = 0.05 + (0.01 + module.OF_RELIEF**2) * relief
         noise = 0.3 + 0.02 * float(after[0, r, c] if kept[r, c] else level)
         variance = noise + of_level if kept[r, c] else of_level if replaced[0, r, c] else noise
         left = 0.4 * np.sqrt(0.25 * shown**2 + 0.75 * max(shown - module.STANDS_OUT * 2.0, 0) ** 2)

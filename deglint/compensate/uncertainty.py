@@ -1,16 +1,16 @@
 """How far a deglinted pixel may be from the water's own radiance: its standard error, told by the scene itself.
 
 Two kinds of pixels, and what their errors are made of. A pixel *passed on* by a compensation keeps its own noise: the
-variance of clean pixels about the level of the water, as a line in the level. A *replaced* pixel has the error of
-the level in its place, which a trial tells: the chain runs once more on a sea that is known, the level that it found,
-with what the scene has above and below that level (sparkle and noise, all bands alike) laid on it in other places.
-How far it is off there, as a line in how far the level spans around, is how far it is off here. What the trial takes
-for the truth is not in its errors: that the level lies above the middle of the clean pixels, which is seen in these
-(those above the threshold are not among them, and the mean of a normal distribution that is cut off is known); and
-glint that is left in both kinds of pixels: where it covers much of the sea the level rises with it, and by how much is
-seen in the near infrared, whose water is even. A band that removal corrects keeps of it what the references do not
-explain. Without a compensation the error is that of removal: what differs from pixel to pixel in its result, as a line
-in the square of what was removed, and the standard error of the slope.
+variance of clean pixels about the level of the water, as a line in the level. A *replaced* pixel has the error of the
+level in its place, which trials tell (`deglint.compensate.trials`): the chain runs once more on a sea that is known,
+the level that it found, with what the scene has above and below that level laid on it in other places. How far it
+varies there, as a line in how far the level spans around, is how far it varies here. What is of one sign is added
+before it is squared: the mean error of the trials; that the level lies above the middle of the clean pixels, which is
+seen in these (those above the threshold are not among them, and the mean of a normal distribution that is cut off is
+known); and glint that is left in both kinds of pixels: where it covers much of the sea the level rises with it, and by
+how much is seen in the near infrared, whose water is even. A band that removal corrects keeps of it what the references
+do not explain. Without a compensation the error is that of removal: what differs from pixel to pixel in its result, as
+a line in the square of what was removed, and the standard error of the slope.
 
 Root mean square errors, bias and all, not halves of an interval: errors are not normal. Assumes dark, even water in the
 reference; that things narrower than the element are not there (an opening erases them, and nothing tells); that
@@ -18,11 +18,9 @@ errors which all pixels share (calibration, atmosphere, the level of removal) ar
 
 References
 ----------
-Efron (1979), Annals of Statistics 7, 1-26, doi:10.1214/aos/1176344552 (the bootstrap, of residuals in its section 7);
-Kuensch (1989), Annals of Statistics 17, 1217-1241, doi:10.1214/aos/1176347265 (whole blocks of them, where neighbours
-depend on each other); Barr, Sherrill (1999), The American Statistician 53, 357-361,
-doi:10.1080/00031305.1999.10474490 (mean of a normal distribution that is cut off); Immerkaer (1996), Computer Vision
-and Image Understanding 64, 300-302, doi:10.1006/cviu.1996.0060 (noise from second differences)."""
+Barr, Sherrill (1999), The American Statistician 53, 357-361, doi:10.1080/00031305.1999.10474490 (mean of a normal
+distribution that is cut off); Immerkaer (1996), Computer Vision and Image Understanding 64, 300-302,
+doi:10.1006/cviu.1996.0060 (noise from second differences)."""
 
 from __future__ import annotations
 
@@ -52,13 +50,16 @@ HIGHEST = 99.9
 """Percentile of clean pixels about their level where they are cut off [%]."""
 LEFT = 1.05
 """Glint left in a band that is not corrected, relative to what the reference shows."""
-LEFT_CORRECTED = 0.2
+LEFT_CORRECTED = 0.25
 """The same in a corrected band, times the root of the share of its variance that the references do not explain."""
 FULL_COVER = 0.2
 """Share of glinted pixels from which on what the reference shows above its lowest level is all glint."""
 STANDS_OUT = 1.5
 """Below that cover it is noise of the level, save what exceeds its median by this factor."""
-UNFOLLOWED = 1.2
+OF_RELIEF = 0.025
+"""Error of a replaced pixel that a trial does not show, relative to how far the level spans within `REACH`: what an
+opening cuts off is not in the level that the trial begins with."""
+UNFOLLOWED = 1.15
 """Variance of the level in the place of a replaced pixel, relative to what trials say: they take for noise what is the
 water's own, from pixel to pixel, and no level follows."""
 
@@ -105,13 +106,13 @@ class BandError:
     fixed, growing : float
         Variance of a clean pixel: at 0, and per unit of the level (or of the squared amount, without compensation).
     level : float
-        Variance of the level in the place of a replaced pixel, in trials.
+        Variance of the level in the place of a replaced pixel.
     relief : float
         Mean square of how far the level spans around a clean pixel.
     edges : float
         Its increase with the square of how far the level spans around.
     high : float
-        How far the level lies above the middle of the clean pixels.
+        How far the level in the place of a replaced pixel lies above the water, but for glint that is left.
     left : float
         Glint left, per unit of what the reference shows above its lowest level.
     index : int
@@ -268,7 +269,7 @@ def _local(parts: Parts, error: BandError, uncertainty: Uncertainty) -> npt.NDAr
     assert parts.removed_level is not None
     level = parts.removed_level[error.band]
     span = np.maximum(_span(level)[parts.inner].astype(np.float64) ** 2 - error.relief, 0.0)
-    of_level = error.level + error.edges * span
+    of_level = error.level + (error.edges + OF_RELIEF**2) * span
     kept = np.zeros_like(parts.where) if parts.kept is None else parts.kept
     base = np.where(kept, parts.after[error.band], level[parts.inner])
     noise = error.fixed + error.growing * np.maximum(base, 0).astype(np.float64)

@@ -1,7 +1,7 @@
 """Learn a scene's standard errors: some of its tiles are corrected once more, and their sparkle is moved and corrected.
 
 A trial lays what a tile has above and below its level on the same level elsewhere, around the tile's edges, and runs
-the chain on that: a sea like the tile's, whose truth is known. See `deglint.compensate.uncertainty`.
+the chain on that: a sea like the tile's, whose truth is known. See `deglint.compensate.trials`.
 """
 
 from __future__ import annotations
@@ -100,14 +100,10 @@ def _looked(work: Correction, parts: Parts, moves: Sequence[Move]) -> tuple[list
     """Trials of a tile, and moments of the first one and of another that begins with what that one found."""
     sea = _sea(parts)
     scale = sea.noise()
-    trials = []
-    for move in moves:
-        trial, found = _trial(work, sea, scale, move)
-        if not trials:
-            second, _ = _trial(work, found, scale, AGAIN)
-            moments = np.stack([trial.moments(), second.moments()])
-        trials.append(trial)
-    return trials, moments
+    first, found = _trial(work, sea, scale, moves[0])
+    second, _ = _trial(work, found, scale, AGAIN)
+    moments = np.stack([first.moments(), second.moments()])
+    return [first, *(_trial(work, sea, scale, move)[0] for move in moves[1:])], moments
 
 
 def _sea(parts: Parts) -> Sea:
