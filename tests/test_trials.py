@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deglint.compensate._variances import weighted_line
-from deglint.compensate.trials import Sea, Trial, growth, noise_by_level
+from deglint.compensate.trials import Sea, Trial, growth, noise_by_level, own, shared
 
 
 def sea(seed=0, shape=(2, 7, 9), usable=0.8):
@@ -78,7 +78,7 @@ def test_half_of_the_squares_is_what_a_normal_distribution_has():
 def trial(error, replaced=None):
     error = np.asarray(error, np.float32)
     where = np.ones(error.shape[1:], np.bool_)
-    return Trial(error, np.ones(error.shape, np.bool_) if replaced is None else replaced, where, error)
+    return Trial(error, np.ones(error.shape, np.bool_) if replaced is None else replaced, where, error, error)
 
 
 def test_moments_and_what_a_second_trial_says():
@@ -102,3 +102,33 @@ def test_a_line_through_variances_is_found(fixed, growing):
     place = np.linspace(1, 20, 24)
     found = weighted_line(place, fixed + growing * place, np.full(24, 500.0))
     assert found == (pytest.approx(fixed, abs=1e-6), pytest.approx(growing, abs=1e-6))
+
+
+@given(st.integers(0, 30))
+def test_what_neighbours_share(seed):
+    """Against a loop over pairs."""
+    rng = np.random.default_rng(seed)
+    away, clean = rng.standard_normal((6, 8)) + 3, rng.random((6, 8)) < 0.7
+    mean = away[clean].mean()
+    pairs = [((r, c), (r + 1, c)) for r in range(5) for c in range(8)]
+    pairs += [((r, c), (r, c + 1)) for r in range(6) for c in range(7)]
+    both = [(away[p] - mean) * (away[q] - mean) for p, q in pairs if clean[p] and clean[q]]
+    assert tuple(shared(away, clean)) == (pytest.approx(sum(both)), len(both))
+    assert tuple(shared(away, np.zeros_like(clean))) == (0, 0)
+
+
+def test_the_waters_own_texture_is_told_from_noise_and_from_errors_of_the_level():
+    """A texture of a known covariance; a level that errs, and in the trial errs once more alike."""
+    rng = np.random.default_rng(6)
+
+    def smooth(height):
+        rough = rng.standard_normal((402, 402))
+        return height * (rough[1:-1, 1:-1] + rough[:-2, 1:-1] + rough[1:-1, :-2] + rough[:-2, :-2]) / 2
+
+    everywhere = np.ones((400, 400), np.bool_)
+    texture, once, again = smooth(1.0), smooth(0.6), smooth(0.6)
+    away = texture + 3 * rng.standard_normal((400, 400)) + once
+    found = own(shared(away, everywhere), shared(away + again, everywhere))
+    assert found == pytest.approx(0.5 * 1.0**2, abs=0.1)  # neighbours share half of the variance of such a texture
+    noise = 3 * rng.standard_normal((400, 400))
+    assert own(shared(noise, everywhere), shared(noise + again, everywhere)) == pytest.approx(0.0, abs=0.05)

@@ -7,7 +7,10 @@ sparkle, and is laid down as it is.
 
 A trial knows a smoother truth than the scene has: its level has lost already what the chain takes off. So its errors
 are too small, by a factor that a second trial tells, made of what the first one found: as the second is to the
-first, the first is to the scene (an iterated bootstrap).
+first, the first is to the scene (an iterated bootstrap). And it takes for noise what is the water's own from pixel to
+pixel, sky in the waves, which no level follows. That is seen in what neighbouring clean pixels share about the level;
+errors of the level are in that, too. A trial shares both once more: what was moved with the rest, and errors of the
+level that it found. So what the scene shares, less what the trial shares beyond that, is the water's own.
 
 References
 ----------
@@ -102,12 +105,15 @@ class Trial:
         Pixels to look at.
     level : float32 ndarray
         The level that was found, after removal.
+    away : float32 ndarray
+        What was made of it, less that.
     """
 
     error: Float32Array
     replaced: Mask
     where: Mask
     level: Float32Array
+    away: Float32Array
 
     def errors(self, band: int) -> Float64:
         """Errors of the pixels that were replaced, in row-major order."""
@@ -117,10 +123,51 @@ class Trial:
         """Pixels that were replaced, and are known."""
         return np.asarray(self.where & self.replaced[band] & np.isfinite(self.error[band]))
 
+    def shared(self, band: int) -> Float64:
+        """`shared`, of pixels that were not replaced."""
+        return shared(self.away[band], self.where & ~self.replaced[band] & np.isfinite(self.away[band]))
+
     def moments(self) -> Float64:
         """Of each band: how many pixels were replaced, the sum of their errors, and of the squares, (band, 3)."""
         found = [self.errors(b) for b in range(len(self.error))]
         return np.array([(e.size, e.sum(), (e**2).sum()) for e in found]).reshape(-1, 3)
+
+
+def shared(away: Float64 | Float32Array, clean: Mask) -> Float64:
+    """What clean pixels beside each other have in common: the sum of products about the mean, and how many.
+
+    Parameters
+    ----------
+    away : (row, column) ndarray
+        How far pixels lie above their level.
+    clean : (row, column) bool ndarray
+
+    Returns
+    -------
+    (2,) float64 ndarray
+    """
+    if not clean.any():
+        return np.zeros(2)
+    about = np.where(clean, away - away[clean].mean(dtype=np.float64), 0.0)
+    products = (about[1:] * about[:-1]).sum() + (about[:, 1:] * about[:, :-1]).sum()
+    return np.array([products, (clean[1:] & clean[:-1]).sum() + (clean[:, 1:] & clean[:, :-1]).sum()], np.float64)
+
+
+def own(scene: Float64, tried: Float64) -> float:
+    """Variance of the water's own brightness from pixel to pixel.
+
+    Parameters
+    ----------
+    scene, tried : (2,) float64 ndarray
+        `shared` of the scene and of its trials, summed over tiles.
+
+    Returns
+    -------
+    float
+        0 or more.
+    """
+    here, there = (products / max(count, 1.0) for products, count in (scene, tried))
+    return max(float(2 * here - there), 0.0)
 
 
 def noise_by_level(rest: Float32Array, level: Float32Array) -> tuple[float, float]:

@@ -36,7 +36,7 @@ from ..errors import FitError, InputError
 from ..remove import GlintModel
 from ._variances import weighted_line
 from .state import Float32Array, Mask
-from .trials import Trial
+from .trials import Trial, own, shared
 
 REACH = 3
 """Pixels around a pixel in which the level is looked at."""
@@ -59,9 +59,6 @@ STANDS_OUT = 1.5
 OF_RELIEF = 0.025
 """Error of a replaced pixel that a trial does not show, relative to how far the level spans within `REACH`: what an
 opening cuts off is not in the level that the trial begins with."""
-UNFOLLOWED = 1.15
-"""Variance of the level in the place of a replaced pixel, relative to what trials say: they take for noise what is the
-water's own, from pixel to pixel, and no level follows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,7 +290,7 @@ def _plain(parts: Parts, error: BandError) -> npt.NDArray[np.float64]:
 
 def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int, growth: float) -> BandError:
     """How clean pixels lie about the level, and by how much the level errs in trials."""
-    away, place, spans = [], [], []
+    away, place, spans, beside = [], [], [], np.zeros(2)
     for parts in looks:
         assert parts.replaced is not None
         assert parts.removed_level is not None
@@ -303,6 +300,7 @@ def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int, growth
         clean = parts.where & ~parts.replaced[band] & np.isfinite(rest)
         if parts.kept is not None:
             clean &= ~parts.kept
+        beside += shared(rest, clean)
         away.append(rest[clean])
         place.append(level[clean])
         spans.append(_span(wide)[parts.inner][clean].astype(np.float64))
@@ -317,10 +315,10 @@ def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int, growth
         return BandError(band, fixed, growing, float(rest.var()), relief, 0.0, high)
     steep = np.concatenate([_span(trial.level[band])[trial.of(band)] for trial in trials]).astype(np.float64)
     of_level, edges = _line(np.maximum(steep**2 - relief, 0.0), (wrong - wrong.mean()) ** 2)
+    texture = own(beside, np.sum([trial.shared(band) for trial in trials], axis=0))
     return BandError(
-        band, fixed, growing, UNFOLLOWED * growth * of_level, relief, UNFOLLOWED * growth * edges,
-        high + float(wrong.mean()),
-    )  # fmt: skip
+        band, fixed, growing, growth * of_level + texture, relief, growth * edges, high + float(wrong.mean())
+    )
 
 
 def _cut_off(rest: npt.NDArray[np.float64]) -> float:

@@ -132,5 +132,6 @@ def _trial(work: Correction, sea: Sea, scale: Float32Array, move: Move) -> tuple
     if work.chain.after:
         state = apply_stages(State.own(clean), work.chain.after)
         clean, replaced = finish(state, clean), replaced | state.replaced
-    trial = Trial(clean - truth, replaced, sea.usable & np.roll(sea.usable, by, axis=(0, 1)), level)
+    where = sea.usable & np.roll(sea.usable, by, axis=(0, 1))
+    trial = Trial(clean - truth, replaced, where, level, clean - level)
     return trial, Sea(tried, np.where(sea.usable, found, sea.level), replaced, sea.usable)
