@@ -4,13 +4,14 @@ Two kinds of pixels, and what their errors are made of. A pixel *passed on* by a
 variance of clean pixels about the level of the water, as a line in the level. A *replaced* pixel has the error of the
 level in its place, which trials tell (`deglint.compensate.trials`): the chain runs once more on a sea that is known,
 the level that it found, with what the scene has above and below that level laid on it in other places. How far it
-varies there, as a line in how far the level spans around, is how far it varies here. What is of one sign is added
-before it is squared: the mean error of the trials; that the level lies above the middle of the clean pixels, which is
-seen in these (those above the threshold are not among them, and the mean of a normal distribution that is cut off is
-known); and glint that is left in both kinds of pixels: where it covers much of the sea the level rises with it, and by
-how much is seen in the near infrared, whose water is even. A band that removal corrects keeps of it what the references
-do not explain. Without a compensation the error is that of removal: what differs from pixel to pixel in its result, as
-a line in the square of what was removed, and the standard error of the slope.
+varies there, as a line in how far the level spans around, is how far it varies here, and the water's own variance from
+pixel to pixel is added, which trials take for noise. What is of one sign is added before it is squared: the mean error
+of the trials; that the level lies above the middle of the clean pixels, which is seen in these (those above the
+threshold are not among them, and the mean of a normal distribution that is cut off is known); and glint that is left in
+both kinds of pixels: where it covers much of the sea the level rises with it, and by how much is seen in the near
+infrared, whose water is even. A band that removal corrects keeps of it what the references do not explain. Without a
+compensation the error is that of removal: what differs from pixel to pixel in its result, as a line in the square of
+what was removed, and the standard error of the slope.
 
 Root mean square errors, bias and all, not halves of an interval: errors are not normal. Assumes dark, even water in the
 reference; that things narrower than the element are not there (an opening erases them, and nothing tells); that
