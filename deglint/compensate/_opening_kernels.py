@@ -248,9 +248,12 @@ def widen(x, to, long, part, last, by):  # type: ignore[no-untyped-def]
 @nb.njit(cache=True, nogil=True)
 def look(at, row, rows, height, newest, slot, first, keep, line):  # type: ignore[no-untyped-def]
     """Where so many rows of a step lie, from this one on; beyond the first and the last row is that row again."""
-    for r in range(rows):
-        back = newest - min(max(row + r, 0), height - 1)
-        at[r] = first + (slot - back if slot >= back else slot - back + keep) * line
+    place = slot - newest + min(max(row, 0), height - 1)
+    place += keep if place < 0 else 0
+    for r in range(row, row + rows):
+        at[r - row] = first + place * line
+        place += 1 if 0 <= r < height - 1 else 0
+        place = 0 if place == keep else place
 
 
 @nb.njit(cache=True, nogil=True)
