@@ -21,13 +21,13 @@ import numba as nb
 import numpy as np
 
 from ._apart import apart
-from ._whole_lanes import BYTES, count, least, load, most, negative, store, turn
+from ._whole_lanes import BYTES, before, behind, count, least, load, most, negative, store, turn
 
 ROWS = 4
-"""Rows that a step makes at a time, even: the more, the less often one is loaded, and the more of them are kept."""
-INPUT, ACROSS3, ACROSS5, DOWN3, DOWN5, STAR, PATCH, MEDIAN, CORNERS, OUTLINES = range(10)
-"""Kinds of steps: rows as they are; the least of three or five pixels side by side, of three or five in a column, of a
-pixel and the four about it, of 2 x 2; the median of 3 x 3, and that or the brightest patch of 2 x 2 that a pixel is in;
+"""Rows that a step makes at a time, fours: the more, the less often one is loaded, and the more of them are kept."""
+INPUT, ACROSS, DOWN, ACROSS3, ACROSS5, DOWN3, DOWN5, STAR, PATCH, MEDIAN, CORNERS, OUTLINES = range(12)
+"""Kinds of steps: rows as they are; the least of all pixels within reach in the row, in the column; of three or five of
+them; of a pixel and the four so far from it; of 2 x 2; the median of 3 x 3, and that or the brightest patch of 2 x 2 that a pixel is in;
 the brightest of the other openings."""
 
 
@@ -47,55 +47,77 @@ def across(x, at, to, reach, five, long):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def across5(x, at, to, long):  # type: ignore[no-untyped-def]
-    """The least of five neighbours side by side; two vectors at a time share three loads."""
-    apart()
-    lanes = count(x)
-    for u in range(ROWS):
-        for first in range(0, long, 2 * lanes):
-            j = min(first, long - 2 * lanes)
-            a = at[u] + j
-            left, right = load(x, a - lanes), load(x, a + 2 * lanes)
-            middle = least(least(load(x, a), load(x, a + lanes)), least(left, right))
-            store(x, to[u] + j, least(middle, load(x, a - 2 * lanes)))
-            store(x, to[u] + j + lanes, least(middle, load(x, a + 3 * lanes)))
-
-
-@nb.njit(cache=True, nogil=True)
 def down(x, at, to, reach, five, long):  # type: ignore[no-untyped-def]
     """The least of three pixels so far apart, or of five, in a column."""
     apart()
     lanes = count(x)
     for u in range(ROWS):
-        a, b, c = at[u], at[u + reach], at[u + 2 * reach]
+        a, b, c, d, e = at[u], at[u + reach], at[u + 2 * reach], at[u], at[u]
         if five:
             d, e = at[u + 3 * reach], at[u + 4 * reach]
-            for j in range(0, long, lanes):
-                found = least(least(load(x, a + j), load(x, b + j)), least(load(x, d + j), load(x, e + j)))
-                store(x, to[u] + j, least(found, load(x, c + j)))
-        else:
-            for j in range(0, long, lanes):
-                store(x, to[u] + j, least(least(load(x, a + j), load(x, b + j)), load(x, c + j)))
+        for j in range(0, long, lanes):
+            found = least(least(load(x, a + j), load(x, b + j)), load(x, c + j))
+            if five:
+                found = least(found, least(load(x, d + j), load(x, e + j)))
+            store(x, to[u] + j, found)
 
 
 @nb.njit(cache=True, nogil=True)
-def down_near(x, at, to, five, long):  # type: ignore[no-untyped-def]
-    """The same for neighbours; two rows at a time share loads."""
+def near_across(x, at, to, reach, long):  # type: ignore[no-untyped-def]
+    """The least of all pixels so far to either side, 2 or more; four vectors at a time share most loads."""
+    apart()
+    lanes = count(x)
+    for u in range(ROWS):
+        for place in range(0, long, 4 * lanes):
+            j = min(place, long - 4 * lanes)
+            a = at[u] + j - reach * lanes
+            common, other = load(x, a + 3 * lanes), load(x, a + 4 * lanes)
+            end = a + (2 * reach + 1) * lanes
+            for k in range(a + 5 * lanes, end - lanes, 2 * lanes):
+                common, other = least(common, load(x, k)), least(other, load(x, k + lanes))
+            four_ends(x, common, other, (a, a + lanes, a + 2 * lanes), (end, end + lanes, end + 2 * lanes),
+                      (to[u] + j, to[u] + j + lanes, to[u] + j + 2 * lanes, to[u] + j + 3 * lanes))  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True)
+def four_ends(x, common, other, before, after, to):  # type: ignore[no-untyped-def]
+    """The least of four windows that lie one on the next, from that of what is common to them, and their ends."""
+    common = least(common, other)
+    second, third = load(x, before[2]), load(x, after[0])
+    first, fourth = least(load(x, before[1]), second), least(third, load(x, after[1]))
+    store(x, to[0], least(common, least(first, load(x, before[0]))))
+    store(x, to[1], least(common, least(first, third)))
+    store(x, to[2], least(common, least(second, fourth)))
+    store(x, to[3], least(common, least(fourth, load(x, after[2]))))
+
+
+@nb.njit(cache=True, nogil=True)
+def near_down(x, at, to, reach, long):  # type: ignore[no-untyped-def]
+    """The same in a column, and four rows at a time."""
+    apart()
+    lanes, last = count(x), 2 * reach
+    for u in range(0, ROWS, 4):
+        a, b, c, d, e, f = at[u], at[u + 1], at[u + 2], at[u + last + 1], at[u + last + 2], at[u + last + 3]
+        one, two, three, four, g, h = to[u], to[u + 1], to[u + 2], to[u + 3], at[u + 3], at[u + 4]
+        for j in range(0, long, lanes):
+            common, other = load(x, g + j), load(x, h + j)
+            for k in range(u + 5, u + last, 2):
+                common, other = least(common, load(x, at[k] + j)), least(other, load(x, at[k + 1] + j))
+            four_ends(x, common, other, (a + j, b + j, c + j), (d + j, e + j, f + j),
+                      (one + j, two + j, three + j, four + j))  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True)
+def down_three(x, at, to, long):  # type: ignore[no-untyped-def]
+    """The least of three neighbours in a column; two rows at a time share loads."""
     apart()
     lanes = count(x)
     for u in range(0, ROWS, 2):
         a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], to[u], to[u + 1]
-        if five:
-            e, f = at[u + 4], at[u + 5]
-            for j in range(0, long, lanes):
-                middle = least(least(load(x, b + j), load(x, c + j)), least(load(x, d + j), load(x, e + j)))
-                store(x, one + j, least(middle, load(x, a + j)))
-                store(x, two + j, least(middle, load(x, f + j)))
-        else:
-            for j in range(0, long, lanes):
-                middle = least(load(x, b + j), load(x, c + j))
-                store(x, one + j, least(middle, load(x, a + j)))
-                store(x, two + j, least(middle, load(x, d + j)))
+        for j in range(0, long, lanes):
+            middle = least(load(x, b + j), load(x, c + j))
+            store(x, one + j, least(middle, load(x, a + j)))
+            store(x, two + j, least(middle, load(x, d + j)))
 
 
 @nb.njit(cache=True, nogil=True)
@@ -234,15 +256,13 @@ def widen(x, to, long, part, last, by):  # type: ignore[no-untyped-def]
     lanes = count(x)
     for u in range(ROWS):
         at = to[u]
+        one, end = load(x, at), at + last + part
         for j in range(at - lanes, at - (by + 1) * lanes, -lanes):
-            store(x, j, load(x, j + long - 1))
-            x[j] = x[at]
-        end = at + last + part
-        for j in range(lanes, min((by + 1) * lanes, long - last), lanes):
-            x[end + j] = x[end]
-        for j in range(long, long + by * lanes, lanes):
-            store(x, at + j, load(x, at + j - long + 1))
-            x[at + j + part] = x[end]
+            store(x, j, before(load(x, j + long), one))
+        for j in range(end + lanes, min(end + (by + 1) * lanes, at + long + part), lanes):
+            x[j] = x[end]
+        for j in range(at + long, at + long + by * lanes, lanes):
+            store(x, j, behind(load(x, j - long), x[end], part))
 
 
 @nb.njit(cache=True, nogil=True)
@@ -250,10 +270,15 @@ def look(at, row, rows, height, newest, slot, first, keep, line):  # type: ignor
     """Where so many rows of a step lie, from this one on; beyond the first and the last row is that row again."""
     place = slot - newest + min(max(row, 0), height - 1)
     place += keep if place < 0 else 0
-    for r in range(row, row + rows):
-        at[r - row] = first + place * line
-        place += 1 if 0 <= r < height - 1 else 0
-        place = 0 if place == keep else place
+    here, size = first + place * line, keep * line
+    if 0 <= row and row + rows <= height:
+        for r in range(rows):
+            at[r] = here - (size if here >= first + size else 0)
+            here += line
+    else:
+        for r in range(row, row + rows):
+            at[r - row] = here - (size if here >= first + size else 0)
+            here += line if 0 <= r < height - 1 else 0
 
 
 @nb.njit(cache=True, nogil=True)
@@ -264,15 +289,14 @@ def run(band, steps, corner, level, outline):  # type: ignore[no-untyped-def]
     within reach.
     """
     (height, width), (top, left), lanes = band.shape, corner, BYTES // band.itemsize
-    length = max(-(-width // lanes), 2)
+    length = max(-(-width // lanes), 4)
     part, last = (width - 1) // length, (width - 1) % length * lanes
-    long, margin = length * lanes, (steps.reach.max() * 2 + 1) * lanes
-    line = (max(length, lanes) | 1) * lanes + 2 * margin
-    steps_rows = steps.keep.sum()
-    x = np.empty(steps_rows * line + long + lanes * lanes, band.dtype)
+    long = length * lanes
+    lines = ((max(length, lanes) + 2 * steps.widen) | 1) * lanes
+    ends = np.cumsum(steps.keep * lines)
+    x = np.empty(ends[-1] + long + lanes * lanes, band.dtype)
     origin = (-(x.ctypes.data // band.itemsize)) % lanes  # rows begin where lines of the cache do
-    first = origin + margin + (np.cumsum(steps.keep) - steps.keep) * line
-    spare = origin + steps_rows * line
+    first, spare = origin + ends - (steps.keep * lines) + steps.widen * lanes, origin + ends[-1]
     newest, slot = np.full(len(first), -1), np.full(len(first), -1)
     at = np.empty((4, ROWS + 4 * steps.reach.max() + 3), np.int64)
     for now in range(0, height + steps.behind.max(), ROWS):
@@ -282,23 +306,25 @@ def run(band, steps, corner, level, outline):  # type: ignore[no-untyped-def]
                 continue
             for k in range(steps.sources[n]):
                 s, up, rows = steps.source[n, k], steps.up[n, k], steps.rows[n, k]
-                look(at[k], i - up, rows, height, newest[s], slot[s], first[s], steps.keep[s], line)
+                look(at[k], i - up, rows, height, newest[s], slot[s], first[s], steps.keep[s], lines[s])
             newest[n] = i + ROWS - 1
             slot[n] = slot[n] + ROWS - (steps.keep[n] if slot[n] + ROWS >= steps.keep[n] else 0)
             to = at[3]
             for u in range(ROWS):
                 back = ROWS - 1 - u
-                to[u] = first[n] + (slot[n] - back if slot[n] >= back else slot[n] - back + steps.keep[n]) * line
+                to[u] = first[n] + (slot[n] - back if slot[n] >= back else slot[n] - back + steps.keep[n]) * lines[n]
             if kind == INPUT:
                 for u in range(max(-i, 0), min(ROWS, height - i)):
                     taken(band[i + u], x, spare)
                     turned(x, spare, length, to[u], lanes, length)
-            elif kind == ACROSS5 and reach == 1:
-                across5(x, at[0], to, long)
+            elif kind == ACROSS:
+                near_across(x, at[0], to, reach, long)
+            elif kind == DOWN:
+                near_down(x, at[0], to, reach, long)
             elif kind == ACROSS3 or kind == ACROSS5:
                 across(x, at[0], to, reach, kind == ACROSS5, long)
-            elif (kind == DOWN3 or kind == DOWN5) and reach == 1:
-                down_near(x, at[0], to, kind == DOWN5, long)
+            elif kind == DOWN3 and reach == 1:
+                down_three(x, at[0], to, long)
             elif kind == DOWN3 or kind == DOWN5:
                 down(x, at[0], to, reach, kind == DOWN5, long)
             elif kind == STAR and reach == 1:

@@ -93,6 +93,35 @@ def _stored(context: Any, builder: Any, kind: Any, array: Any, index: Any, value
     builder.store(values, spot, align=kind.dtype.bitwidth // 8)
 
 
+def _before(_typing: Any, values: Any, _first: Any) -> Any:
+    """Each number a lane further, and the first number of `first` in front."""
+
+    def made(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        order = [values.count, *range(values.count - 1)]
+        return builder.shuffle_vector(*given, ir.Constant(ir.VectorType(_INDEX, values.count), order))
+
+    return values(values, values), made
+
+
+def _behind(_typing: Any, values: Any, number: Any, _lane: Any) -> Any:
+    """Each number a lane back, and in this lane another number."""
+
+    def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        kind, size = _vector(values), values.count
+        order = ir.Constant(ir.VectorType(_INDEX, size), [*range(1, size), 0])
+        place = builder.trunc(given[2], kind.element)
+        ends = [
+            builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(_INDEX, size), [0] * size))
+            for one in (
+                builder.insert_element(ir.Constant(kind, ir.Undefined), v, _INDEX(0)) for v in (given[1], place)
+            )
+        ]
+        here = builder.icmp_signed("==", ends[1], ir.Constant(kind, list(range(size))))
+        return builder.select(here, ends[0], builder.shuffle_vector(given[0], given[0], order))
+
+    return values(values, number, types.intp), made
+
+
 def _count(_typing: Any, array: Any) -> Any:
     """Numbers of an array in a vector."""
 
@@ -159,6 +188,8 @@ def _transposed(builder: Any, rows: list[Any], some: int) -> list[Any]:
 least: Callable[..., Any] = _choice("<")
 most: Callable[..., Any] = _choice(">")
 negative: Any = intrinsic(_negative)
+before: Any = intrinsic(_before)
+behind: Any = intrinsic(_behind)
 load: Any = intrinsic(_load)
 store: Any = intrinsic(_store)
 count: Any = intrinsic(_count)

@@ -12,6 +12,7 @@ operators based on rank filters", Pattern Recognition 35, 527-535, doi:10.1016/S
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -30,6 +31,8 @@ Ints = npt.NDArray[np.int64]
 
 GUIDE = 3
 """Element under whose opening a detail may grow back [pixel]."""
+LONGEST = 9
+"""Reach of a line of pixels that is looked at in one step; longer ones are put together."""
 _NOTHING = np.iinfo(np.int32).max
 
 
@@ -115,18 +118,25 @@ class _Plan:
         return self.steps.index(step)
 
     def eroded(self, source: int, size: int, shape: str) -> int:
-        """The steps of an element."""
-        from ._opening_kernels import ACROSS3, ACROSS5, DOWN3, DOWN5, STAR
+        """The steps of an element; those of a line of a few pixels are one."""
+        from ._opening_kernels import ACROSS, ACROSS3, ACROSS5, DOWN, DOWN3, DOWN5, STAR
 
+        lines: dict[int, list[Sequence[int]]] = {0: [], 1: []}
         for element in elements(size, shape):
             down, across = (sorted({point[axis] for point in element}) for axis in (0, 1))
-            most = max(down[-1], across[-1])
-            if down == [0]:
-                source = self.add(ACROSS5 if len(across) == 5 else ACROSS3, across[-1] - across[-2], (source, 0, 0))
-            elif across == [0]:
-                source = self.add(DOWN5 if len(down) == 5 else DOWN3, down[-1] - down[-2], (source, most, most))
+            if len(down) > 1 and len(across) > 1:
+                source = self.add(STAR, down[-1], (source, down[-1], down[-1]))
             else:
-                source = self.add(STAR, most, (source, most, most))
+                lines[len(down) > 1].append(across if len(across) > 1 else down)
+        for upright, steps in lines.items():
+            radius = sum(step[-1] for step in steps)
+            if 1 < radius <= LONGEST:
+                source = self.add(DOWN if upright else ACROSS, radius, (source, radius * upright, radius * upright))
+                continue
+            for step in steps:
+                reach = step[-1] * upright
+                kinds = (DOWN3, DOWN5) if upright else (ACROSS3, ACROSS5)
+                source = self.add(kinds[len(step) == 5], step[-1] - step[-2], (source, reach, reach))
         return source
 
     def opened(self, source: int, size: int, shape: str, corners: bool) -> int:
@@ -141,7 +151,7 @@ class _Plan:
 
     def written(self, level: int) -> Steps:
         """What the compiled function takes."""
-        from ._opening_kernels import ACROSS5, DOWN3, DOWN5, INPUT, ROWS
+        from ._opening_kernels import ACROSS5, DOWN, DOWN3, DOWN5, INPUT, ROWS
 
         total = len(self.steps)
         source, up, rows = np.zeros((3, total, 3), np.int64)
@@ -150,7 +160,7 @@ class _Plan:
             for k, (of, above, below) in enumerate(looks):
                 source[n, k], up[n, k], rows[n, k] = of, above, above + ROWS + below
                 behind[n] = max(behind[n], behind[of] + below)
-                if kind not in (INPUT, DOWN3, DOWN5):
+                if kind not in (INPUT, DOWN, DOWN3, DOWN5):
                     widen[of] = max(widen[of], 2 * reach if kind == ACROSS5 else reach)
         for n, (_, _, looks) in enumerate(self.steps):
             for of, above, _ in looks:
