@@ -60,12 +60,18 @@ def agreeing(
     -------
     (band, row, column) float32 ndarray
     """
-    from ._code_kernels import agree
+    from ._code_kernels import LANES, agree
 
+    if 0 < levels[0].size < LANES:
+        some = ((0, 0), (0, LANES // levels.shape[1] + 1), (0, 0))
+        more = (np.pad(codes, some) for codes in (levels, outlines))
+        return agreeing(*more, grids, spectrum, order=order, slack=slack)[:, : levels.shape[1]]
     bands = np.array(order if len(order) >= 3 else (), np.int64)
     glint = np.array([spectrum[b] for b in bands], np.float32)
     found = np.empty(levels.shape, np.float32)
-    agree(levels, outlines, np.array(grids, np.float32), bands, glint, np.float32(slack), found)
+    if found.size:
+        codes = (c.reshape(len(c), -1) for c in (levels, outlines))
+        agree(*codes, np.array(grids, np.float32), bands, glint, np.float32(slack), found.reshape(len(found), -1))
     return found
 
 
