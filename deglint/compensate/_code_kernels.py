@@ -16,12 +16,14 @@ from numba.extending import intrinsic
 from ._lanes import FLOATS, LANES, lanes, larger, load, pointer, plus, smaller, spread, store, times
 
 _CODES, _BITS = ir.VectorType(ir.IntType(16), LANES), ir.VectorType(ir.IntType(32), LANES)
-_ONE = 0x3F800000
+_BITS_OF_ONE = 0x3F800000
 """1.0 as bits."""
 _DROPPED = 13
 """Bits of 1 + |q| that are left out: 10 of the fraction are kept."""
 _NOTHING = 32767
-ZERO, MINUS = np.float32(0), np.float32(-1)
+ZERO, ONE, MINUS = (np.float32(x) for x in (0, 1, -1))
+WIDE = 256
+"""Pixels of all bands that are worked on at a time."""
 
 
 def _every(kind: Any, number: Any) -> Any:
@@ -36,7 +38,7 @@ def _told(_typing: Any, codes: Any, _index: Any, _centre: Any, _unit: Any) -> An
         code = builder.sext(builder.load(spot, align=2), _BITS)
         below = builder.icmp_signed("<", code, _every(_BITS, 0))
         size = builder.select(below, builder.neg(code), code)
-        bits = builder.add(builder.shl(size, _every(_BITS, _DROPPED)), _every(_BITS, _ONE))
+        bits = builder.add(builder.shl(size, _every(_BITS, _DROPPED)), _every(_BITS, _BITS_OF_ONE))
         away = builder.fmul(builder.fsub(builder.bitcast(bits, FLOATS), _every(FLOATS, 1.0)), given[3])
         value = builder.select(below, builder.fsub(given[2], away), builder.fadd(given[2], away))
         none = builder.icmp_signed("==", size, _every(_BITS, _NOTHING))
@@ -53,7 +55,7 @@ def _tell(_typing: Any, codes: Any, _index: Any, _values: Any, _centre: Any, _pe
         away = builder.fmul(builder.fsub(values, centre), per_unit)
         bits = builder.and_(builder.bitcast(away, _BITS), _every(_BITS, 0x7FFFFFFF))
         size = builder.bitcast(builder.fadd(builder.bitcast(bits, FLOATS), _every(FLOATS, 1.0)), _BITS)
-        size = builder.add(size, _every(_BITS, (1 << (_DROPPED - 1)) - _ONE))
+        size = builder.add(size, _every(_BITS, (1 << (_DROPPED - 1)) - _BITS_OF_ONE))
         code = builder.ashr(size, _every(_BITS, _DROPPED))
         most = _every(_BITS, _NOTHING - 1)
         code = builder.select(builder.icmp_signed("<", code, most), code, most)
@@ -66,7 +68,27 @@ def _tell(_typing: Any, codes: Any, _index: Any, _values: Any, _centre: Any, _pe
     return types.void(codes, types.intp, lanes, lanes, lanes), made
 
 
+def _put(_typing: Any, out: Any, replaced: Any, _at: Any, _value: Any, _level: Any, _rise: Any, _full: Any) -> Any:
+    """Values, or the level where they exceed it by more than the rise or are full, and there is one; and where."""
+
+    def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        out, replaced, at, value, level, rise, full = given
+        above = builder.fcmp_ordered(">", value, builder.fadd(level, rise))
+        hit = builder.or_(above, builder.fcmp_ordered(">=", value, full))
+        known = builder.fcmp_ordered("==", builder.fsub(level, level), _every(FLOATS, 0.0))
+        hit = builder.and_(hit, known)
+        spot = pointer(context, builder, signature.args[0], out, at, FLOATS)
+        builder.store(builder.select(hit, level, value), spot, align=4)
+        marks = ir.VectorType(ir.IntType(8), LANES)
+        spot = pointer(context, builder, signature.args[1], replaced, at, marks)
+        builder.store(builder.zext(hit, marks), spot, align=1)
+        return context.get_dummy_value()
+
+    return types.void(out, replaced, types.intp, lanes, lanes, lanes, lanes), made
+
+
 told: Any = intrinsic(_told)
+put: Any = intrinsic(_put)
 tell: Any = intrinsic(_tell)
 
 
@@ -96,31 +118,53 @@ def capped(level, detail, before, around, after, factor):  # type: ignore[no-unt
 
 
 @nb.njit(cache=True, nogil=True)
-def agree(levels, outlines, grids, order, glint, slack, out):  # type: ignore[no-untyped-def]
-    """`deglint.compensate.level.agreeing`; grids are centre and unit, glint is the spectrum in the order of bands."""
-    count, size = len(order), levels[0].size
-    alone = np.ones(len(levels), np.bool_)
-    alone[order] = False
-    for b in range(len(levels)):
-        if alone[b]:
-            decode(levels[b], grids[b, 0], grids[b, 1], out[b])
-    none = spread(ZERO)
-    for first in range(0, size if count else 0, LANES):
-        p = min(first, size - LANES)
-        a = b = c = d = none  # scaled details of bands n - 4 to n - 1; nothing agrees beyond the first and the last
-        level = level_before = detail = detail_before = none
-        for n in range(count + 2):
-            e, level_now, detail_now = none, none, none
-            if n < count:
-                at = order[n] * size + p
-                middle, unit = spread(grids[order[n], 0]), spread(grids[order[n], 1])
-                level_now = told(levels, at, middle, unit)
-                detail_now = larger(plus(told(outlines, at, middle, unit), times(level_now, spread(MINUS))), none)
-                e = times(detail_now, spread(np.float32(1) / glint[n]))
-            if n > 1:
-                factor = spread(slack * glint[n - 2])
-                found = capped(level_before, detail_before, (a, b), (b, d), (d, e), factor)
-                store(out, order[n - 2] * size + p, found)
-            a, b, c, d = b, c, d, e
-            level_before, level = level, level_now
-            detail_before, detail = detail, detail_now
+def told_row(codes, at, grid, glint, x, to, line, some):  # type: ignore[no-untyped-def]
+    """A part of a row: the level, by how much outlines exceed it, where there are any, and that in units of glint."""
+    levels, outlines = codes
+    middle, unit, per_glint = spread(grid[0]), spread(grid[1]), spread(np.float32(1) / glint)
+    for first in range(0, line, LANES):
+        p = min(first, line - LANES)
+        level, detail = told(levels, at + p, middle, unit), spread(ZERO)
+        if some:
+            detail = larger(plus(told(outlines, at + p, middle, unit), times(level, spread(MINUS))), spread(ZERO))
+        store(x, to + p, times(detail, per_glint))
+        store(x, to + x.size // 3 + p, detail)
+        store(x, to + x.size // 3 * 2 + p, level)
+
+
+@nb.njit(cache=True, nogil=True)
+def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image, level, clean, replaced):  # type: ignore[no-untyped-def]
+    """`deglint.compensate.level.Opened`: the level, where it is wanted, and what is left of an image, if there is one.
+
+    codes : levels and outlines, (band x row x column); grids : centre and unit; order : bands, of which so many
+    agree, up to the last, and then the others; bands : which they are of the image, and of what is written; image : numbers, from band to band, from row to row
+    """
+    numbers, per_band, per_row = image
+    size, wide = codes[0].size // len(grids), min(columns, WIDE)
+    x = np.zeros(3 * (len(order) + 4) * wide, np.float32)  # nothing agrees beyond the first and the last band
+    more = x.size // 3
+    for begin in range(0, size, columns):
+        for first in range(0, columns, wide):
+            at = begin + min(first, columns - wide)
+            for n in range(len(order)):
+                b, some = order[n], n < last
+                told_row(codes, b * size + at, grids[b], glint[n] if some else ONE, x, (n + 2) * wide, wide, some)
+            for n in range(len(order)):
+                b, s = order[n], n * wide
+                band = bands[b]
+                to, beside = band * size + at, band * per_band + begin // columns * per_row + at - begin
+                factor = spread(slack * glint[n])
+                offset, rise, full = (spread(limits[band, 0]), spread(limits[band, 1]), spread(limits[band, 2]))
+                for place in range(0, wide, LANES):
+                    p = min(place, wide - LANES)
+                    found = load(x, s + p + 2 * wide + 2 * more)
+                    if n < last:
+                        around = load(x, s + p + wide), load(x, s + p + 3 * wide)
+                        before, after = (load(x, s + p), around[0]), (around[1], load(x, s + p + 4 * wide))
+                        found = capped(found, load(x, s + p + 2 * wide + more), before, around, after, factor)
+                    if limits.size:
+                        found = plus(found, offset)
+                    if level.size:
+                        store(level, to + p, found)
+                    if clean.size:
+                        put(clean, replaced, to + p, load(numbers, beside + p), found, rise, full)
