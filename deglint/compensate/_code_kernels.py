@@ -13,7 +13,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from ._lanes import FLOATS, LANES, lanes, larger, load, pointer, plus, smaller, spread, store, times
+from ._lanes import FLOATS, LANES, lanes, larger, load, plus, pointer, smaller, spread, store, times
 
 _CODES, _BITS = ir.VectorType(ir.IntType(16), LANES), ir.VectorType(ir.IntType(32), LANES)
 _BITS_OF_ONE = 0x3F800000
@@ -137,7 +137,8 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image
     """`deglint.compensate.level.Opened`: the level, where it is wanted, and what is left of an image, if there is one.
 
     codes : levels and outlines, (band x row x column); grids : centre and unit; order : bands, of which so many
-    agree, up to the last, and then the others; bands : which they are of the image, and of what is written; image : numbers, from band to band, from row to row
+    agree, up to the last, and then the others; bands : which they are of the image, and of what is written; image :
+    numbers, from band to band, from row to row
     """
     numbers, per_band, per_row = image
     size, wide = codes[0].size // len(grids), min(columns, WIDE)

@@ -27,8 +27,8 @@ ROWS = 4
 """Rows that a step makes at a time, fours: the more, the less often one is loaded, and the more of them are kept."""
 INPUT, ACROSS, DOWN, ACROSS3, ACROSS5, DOWN3, DOWN5, STAR, PATCH, MEDIAN, CORNERS, OUTLINES = range(12)
 """Kinds of steps: rows as they are; the least of all pixels within reach in the row, in the column; of three or five of
-them; of a pixel and the four so far from it; of 2 x 2; the median of 3 x 3, and that or the brightest patch of 2 x 2 that a pixel is in;
-the brightest of the other openings."""
+them; of a pixel and the four so far from it; of 2 x 2; the median of 3 x 3, and that or the brightest patch of 2 x 2
+that a pixel is in; the brightest of the other openings."""
 
 
 @nb.njit(cache=True, nogil=True)
@@ -38,7 +38,7 @@ def across(x, at, to, reach, five, long):  # type: ignore[no-untyped-def]
     lanes = count(x)
     by = reach * lanes
     for u in range(ROWS):
-        a, b = at[u], to[u]
+        a, b = at[u], at[to + u]
         for j in range(0, long, lanes):
             found = least(least(load(x, a + j - by), load(x, a + j)), load(x, a + j + by))
             if five:
@@ -59,7 +59,7 @@ def down(x, at, to, reach, five, long):  # type: ignore[no-untyped-def]
             found = least(least(load(x, a + j), load(x, b + j)), load(x, c + j))
             if five:
                 found = least(found, least(load(x, d + j), load(x, e + j)))
-            store(x, to[u] + j, found)
+            store(x, at[to + u] + j, found)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -70,13 +70,13 @@ def near_across(x, at, to, reach, long):  # type: ignore[no-untyped-def]
     for u in range(ROWS):
         for place in range(0, long, 4 * lanes):
             j = min(place, long - 4 * lanes)
-            a = at[u] + j - reach * lanes
+            a, b = at[u] + j - reach * lanes, at[to + u] + j
             common, other = load(x, a + 3 * lanes), load(x, a + 4 * lanes)
             end = a + (2 * reach + 1) * lanes
             for k in range(a + 5 * lanes, end - lanes, 2 * lanes):
                 common, other = least(common, load(x, k)), least(other, load(x, k + lanes))
             four_ends(x, common, other, (a, a + lanes, a + 2 * lanes), (end, end + lanes, end + 2 * lanes),
-                      (to[u] + j, to[u] + j + lanes, to[u] + j + 2 * lanes, to[u] + j + 3 * lanes))  # fmt: skip
+                      (b, b + lanes, b + 2 * lanes, b + 3 * lanes))  # fmt: skip
 
 
 @nb.njit(cache=True, nogil=True)
@@ -98,7 +98,7 @@ def near_down(x, at, to, reach, long):  # type: ignore[no-untyped-def]
     lanes, last = count(x), 2 * reach
     for u in range(0, ROWS, 4):
         a, b, c, d, e, f = at[u], at[u + 1], at[u + 2], at[u + last + 1], at[u + last + 2], at[u + last + 3]
-        one, two, three, four, g, h = to[u], to[u + 1], to[u + 2], to[u + 3], at[u + 3], at[u + 4]
+        one, two, three, four, g, h = at[to + u], at[to + u + 1], at[to + u + 2], at[to + u + 3], at[u + 3], at[u + 4]
         for j in range(0, long, lanes):
             common, other = load(x, g + j), load(x, h + j)
             for k in range(u + 5, u + last, 2):
@@ -113,7 +113,7 @@ def down_three(x, at, to, long):  # type: ignore[no-untyped-def]
     apart()
     lanes = count(x)
     for u in range(0, ROWS, 2):
-        a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], to[u], to[u + 1]
+        a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], at[to + u], at[to + u + 1]
         for j in range(0, long, lanes):
             middle = least(load(x, b + j), load(x, c + j))
             store(x, one + j, least(middle, load(x, a + j)))
@@ -127,7 +127,7 @@ def star(x, at, to, reach, long):  # type: ignore[no-untyped-def]
     lanes = count(x)
     by = reach * lanes
     for u in range(ROWS):
-        a, b, c, out = at[u], at[u + reach], at[u + 2 * reach], to[u]
+        a, b, c, out = at[u], at[u + reach], at[u + 2 * reach], at[to + u]
         for j in range(0, long, lanes):
             found = least(least(load(x, a + j), load(x, b + j)), load(x, c + j))
             store(x, out + j, least(found, least(load(x, b + j - by), load(x, b + j + by))))
@@ -139,7 +139,7 @@ def star_near(x, at, to, long):  # type: ignore[no-untyped-def]
     apart()
     lanes = count(x)
     for u in range(0, ROWS, 2):
-        a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], to[u], to[u + 1]
+        a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], at[to + u], at[to + u + 1]
         for j in range(0, long, lanes):
             middle = least(load(x, b + j), load(x, c + j))
             found = least(load(x, b + j - lanes), load(x, b + j + lanes))
@@ -154,7 +154,7 @@ def patch(x, at, to, long):  # type: ignore[no-untyped-def]
     apart()
     lanes = count(x)
     for u in range(0, ROWS, 2):
-        a, b, c, one, two = at[u], at[u + 1], at[u + 2], to[u], to[u + 1]
+        a, b, c, one, two = at[u], at[u + 1], at[u + 2], at[to + u], at[to + u + 1]
         for j in range(0, long, lanes):
             middle = least(load(x, b + j), load(x, b + j + lanes))
             store(x, one + j, least(middle, least(load(x, a + j), load(x, a + j + lanes))))
@@ -185,8 +185,8 @@ def median(x, at, patches, to, corners, long):  # type: ignore[no-untyped-def]
     apart()
     lanes = count(x)
     for u in range(0, ROWS, 2):
-        a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], to[u], to[u + 1]
-        e, f, g = patches[u], patches[u + 1], patches[u + 2]
+        a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], at[to + u], at[to + u + 1]
+        e, f, g = at[patches + u], at[patches + u + 1], at[patches + u + 2]
         left, here = in_order(x, a - lanes, b - lanes, c - lanes, d - lanes), in_order(x, a, b, c, d)
         for j in range(0, long, lanes):
             k = j + lanes
@@ -204,17 +204,17 @@ def median(x, at, patches, to, corners, long):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def outlines(x, octagon, guide, diamond, to, long):  # type: ignore[no-untyped-def]
+def outlines(x, at, guide, diamond, to, long):  # type: ignore[no-untyped-def]
     """The opening by an octagon, grown by a cross under the guide, or the one by a diamond; all are negatives."""
     apart()
     lanes = count(x)
     for u in range(ROWS):
-        up, here, below, under, tilted = octagon[u], octagon[u + 1], octagon[u + 2], guide[u], diamond[u]
+        up, here, below, under, tilted = at[u], at[u + 1], at[u + 2], at[guide + u], at[diamond + u]
         for j in range(0, long, lanes):
             found = least(load(x, here + j - lanes), load(x, here + j + lanes))
             found = least(found, least(load(x, up + j), load(x, below + j)))
             found = least(most(found, load(x, under + j)), load(x, here + j))
-            store(x, to[u] + j, least(found, load(x, tilted + j)))
+            store(x, at[to + u] + j, least(found, load(x, tilted + j)))
 
 
 @nb.njit(cache=True, nogil=True)
@@ -249,36 +249,73 @@ def given(x, at, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def widen(x, to, long, part, last, by):  # type: ignore[no-untyped-def]
+def widen(x, at, to, long, part, last, by):  # type: ignore[no-untyped-def]
     """Beyond the ends of the parts put the next part, and beyond those of the row its first and its last pixel, which
     is in this part and place."""
     apart()
     lanes = count(x)
     for u in range(ROWS):
-        at = to[u]
-        one, end = load(x, at), at + last + part
-        for j in range(at - lanes, at - (by + 1) * lanes, -lanes):
+        row = at[to + u]
+        one, end = load(x, row), row + last + part
+        for j in range(row - lanes, row - (by + 1) * lanes, -lanes):
             store(x, j, before(load(x, j + long), one))
-        for j in range(end + lanes, min(end + (by + 1) * lanes, at + long + part), lanes):
+        for j in range(end + lanes, min(end + (by + 1) * lanes, row + long + part), lanes):
             x[j] = x[end]
-        for j in range(at + long, at + long + by * lanes, lanes):
+        for j in range(row + long, row + long + by * lanes, lanes):
             store(x, j, behind(load(x, j - long), x[end], part))
 
 
 @nb.njit(cache=True, nogil=True)
-def look(at, row, rows, height, newest, slot, first, keep, line):  # type: ignore[no-untyped-def]
+def look(at, to, row, rows, height, newest, slot, first, keep, line):  # type: ignore[no-untyped-def]
     """Where so many rows of a step lie, from this one on; beyond the first and the last row is that row again."""
     place = slot - newest + min(max(row, 0), height - 1)
     place += keep if place < 0 else 0
     here, size = first + place * line, keep * line
-    if 0 <= row and row + rows <= height:
+    if row >= 0 and row + rows <= height:
         for r in range(rows):
-            at[r] = here - (size if here >= first + size else 0)
+            at[to + r] = here - (size if here >= first + size else 0)
             here += line
+        return
+    for r in range(row, row + rows):
+        at[to + r - row] = here - (size if here >= first + size else 0)
+        here += line if 0 <= r < height - 1 else 0
+
+
+@nb.njit(cache=True, nogil=True, inline="always")
+def work(x, at, to, some, kind, reach, long):  # type: ignore[no-untyped-def]
+    """What a step does, but the first; rows of what it looks at are so many places apart in `at`."""
+    if kind == STAR and reach == 1:
+        star_near(x, at, to, long)
+    elif kind == STAR:
+        star(x, at, to, reach, long)
+    elif kind == ACROSS:
+        near_across(x, at, to, reach, long)
+    elif kind == DOWN:
+        near_down(x, at, to, reach, long)
+    elif kind in (MEDIAN, CORNERS):
+        median(x, at, some, to, kind == CORNERS, long)
+    elif kind == PATCH:
+        patch(x, at, to, long)
+    elif kind == OUTLINES:
+        outlines(x, at, some, 2 * some, to, long)
+    elif kind in (ACROSS3, ACROSS5):
+        across(x, at, to, reach, kind == ACROSS5, long)
+    elif kind == DOWN3 and reach == 1:
+        down_three(x, at, to, long)
     else:
-        for r in range(row, row + rows):
-            at[r - row] = here - (size if here >= first + size else 0)
-            here += line if 0 <= r < height - 1 else 0
+        down(x, at, to, reach, kind == DOWN5, long)
+
+
+@nb.njit(cache=True, nogil=True)
+def room(steps, band):  # type: ignore[no-untyped-def]
+    """Numbers for all rows that are kept, where those of each step begin, the length of its rows, and room for one."""
+    lanes = BYTES // band.itemsize
+    length = max(-(-band.shape[1] // lanes), 4)
+    lines = ((max(length, lanes) + 2 * steps.widen) | 1) * lanes  # odd in vectors: a cache keeps few a power of 2 apart
+    ends = np.cumsum(steps.keep * lines)
+    x = np.empty(ends[-1] + length * lanes + lanes * lanes, band.dtype)
+    origin = (-(x.ctypes.data // band.itemsize)) % lanes  # rows begin where lines of the cache do
+    return x, origin + ends - steps.keep * lines + steps.widen * lanes, lines, origin + ends[-1], length
 
 
 @nb.njit(cache=True, nogil=True)
@@ -288,59 +325,37 @@ def run(band, steps, corner, level, outline):  # type: ignore[no-untyped-def]
     level and outline, which begin at this corner of the band, are written; minus the largest number where nothing is
     within reach.
     """
-    (height, width), (top, left), lanes = band.shape, corner, BYTES // band.itemsize
-    length = max(-(-width // lanes), 4)
-    part, last = (width - 1) // length, (width - 1) % length * lanes
-    long = length * lanes
-    lines = ((max(length, lanes) + 2 * steps.widen) | 1) * lanes
-    ends = np.cumsum(steps.keep * lines)
-    x = np.empty(ends[-1] + long + lanes * lanes, band.dtype)
-    origin = (-(x.ctypes.data // band.itemsize)) % lanes  # rows begin where lines of the cache do
-    first, spare = origin + ends - (steps.keep * lines) + steps.widen * lanes, origin + ends[-1]
+    (height, width), (top, left) = band.shape, corner
+    x, first, lines, spare, length = room(steps, band)
+    lanes = count(x)
+    long, part, last = length * lanes, (width - 1) // length, (width - 1) % length * lanes
     newest, slot = np.full(len(first), -1), np.full(len(first), -1)
-    at = np.empty((4, ROWS + 4 * steps.reach.max() + 3), np.int64)
+    some = 3 * ROWS + 4 * steps.reach.max()
+    at, to = np.empty(4 * some, np.int64), 3 * some
     for now in range(0, height + steps.behind.max(), ROWS):
         for n in range(len(first)):
-            i, kind, reach = now - steps.behind[n], steps.kind[n], steps.reach[n]
+            i, kind, keep = now - steps.behind[n], steps.kind[n], steps.keep[n]
             if i + ROWS <= 0 or i >= height:
                 continue
             for k in range(steps.sources[n]):
-                s, up, rows = steps.source[n, k], steps.up[n, k], steps.rows[n, k]
-                look(at[k], i - up, rows, height, newest[s], slot[s], first[s], steps.keep[s], lines[s])
+                s = steps.source[n, k]
+                look(at, k * some, i - steps.up[n, k], steps.rows[n, k], height, newest[s], slot[s], first[s],
+                     steps.keep[s], lines[s])  # fmt: skip
             newest[n] = i + ROWS - 1
-            slot[n] = slot[n] + ROWS - (steps.keep[n] if slot[n] + ROWS >= steps.keep[n] else 0)
-            to = at[3]
+            slot[n] = slot[n] + ROWS - (keep if slot[n] + ROWS >= keep else 0)
             for u in range(ROWS):
-                back = ROWS - 1 - u
-                to[u] = first[n] + (slot[n] - back if slot[n] >= back else slot[n] - back + steps.keep[n]) * lines[n]
+                back = slot[n] - ROWS + 1 + u
+                at[to + u] = first[n] + (back if back >= 0 else back + keep) * lines[n]
             if kind == INPUT:
                 for u in range(max(-i, 0), min(ROWS, height - i)):
                     taken(band[i + u], x, spare)
-                    turned(x, spare, length, to[u], lanes, length)
-            elif kind == ACROSS:
-                near_across(x, at[0], to, reach, long)
-            elif kind == DOWN:
-                near_down(x, at[0], to, reach, long)
-            elif kind == ACROSS3 or kind == ACROSS5:
-                across(x, at[0], to, reach, kind == ACROSS5, long)
-            elif kind == DOWN3 and reach == 1:
-                down_three(x, at[0], to, long)
-            elif kind == DOWN3 or kind == DOWN5:
-                down(x, at[0], to, reach, kind == DOWN5, long)
-            elif kind == STAR and reach == 1:
-                star_near(x, at[0], to, long)
-            elif kind == STAR:
-                star(x, at[0], to, reach, long)
-            elif kind == PATCH:
-                patch(x, at[0], to, long)
-            elif kind == OUTLINES:
-                outlines(x, at[0], at[1], at[2], to, long)
+                    turned(x, spare, length, at[to + u], lanes, length)
             else:
-                median(x, at[0], at[1], to, kind == CORNERS, long)
+                work(x, at, to, some, kind, steps.reach[n], long)
             if steps.widen[n]:
-                widen(x, to, long, part, last, steps.widen[n])
+                widen(x, at, to, long, part, last, steps.widen[n])
             if n == steps.level or kind == OUTLINES:
                 out = level if n == steps.level else outline
                 for u in range(max(top - i, 0), min(ROWS, top + len(out) - i)):
-                    turned(x, to[u], lanes, spare, length, length)
+                    turned(x, at[to + u], lanes, spare, length, length)
                     given(x, spare + left, out[i + u - top])

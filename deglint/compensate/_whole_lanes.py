@@ -106,7 +106,7 @@ def _before(_typing: Any, values: Any, _first: Any) -> Any:
 def _behind(_typing: Any, values: Any, number: Any, _lane: Any) -> Any:
     """Each number a lane back, and in this lane another number."""
 
-    def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+    def made(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
         kind, size = _vector(values), values.count
         order = ir.Constant(ir.VectorType(_INDEX, size), [*range(1, size), 0])
         place = builder.trunc(given[2], kind.element)
@@ -125,8 +125,8 @@ def _behind(_typing: Any, values: Any, number: Any, _lane: Any) -> Any:
 def _count(_typing: Any, array: Any) -> Any:
     """Numbers of an array in a vector."""
 
-    def made(_context: Any, _builder: Any, signature: Any, _given: Any) -> Any:
-        return ir.Constant(ir.IntType(types.intp.bitwidth), _of(signature.args[0]).count)
+    def made(context: Any, _builder: Any, signature: Any, _given: Any) -> Any:
+        return context.get_constant(types.intp, _of(signature.args[0]).count)
 
     return types.intp(array), made
 

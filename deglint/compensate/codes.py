@@ -40,7 +40,8 @@ def encoded(band: Float32Array, centre: float, unit: float) -> Codes:
 
     codes = np.empty(band.shape, np.int16)
     if band.size < LANES:
-        return encoded(np.resize(band, LANES), centre, unit)[: band.size].reshape(band.shape) if band.size else codes
+        some = encoded(np.resize(band, LANES), centre, unit) if band.size else codes
+        return some.ravel()[: band.size].reshape(band.shape)
     encode(np.ascontiguousarray(band, np.float32).ravel(), np.float32(centre), np.float32(1.0 / unit), codes.ravel())
     return codes
 
@@ -59,6 +60,7 @@ def decoded(codes: Codes, centre: float, unit: float) -> Float32Array:
 
     values = np.empty(codes.shape, np.float32)
     if codes.size < LANES:
-        return decoded(np.resize(codes, LANES), centre, unit)[: codes.size].reshape(codes.shape) if codes.size else values
+        some = decoded(np.resize(codes, LANES), centre, unit) if codes.size else values
+        return some.ravel()[: codes.size].reshape(codes.shape)
     decode(np.ascontiguousarray(codes).ravel(), np.float32(centre), np.float32(unit), values.ravel())
     return values

@@ -123,9 +123,7 @@ class IdentifyLevel:
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
-        level = _levels(
-            state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, later=True
-        )
+        level = _levels(state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, later=True)
         state.cut()
         limits = np.zeros((len(state.image), 3), np.float32)
         for band, offset, sigma in zip(self.bands, self.offsets, self.sigmas, strict=True):

@@ -126,7 +126,8 @@ class Opened:
         numbers.flags.writeable = False  # as it may be or not, and there would be compiled code for either
         agree(
             (self.levels.ravel(), self.outlines.ravel()), np.array(self.grids, np.float32), order, len(some),
-            np.array(bands, np.int64), glint, np.float32(self.slack), self.levels.shape[2], limits, (numbers, *image[1:]), *out,
+            np.array(bands, np.int64), glint, np.float32(self.slack), self.levels.shape[2], limits,
+            (numbers, *image[1:]), *out,
         )  # fmt: skip
 
     def _narrow(self) -> Float32Array:

@@ -15,7 +15,7 @@ from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
 from ..compensate.uncertainty import Parts, Uncertainty, stderr
 from ..masks import WaterRule, near_water, opened, valid_for, water
-from ..raster.convert import is_valid
+from ..raster.convert import all_clear, is_valid
 from ..raster.encode import encode, retype
 from ..raster.info import same_nodata
 from ..raster.output import Layout
@@ -188,11 +188,12 @@ class Correction:
         source = raster_of(self.scene)
         outer = tile.grown(self._halo, self.scene.height, self.scene.width)
         raw, valid = source.read_raw(outer.window)
-        physical: Any = source.to_physical(raw, valid)
+        clear = self.chain.runs and valid is None and raw.dtype.kind == "f" and all_clear(raw)
+        physical: Any = source.to_physical(raw, valid, clear=clear)
         after = None
         if self.chain.runs:
             place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
-            sound = valid is None and (raw.dtype.kind in "iu" or all_finite(physical))
+            sound = valid is None and (raw.dtype.kind in "iu" or (clear and physical is raw) or all_finite(physical))
             known = None if sound else self._known(physical[place], None if valid is None else valid[place])
             saturated = saturated_in(self.scene, physical[place], self.want_flags)
             near = self._near(physical, known, tile, outer)
@@ -246,10 +247,10 @@ class Correction:
         if where is not None or others:
             replaced = replaced & (True if where is None else where)
             replaced[others] = False
-        any_band = None if removed and flags is None else replaced.any(axis=0)
+        any_band = np.empty(0, np.bool_) if removed and flags is None else replaced.any(axis=0)
         held = after.held if after.held is None or where is None else after.held & where
         tally.protected = 0 if held is None else int(np.count_nonzero(held))
-        tally.replaced = np.count_nonzero(replaced, axis=(1, 2))
+        tally.replaced = np.array([np.count_nonzero(band) for band in replaced])
         tally.corrected = usable if removed else int(np.count_nonzero(any_band))
         if flags is not None:
             flags[any_band] |= REPLACED
