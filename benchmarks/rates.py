@@ -1,7 +1,7 @@
 """Speed of whole tiles with and without compensation, beside reading the array; and of `deglint remove` on a file.
 
-Tiles are read from a file in the page cache and corrected, halo and all; nothing is written. Commands are whole
-processes, beside a copy of the file's blocks. Everything in turns.
+Tiles are taken from an array in memory, or read from a file in the page cache, and corrected, halo and all; nothing is
+written. Commands are whole processes, beside a copy of the file's blocks. Everything in turns.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -27,6 +28,7 @@ from deglint.pipeline.correct import Correction
 from deglint.pipeline.fit import fit_scene
 from deglint.pipeline.look import block_of, raster_of, tile_shape_of
 from deglint.pipeline.recipe import Recipe
+from deglint.raster.arrays import ArraySource
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.output import Layout
 from deglint.raster.simulated import write_scene
@@ -68,11 +70,14 @@ def laid_out(small: Path, target: Path, side: int, dtype: str) -> Path:
     return target
 
 
-def work_of(path: Path, recipe: Recipe) -> tuple[Correction, list[tiling.Tile]]:
-    """A correction that is fitted to the scene, and the tiles that it is for."""
+def work_of(path: Path, recipe: Recipe, *, memory: bool = False) -> tuple[Correction, list[tiling.Tile]]:
+    """A correction that is fitted to the scene, and its tiles; of the file, or of its pixels in memory."""
     scene = deglint.open_scene(path)
     fitted = fit_scene(scene, recipe, threads=2)
     info, shape = raster_of(scene).info, tile_shape_of(scene)
+    if memory:
+        with rasterio.open(path) as given:
+            scene = replace(scene, source=ArraySource(given.read(), info))
     shape = tiling.compact(shape, block_of(scene), len(scene.bands)) if fitted.chain.runs else shape
     layout = Layout(info, tuple(range(len(scene.bands))), info.dtype.name, info.nodata, {})
     work = Correction(scene, fitted.model, False, False, layout, None, None, fitted.water_bands, None, fitted.chain, ())
@@ -85,7 +90,7 @@ def passed(work: Correction, tiles: list[tiling.Tile], threads: int) -> None:
         pass
 
 
-def in_memory(path: Path, rounds: int) -> list[list[str]]:
+def of_tiles(path: Path, rounds: int) -> list[list[str]]:
     """Rows for a table: what, threads, millions of values a second, processor time a value, times the reading."""
     with rasterio.open(path) as given:
         values = given.read().astype(np.float32)
@@ -99,9 +104,11 @@ def in_memory(path: Path, rounds: int) -> list[list[str]]:
         "removal alone": Recipe(compensate="off", mask="none"),
     }
     for name, recipe in recipes.items():
-        work, tiles = work_of(path, recipe)
-        for threads in (1, 2):
-            jobs[name, threads] = lambda w=work, t=tiles, n=threads: passed(w, t, n)
+        for memory in (True, False):
+            work, tiles = work_of(path, recipe, memory=memory)
+            for threads in (1, 2):
+                key = f"{name}, of {'the array' if memory else 'a file'}", threads
+                jobs[key] = lambda w=work, t=tiles, n=threads: passed(w, t, n)
     walls: dict[tuple[str, int], list[float]] = {key: [] for key in jobs}
     cpus: dict[tuple[str, int], list[float]] = {key: [] for key in jobs}
     for turn in range(rounds + 1):
@@ -158,10 +165,10 @@ def main(quick: bool, rounds: int | None, directory: Path | None) -> None:
         small = base(place, 512 if quick else 1024)
         side = 1024 if quick else 2048
         for dtype in ("float32", "uint16"):
-            rows = in_memory(laid_out(small, place / f"{dtype}.tif", side, dtype), rounds)
+            rows = of_tiles(laid_out(small, place / f"{dtype}.tif", side, dtype), rounds)
             head = ("", "threads", "million values a second, best / median", "processor time [ns a value]",
                     "times the reading")  # fmt: skip
-            say(f"Tiles of 8 x {side}^2 {dtype}, read, corrected, not written", head, rows)
+            say(f"Tiles of 8 x {side}^2 {dtype}, corrected, not written", head, rows)
         side = 2048 if quick else 4096
         for dtype in ("uint16", "float32"):
             rows = commands(laid_out(small, place / f"large_{dtype}.tif", side, dtype), place, rounds)

@@ -16,7 +16,7 @@ doi:10.1080/00031305.1983.10483115.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -27,6 +27,10 @@ import numpy.typing as npt
 from .errors import InputError
 
 Float64 = npt.NDArray[np.float64]
+_NEAR = 0.9
+"""Share of the sum of squares about a typical pixel that may be due to its distance from the mean: costs three bits."""
+_ROOM = 1 << 18
+"""Values worked on at a time, at most, if a cell has fewer."""
 CELL = 64
 """Side of a cell [pixel]; tiles that start at multiples of it give bit-identical statistics."""
 
@@ -291,21 +295,21 @@ def _reduce_cells(
 
     A mask of no size is True everywhere.
     """
+    windows = []
     for i in range(len(n)):
         top, left = i // across * cell - row0, i % across * cell - col0
-        rows, columns = slice(max(top, 0), top + cell), slice(max(left, 0), left + cell)
-        x = np.empty((len(block), *block[0, rows, columns].shape))
-        x[...] = block[:, rows, columns]
-        x = x.reshape(len(block), -1)
-        with np.errstate(over="ignore", invalid="ignore"):  # whoever uses it looks whether it is finite
-            low[i], high[i] = x.min(axis=1), x.max(axis=1)
-            if mask.size or not np.isfinite(high[i] - low[i]).all():
-                x = x[:, _valid(x, mask[rows, columns])]
-                low[i], high[i] = x.min(axis=1, initial=np.inf), x.max(axis=1, initial=-np.inf)
+        windows.append((slice(max(top, 0), top + cell), slice(max(left, 0), left + cell)))
+    whole = np.array([bool(mask[window].all()) for window in windows])
+    with np.errstate(over="ignore", invalid="ignore"):  # whoever uses it looks whether it is finite
+        each = (n, mean, comoment, low, high, rest)
+        for i in [*np.flatnonzero(~whole), *_reduce_quickly(block, windows, np.flatnonzero(whole), each)]:
+            x = np.array(block[:, *windows[i]], np.float64).reshape(len(block), -1)
+            x = x[:, _valid(x, mask[windows[i]])]
+            low[i], high[i] = x.min(axis=1, initial=np.inf), x.max(axis=1, initial=-np.inf)
             count = n[i] = x.shape[1]
             if not count:
                 continue
-            shift = _typical(x)
+            shift = _typical(x[:, 0], x[:, count // 2], x[:, -1])
             x -= shift[:, None]
             centre = x.mean(axis=1)
             x -= centre[:, None]
@@ -314,9 +318,71 @@ def _reduce_cells(
             comoment[i] = x @ x.T - count * np.outer(left, left)
 
 
-def _typical(x: Float64) -> Float64:
-    """Of each row the middle one of three values: exactly that of a constant, and not a single stray pixel."""
-    a, b, c = x[:, 0], x[:, x.shape[1] // 2], x[:, -1]
+def _reduce_quickly(
+    block: npt.NDArray[Any], windows: Sequence[tuple[slice, slice]], cells: npt.NDArray[np.intp],
+    results: tuple[Float64, ...],
+) -> npt.NDArray[np.intp]:  # fmt: skip
+    """Fill the per-cell arrays for cells of which every pixel counts, in one pass about a pixel of the cell.
+
+    Returns which cells ask for more care: pixels that are not finite, or a pixel too far from the mean.
+    """
+    if not len(cells):
+        return cells
+    windows = [windows[i] for i in cells]
+    n, total, comoment, low, high, _rest = (np.empty((len(cells), *a.shape[1:])) for a in results)
+    first, middle, last = np.moveaxis(block[:, *_typical_places(windows, block.shape[1:])].astype(np.float64), 1, 0)
+    shift, bands = _typical(first, middle, last).T.copy(), len(block)
+    room = np.empty(0)
+    for some, rows, columns in _runs(windows, block.shape, max(_ROOM // (bands * CELL * CELL), 1)):
+        given = block[:, rows, columns]
+        given = given.reshape(bands, given.shape[1], some.stop - some.start, -1).transpose(2, 0, 1, 3)
+        room = room if room.size >= given.size else np.empty(given.size)
+        x = room[: given.size].reshape(*given.shape[:2], -1)
+        np.copyto(x.reshape(given.shape), given)
+        n[some] = x.shape[2]
+        np.minimum.reduce(x, axis=2, out=low[some])
+        np.maximum.reduce(x, axis=2, out=high[some])
+        np.subtract(x, shift[some, :, None], out=x)
+        np.add.reduce(x, axis=2, out=total[some])
+        np.matmul(x, x.transpose(0, 2, 1), out=comoment[some])
+    centre = total / n[:, None]
+    squares = np.diagonal(comoment, axis1=1, axis2=2)
+    bad = ~np.isfinite(high - low) | ~(total * centre <= _NEAR * squares)
+    comoment -= total[:, :, None] * centre[:, None, :]
+    centre, rest = _two_sum(shift, centre)
+    for whole, part in zip(results, (n, centre, comoment, low, high, rest), strict=True):
+        whole[cells] = part
+    return np.asarray(cells[bad.any(axis=1)])
+
+
+def _runs(
+    windows: Sequence[tuple[slice, slice]], shape: tuple[int, ...], most: int
+) -> Iterator[tuple[slice, slice, slice]]:
+    """At most so many cells that lie side by side and are alike: which, and the rows and columns of all of them.
+
+    Threads hand each other Python's lock at every call of NumPy: few long calls let them work at the same time.
+    """
+    ends = [(r.indices(shape[1])[:2], c.indices(shape[2])[:2]) for r, c in windows]
+    first = 0
+    for i, (rows, (left, right)) in enumerate(ends):
+        after = ends[i + 1] if i + 1 < len(ends) else None
+        if i + 1 - first < most and after == (rows, (right, 2 * right - left)):
+            continue
+        yield slice(first, i + 1), slice(*rows), slice(ends[first][1][0], right)
+        first = i + 1
+
+
+def _typical_places(windows: Sequence[tuple[slice, slice]], shape: tuple[int, ...]) -> tuple[Any, Any]:
+    """Rows and columns of the first, middle and last pixel of each window, (3, windows)."""
+    ends = np.array([[r.indices(shape[0])[:2], c.indices(shape[1])[:2]] for r, c in windows])
+    (top, left), (bottom, right) = ends[:, :, 0].T, ends[:, :, 1].T
+    size = (bottom - top) * (right - left)
+    rows, columns = np.divmod(np.stack([0 * size, size // 2, size - 1]), right - left)
+    return rows + top, columns + left
+
+
+def _typical(a: Float64, b: Float64, c: Float64) -> Float64:
+    """The middle one of three values: exactly that of a constant, and not a single stray pixel."""
     return np.asarray(np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)))
 
 

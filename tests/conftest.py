@@ -20,6 +20,8 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in the background: programs that tests interrupt inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:  # as under nohup: likewise
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 NAMES = ("blue", "green", "red", "nir")
 WATER = np.array([900.0, 700.0, 400.0, 100.0])

@@ -105,6 +105,36 @@ def test_against_long_double(offset, compiled):
     np.testing.assert_allclose(m.comoment, expected, atol=1e-14 * expected.max(), rtol=0)
 
 
+def test_a_cell_whose_typical_pixel_is_far_from_its_mean():
+    """The middle one of three pixels that happen to be extreme."""
+    rng = np.random.default_rng(7)
+    block = rng.normal(0, 1, (2, CELL, 2 * CELL))
+    block[0, 0, :CELL], block[0, CELL // 2, :CELL], block[1, :, CELL + 1 :] = 1e9, 1e9, 1e-9
+    cells = cell_moments(block)
+    for i, part in enumerate((block[:, :, :CELL], block[:, :, CELL:])):
+        x = part.reshape(2, -1).astype(np.longdouble)
+        centred = x - x.mean(axis=1, keepdims=True)
+        spread = np.sqrt(np.diag(centred @ centred.T).astype(float))
+        np.testing.assert_allclose(
+            cells.comoment[i] / np.outer(spread, spread),
+            (centred @ centred.T).astype(float) / np.outer(spread, spread),
+            atol=1e-14, rtol=0,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("bands", [1, 8, 70])
+def test_cells_are_worked_on_together_as_alone(bands):
+    rng = np.random.default_rng(9)
+    block = rng.normal(50, 3, (bands, CELL + 5, 7 * CELL + 9)).astype(np.float32)
+    block[0, 3, 2 * CELL + 7] = np.nan
+    found = cell_moments(block)
+    for i, (row, column) in enumerate(found.keys.tolist()):
+        at = slice(row * CELL, row * CELL + CELL), slice(column * CELL, column * CELL + CELL)
+        alone = cell_moments(block[:, *at].copy())
+        for name in ("n", "mean", "comoment", "minimum", "maximum", "rest"):
+            np.testing.assert_array_equal(getattr(found, name)[i], getattr(alone, name)[0], err_msg=name)
+
+
 def test_one_extreme_pixel_costs_no_digits_elsewhere():
     rng = np.random.default_rng(2)
     block = rng.normal(100, 1, (2, 64, 192))
@@ -150,13 +180,14 @@ def split(length, edges):
     columns=st.lists(st.integers(1, 4), max_size=3, unique=True),
     order=st.randoms(),
     compiled=st.booleans(),
+    share=st.sampled_from([0.8, 0.9999, 1.0]),
 )
-def test_any_tiling_on_cells_gives_the_same_bits(rows, columns, order, compiled):
+def test_any_tiling_on_cells_gives_the_same_bits(rows, columns, order, compiled, share):
     height, width = 6 * CELL - 11, 5 * CELL - 7
     rng = np.random.default_rng(5)
     block = rng.normal(1e3, 1, (2, height, width)).astype(np.float32)
-    mask = rng.random((height, width)) < 0.8
-    whole = cell_moments(block, mask, compiled=compiled).total()
+    mask = rng.random((height, width)) < share
+    whole = cell_moments(block, mask if share < 1 else None, compiled=compiled).total()
     parts = [
         cell_moments(block[:, r0:r1, c0:c1], mask[r0:r1, c0:c1], origin=(r0, c0), compiled=compiled)
         for r0, r1 in split(height, [CELL * r for r in sorted(rows)])

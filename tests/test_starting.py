@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from deglint.compensate import Chain, Sample, Setting, State, fit_stages, parse
 from deglint.compensate.identify import lower_spread
 from deglint.compensate.psf import system_psf
 from deglint.pipeline.blocks import aside
+from deglint.pipeline.checksum import begin_checksum, checksum_of
 from deglint.pipeline.warming import warm_up, warming
 from deglint.remove.levels import mode, quantile
 from deglint.scene import Band
@@ -128,6 +130,26 @@ def test_what_is_done_aside_is_returned_or_raised():
     assert aside(lambda: 7).result() == 7
     with pytest.raises(ZeroDivisionError):
         aside(lambda: 1 / 0).result()
+
+
+def test_a_checksum_is_begun_once_and_anew_where_the_file_changed(tmp_path):
+    file = tmp_path / "scene.tif"
+    file.write_bytes(b"a" * 5_000_000)
+    begin_checksum([str(file)])
+    first = checksum_of([str(file)])
+    assert first.result() == [{"path": str(file), "bytes": 5_000_000, "crc32": f"{crc32(b'a' * 5_000_000):08x}"}]
+    assert checksum_of([str(file)]) is not first
+    begin_checksum([str(file)])
+    file.write_bytes(b"b")
+    assert checksum_of([str(file)]).result()[0]["crc32"] == f"{crc32(b'b'):08x}"
+    begin_checksum([str(tmp_path)])
+    assert checksum_of([str(tmp_path)]).result() == [{"path": str(tmp_path), "bytes": None, "crc32": None}]
+
+
+@pytest.mark.parametrize("module", ["deglint.cli.remove", "detect.cli.score"])
+def test_a_command_is_ready_to_read_before_it_loads_numpy(module):
+    code = f"import sys, {module}; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_garbage_is_collected_as_ever_from_the_first_progress_on():

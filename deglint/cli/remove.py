@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..pipeline.checksum import begin_checksum
 from .options import METHOD_NAMES, REGRESSION_NAMES, Talk, cluster_of, common, creation_options, names, on_cluster
 from .running import Progress, collecting_later, keep_memory
 
@@ -149,6 +150,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
             "--model applies a fit that is there: leave out --method, --sample, --regression and --tolerance."
         )
     keep_memory()
+    begin_checksum(inputs)
     talk = Talk(quiet=given["quiet"])
     try:
         with collecting_later(talk.progress) as progress:

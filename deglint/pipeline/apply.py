@@ -35,6 +35,7 @@ from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from .blocks import one_thread_each
+from .checksum import checksum_of, fingerprint
 from .cluster import Cluster, writing_images
 from .correct import Correction, changed_bands
 from .fit import Fitted, Progress, fit_scene
@@ -42,7 +43,7 @@ from .following import for_scene, without_moves
 from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .saved import saved
-from .sidecar import Checksum, fingerprint, sidecar
+from .sidecar import sidecar
 from .surroundings import Surroundings
 from .tally import Tally
 from .uncertain import with_stderr
@@ -203,7 +204,7 @@ def _run(
     for path in targets.every()[1:]:  # the image itself may replace its input, once it is whole
         if os.path.realpath(path) in inputs:
             raise InputError(f"{path} is the input, and would be lost. Give that output another name.")
-    checksum = Checksum(raster_of(scene).info.paths)
+    checksum = checksum_of(raster_of(scene).info.paths)
     area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "--mask")
     if model is None:
         run = tiling.run if cluster is None else cluster.run

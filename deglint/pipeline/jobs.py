@@ -15,8 +15,8 @@ from typing import Any
 from ..errors import DeglintError, InputError
 from ..readers.scenes import ListedScene
 from ..readers.text import read_json
+from .checksum import is_as
 from .order import EXTRAS, Order
-from .sidecar import is_as
 
 TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
 

@@ -14,8 +14,8 @@ from ..errors import InputError
 from ..readers.scenes import checked_name
 from ..readers.text import read_text
 from .apply import DTYPES
+from .checksum import fingerprint
 from .recipe import Recipe
-from .sidecar import fingerprint
 
 MOST_BYTES = 1 << 20
 """Largest recipe file that is read [byte]."""

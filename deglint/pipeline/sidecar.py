@@ -4,95 +4,20 @@ programs."""
 from __future__ import annotations
 
 import platform
-import stat
-import threading
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import __version__
-from ..errors import ReadError
 from ..scene import Scene
 
 if TYPE_CHECKING:
     from .apply import Outputs
+    from .checksum import Checksum
     from .fit import Fitted
     from .tally import Tally
 
-_CHUNK = 1 << 20
 COPIED = "no band needs a correction: copied as they are, and not counted by kind"
-
-
-class Checksum:
-    """CRC-32 of the input files' bytes, computed on a thread of its own while the work goes on.
-
-    Names that are not local files (/vsis3/, zip://) have none.
-    """
-
-    def __init__(self, paths: Sequence[str]) -> None:
-        self._paths = tuple(paths)
-        self._found: list[dict[str, Any]] = []
-        self._before = [_stamp(path) for path in self._paths]
-        self._thread = threading.Thread(target=self._work, daemon=True)
-        self._thread.start()
-
-    def result(self) -> list[dict[str, Any]]:
-        """For each file its name, size [byte] and checksum (8 hexadecimal digits), or None.
-
-        Raises
-        ------
-        ReadError
-            A file was changed while it was read: what was made of it is of no one state of it.
-        """
-        self._thread.join()
-        for path, before in zip(self._paths, self._before, strict=True):
-            if _stamp(path) != before:
-                raise ReadError(f"{path} was changed while it was read. Run again when it is whole.")
-        return [{k: v for k, v in file.items() if k != "modified_ns"} for file in self._found]
-
-    def fingerprints(self) -> list[dict[str, Any]]:
-        """The same, with the times of the last change."""
-        self._thread.join()
-        return self._found
-
-    def _work(self) -> None:
-        self._found = [{"path": path, **fingerprint(path)} for path in self._paths]
-
-
-def fingerprint(path: str | Path) -> dict[str, Any]:
-    """Size [byte], time of the last change [ns] and CRC-32 (8 hexadecimal digits) of a file; None where it has none."""
-    stamp = _stamp(path)
-    try:
-        with Path(path).open("rb", buffering=0) as file:
-            crc = 0
-            while chunk := file.read(_CHUNK):
-                crc = zlib.crc32(chunk, crc)
-    except (OSError, ValueError):
-        stamp = None
-    if stamp is None:
-        return {"bytes": None, "crc32": None, "modified_ns": None}
-    return {"bytes": stamp[0], "crc32": f"{crc:08x}", "modified_ns": stamp[1]}
-
-
-def is_as(path: str | Path, said: Mapping[str, Any]) -> bool:
-    """Whether a file is the one that `fingerprint` said this of: read only where size or time do not tell."""
-    stamp = _stamp(path)
-    if stamp is None:
-        return said.get("bytes") is None
-    if stamp[0] != said.get("bytes"):
-        return False
-    return stamp[1] == said.get("modified_ns") or fingerprint(path)["crc32"] == said.get("crc32")
-
-
-def _stamp(path: str | Path) -> tuple[int, int] | None:
-    """Size and time of the last change of a local file."""
-    try:
-        found = Path(path).stat()
-    except (OSError, ValueError):
-        return None
-    return (found.st_size, found.st_mtime_ns) if stat.S_ISREG(found.st_mode) else None
 
 
 def sidecar(

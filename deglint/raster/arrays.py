@@ -44,6 +44,8 @@ class ArraySource(RasterSource):
             raise InputError(
                 f"window: allowed inside the {height} rows and {width} columns from {self.origin} on, got {window}"
             )
-        part = self.values[list(bands), slice(*rows), slice(*columns)]
-        raw = np.array(part, self.info.dtype)
+        first = min(bands, default=0)
+        together = list(bands) == list(range(first, first + len(bands)))
+        chosen = slice(first, first + len(bands)) if together else list(bands)  # a slice copies nothing
+        raw = np.array(self.values[chosen, slice(*rows), slice(*columns)], self.info.dtype)
         return raw, is_valid(raw, [self.info.nodatas[b] for b in bands]) if nodata else None

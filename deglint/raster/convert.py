@@ -117,8 +117,8 @@ def has_infinite(array: Raw) -> bool:
 
 
 def _may_be_endless(values: Raw) -> bool:
-    """One quick pass; NaN, overflow and large numbers ask for a second look."""
-    return not abs(np.add.reduce(values, axis=None)) < 1e30
+    """A quick look; NaN and large numbers ask for a second one."""
+    return not (np.maximum.reduce(values, axis=None) < 1e30 and np.minimum.reduce(values, axis=None) > -1e30)
 
 
 def _is_endless(values: Raw) -> Valid:

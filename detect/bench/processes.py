@@ -68,6 +68,7 @@ def output_of(command: Command, given: str = "", environment: Mapping[str, str] 
     """
     path = os.pathsep.join([str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]).rstrip(os.pathsep)
     settings = os.environ | {"PYTHONPATH": path} | dict(environment or {})
+    settings.pop("PYTHONDONTWRITEBYTECODE", None)  # else modules that are not installed are compiled at every start
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                           env=settings, start_new_session=True) as child:  # fmt: skip
         try:

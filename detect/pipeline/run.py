@@ -16,9 +16,9 @@ from rasterio.windows import Window
 
 from deglint import tiles as tiling
 from deglint.errors import InputError, NoWaterError
+from deglint.pipeline.checksum import checksum_of
 from deglint.pipeline.cluster import Cluster, writing_images
 from deglint.pipeline.look import core_of, raster_of
-from deglint.pipeline.sidecar import Checksum
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, check_image, check_target, plain, write_json, write_text
@@ -32,7 +32,7 @@ from ..local import DEFICIENT, TOO_FEW, score_part
 from ..rx import Detector, detector, score
 from ..threshold import Tail, Threshold
 from .flags import Flags, flags_of
-from .plan import Kept, Plan, Progress, Read, both, make_plan, read
+from .plan import KEPT, Kept, Plan, Progress, Read, both, make_plan, read
 from .recipe import NO_LAW, Outputs, Recipe
 from .sidecar import describe, notes_on, warnings_of
 
@@ -217,9 +217,9 @@ def _run(
     for path in targets.every():
         if os.path.realpath(path) in inputs:
             raise InputError(f"{path} is the input, and would be lost. Give that output another name.")
-    checksum = Checksum(raster_of(scene).info.paths)
+    checksum = checksum_of(raster_of(scene).info.paths)
     plan = make_plan(scene, recipe, threads, progress)
-    kept = Kept()
+    kept = Kept(KEPT if raster_of(scene).info.compression else 0)  # to read again what is not compressed is as quick
     background = None
     if plan.rule is None:
         background = plan.given or (

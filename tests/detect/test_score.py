@@ -110,7 +110,7 @@ def test_pixels_that_are_kept_change_nothing(scene, tmp_path, monkeypatch, room,
 
     monkeypatch.setattr("deglint.tiles.SAMPLES", 4 * 64 * 64)
     monkeypatch.setattr(plan, "read", read)
-    monkeypatch.setattr("detect.pipeline.run.Kept", lambda: plan.Kept(room))
+    monkeypatch.setattr("detect.pipeline.run.Kept", lambda _room: plan.Kept(room))
     score_file(scene, tmp_path / "tiles.tif", threads=2)
     np.testing.assert_array_equal(scores_of(tmp_path / "tiles.tif"), scores_of(tmp_path / "whole.tif"))
     assert len(set(reads)) == 16
