@@ -125,6 +125,8 @@ class Correction:
         file_valid = self._file_valid(raw, valid)
         raw, lost = self._retyped(raw, valid)
         corrected = physical if read.after is None else read.after.clean
+        if where is None and self._is_output(corrected, raw, read):
+            raw = corrected
         for bands, place in self._work(tile, physical, read.after, where, tally, flags):
             counts = encode(
                 corrected, raw, bands=bands, scales=source.info.scales, offsets=source.info.offsets,
@@ -143,6 +145,13 @@ class Correction:
             return Corrected(raw, tally, file_valid, flags, amount, None, parts)
         error = stderr(parts, self.uncertainty, steps=self._steps)
         return Corrected(raw, tally, file_valid, flags, amount, error)
+
+    def _is_output(self, corrected: Any, raw: Any, read: _Read) -> bool:
+        """What compensation has made of a tile can be written as it is: elsewhere it is the input's own, to the bit."""
+        info = raster_of(self.scene).info
+        plain = set(info.scales) == {1.0} and set(info.offsets) == {0.0} and corrected.dtype == raw.dtype
+        whole = read.after is not None and read.valid is None and len(self.changed) == len(raw)
+        return plain and whole and corrected.dtype == np.float32 and all_finite(corrected)
 
     @property
     def copies(self) -> bool:
