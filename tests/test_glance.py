@@ -1,5 +1,7 @@
 """Sums of steps for any number of bands, their bounds by groups of shapes, and bins, against brute force."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -20,37 +22,51 @@ def rule(count):
     return protect.fit([(0.01 + y, np.full(y.shape, 0.01))], bands, noise=np.full((count, 2), 1e-7))
 
 
-@given(st.lists(st.floats(allow_nan=False, width=32), min_size=1, max_size=20))
-def test_a_cell_holds_at_most_one_edge_so_that_one_comparison_finds_the_bin(numbers):
-    edges = np.sinh(LOW + np.arange(1, BINS) * (HIGH - LOW) / BINS).astype(np.float32)
-    numbers = np.concatenate([np.float32(numbers), edges, np.nextafter(edges, np.float32(-np.inf))])
-    found = glance.cells(edges)[numbers.view(np.int32) >> 20 & 4095].astype(int)
-    found += numbers >= np.append(edges, np.nan)[found]
-    assert np.array_equal(found, np.searchsorted(edges, numbers, side="right"))
+@cache
+def bare():
+    """Steps of which only the edges are looked at."""
+    return rule(4).steps
+
+
+@given(st.lists(st.floats(allow_nan=False, width=32), min_size=1, max_size=200))
+def test_one_comparison_after_a_guess_finds_the_bin(numbers):
+    """Of two bands, where the next holds the same numbers in the other order."""
+    edges, steps = np.sinh(LOW + np.arange(1, BINS) * (HIGH - LOW) / BINS).astype(np.float32), bare()
+    below = np.nextafter(edges, np.float32(-np.inf))
+    everywhere = np.sinh(np.linspace(-5, 11, 20_000))
+    for part in np.array_split(np.concatenate([numbers, edges, below, everywhere]).astype(np.float32), 180):
+        z, pairs = np.zeros((2, kernels.PART), np.float32), np.empty((1, kernels.PART), np.uint16)
+        z[0, : part.size], z[1, : part.size] = part, part[::-1]
+        kernels.pair_up(z, steps, pairs)
+        before, now = np.searchsorted(edges, z, side="right")
+        assert np.array_equal(pairs[0], before * BINS + now)
 
 
 @pytest.mark.parametrize("count", [4, 8, 9, 16])
 def test_sums_of_steps_are_added_up_for_any_number_of_bands(count):
-    steps, place = rule(count).steps, np.random.default_rng(count).integers(0, BINS, (count, 50)).astype(np.uint8)
-    rows = steps.step[: -len(steps.start)].reshape(count - 1, BINS, BINS, -1).astype(int)
+    steps, place = rule(count).steps, np.random.default_rng(count).integers(0, BINS, (count, 50))
+    table = steps.step.reshape(count - 1, BINS, BINS, -1).astype(int)
     wanted = steps.start + steps.first[place[0]][:, None].astype(int)
-    wanted += sum(rows[b, place[b], place[b + 1]] for b in range(count - 1))
-    totals, kept = np.empty(wanted.shape, np.int16), np.empty(50, np.int64)
-    kernels.weigh(place, np.arange(50), 50, steps, 7, totals)
-    assert np.array_equal(totals, wanted + 7)
-    most, found = wanted.max(axis=1), np.empty(50, np.int64)
+    wanted += sum(table[b, place[b], place[b + 1]] for b in range(count - 1))
+    pairs = np.empty((count - 1, kernels.PART), np.uint16)
+    pairs[:, :50] = np.arange(count - 1)[:, None] * BINS**2 + place[:-1] * BINS + place[1:]
+    most, listed = wanted.max(axis=1), np.arange(50)[::2]
     for least in (int(np.median(most)), int(most.max()), int(most.max()) - 1, -20000):
-        may_be = kept[: kernels.may_be(place, 50, steps, least, kept)]
-        assert set(np.flatnonzero(most > least)) <= set(may_be)
-        kernels.weigh(place, kept, may_be.size, steps, -least - 1, totals)
-        kernels.highest(totals, may_be.size, found)
-        assert np.array_equal(found[: may_be.size], np.maximum(most[may_be] - least - 1, -1))
-    assert may_be.size == 50
+        found = np.empty(60, np.int64), np.empty((60, count - 1), np.uint16)
+        some = kernels.may_be(pairs, listed, steps, least, 1000, found, 0)
+        assert set(listed[most[::2] > least]) <= set(found[0][:some] - 1000)
+        totals, best, above = np.empty((some, wanted.shape[1]), np.int16), np.empty(some, np.int32), most[::2] > least
+        some = kernels.weigh(some, steps, least, found, totals, best)
+        assert np.array_equal(found[0][:some] - 1000, listed[above])
+        assert np.array_equal(found[1][:some].T, pairs[:, listed[above]])
+        assert np.array_equal(totals[:some], wanted[listed[above]])
+        assert np.array_equal(best[:some], most[listed[above]])
+    assert some == listed.size
 
 
 def test_groups_hold_every_shape_once():
     learnt = rule(8)
-    step, start = learnt.steps.step[: -len(learnt.steps.start)], learnt.steps.start
+    step, start = learnt.steps.step, learnt.steps.start
     kinds = len(learnt.shapes.weight)
     step = step.reshape(-1, len(start))[:, :kinds]
     chance = np.full(len(step), 1 / len(step))

@@ -91,8 +91,9 @@ def test_chain_is_the_sum_of_its_steps_and_a_density():
     step = (HIGH - LOW) / BINS
     assert np.exp(first).sum() * step == pytest.approx(1)
     assert (np.exp(following).sum(axis=2) * step) == pytest.approx(np.ones((2, BINS)))
-    out = np.empty(50)
-    shape_kernels.chain(y, (first, following, LOW, step), UNIT, out)
+    out, place = np.empty(50), binned(y[:, :50]).astype(np.uint16)
+    rows = np.arange(2)[:, None] * BINS**2 + place[:-1] * BINS + place[1:]
+    shape_kernels.chain(y[:, :50], rows.T, np.arange(50), first, following.ravel(), UNIT, out)
     for i in range(50):
         z = np.arcsinh(y[:, i] / UNIT)
         at = ((z - LOW) / step).astype(int)
@@ -222,6 +223,17 @@ def test_parts_of_larger_arrays_need_no_copy_and_things_can_be_put_back_in_place
     assert np.array_equal(low, wanted)
 
 
+def test_a_part_of_what_was_found_is_what_lies_in_it(learnt):
+    raw, level = with_things()
+    raw[3, 25, 30] = np.nan
+    found, inner = protect.things(raw, level, learnt), (slice(21, 120), slice(18, 101))
+    part = found.cropped(inner)
+    assert part.mask.any()
+    for name in ("mask", "edge", "score", "residual", "excess"):
+        wanted = getattr(found, name)[(..., *inner)]
+        assert np.array_equal(getattr(part, name), wanted, equal_nan=wanted.dtype.kind == "f")
+
+
 def test_where_there_is_no_test_nothing_is_protected_and_the_reason_is_said():
     raw, level = sea(13)
     at_once = [Band(b.name, wavelength=b.wavelength, time_offset=0.0) for b in BANDS]
@@ -303,30 +315,32 @@ def bins(z):
 def summed(z, steps):
     """Steps of every shape for reflectances (band,) over UNIT."""
     at = bins(z.astype(np.float64))
-    rows = steps.step[: -steps.start.size].reshape(-1, BINS, BINS, steps.start.size)
+    rows = steps.step.reshape(-1, BINS, BINS, steps.start.size)
     parts = [rows[b, at[b], at[b + 1]].astype(int) for b in range(len(z) - 1)]
     return steps.start + int(steps.first[at[0]]) + np.sum(parts, axis=0)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_the_first_look_is_the_largest_sum_of_steps(learnt, dtype):
-    raw, level = (a.astype(dtype) for a in with_things())
-    raw[3, 5, 5], level[2, 6, 6] = np.nan, np.inf
-    steps, seen = learnt.steps, np.empty(raw.shape[1:], np.float32)
-    scale, least = np.full(8, 1 / UNIT, dtype), -10
-    look = first_look.block(raw), first_look.block(level), np.arange(8), scale, NOISE.astype(dtype), dtype(16.0)
-    step_kernels.glance(*look, steps, least, np.float32(0.5), np.float32(3.0), seen)
+    raw, level = (np.pad(a.astype(dtype), ((0, 0), (0, 0), (0, 50)), mode="wrap") for a in with_things())
+    assert step_kernels.PART < raw.shape[2] < 2 * step_kernels.PART
+    raw[3, 5, 5], level[2, 6, 6], level[2, 7, 177] = np.nan, np.inf, np.inf
+    steps, missing, least = learnt.steps, np.empty(raw.shape[1:], bool), -10
+    look, scale = (first_look.block(raw), first_look.block(level)), np.full(8, 1 / UNIT, dtype)
+    found = np.empty(missing.size, np.int64), np.empty((missing.size, 7), np.uint16)
+    sensor = np.arange(8), scale, NOISE.astype(dtype), dtype(16.0)
+    count = step_kernels.glance(look, sensor, steps, least, missing, found)
+    totals, most = np.empty((count, step_kernels.KINDS), np.int16), np.empty(count, np.int32)
+    after = step_kernels.weigh(count, steps, least, found, totals, most)
     valid = np.isfinite(raw - level).all(axis=0)
     high = ((raw - level) > 4 * np.sqrt(NOISE[:, :1, None] + NOISE[:, 1:, None] * raw)).sum(axis=0) >= 2
-    assert np.array_equal(np.isnan(seen), ~valid)
-    assert np.isneginf(seen[valid & ~high]).all()
-    z = ((raw - level) * dtype(1 / UNIT)).astype(np.float32)
-    found = 0
+    assert np.array_equal(missing, ~valid)
+    z, seen = ((raw - level) * dtype(1 / UNIT)).astype(np.float32), np.full(missing.size, least)
+    seen[found[0][:after]] = most[:after]
     for r, c in zip(*np.nonzero(valid & high), strict=True):
-        most = summed(z[:, r, c], steps).max()
-        assert seen[r, c] == (0.5 * most + 3 if most > least else -np.inf)
-        found += most > least
-    assert 50 < found < 0.5 * (valid & high).sum()
+        assert seen.reshape(missing.shape)[r, c] == max(summed(z[:, r, c], steps).max(), least)
+    assert (seen.reshape(missing.shape)[~valid | ~high] == least).all()
+    assert 50 < after < count < 0.5 * (valid & high).sum()
 
 
 def test_sums_of_squares_are_added_up_and_compared():
@@ -407,7 +421,7 @@ def test_squares_need_more_where_their_outline_changes():
     own[high.size // 2 :] *= 1 + 0.2 * rng.standard_normal((high.size - high.size // 2, 8))
     found, wanted = np.zeros(high.shape, bool), np.zeros(high.shape, bool)
     places = np.flatnonzero(high > LEAST_SCORE)
-    kernels.rigid(high.ravel()[places], places, own[places], 25.0, 0.0125, np.full(high.shape, -1, np.int32), found)
+    kernels.rigid(high.ravel()[places], places, own[places], 25.0, 0.0125, found)
     for r, c in np.ndindex(high.shape):
         square = slice(max(r - 1, 0), r + 2), slice(max(c - 1, 0), c + 2)
         part = high[square] > LEAST_SCORE

@@ -10,6 +10,9 @@ import math
 import numba as nb
 import numpy as np
 
+from ._glance_kernels import SOON
+from ._lanes import ahead
+
 FLOOR = 0.02
 """Standard deviation in every band, as a share of the brightness of the thing."""
 LEAST, MOST = 0.002, 1.5
@@ -23,43 +26,53 @@ BATCH = 64
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def gather(look, places, sensor, y, x, variance):  # type: ignore[no-untyped-def]
-    """Excess of some pixels over the level, that of a thing over black, and the variance of noise and texture.
+def gather(look, places, sensor, y, deviation, x, variance):  # type: ignore[no-untyped-def]
+    """Excess of some pixels over the level and the noise, and that of a thing over black, the variance with texture.
 
     look : raw and level as Block, and how many columns they have; sensor : (band,) of bands, of white, (band, 2) of
-    noise, water that a thing leaves, texture; y, x, variance : (band, pixel)
+    noise, water that a thing leaves, texture; all others : (band, pixel)
     """
     (raw, level, columns), (bands, white, noise, left, texture) = look, sensor
+    for q in range(-SOON if places.size else 0, places.size):
+        row, column = divmod(places[min(q + SOON, places.size - 1)], columns)
+        for b in range(bands.size):
+            ahead(raw.numbers, bands[b] * raw.band + row * raw.row + column)
+            ahead(level.numbers, bands[b] * level.band + row * level.row + column)
+        row, column = divmod(places[max(q, 0)], columns)
+        for b in range(bands.size if q >= 0 else 0):
+            y[b, q] = raw.numbers[nb.uint64(bands[b] * raw.band + row * raw.row + column)]
+            x[b, q] = level.numbers[nb.uint64(bands[b] * level.band + row * level.row + column)]
     for b in range(bands.size):
-        for q in range(places.size):
-            row, column = places[q] // columns, places[q] % columns
-            seen = np.float64(raw.numbers[bands[b] * raw.band + row * raw.row + column])
-            under = np.float64(level.numbers[bands[b] * level.band + row * level.row + column])
-            y[b, q], variance[b, q] = seen - under, seen
         fixed, rising = noise[b, 0], noise[b, 1]
         for q in range(places.size):
-            y[b, q] /= white[b]
-            deviation = math.sqrt(fixed + rising * max(variance[b, q], 0.0)) / white[b]
-            variance[b, q] = deviation * deviation + texture[b]
+            deviation[b, q] = math.sqrt(fixed + rising * max(y[b, q], 0.0)) / white[b]
+            variance[b, q] = deviation[b, q] * deviation[b, q] + texture[b]
+            y[b, q] = (y[b, q] - x[b, q]) / white[b]
             x[b, q] = y[b, q] + left[b]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def in_turn(totals, kinds, least, pairs):  # type: ignore[no-untyped-def]
-    """Pixels with each of their shapes of which the sum is above the least, round from that which has the largest.
+def in_turn(totals, which, kinds, least, pairs):  # type: ignore[no-untyped-def]
+    """Some pixels with each of their shapes of which the sum is above the least, round from that of the largest.
 
-    pairs : (3, pair) of pixel, shape and sum, and one more
+    pairs : (pair, 3) of pixel, shape and sum, more than there are; returned is how many
     """
-    count = 0
-    for q in range(len(totals)):
-        likely = 0
+    count, high = 0, np.empty(kinds, np.int64)
+    for q in range(which.size):
+        soon = which[min(q + SOON, which.size - 1)] * totals.shape[1]
+        ahead(totals, soon)
+        ahead(totals, soon + kinds)
+        likely, some, total = 0, nb.int64(0), totals[which[q]]
         for k in range(kinds):
-            likely = k if totals[q, k] > totals[q, likely] else likely
-        for n in range(kinds):
-            k = n + likely
-            k -= kinds * (k >= kinds)
-            pairs[0, count], pairs[1, count], pairs[2, count] = q, k, totals[q, k]
-            count += totals[q, k] > least
+            high[nb.uint64(some)] = k
+            some += total[k] > least
+        for n in range(some):
+            likely = n if total[high[n]] > total[high[likely]] else likely
+        for n in range(some):
+            k = high[n + likely if n + likely < some else n + likely - some]
+            pairs[count, 0], pairs[count, 1], pairs[count, 2] = q, k, total[k]
+            count += 1
+    return count
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -73,9 +86,9 @@ def choose(pairs, tried, lasts, y, kinds, smooth, limits, found):  # type: ignor
     """
     (values, spread, weight), (bends, left, hidden), (worth, room, least) = kinds, smooth, limits
     best, fit, away = found
-    for p in range(pairs.shape[1]):
-        q, k = pairs[0, p], pairs[1, p]
-        if pairs[2, p] * worth + room <= max(best[q], least):
+    for p in range(len(pairs)):
+        q, k = pairs[p, 0], pairs[p, 1]
+        if pairs[p, 2] * worth + room <= max(best[q], least):
             continue
         score = tried[0, p] + (weight[k] - lasts[q])
         if score > best[q]:
@@ -101,8 +114,8 @@ def shaped(x, variance, pairs, kinds, bends, hidden, out):  # type: ignore[no-un
     brightness of the first and of the second round, and the parts of the bends
     """
     data, how, kept = np.empty((x.shape[0], 3, BATCH)), np.empty((5, BATCH)), np.empty(BATCH, np.int64)
-    for first in range(0, pairs.shape[1], BATCH):
-        count = min(pairs.shape[1] - first, BATCH)
+    for first in range(0, len(pairs), BATCH):
+        count = min(len(pairs) - first, BATCH)
         for p in range(count):
             kept[p], out[0, first + p] = first + p, -np.inf
         take(x, variance, kept, count, pairs, kinds, data, how)
@@ -131,7 +144,7 @@ def take(x, variance, kept, count, pairs, kinds, data, how):  # type: ignore[no-
     """Of some pairs the pixel and its variance and the shape, (band, 3, pair), and how the shape may differ."""
     values, spread, odd = kinds
     for p in range(count):
-        q, k = pairs[0, kept[p]], pairs[1, kept[p]]
+        q, k = pairs[kept[p], 0], pairs[kept[p], 1]
         for b in range(data.shape[0]):
             data[b, 0, p], data[b, 1, p], data[b, 2, p] = x[b, q], variance[b, q], values[k, b]
         how[0, p], how[1, p], how[2, p], how[3, p] = spread[k, 0], spread[k, 1], spread[k, 2], odd[k]
@@ -216,19 +229,21 @@ def solved(data, bends, hidden, count, how):  # type: ignore[no-untyped-def]
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def likelihood(chi, weight, factor, product, count):  # type: ignore[no-untyped-def]
     """Logarithm of what `solved` found for `count` bands."""
-    determinant = 0.5 * (math.log(product) - count * math.log(1e5)) + math.log(factor)
-    return -0.5 * chi - determinant - 0.5 * (count - 1) * math.log(2 * math.pi) - 0.5 * math.log(weight)
+    root = math.log(product * weight * (factor * factor)) - count * math.log(1e5)
+    return -0.5 * (chi + root) - 0.5 * (count - 1) * math.log(2 * math.pi)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def chain(y, sparkle, unit, out):  # type: ignore[no-untyped-def]
-    """Log density of spectra (band, pixel) as a Markov chain over bands in the order of time."""
-    first, following, low, step = sparkle
-    before, width = np.zeros(out.size, np.int64), math.log(unit)
-    for b in range(y.shape[0]):
-        for q in range(out.size):
-            z = y[b, q] / unit
-            place = min(max(int((math.asinh(z) - low) / step), 0), first.size - 1)
-            out[q] = first[place] if b == 0 else out[q] + following[b - 1, before[q], place]
-            out[q] -= width + 0.5 * math.log1p(z * z)
-            before[q] = place
+def chain(y, rows, which, first, following, unit, out):  # type: ignore[no-untyped-def]
+    """Log density of spectra (band, pixel) as a Markov chain over bands in the order of time.
+
+    rows : (pixel, band - 1), in `following` as (row,), of which some are taken; first : (bin,)
+    """
+    for q in range(out.size):
+        row = rows[which[q]]
+        stretch, total = 1.0, first[row[0] // first.size]
+        for b in range(y.shape[0]):
+            stretch *= 1.0 + (y[b, q] / unit) ** 2
+        for b in range(row.size):
+            total += following[row[b]]
+        out[q] = total - 0.5 * math.log(stretch) - y.shape[0] * math.log(unit)

@@ -14,25 +14,30 @@ STEPS_OF_POWER = 16
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def rigid(score, places, own, threshold, changes, index, out):  # type: ignore[no-untyped-def]
+def rigid(score, places, own, threshold, changes, out):  # type: ignore[no-untyped-def]
     """Pixels in a 3 x 3 square that sums up to the threshold, or to more if its outline changes.
 
     places : (pixel,), where in `out` they are, in order; score : (pixel,); own : (pixel, band), their excess; changes :
-    part of the power that one outline need not explain; index : (row, column), -1, to write on; out : of False
+    part of the power that one outline need not explain; out : (row, column) of False
     """
     rows, columns = out.shape
-    inside = np.empty(9, np.int64)
-    for n in range(places.size):
-        index[places[n] // columns, places[n] % columns] = n
+    inside, index = np.empty(9, np.int64), np.full((5, columns), -1)  # of all that are in the rows around
+    begin = end = 0
     for n in range(places.size):
         i, j = places[n] // columns, places[n] % columns
+        while places[begin] < (i - 2) * columns:
+            index[places[begin] // columns % 5, places[begin] % columns] = -1
+            begin += 1
+        while end < places.size and places[end] < (i + 3) * columns:
+            index[places[end] // columns % 5, places[end] % columns] = end
+            end += 1
         for down in range(max(i - 1, 0), min(i + 2, rows)):
             for right in range(max(j - 1, 0), min(j + 2, columns)):
                 total, count = 0.0, 0
                 for k in range(max(down - 1, 0), min(down + 2, rows)):
                     for m in range(max(right - 1, 0), min(right + 2, columns)):
-                        if index[k, m] >= 0:
-                            inside[count] = index[k, m]
+                        if index[k % 5, m] >= 0:
+                            inside[count] = index[k % 5, m]
                             total += score[inside[count]]
                             count += 1
                 if inside[0] != n or total < threshold:  # each square once, with the first of its pixels

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 Float64 = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 Places = npt.NDArray[np.int64]
-Weighed = tuple[FloatArray, Float64, Float64, Places, Float64]
 
 REACH = 2
 """Pixels around a thing that its blurred edge reaches."""
@@ -139,10 +138,30 @@ def protection_from(data: Mapping[str, Any]) -> Protection:
     )
 
 
-def variance(raw: Float64, protection: Protection) -> Float64:
-    """Of the noise, (band, pixel)."""
-    fixed, rising = np.array(protection.noise).T
-    return np.asarray(fixed[:, None] + rising[:, None] * np.maximum(raw, 0.0))
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """Pixels that were weighed in full.
+
+    Attributes
+    ----------
+    places : (pixel,) ndarray of int
+        Where they are in the image, in order.
+    score : (pixel,) ndarray
+        S by the best shape.
+    spectra : (pixel, band) ndarray
+        Of that shape, less the water that it hides [reflectance].
+    residual : (pixel,) ndarray
+        What is left of the excess, relative to it.
+    excess, noise : (band, pixel) ndarray
+        Over the level, and standard deviation [reflectance].
+    """
+
+    places: Places
+    score: Float64
+    spectra: Float64
+    residual: Float64
+    excess: Float64
+    noise: Float64
 
 
 def binned(y: Float64) -> npt.NDArray[np.uint8]:
@@ -199,66 +218,73 @@ def score(
     A pixel is weighed in full where the first look (`deglint.compensate.glance`) leaves room for S above `LEAST_SCORE`
     in it, and for the threshold in a square around it; elsewhere S is minus infinity.
     """
-    seen, best, fitted, places = weighed(raw, level, protection, threshold)[:4]
-    score = np.where(np.isnan(seen), np.nan, -np.inf)
-    score.ravel()[places] = best
-    return score, fitted.T, places
+    missing, found = weighed(raw, level, protection, threshold)
+    score = np.where(missing, np.nan, -np.inf)
+    score.ravel()[found.places] = found.score
+    return score, found.spectra.T, found.places
 
 
-def weighed(raw: FloatArray, level: FloatArray, protection: Protection, threshold: float) -> Weighed:
-    """As for `score`: the first look at all pixels, and of those weighed in full S, spectrum, place and residual."""
-    from ._glance_kernels import glance
+def weighed(raw: FloatArray, level: FloatArray, protection: Protection, threshold: float) -> tuple[BoolArray, Weighed]:
+    """As for `score`: where there is no number, and the pixels weighed in full."""
+    from ._glance_kernels import KINDS, glance, weigh
     from .glance import MOST_ROOM, QUARTERS, ROOM, block
 
-    dtype, seen = raw.dtype, np.empty(raw.shape[1:], np.float32)
-    look, bands, white = (block(raw), block(level)), np.array(protection.bands), np.array(protection.irradiance)
-    noise, limit = np.array(protection.noise, dtype), dtype.type(STANDS_OUT) * dtype.type(STANDS_OUT)
+    dtype, shape, steps = raw.dtype, raw.shape[1:], protection.steps
+    bands, white = np.array(protection.bands), np.array(protection.irradiance)
+    limit = dtype.type(STANDS_OUT) * dtype.type(STANDS_OUT)
+    sensor = bands, (1 / (white * UNIT)).astype(dtype), np.array(protection.noise, dtype), limit
     least = max(int(np.floor((LEAST_SCORE - ROOM) * QUARTERS)), -MOST_ROOM)
-    begin, scale = (np.float32(1 / QUARTERS), np.float32(ROOM)), (1 / (white * UNIT)).astype(dtype)
-    glance(*look, bands, scale, noise, limit, protection.steps, least, *begin, seen)
-    places = np.flatnonzero(clusters(seen, threshold))
-    best, fitted, away = _explained((*look, raw.shape[2]), protection, places)
-    return seen, best, fitted, places, away
+    missing, size = np.empty(shape, np.bool_), shape[0] * shape[1]
+    look = block(raw), block(level)
+    listed = np.empty(size, np.int64), np.empty((size, bands.size - 1), np.uint16)
+    count = glance(look, sensor, steps, least, missing, listed)
+    totals, most = np.empty((count, KINDS), np.int16), np.empty(count, np.int32)
+    count = weigh(count, steps, least, listed, totals, most)
+    places, rows, most = (a[:count] for a in (*listed, most))
+    some = _near(places, most / QUARTERS + ROOM, shape, threshold)
+    return missing, _explained((*look, shape[1]), protection, places[some], (rows, totals, some))
 
 
-def _explained(look: Any, protection: Protection, places: Places) -> tuple[Float64, Float64, Float64]:
-    """Of some pixels S by the best shape, the spectrum of that, (pixel, band), and what is left, relative to it."""
+def _explained(look: Any, protection: Protection, places: Places, seen: Any) -> Weighed:
+    """Some pixels by the best shape of each; seen : of more pixels rows and sums of steps, and which they are."""
     from ._explain_kernels import chain, choose, gather, in_turn, shaped
-    from ._glance_kernels import LANES, bins, weigh
     from .glance import QUARTERS, ROOM_OF_SHAPE
 
-    s, first, following, steps = protection.shapes, protection.first, protection.following, protection.steps
+    s, first, following = protection.shapes, protection.first, protection.following
     assert s is not None and first is not None and following is not None  # noqa: PT018
     white, water, bent = np.array(protection.irradiance), np.array(protection.water), bends(protection.wavelength)
     left, hidden = WATER_HIDDEN[0] * water, WATER_HIDDEN[1] * water
-    y, x, variance = np.empty((3, water.size, places.size))
+    y, deviation, x, variance = np.empty((4, water.size, places.size))
     sensor = np.array(protection.bands), white, np.array(protection.noise), left, (TEXTURE * water) ** 2
-    gather(look, places, sensor, y, x, variance)
-    lasts, bin_of = np.empty(places.size), np.empty(y.shape, np.uint8)
-    chain(y, (first, following, LOW, (HIGH - LOW) / BINS), UNIT, lasts)
-    for b, z in enumerate((y / UNIT).astype(np.float32)):
-        bins(z, z.size, b, steps.cell, steps.edge, bin_of)
-    totals = np.empty((places.size, LANES), np.int16)
-    weigh(bin_of, np.arange(places.size), places.size, steps, 0, totals)
+    gather(look, places, sensor, y, deviation, x, variance)
+    (rows, totals, which), lasts = seen, np.empty(places.size)
+    chain(y, rows, which, first, following.ravel(), UNIT, lasts)
     least = int(np.floor((LEAST_SCORE - ROOM_OF_SHAPE) * QUARTERS))
-    pairs = np.empty((3, np.count_nonzero(totals[:, : len(s.weight)] > least) + 1), np.int64)
-    in_turn(totals, len(s.weight), least, pairs)
-    pairs, spread = np.ascontiguousarray(pairs[:, :-1]), np.stack([s.slope, s.bend, s.rough], axis=1)
-    tried = np.empty((6, pairs.shape[1]))
+    pairs = np.empty((places.size * len(s.weight), 3), np.int32)
+    pairs = pairs[: in_turn(totals, which, len(s.weight), least, pairs)]
+    spread = np.stack([s.slope, s.bend, s.rough], axis=1)
+    tried = np.empty((6, len(pairs)))
     shaped(x, variance, pairs, (s.values, spread, s.odd), bent, hidden, tried)
     found = np.full(places.size, -np.inf), np.zeros((places.size, water.size)), np.empty(places.size)
     kinds, limits = (s.values, spread, np.log(s.weight)), (1 / QUARTERS, ROOM_OF_SHAPE, LEAST_SCORE)
     choose(pairs, tried, lasts, y, kinds, (bent, left, hidden), limits, found)
-    return found
+    return Weighed(places, *found, y, deviation)
 
 
-def excess(raw: FloatArray, level: FloatArray, protection: Protection, places: Places) -> tuple[Float64, Float64]:
-    """Of some pixels the excess over the level and the standard deviation of the noise [reflectance], (band, pixel)."""
+def _near(places: Places, values: Float64, shape: tuple[int, ...], threshold: float) -> Places:
+    """Which of some pixels, in order, are in a 3 x 3 square over which values sum up to the threshold."""
+    from ._glance_kernels import squares
+
+    which, reached = np.empty(places.size + 1, np.int64), np.zeros((shape[0] + 2, shape[1] + 2), np.bool_)
+    return which[: squares(places, values, threshold, reached, which)]
+
+
+def excess(raw: FloatArray, level: FloatArray, protection: Protection, places: Places) -> Float64:
+    """Of some pixels the excess over the level [reflectance], (band, pixel)."""
     at = np.array(protection.bands)[:, None], *np.divmod(places, raw.shape[2])
-    here, white = raw[at].astype(np.float64), np.array(protection.irradiance)[:, None]
     with np.errstate(invalid="ignore"):
-        more = here - level[at].astype(np.float64)
-    return more / white, np.sqrt(variance(here, protection)) / white
+        more = raw[at].astype(np.float64) - level[at].astype(np.float64)
+    return np.asarray(more / np.array(protection.irradiance)[:, None])
 
 
 def plain(block: FloatArray) -> FloatArray:
@@ -268,11 +294,9 @@ def plain(block: FloatArray) -> FloatArray:
 
 def clusters(score: FloatArray, threshold: float) -> BoolArray:
     """Pixels of high S in a 3 x 3 square over which that sums up to the threshold."""
-    from ._glance_kernels import squares
-
-    mask = np.empty(score.shape, np.bool_)
-    squares(score, LEAST_SCORE, threshold, mask)
-    return grown(mask, 1) & (score > LEAST_SCORE)
+    mask, places = np.zeros(score.shape, np.bool_), np.flatnonzero(score > LEAST_SCORE)
+    mask.ravel()[places[_near(places, score.ravel()[places].astype(np.float64), score.shape, threshold)]] = True
+    return mask
 
 
 def grown(mask: BoolArray, reach: int) -> BoolArray:

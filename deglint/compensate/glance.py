@@ -6,8 +6,8 @@ two bins each, and can be looked up. The steps of all shapes lie side by side, a
 row of the tables for each pair of bands. Most pixels need less: shapes are put into a few groups, and where the most
 that any shape of a group adds, step by step, is too little for all groups, it is for all shapes.
 
-What is lost against the full likelihood is that brightness and bends are
-told by pairs of bands, not by all of them, and the width of the bins.
+All of that is whole numbers, side by side in the processor's lanes. What is lost against the full likelihood is that
+brightness and bends are told by pairs of bands, not by all of them, and the width of the bins.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ import numpy.typing as npt
 from ..errors import InputError
 from ..scene import FloatArray
 from ._explain_kernels import FLOOR, LEAST, MOST, SPREAD
-from ._glance_kernels import LANES, PACKED, WORDS, Block, Steps
+from ._glance_kernels import KINDS, Block, Steps
+from ._glance_lanes import GROUPS
 from .evidence import BINS, HIGH, LOW, TEXTURE, UNIT, WATER_HIDDEN, Protection, bends
 
 Float64 = npt.NDArray[np.float64]
@@ -40,25 +41,10 @@ MOST_ROOM = 20000
 """Steps by which a sum may be below zero and still be looked at, so that all fits into 16 bits."""
 LOWEST = -40
 """Steps below this count as this when shapes are grouped: they decide anyway."""
+GUESS = 0.5
+"""Bins by which the guess of a bin (`deglint.compensate._glance_lanes`) begins lower."""
 USUAL = 1e-4
 """Chance of a step of sparkle from which it counts when shapes are grouped."""
-
-
-def cells(edges: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
-    """How many edges lie at or below all float32 numbers that begin with the same 12 bits: sign, exponent, 3 more.
-
-    Examples
-    --------
-    >>> found = cells(np.array([0.9, 1.05]))
-    >>> bits = np.array([0.5, 1.0, 1.2], np.float32).view(np.int32) >> 20
-    >>> found[bits].tolist()  # 1.0 begins like 1.05, so that one more comparison is needed there
-    [0, 1, 2]
-    """
-    with np.errstate(invalid="ignore"):
-        ends = [(np.arange(4096, dtype=np.uint32) << np.uint32(20)) + np.uint32(e) for e in (0, (1 << 20) - 1)]
-        lowest = np.fmin(*(e.view(np.float32) for e in ends)).astype(np.float64)
-    found = np.searchsorted(edges, np.where(np.isnan(lowest), -np.inf, lowest), side="right")
-    return found.astype(np.uint8)
 
 
 def block(image: FloatArray) -> Block:
@@ -72,6 +58,10 @@ def block(image: FloatArray) -> Block:
     (12, 4, 22.0)
     """
     size = image.itemsize
+    if image.flags.c_contiguous:
+        numbers = image.reshape(-1)
+        numbers.flags.writeable = False
+        return Block(numbers, image[0].size, image.shape[2])
     if image.size == 0 or image.strides[2] != size or min(image.strides) < 0 or any(s % size for s in image.strides):
         image = image.copy()
     band, row = image.strides[0] // size, image.strides[1] // size
@@ -83,22 +73,22 @@ def steps(protection: Protection) -> Steps:
     """The tables; some 30 ms for eight bands."""
     s, first, following = protection.shapes, protection.first, protection.following
     assert s is not None and first is not None and following is not None  # noqa: PT018
-    count, kinds = len(protection.bands), len(s.weight)
-    if kinds > LANES:
-        raise InputError(f"at most {LANES} shapes can be told apart, got {kinds}")
-    start = np.full(LANES, BLOCKED, np.int16)
+    count, kinds, width = len(protection.bands), len(s.weight), (HIGH - LOW) / BINS
+    if kinds > KINDS:
+        raise InputError(f"at most {KINDS} shapes can be told apart, got {kinds}")
+    start = np.full(KINDS, BLOCKED, np.int16)
     start[:kinds] = np.rint(QUARTERS * (np.log(s.weight) - math.log(SPREAD)))
-    step = np.zeros((count - 1, BINS, BINS, LANES), np.int8)
+    step = np.zeros((count - 1, BINS, BINS, KINDS), np.int8)
     for i in range(count - 1):
         gain = QUARTERS * (_followed(protection, i) - following[i][:, :, None])
         step[i, :, :, :kinds] = np.rint(np.clip(gain, -128, 127))
-    edges = np.sinh(LOW + np.arange(1, BINS) * (HIGH - LOW) / BINS).astype(np.float32)
+    edges = np.sinh(LOW + np.arange(1, BINS) * width).astype(np.float32)
     alone = np.rint(-QUARTERS * first).astype(np.int16)
     packed = _packed(step[..., :kinds], start[:kinds], alone, _chance(protection))
     # not a number: nothing, not even infinity, is at or above the edge beyond the last one
     edges_and_end = np.append(edges, np.float32(np.nan))
-    rows = np.append(step.ravel(), np.zeros(LANES, np.int8))
-    return Steps(cells(edges), edges_and_end, alone, start, rows, *packed)
+    begin, bins = np.float32(-LOW / width - GUESS), np.float32(math.log(2) / 2**23 / width)
+    return Steps(edges_and_end, begin, bins, alone, start, step.ravel(), *packed)
 
 
 def _chance(protection: Protection) -> Float64:
@@ -113,17 +103,13 @@ def _chance(protection: Protection) -> Float64:
     return np.array(found)
 
 
-def _packed(step: Steps8, start: Steps16, first: Steps16, chance: Float64) -> tuple[Places, Places]:
-    """The most that a shape of each group adds, as it begins and with each step; `PACKED` groups to a number.
-
-    Begins are above by half of what 16 bits hold, and steps by 128, so that no group ever borrows from the next.
-    """
-    groups = grouped(np.maximum(step, LOWEST)[chance > USUAL], start, chance[chance > USUAL], WORDS * PACKED)
-    begin = [first.astype(np.int64) + start[g].max() + (1 << 15) - 128 * len(step) for g in groups]
-    more = [step[..., g].max(axis=-1).astype(np.int64).ravel() + 128 for g in groups]
-    shifts = (1 << 16) ** np.arange(PACKED, dtype=np.int64)
-    found = [np.stack(a, axis=1).reshape(-1, WORDS, PACKED) @ shifts for a in (begin, more)]
-    return found[0].ravel(), found[1].ravel()
+def _packed(step: Steps8, start: Steps16, first: Steps16, chance: Float64) -> tuple[Steps16, Steps8]:
+    """The most that a shape of each group adds, as it begins and with each step."""
+    common = np.maximum(step, LOWEST)[chance > USUAL]
+    groups = grouped(common, start, chance[chance > USUAL], GROUPS)
+    begin = [first + start[g].max() for g in groups]
+    more = [step[..., g].max(axis=-1).ravel() for g in groups]
+    return np.stack(begin, axis=1).ravel(), np.stack(more, axis=1).ravel()
 
 
 def grouped(step: Steps8, start: Steps16, chance: Float64, count: int) -> list[list[int]]:
