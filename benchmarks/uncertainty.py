@@ -2,7 +2,7 @@
 
 Ratio: root mean square of the error over root mean square of the standard error, of clean pixels and of replaced ones;
 spread: half of what lies between the 16th and the 84th percentile of error over standard error, 1 for a normal one.
-No scene here set a constant: those were set on seeds 1 to 3 at 2, 5 and 9 m/s.
+No scene here set a constant: those were set on seeds 1 to 3.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ USUAL = tuple(
     Case(wind, patch, delay, seed)
     for seed in SEEDS for wind in (2.0, 5.0, 9.0) for patch in (0.005, 0.06) for delay in (0.06, 0.0)
 )  # fmt: skip
-"""Winds, patches and delays of the scenes that constants were set on."""
+"""The usual winds, patches and delays."""
 OTHER = tuple(
     Case(wind, patch, delay, 141 + 9 * i + 3 * j + k, sensor)
     for i, wind in enumerate((3.0, 7.0, 12.0))

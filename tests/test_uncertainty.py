@@ -7,11 +7,12 @@ import pytest
 
 from deglint import Recipe, fit_scene, open_scene, remove_glint
 from deglint.compensate import uncertainty as module
-from deglint.compensate.uncertainty import BandError, Parts, Trial, Uncertainty, fit, stderr
+from deglint.compensate.trials import Trial
+from deglint.compensate.uncertainty import BandError, Parts, Uncertainty, fit, stderr
 from deglint.errors import FitError, InputError
 from deglint.physics.presets import preset
 from deglint.pipeline.correct import Correction
-from deglint.pipeline.uncertain import _trial, with_stderr
+from deglint.pipeline.uncertain import MOVES, _looked, _sea, _trial, with_stderr
 from deglint.raster.output import Layout
 from deglint.raster.simulated import write_scene
 from deglint.remove import GlintModel
@@ -128,18 +129,20 @@ def test_every_pixel_is_what_its_parts_say():
 
 
 def trial(part, error):
-    return Trial(error.astype(np.float32), part.replaced, part.where, part.removed_level)
+    away = part.after - part.removed_level
+    return Trial(error.astype(np.float32), part.replaced, part.where, part.removed_level, away)
 
 
 def test_noise_is_the_clean_pixels_own_and_the_level_errs_as_in_trials():
+    """Errors of trials: their mean is of one sign with that of the level, their variance grows as a second one's."""
     parts = [looks(seed) for seed in range(6)]
     rng = np.random.default_rng(7)
-    trials = [trial(part, 0.3 * rng.standard_normal(part.level.shape)) for part in parts]
-    told = fit(parts, MODEL, [0], trials=trials, reference=1, glint={0: 1.0, 1: 1.0})
+    trials = [trial(part, 0.3 * rng.standard_normal(part.level.shape) - 0.4) for part in parts]
+    told = fit(parts, MODEL, [0], trials=trials, growth=1.5, reference=1, glint={0: 1.0, 1: 1.0})
     (band,) = told.bands
     assert band.fixed + 10 * band.growing == pytest.approx(0.2**2, rel=0.05)
-    assert (band.level, band.edges) == (pytest.approx(0.3**2, rel=0.1), 0.0)
-    assert abs(band.high) < 0.01
+    assert (band.level, band.edges) == (pytest.approx(1.5 * 0.3**2, rel=0.1), 0.0)
+    assert band.high == pytest.approx(-0.4, abs=0.02)
 
 
 def test_errors_grow_where_the_level_spans():
@@ -154,7 +157,8 @@ def test_errors_grow_where_the_level_spans():
     error = 0.1 * np.sqrt(np.maximum(squares - usual, 0.0)) * rng.standard_normal(level.shape)
     (band,) = fit([part], MODEL, [0], trials=[trial(part, error)], reference=1, glint={0: 1.0, 1: 1.0}).bands
     assert band.relief == pytest.approx(usual)
-    assert (band.edges, band.level) == (pytest.approx(0.01, rel=0.1), pytest.approx(0.0, abs=0.001 * usual))
+    assert band.edges == pytest.approx(0.01, rel=0.1)
+    assert band.level == pytest.approx(0.0, abs=0.001 * usual)
 
 
 @pytest.mark.parametrize(("high", "sigma", "k"), [(0.0, 1.0, 1.5), (0.4, 1.0, 1.5), (-0.3, 2.0, 1.2)])
@@ -172,11 +176,16 @@ def test_a_level_that_lies_too_high_is_seen_in_what_lies_below_it(high, sigma, k
 
 
 def test_a_trial_lays_sparkle_and_noise_elsewhere(calm, simulated):
-    """The sea of a trial is the level and what stands above it; where there is none of that, nothing errs."""
+    """The sea of a trial is the level and what stands above it; a second trial begins with what the first one found."""
     work, whole = calm
+    sea = _sea(replace(work, uncertainty=None)(whole).parts)
     parts = replace(work, uncertainty=None)(whole).parts
-    found = _trial(work, parts)
+    found, again = _trial(work, sea, sea.noise(), MOVES[0])
     assert found.where.mean() > 0.9
+    np.testing.assert_array_equal(again.replaced, found.replaced)
+    moments = _looked(work, parts, MOVES[:1])[1]
+    np.testing.assert_array_equal(moments[0], found.moments())
+    assert 0.5 < np.median(moments[0, :, 2] / moments[1, :, 2]) < 2
     error = found.error[:, found.where]
     assert np.isfinite(error).all()
     truth = simulated["calm"][1]

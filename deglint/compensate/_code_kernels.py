@@ -1,100 +1,171 @@
-"""Compiled: `deglint.compensate.codes`, and what is done with the codes of levels and of outlines."""
+"""Compiled: `deglint.compensate.codes`, and what is done with the codes of levels and of outlines.
+
+Vectors (`deglint.compensate._lanes`) over all pixels of a band, in whatever rows they lie; there are `LANES` or more.
+"""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba as nb
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 
-from ._apart import apart
+from ._lanes import FLOATS, LANES, lanes, larger, load, plus, pointer, smaller, spread, store, times
 
-ONE = np.int32(0x3F800000)
+_CODES, _BITS = ir.VectorType(ir.IntType(16), LANES), ir.VectorType(ir.IntType(32), LANES)
+_BITS_OF_ONE = 0x3F800000
 """1.0 as bits."""
-DROPPED = 13
+_DROPPED = 13
 """Bits of 1 + |q| that are left out: 10 of the fraction are kept."""
-LARGEST, NOTHING = np.int32(32766), np.int32(32767)
+_NOTHING = 32767
+ZERO, ONE, MINUS = (np.float32(x) for x in (0, 1, -1))
+WIDE = 256
+"""Pixels of all bands that are worked on at a time."""
 
 
-@nb.njit(cache=True, nogil=True)
-def encode_row(row, centre, per_unit, size, bits, out):  # type: ignore[no-untyped-def]
-    """Codes of a row; `bits` is `size`, for scratch, seen as integers."""
-    apart()
-    for j in range(row.size):
-        size[j] = abs((row[j] - centre) * per_unit) + np.float32(1)
-    for j in range(row.size):
-        code = (bits[j] - ONE + np.int32(1 << (DROPPED - 1))) >> np.int32(DROPPED)
-        code = code if code < LARGEST else LARGEST
-        code = -code if row[j] < centre else code
-        out[j] = code if row[j] == row[j] else NOTHING
+def _every(kind: Any, number: Any) -> Any:
+    return ir.Constant(kind, [number] * LANES)
+
+
+def _told(_typing: Any, codes: Any, _index: Any, _centre: Any, _unit: Any) -> Any:
+    """Values of codes of an array."""
+
+    def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        spot = pointer(context, builder, signature.args[0], given[0], given[1], _CODES)
+        code = builder.sext(builder.load(spot, align=2), _BITS)
+        below = builder.icmp_signed("<", code, _every(_BITS, 0))
+        size = builder.select(below, builder.neg(code), code)
+        bits = builder.add(builder.shl(size, _every(_BITS, _DROPPED)), _every(_BITS, _BITS_OF_ONE))
+        away = builder.fmul(builder.fsub(builder.bitcast(bits, FLOATS), _every(FLOATS, 1.0)), given[3])
+        value = builder.select(below, builder.fsub(given[2], away), builder.fadd(given[2], away))
+        none = builder.icmp_signed("==", size, _every(_BITS, _NOTHING))
+        return builder.select(none, _every(FLOATS, float("nan")), value)
+
+    return lanes(codes, types.intp, lanes, lanes), made
+
+
+def _tell(_typing: Any, codes: Any, _index: Any, _values: Any, _centre: Any, _per_unit: Any) -> Any:
+    """Put the codes of values into an array."""
+
+    def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        codes, index, values, centre, per_unit = given
+        away = builder.fmul(builder.fsub(values, centre), per_unit)
+        bits = builder.and_(builder.bitcast(away, _BITS), _every(_BITS, 0x7FFFFFFF))
+        size = builder.bitcast(builder.fadd(builder.bitcast(bits, FLOATS), _every(FLOATS, 1.0)), _BITS)
+        size = builder.add(size, _every(_BITS, (1 << (_DROPPED - 1)) - _BITS_OF_ONE))
+        code = builder.ashr(size, _every(_BITS, _DROPPED))
+        most = _every(_BITS, _NOTHING - 1)
+        code = builder.select(builder.icmp_signed("<", code, most), code, most)
+        code = builder.select(builder.fcmp_ordered("<", values, centre), builder.neg(code), code)
+        code = builder.select(builder.fcmp_ordered("ord", values, values), code, _every(_BITS, _NOTHING))
+        spot = pointer(context, builder, signature.args[0], codes, index, _CODES)
+        builder.store(builder.trunc(code, _CODES), spot, align=2)
+        return context.get_dummy_value()
+
+    return types.void(codes, types.intp, lanes, lanes, lanes), made
+
+
+def _put(_typing: Any, out: Any, replaced: Any, _at: Any, _value: Any, _level: Any, _rise: Any, _full: Any) -> Any:
+    """Values, or the level where they exceed it by more than the rise or are full, and there is one; and where."""
+
+    def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        out, replaced, at, value, level, rise, full = given
+        above = builder.fcmp_ordered(">", value, builder.fadd(level, rise))
+        hit = builder.or_(above, builder.fcmp_ordered(">=", value, full))
+        known = builder.fcmp_ordered("==", builder.fsub(level, level), _every(FLOATS, 0.0))
+        hit = builder.and_(hit, known)
+        spot = pointer(context, builder, signature.args[0], out, at, FLOATS)
+        builder.store(builder.select(hit, level, value), spot, align=4)
+        marks = ir.VectorType(ir.IntType(8), LANES)
+        spot = pointer(context, builder, signature.args[1], replaced, at, marks)
+        builder.store(builder.zext(hit, marks), spot, align=1)
+        return context.get_dummy_value()
+
+    return types.void(out, replaced, types.intp, lanes, lanes, lanes, lanes), made
+
+
+told: Any = intrinsic(_told)
+put: Any = intrinsic(_put)
+tell: Any = intrinsic(_tell)
 
 
 @nb.njit(cache=True, nogil=True)
 def encode(band, centre, per_unit, out):  # type: ignore[no-untyped-def]
     """Codes of a band."""
-    size = np.empty(band.shape[1], np.float32)
-    bits = size.view(np.int32)
-    for i in range(len(band)):
-        encode_row(band[i], centre, per_unit, size, bits, out[i])
-
-
-@nb.njit(cache=True, nogil=True)
-def decode_row(codes, centre, unit, bits, size, out):  # type: ignore[no-untyped-def]
-    """Values of a row of codes."""
-    apart()
-    for j in range(out.size):
-        bits[j] = (abs(np.int32(codes[j])) << np.int32(DROPPED)) + ONE
-    for j in range(out.size):
-        away = (size[j] - np.float32(1)) * unit
-        value = centre - away if codes[j] < 0 else centre + away
-        out[j] = value if abs(np.int32(codes[j])) != NOTHING else np.float32(np.nan)
+    middle, scale = spread(centre), spread(per_unit)
+    for first in range(0, band.size, LANES):
+        p = min(first, band.size - LANES)
+        tell(out, p, load(band, p), middle, scale)
 
 
 @nb.njit(cache=True, nogil=True)
 def decode(codes, centre, unit, out):  # type: ignore[no-untyped-def]
     """Values of codes."""
-    size = np.empty(codes.shape[1], np.float32)
-    bits = size.view(np.int32)
-    for i in range(len(codes)):
-        decode_row(codes[i], centre, unit, bits, size, out[i])
+    middle, scale = spread(centre), spread(unit)
+    for first in range(0, codes.size, LANES):
+        p = min(first, codes.size - LANES)
+        store(out, p, told(codes, p, middle, scale))
 
 
 @nb.njit(cache=True, nogil=True)
-def beyond(level, outline, per_glint, detail, scaled):  # type: ignore[no-untyped-def]
-    """By how much a row of outlines exceeds one of the level, and that in units of glint; 0 where there is neither."""
-    apart()
-    for j in range(detail.size):
-        more = outline[j] - level[j]
-        detail[j] = more if more > np.float32(0) else np.float32(0)
-        scaled[j] = detail[j] * per_glint
-
-
-@nb.njit(cache=True, nogil=True)
-def capped(a, b, c, d, factor, detail, out):  # type: ignore[no-untyped-def]
+def capped(level, detail, before, around, after, factor):  # type: ignore[no-untyped-def]
     """Add of a detail no more than the factor times the best pair: two before, one on either side, two after."""
-    apart()
-    for j in range(out.size):
-        before = a[j] if a[j] < b[j] else b[j]
-        around = b[j] if b[j] < c[j] else c[j]
-        after = c[j] if c[j] < d[j] else d[j]
-        most = before if before > around else around
-        most = (most if most > after else after) * factor
-        out[j] = out[j] + (most if most < detail[j] else detail[j])
+    most = larger(larger(smaller(*before), smaller(*around)), smaller(*after))
+    return plus(level, smaller(times(most, factor), detail))
 
 
 @nb.njit(cache=True, nogil=True)
-def agree(levels, outlines, grids, order, glint, slack, out):  # type: ignore[no-untyped-def]
-    """`deglint.compensate.level.agreeing`; grids are centre and unit, glint is the spectrum in the order of bands."""
-    count, (bands, rows, columns) = len(order), out.shape
-    scaled = np.zeros((bands + 4, columns), np.float32)  # nothing agrees beyond the first and the last band
-    details, outline = np.zeros((bands, columns), np.float32), np.empty(columns, np.float32)
-    size = np.empty(columns, np.float32)
-    bits = size.view(np.int32)
-    for i in range(rows):
-        for b in range(bands):
-            decode_row(levels[b, i], grids[b, 0], grids[b, 1], bits, size, out[b, i])
-        for n in range(count):
-            b = order[n]
-            decode_row(outlines[b, i], grids[b, 0], grids[b, 1], bits, size, outline)
-            beyond(out[b, i], outline, np.float32(1) / glint[n], details[n], scaled[n + 2])
-        for n in range(count):
-            a, b, c, d = scaled[n], scaled[n + 1], scaled[n + 3], scaled[n + 4]
-            capped(a, b, c, d, slack * glint[n], details[n], out[order[n], i])
+def told_row(codes, at, grid, glint, x, to, line, some):  # type: ignore[no-untyped-def]
+    """A part of a row: the level, by how much outlines exceed it, where there are any, and that in units of glint."""
+    levels, outlines = codes
+    middle, unit, per_glint = spread(grid[0]), spread(grid[1]), spread(np.float32(1) / glint)
+    for first in range(0, line, LANES):
+        p = min(first, line - LANES)
+        level, detail = told(levels, at + p, middle, unit), spread(ZERO)
+        if some:
+            detail = larger(plus(told(outlines, at + p, middle, unit), times(level, spread(MINUS))), spread(ZERO))
+        store(x, to + p, times(detail, per_glint))
+        store(x, to + x.size // 3 + p, detail)
+        store(x, to + x.size // 3 * 2 + p, level)
+
+
+@nb.njit(cache=True, nogil=True)
+def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image, level, clean, replaced):  # type: ignore[no-untyped-def]
+    """`deglint.compensate.level.Opened`: the level, where it is wanted, and what is left of an image, if there is one.
+
+    codes : levels and outlines, (band x row x column); grids : centre and unit; order : bands, of which so many
+    agree, up to the last, and then the others; bands : which they are of the image, and of what is written; image :
+    numbers, from band to band, from row to row
+    """
+    numbers, per_band, per_row = image
+    size, wide = codes[0].size // len(grids), min(columns, WIDE)
+    x = np.zeros(3 * (len(order) + 4) * wide, np.float32)  # nothing agrees beyond the first and the last band
+    more = x.size // 3
+    for begin in range(0, size, columns):
+        for first in range(0, columns, wide):
+            at = begin + min(first, columns - wide)
+            for n in range(len(order)):
+                b, some = order[n], n < last
+                told_row(codes, b * size + at, grids[b], glint[n] if some else ONE, x, (n + 2) * wide, wide, some)
+            for n in range(len(order)):
+                b, s = order[n], n * wide
+                band = bands[b]
+                to, beside = band * size + at, band * per_band + begin // columns * per_row + at - begin
+                factor = spread(slack * glint[n])
+                offset, rise, full = (spread(limits[band, 0]), spread(limits[band, 1]), spread(limits[band, 2]))
+                for place in range(0, wide, LANES):
+                    p = min(place, wide - LANES)
+                    found = load(x, s + p + 2 * wide + 2 * more)
+                    if n < last:
+                        around = load(x, s + p + wide), load(x, s + p + 3 * wide)
+                        before, after = (load(x, s + p), around[0]), (around[1], load(x, s + p + 4 * wide))
+                        found = capped(found, load(x, s + p + 2 * wide + more), before, around, after, factor)
+                    if limits.size:
+                        found = plus(found, offset)
+                    if level.size:
+                        store(level, to + p, found)
+                    if clean.size:
+                        put(clean, replaced, to + p, load(numbers, beside + p), found, rise, full)

@@ -2,11 +2,17 @@
 
 An opening is a row of small steps, each of which takes the least of three or five pixels of the step before; the
 median and the combinations are steps, too (`deglint.compensate.opening` writes them down). All steps run side by
-side, each some rows behind those it looks at, so that what they pass on stays in the processor's cache. A dilation is
-the erosion of the negative: from the median on, steps hold negatives, and the least is all that is ever looked for.
+side, a few rows at a time, each some rows behind those it looks at, so that what they pass on stays in the processor's
+cache. A dilation is the erosion of the negative: from the median on, steps hold negatives, and the least is all that is
+ever looked for.
 
-Any type of number will do, of which `nothing` is the largest and stands for a pixel that is not valid: no erosion takes
-it, and as a negative no dilation. Numbers of 16 bits (`deglint.compensate.codes`) take half the time of float32.
+A row is kept as parts side by side, one for each lane of a vector (`deglint.compensate._whole_lanes`): number j of part
+l is number `lanes` j + l in memory. So the neighbour in the row lies a vector away, as the neighbour in the column lies
+a row away, and none is loaded across lines of the cache. What lies beyond the ends of a part is the next part, one
+number further.
+
+Whole numbers of 16 or 32 bits will do, of which the largest stands for a pixel that is not valid: no erosion takes it,
+and as a negative no dilation.
 """
 
 from __future__ import annotations
@@ -15,171 +21,341 @@ import numba as nb
 import numpy as np
 
 from ._apart import apart
+from ._whole_lanes import BYTES, before, behind, count, least, load, most, negative, store, turn
 
-LANES = 32
-"""Rows are worked on in so many columns at a time, some of them beyond the edge."""
-INPUT, LEAST, MEDIAN, CORNERS, OUTLINES = range(5)
-"""Kinds of steps."""
+ROWS = 4
+"""Rows that a step makes at a time, fours: the more, the less often one is loaded, and the more of them are kept."""
+INPUT, ACROSS, DOWN, ACROSS3, ACROSS5, DOWN3, DOWN5, STAR, PATCH, MEDIAN, CORNERS, OUTLINES = range(12)
+"""Kinds of steps: rows as they are; the least of all pixels within reach in the row, in the column; of three or five of
+them; of a pixel and the four so far from it; of 2 x 2; the median of 3 x 3, and that or the brightest patch of 2 x 2
+that a pixel is in; the brightest of the other openings."""
 
 
 @nb.njit(cache=True, nogil=True)
-def least3(rows, a, b, c, to, width):  # type: ignore[no-untyped-def]
-    """The least of three pixels; all are places in one array."""
+def across(x, at, to, reach, five, long):  # type: ignore[no-untyped-def]
+    """The least of three pixels so far apart, or of five, side by side."""
     apart()
-    x, y, z, out = rows[a : a + width], rows[b : b + width], rows[c : c + width], rows[to : to + width]
-    for j in range(width):
-        least = x[j] if x[j] < y[j] else y[j]
-        out[j] = least if least < z[j] else z[j]
+    lanes = count(x)
+    by = reach * lanes
+    for u in range(ROWS):
+        a, b = at[u], at[to + u]
+        for j in range(0, long, lanes):
+            found = least(least(load(x, a + j - by), load(x, a + j)), load(x, a + j + by))
+            if five:
+                found = least(found, least(load(x, a + j - 2 * by), load(x, a + j + 2 * by)))
+            store(x, b + j, found)
 
 
 @nb.njit(cache=True, nogil=True)
-def least5(rows, a, b, c, d, e, to, width):  # type: ignore[no-untyped-def]
-    """The least of five pixels."""
+def down(x, at, to, reach, five, long):  # type: ignore[no-untyped-def]
+    """The least of three pixels so far apart, or of five, in a column."""
     apart()
-    x, y, z, out = rows[a : a + width], rows[b : b + width], rows[c : c + width], rows[to : to + width]
-    v, w = rows[d : d + width], rows[e : e + width]
-    for j in range(width):
-        one = x[j] if x[j] < y[j] else y[j]
-        two = v[j] if v[j] < w[j] else w[j]
-        one = one if one < two else two
-        out[j] = one if one < z[j] else z[j]
+    lanes = count(x)
+    for u in range(ROWS):
+        a, b, c, d, e = at[u], at[u + reach], at[u + 2 * reach], at[u], at[u]
+        if five:
+            d, e = at[u + 3 * reach], at[u + 4 * reach]
+        for j in range(0, long, lanes):
+            found = least(least(load(x, a + j), load(x, b + j)), load(x, c + j))
+            if five:
+                found = least(found, least(load(x, d + j), load(x, e + j)))
+            store(x, at[to + u] + j, found)
 
 
 @nb.njit(cache=True, nogil=True)
-def in_order(rows, a, b, c, to, apart_by, width):  # type: ignore[no-untyped-def]
-    """Three rows in order of brightness, into three rows."""
+def near_across(x, at, to, reach, long):  # type: ignore[no-untyped-def]
+    """The least of all pixels so far to either side, 2 or more; four vectors at a time share most loads."""
     apart()
-    x, y, z = rows[a : a + width], rows[b : b + width], rows[c : c + width]
-    low, middle = rows[to : to + width], rows[to + apart_by : to + apart_by + width]
-    high = rows[to + 2 * apart_by : to + 2 * apart_by + width]
-    for j in range(width):
-        less, more = (x[j], y[j]) if x[j] < y[j] else (y[j], x[j])
-        most = more if more > z[j] else z[j]
-        more = z[j] if more > z[j] else more
-        low[j], middle[j] = (less, more) if less < more else (more, less)
-        high[j] = most
+    lanes = count(x)
+    for u in range(ROWS):
+        for place in range(0, long, 4 * lanes):
+            j = min(place, long - 4 * lanes)
+            a, b = at[u] + j - reach * lanes, at[to + u] + j
+            common, other = load(x, a + 3 * lanes), load(x, a + 4 * lanes)
+            end = a + (2 * reach + 1) * lanes
+            for k in range(a + 5 * lanes, end - lanes, 2 * lanes):
+                common, other = least(common, load(x, k)), least(other, load(x, k + lanes))
+            four_ends(x, common, other, (a, a + lanes, a + 2 * lanes), (end, end + lanes, end + 2 * lanes),
+                      (b, b + lanes, b + 2 * lanes, b + 3 * lanes))  # fmt: skip
 
 
 @nb.njit(cache=True, nogil=True)
-def median9(rows, at, apart_by, to, width, nothing):  # type: ignore[no-untyped-def]
-    """The median of three by three pixels from rows in order, as a negative."""
+def four_ends(x, common, other, before, after, to):  # type: ignore[no-untyped-def]
+    """The least of four windows that lie one on the next, from that of what is common to them, and their ends."""
+    common = least(common, other)
+    second, third = load(x, before[2]), load(x, after[0])
+    first, fourth = least(load(x, before[1]), second), least(third, load(x, after[1]))
+    store(x, to[0], least(common, least(first, load(x, before[0]))))
+    store(x, to[1], least(common, least(first, third)))
+    store(x, to[2], least(common, least(second, fourth)))
+    store(x, to[3], least(common, least(fourth, load(x, after[2]))))
+
+
+@nb.njit(cache=True, nogil=True)
+def near_down(x, at, to, reach, long):  # type: ignore[no-untyped-def]
+    """The same in a column, and four rows at a time."""
     apart()
-    low, middle = rows[at - 1 : at + width + 1], rows[at + apart_by - 1 : at + apart_by + width + 1]
-    high, out = rows[at + 2 * apart_by - 1 : at + 2 * apart_by + width + 1], rows[to : to + width]
-    for j in range(width):
-        x, y, z = low[j], low[j + 1], low[j + 2]
-        a = x if x > y else y
-        a = a if a > z else z
-        x, y, z = middle[j], middle[j + 1], middle[j + 2]
-        less, more = (x, y) if x < y else (y, x)
-        more = more if more < z else z
-        b = less if less > more else more
-        x, y, z = high[j], high[j + 1], high[j + 2]
-        c = x if x < y else y
-        c = c if c < z else z
-        less, more = (a, b) if a < b else (b, a)
-        more = more if more < c else c
-        more = less if less > more else more
-        out[j] = more if more == nothing else -more
+    lanes, last = count(x), 2 * reach
+    for u in range(0, ROWS, 4):
+        a, b, c, d, e, f = at[u], at[u + 1], at[u + 2], at[u + last + 1], at[u + last + 2], at[u + last + 3]
+        one, two, three, four, g, h = at[to + u], at[to + u + 1], at[to + u + 2], at[to + u + 3], at[u + 3], at[u + 4]
+        for j in range(0, long, lanes):
+            common, other = load(x, g + j), load(x, h + j)
+            for k in range(u + 5, u + last, 2):
+                common, other = least(common, load(x, at[k] + j)), least(other, load(x, at[k + 1] + j))
+            four_ends(x, common, other, (a + j, b + j, c + j), (d + j, e + j, f + j),
+                      (one + j, two + j, three + j, four + j))  # fmt: skip
 
 
 @nb.njit(cache=True, nogil=True)
-def corners(rows, up, here, to, width, nothing):  # type: ignore[no-untyped-def]
-    """No less than the brightest patch of 2 x 2 that a pixel is in; `to` is a negative, the patches are not."""
+def down_three(x, at, to, long):  # type: ignore[no-untyped-def]
+    """The least of three neighbours in a column; two rows at a time share loads."""
     apart()
-    above, above_left, own = rows[up : up + width], rows[up - 1 : up + width], rows[here : here + width]
-    left, out = rows[here - 1 : here + width], rows[to : to + width]
-    for j in range(width):
-        one = above[j] if above[j] > above_left[j] else above_left[j]
-        two = own[j] if own[j] > left[j] else left[j]
-        one = one if one > two else two
-        least = -one if -one < out[j] else out[j]
-        out[j] = nothing if (one == nothing) | (out[j] == nothing) else least
+    lanes = count(x)
+    for u in range(0, ROWS, 2):
+        a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], at[to + u], at[to + u + 1]
+        for j in range(0, long, lanes):
+            middle = least(load(x, b + j), load(x, c + j))
+            store(x, one + j, least(middle, load(x, a + j)))
+            store(x, two + j, least(middle, load(x, d + j)))
 
 
 @nb.njit(cache=True, nogil=True)
-def outlines(rows, octagon, guide, diamond, out):  # type: ignore[no-untyped-def]
+def star(x, at, to, reach, long):  # type: ignore[no-untyped-def]
+    """The least of a pixel and the four so far from it along the axes."""
+    apart()
+    lanes = count(x)
+    by = reach * lanes
+    for u in range(ROWS):
+        a, b, c, out = at[u], at[u + reach], at[u + 2 * reach], at[to + u]
+        for j in range(0, long, lanes):
+            found = least(least(load(x, a + j), load(x, b + j)), load(x, c + j))
+            store(x, out + j, least(found, least(load(x, b + j - by), load(x, b + j + by))))
+
+
+@nb.njit(cache=True, nogil=True)
+def star_near(x, at, to, long):  # type: ignore[no-untyped-def]
+    """The same for neighbours; two rows at a time share loads."""
+    apart()
+    lanes = count(x)
+    for u in range(0, ROWS, 2):
+        a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], at[to + u], at[to + u + 1]
+        for j in range(0, long, lanes):
+            middle = least(load(x, b + j), load(x, c + j))
+            found = least(load(x, b + j - lanes), load(x, b + j + lanes))
+            store(x, one + j, least(found, least(middle, load(x, a + j))))
+            found = least(load(x, c + j - lanes), load(x, c + j + lanes))
+            store(x, two + j, least(found, least(middle, load(x, d + j))))
+
+
+@nb.njit(cache=True, nogil=True)
+def patch(x, at, to, long):  # type: ignore[no-untyped-def]
+    """The least of 2 x 2 pixels, of which a pixel is the first."""
+    apart()
+    lanes = count(x)
+    for u in range(0, ROWS, 2):
+        a, b, c, one, two = at[u], at[u + 1], at[u + 2], at[to + u], at[to + u + 1]
+        for j in range(0, long, lanes):
+            middle = least(load(x, b + j), load(x, b + j + lanes))
+            store(x, one + j, least(middle, least(load(x, a + j), load(x, a + j + lanes))))
+            store(x, two + j, least(middle, least(load(x, c + j), load(x, c + j + lanes))))
+
+
+@nb.njit(cache=True, nogil=True)
+def in_order(x, a, b, c, d):  # type: ignore[no-untyped-def]
+    """Three pixels of a column in order of brightness, and three that begin with the second."""
+    one, four = load(x, a), load(x, d)
+    low, high = least(load(x, b), load(x, c)), most(load(x, b), load(x, c))
+    return (least(one, low), least(most(one, low), high), most(one, high),
+            least(four, low), least(most(four, low), high), most(four, high))  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True)
+def median9(low, middle, high):  # type: ignore[no-untyped-def]
+    """The median of three columns, from the least, the middle and the largest of each."""
+    a = most(most(low[0], low[1]), low[2])
+    b = most(least(middle[0], middle[1]), least(most(middle[0], middle[1]), middle[2]))
+    c = least(least(high[0], high[1]), high[2])
+    return most(least(a, b), least(most(a, b), c))
+
+
+@nb.njit(cache=True, nogil=True)
+def median(x, at, patches, to, corners, long):  # type: ignore[no-untyped-def]
+    """The median of 3 x 3, or with corners the brightest patch if that is more, as a negative."""
+    apart()
+    lanes = count(x)
+    for u in range(0, ROWS, 2):
+        a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], at[to + u], at[to + u + 1]
+        e, f, g = at[patches + u], at[patches + u + 1], at[patches + u + 2]
+        left, here = in_order(x, a - lanes, b - lanes, c - lanes, d - lanes), in_order(x, a, b, c, d)
+        for j in range(0, long, lanes):
+            k = j + lanes
+            right = in_order(x, a + k, b + k, c + k, d + k)
+            first = median9((left[0], here[0], right[0]), (left[1], here[1], right[1]), (left[2], here[2], right[2]))
+            second = median9((left[3], here[3], right[3]), (left[4], here[4], right[4]), (left[5], here[5], right[5]))
+            if corners:
+                k = j - lanes
+                common = most(load(x, f + j), load(x, f + k))
+                first = most(first, most(common, most(load(x, e + j), load(x, e + k))))
+                second = most(second, most(common, most(load(x, g + j), load(x, g + k))))
+            store(x, one + j, negative(first))
+            store(x, two + j, negative(second))
+            left, here = here, right
+
+
+@nb.njit(cache=True, nogil=True)
+def outlines(x, at, guide, diamond, to, long):  # type: ignore[no-untyped-def]
     """The opening by an octagon, grown by a cross under the guide, or the one by a diamond; all are negatives."""
     apart()
-    up, here, down = octagon
-    width = out.size
-    above, own, below = rows[up : up + width], rows[here - 1 : here + width + 1], rows[down : down + width]
-    under, tilted = rows[guide : guide + width], rows[diamond : diamond + width]
-    for j in range(width):
-        most = own[j] if own[j] < own[j + 2] else own[j + 2]
-        most = most if most < above[j] else above[j]
-        most = most if most < below[j] else below[j]
-        most = most if most > under[j] else under[j]
-        most = most if most < own[j + 1] else own[j + 1]
-        most = most if most < tilted[j] else tilted[j]
-        out[j] = -most
+    lanes = count(x)
+    for u in range(ROWS):
+        up, here, below, under, tilted = at[u], at[u + 1], at[u + 2], at[guide + u], at[diamond + u]
+        for j in range(0, long, lanes):
+            found = least(load(x, here + j - lanes), load(x, here + j + lanes))
+            found = least(found, least(load(x, up + j), load(x, below + j)))
+            found = least(most(found, load(x, under + j)), load(x, here + j))
+            store(x, at[to + u] + j, least(found, load(x, tilted + j)))
 
 
 @nb.njit(cache=True, nogil=True)
-def widen(rows, at, width, by):  # type: ignore[no-untyped-def]
-    """Repeat the first and the last pixel of a row beyond its ends."""
-    for j in range(by):
-        rows[at - 1 - j] = rows[at]
-        rows[at + width + j] = rows[at + width - 1]
-
-
-@nb.njit(cache=True, nogil=True)
-def copied(row, out):  # type: ignore[no-untyped-def]
-    """A row into another."""
+def turned(x, at, step, to, stride, length):  # type: ignore[no-untyped-def]
+    """A row into parts side by side, or back; rows of squares, which may overlap, in this many places."""
     apart()
-    for j in range(out.size):
+    lanes = count(x)
+    for first in range(0, length, lanes):
+        j = max(min(first, length - lanes), 0)
+        if stride == lanes:
+            turn(x, at + j, step, to + j * lanes, stride)
+        else:
+            turn(x, at + j * lanes, step, to + j, stride)
+
+
+@nb.njit(cache=True, nogil=True)
+def taken(row, x, at):  # type: ignore[no-untyped-def]
+    """A row into the array."""
+    apart()
+    out = x[at : at + row.size]
+    for j in range(row.size):
         out[j] = row[j]
 
 
 @nb.njit(cache=True, nogil=True)
-def negative(row, out):  # type: ignore[no-untyped-def]
-    """The negative of a row into another."""
+def given(x, at, out):  # type: ignore[no-untyped-def]
+    """The negative of a row of the array."""
     apart()
+    row = x[at : at + out.size]
     for j in range(out.size):
         out[j] = -row[j]
 
 
 @nb.njit(cache=True, nogil=True)
-def run(band, nothing, steps, corner, level, outline):  # type: ignore[no-untyped-def]
+def widen(x, at, to, long, part, last, by):  # type: ignore[no-untyped-def]
+    """Beyond the ends of the parts put the next part, and beyond those of the row its first and its last pixel, which
+    is in this part and place."""
+    apart()
+    lanes = count(x)
+    for u in range(ROWS):
+        row = at[to + u]
+        one, end = load(x, row), row + last + part
+        for j in range(row - lanes, row - (by + 1) * lanes, -lanes):
+            store(x, j, before(load(x, j + long), one))
+        for j in range(end + lanes, min(end + (by + 1) * lanes, row + long + part), lanes):
+            x[j] = x[end]
+        for j in range(row + long, row + long + by * lanes, lanes):
+            store(x, j, behind(load(x, j - long), x[end], part))
+
+
+@nb.njit(cache=True, nogil=True)
+def look(at, to, row, rows, height, newest, slot, first, keep, line):  # type: ignore[no-untyped-def]
+    """Where so many rows of a step lie, from this one on; beyond the first and the last row is that row again."""
+    place = slot - newest + min(max(row, 0), height - 1)
+    place += keep if place < 0 else 0
+    here, size = first + place * line, keep * line
+    if row >= 0 and row + rows <= height:
+        for r in range(rows):
+            at[to + r] = here - (size if here >= first + size else 0)
+            here += line
+        return
+    for r in range(row, row + rows):
+        at[to + r - row] = here - (size if here >= first + size else 0)
+        here += line if 0 <= r < height - 1 else 0
+
+
+@nb.njit(cache=True, nogil=True, inline="always")
+def work(x, at, to, some, kind, reach, long):  # type: ignore[no-untyped-def]
+    """What a step does, but the first; rows of what it looks at are so many places apart in `at`."""
+    if kind == STAR and reach == 1:
+        star_near(x, at, to, long)
+    elif kind == STAR:
+        star(x, at, to, reach, long)
+    elif kind == ACROSS:
+        near_across(x, at, to, reach, long)
+    elif kind == DOWN:
+        near_down(x, at, to, reach, long)
+    elif kind in (MEDIAN, CORNERS):
+        median(x, at, some, to, kind == CORNERS, long)
+    elif kind == PATCH:
+        patch(x, at, to, long)
+    elif kind == OUTLINES:
+        outlines(x, at, some, 2 * some, to, long)
+    elif kind in (ACROSS3, ACROSS5):
+        across(x, at, to, reach, kind == ACROSS5, long)
+    elif kind == DOWN3 and reach == 1:
+        down_three(x, at, to, long)
+    else:
+        down(x, at, to, reach, kind == DOWN5, long)
+
+
+@nb.njit(cache=True, nogil=True)
+def room(steps, band):  # type: ignore[no-untyped-def]
+    """Numbers for all rows that are kept, where those of each step begin, the length of its rows, and room for one."""
+    lanes = BYTES // band.itemsize
+    length = max(-(-band.shape[1] // lanes), 4)
+    lines = ((max(length, lanes) + 2 * steps.widen) | 1) * lanes  # odd in vectors: a cache keeps few a power of 2 apart
+    ends = np.cumsum(steps.keep * lines)
+    x = np.empty(ends[-1] + length * lanes + lanes * lanes, band.dtype)
+    origin = (-(x.ctypes.data // band.itemsize)) % lanes  # rows begin where lines of the cache do
+    return x, origin + ends - steps.keep * lines + steps.widen * lanes, lines, origin + ends[-1], length
+
+
+@nb.njit(cache=True, nogil=True)
+def run(band, steps, corner, level, outline):  # type: ignore[no-untyped-def]
     """All steps on all rows of a band; `steps` is `deglint.compensate.opening.Steps`.
 
-    level and outline, which begin at this corner of the band, are written; -nothing where nothing is within reach.
+    level and outline, which begin at this corner of the band, are written; minus the largest number where nothing is
+    within reach.
     """
-    count, (height, width), (top, left) = steps.kind.size, band.shape, corner
-    margin, wide = -(-(steps.widen.max() + 1) // LANES) * LANES, -(-width // LANES) * LANES
-    line = wide + 2 * margin
-    rows = np.empty((steps.keep.sum() + 3) * line + LANES, band.dtype)
-    newest, slot, at = np.full(count, -1), np.full(count, -1), np.zeros(5, np.int64)
-    first = margin + (np.cumsum(steps.keep) - steps.keep) * line
-    first += (-(rows.ctypes.data // band.itemsize + margin)) % LANES  # rows begin where lines of the cache do
-    spare = first[count - 1] + steps.keep[count - 1] * line
-    for now in range(height + steps.behind.max()):
-        for n in range(count):
-            i, kind = now - steps.behind[n], steps.kind[n]
-            if i < 0 or i >= height:
+    (height, width), (top, left) = band.shape, corner
+    x, first, lines, spare, length = room(steps, band)
+    lanes = count(x)
+    long, part, last = length * lanes, (width - 1) // length, (width - 1) % length * lanes
+    newest, slot = np.full(len(first), -1), np.full(len(first), -1)
+    some = 3 * ROWS + 4 * steps.reach.max()
+    at, to = np.empty(4 * some, np.int64), 3 * some
+    for now in range(0, height + steps.behind.max(), ROWS):
+        for n in range(len(first)):
+            i, kind, keep = now - steps.behind[n], steps.kind[n], steps.keep[n]
+            if i + ROWS <= 0 or i >= height:
                 continue
-            for k in range(steps.points[n]):  # beyond the last row is the last row again
-                source = steps.source[n, k]
-                back = newest[source] - min(max(i + steps.down[n, k], 0), height - 1)
-                place = slot[source] - back if slot[source] >= back else slot[source] - back + steps.keep[source]
-                at[k] = first[source] + place * line + steps.right[n, k]
-            newest[n], slot[n] = i, slot[n] + 1 if slot[n] + 1 < steps.keep[n] else 0
-            to, wanted = first[n] + slot[n] * line, top <= i < top + len(level)
+            for k in range(steps.sources[n]):
+                s = steps.source[n, k]
+                look(at, k * some, i - steps.up[n, k], steps.rows[n, k], height, newest[s], slot[s], first[s],
+                     steps.keep[s], lines[s])  # fmt: skip
+            newest[n] = i + ROWS - 1
+            slot[n] = slot[n] + ROWS - (keep if slot[n] + ROWS >= keep else 0)
+            for u in range(ROWS):
+                back = slot[n] - ROWS + 1 + u
+                at[to + u] = first[n] + (back if back >= 0 else back + keep) * lines[n]
             if kind == INPUT:
-                copied(band[i], rows[to : to + width])
-            elif kind == LEAST and steps.points[n] == 3:
-                least3(rows, at[0], at[1], at[2], to, wide)
-            elif kind == LEAST:
-                least5(rows, at[0], at[1], at[2], at[3], at[4], to, wide)
-            elif kind == OUTLINES:
-                if wanted:
-                    at += left
-                    outlines(rows, (at[0], at[1], at[2]), at[3], at[4], outline[i - top])
+                for u in range(max(-i, 0), min(ROWS, height - i)):
+                    taken(band[i + u], x, spare)
+                    turned(x, spare, length, at[to + u], lanes, length)
             else:
-                in_order(rows, at[0] - 1, at[1] - 1, at[2] - 1, spare - 1, line, wide + 2)
-                median9(rows, spare, line, to, wide, nothing)
-                if kind == CORNERS:
-                    corners(rows, at[3], at[4], to, wide, nothing)
-            if n == steps.level and wanted:
-                negative(rows[to + left :], level[i - top])
-            widen(rows, to, width, steps.widen[n])
+                work(x, at, to, some, kind, steps.reach[n], long)
+            if steps.widen[n]:
+                widen(x, at, to, long, part, last, steps.widen[n])
+            if n == steps.level or kind == OUTLINES:
+                out = level if n == steps.level else outline
+                for u in range(max(top - i, 0), min(ROWS, top + len(out) - i)):
+                    turned(x, at[to + u], lanes, spare, length, length)
+                    given(x, spare + left, out[i + u - top])

@@ -52,6 +52,8 @@ RANGES: dict[str, tuple[float, float]] = {
 """What the numbers of the stages may be; stages that are not named take none."""
 WHOLE = ("psf", "psf-image", "identify-level", "median")
 """Stages that take whole numbers."""
+READERS = ("psf", "identify-median", "identify-level", "replace-level")
+"""Stages that do not write into the image, or see to it themselves that they may."""
 NO_STAGES = "no opening, so no small thing is erased"
 ITERATIONS = 2
 """Richardson-Lucy iterations; more dig pits beside sparkle, which the opening then spreads."""
@@ -281,6 +283,8 @@ def run(stage: Stage, state: State) -> None:
     """Apply one stage, and cut off what no other will look at."""
     if not isinstance(stage, ReplaceLevel):
         state.mark()
+    if stage.name not in READERS:
+        state.take()
     stage.apply(state)
     state.cut()
 

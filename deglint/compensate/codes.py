@@ -36,14 +36,17 @@ def encoded(band: Float32Array, centre: float, unit: float) -> Codes:
     >>> encoded(np.array([[-1, 0, 1, 3, 1e9, np.nan]], np.float32), 0.0, 1.0).tolist()
     [[-1024, 0, 1024, 2048, 30579, 32767]]
     """
-    from ._code_kernels import encode
+    from ._code_kernels import LANES, encode
 
     codes = np.empty(band.shape, np.int16)
-    encode(band, np.float32(centre), np.float32(1.0 / unit), codes)
+    if band.size < LANES:
+        some = encoded(np.resize(band, LANES), centre, unit) if band.size else codes
+        return some.ravel()[: band.size].reshape(band.shape)
+    encode(np.ascontiguousarray(band, np.float32).ravel(), np.float32(centre), np.float32(1.0 / unit), codes.ravel())
     return codes
 
 
-def decoded(codes: Codes, centre: float, unit: float, out: Float32Array | None = None) -> Float32Array:
+def decoded(codes: Codes, centre: float, unit: float) -> Float32Array:
     """The values of codes.
 
     Examples
@@ -53,8 +56,11 @@ def decoded(codes: Codes, centre: float, unit: float, out: Float32Array | None =
     >>> decoded(codes, 5.0, 0.5).tolist()
     [[5.0, 5.5, 7.0, 30.0]]
     """
-    from ._code_kernels import decode
+    from ._code_kernels import LANES, decode
 
-    found = np.empty(codes.shape, np.float32) if out is None else out
-    decode(codes, np.float32(centre), np.float32(unit), found)
-    return found
+    values = np.empty(codes.shape, np.float32)
+    if codes.size < LANES:
+        some = decoded(np.resize(codes, LANES), centre, unit) if codes.size else values
+        return some.ravel()[: codes.size].reshape(codes.shape)
+    decode(np.ascontiguousarray(codes).ravel(), np.float32(centre), np.float32(unit), values.ravel())
+    return values

@@ -20,7 +20,7 @@ doi:10.1080/01621459.1993.10476408 (median absolute deviation and its lower-side
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -30,7 +30,7 @@ from ..errors import FitError
 from ..remove.levels import mode
 from ..scene import Window
 from .codes import decoded, encoded
-from .level import Grid, opened_level
+from .level import Grid, Opened, opened_level, openings_of
 from .opening import opening_halo
 from .state import Float32Array, Mask, State
 
@@ -130,12 +130,12 @@ class IdentifyLevel:
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
-        level = _levels(state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum)
+        level = _levels(state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, later=True)
         state.cut()
         limits = np.zeros((len(state.image), 3), np.float32)
         for band, offset, sigma in zip(self.bands, self.offsets, self.sigmas, strict=True):
             limits[band] = offset, self.k * sigma, _as_divided(self.saturation[band], state.units[band])
-        if len(level) < len(state.image):
+        if not isinstance(level, Opened) and len(level) < len(state.image):
             every = np.full(state.image.shape, np.nan, np.float32)
             every[list(self.bands)] = level
             level = every
@@ -224,6 +224,7 @@ def fit_identify_level(
         rows, columns = wanted = _around(mask)
         at = slice(*rows), slice(*columns)
         level = _levels(state, chosen, grids, size, 0, order, (), wanted)
+        assert not isinstance(level, Opened)
         image = [np.ascontiguousarray(state.image[b][at]) for b in chosen]
         if not unlike:
             image = [decoded(encoded(band, *grid), *grid) for band, grid in zip(image, grids, strict=True)]
@@ -366,9 +367,12 @@ def _grid(values: Sequence[npt.NDArray[np.float32]]) -> Grid:
 
 def _levels(
     state: State, bands: Sequence[int], grids: Sequence[Grid], size: int, detail: int, order: Sequence[int],
-    spectrum: Sequence[float], wanted: Window | None = None,
-) -> Float32Array:  # fmt: skip
-    """Opened level of some bands; `order` and `spectrum` are of the scene's bands and of the chosen ones."""
+    spectrum: Sequence[float], wanted: Window | None = None, later: bool = False,
+) -> Float32Array | Opened:  # fmt: skip
+    """Opened level of some bands; `order` and `spectrum` are of the scene's bands and of the chosen ones.
+
+    later : the openings will do, of which the level is made
+    """
     place = {band: i for i, band in enumerate(bands)}
     psfs = None if state.psfs is None else [state.psfs[b] for b in bands]
     wanted = wanted or state.inner()
@@ -381,9 +385,15 @@ def _levels(
     source = (sharp(b, outer) for b in bands)
     within = tuple((a - c, b - c) for (a, b), (c, _) in zip(wanted, outer, strict=True))
     shape = (len(bands), bottom - top, right - left)
+    some = [place[b] for b in order if b in place]
+    if later and psfs is None:
+        opened = openings_of(
+            source, shape, size, grids, detail=detail, order=some, spectrum=spectrum, within=(within[0], within[1])
+        )
+        return replace(opened, bands=tuple(bands)) if opened.fits else opened.level()
     return opened_level(
-        source, shape, size, grids, detail=detail, order=[place[b] for b in order if b in place], spectrum=spectrum,
-        psfs=psfs, within=(within[0], within[1]), sound=state.sound,
+        source, shape, size, grids, detail=detail, order=some, spectrum=spectrum, psfs=psfs,
+        within=(within[0], within[1]), sound=state.sound,
     )  # fmt: skip
 
 

@@ -13,8 +13,11 @@ openings themselves, and what they are after, are in `deglint.compensate.opening
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..scene import Window
 from .codes import Codes, encoded
@@ -32,18 +35,11 @@ SLACK = 2.0
 """How much brighter, against the sun, a detail may be in one band than in its neighbours."""
 
 
-def agreeing(
-    levels: Codes,
-    outlines: Codes,
-    grids: Sequence[Grid],
-    spectrum: Sequence[float],
-    *,
-    order: Sequence[int],
-    slack: float = SLACK,
-) -> Float32Array:
-    """A level, and of what other openings exceed it by what two neighbouring bands have as well.
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """Openings of bands, of which a level is made: what other openings exceed it by counts where neighbours have it.
 
-    Parameters
+    Attributes
     ----------
     levels, outlines : (band, row, column) int16 ndarray
         Codes.
@@ -55,18 +51,106 @@ def agreeing(
         Bands by wavelength. Those that are not named get nothing added, and of fewer than three none does.
     slack : float
         A detail may be so many times brighter than the fainter of its neighbours.
-
-    Returns
-    -------
-    (band, row, column) float32 ndarray
+    bands : sequence of int, optional
+        Which bands of an image they are, of which the others are left as they are; all of them by default.
     """
-    from ._code_kernels import agree
 
-    bands = np.array(order if len(order) >= 3 else (), np.int64)
-    glint = np.array([spectrum[b] for b in bands], np.float32)
-    found = np.empty(levels.shape, np.float32)
-    agree(levels, outlines, np.array(grids, np.float32), bands, glint, np.float32(slack), found)
-    return found
+    levels: Codes
+    outlines: Codes
+    grids: Sequence[Grid]
+    spectrum: Sequence[float]
+    order: Sequence[int]
+    slack: float = SLACK
+    bands: Sequence[int] | None = None
+
+    @property
+    def fits(self) -> bool:
+        """Rows are long enough to be worked on."""
+        from ._code_kernels import LANES
+
+        return self.levels.shape[2] >= LANES and self.levels.size > 0
+
+    def level(self) -> Float32Array:
+        """(band, row, column) float32 ndarray; of the bands that the openings are of."""
+        if not self.fits:
+            return self._narrow()
+        found = np.empty(self.levels.shape, np.float32)
+        none = np.empty(0, np.float32)
+        every, nowhere = range(len(found)), np.empty(0, np.bool_)
+        self._agree(every, np.empty((0, 3), np.float32), (none, 0, 0), found.ravel(), none, nowhere)
+        return found
+
+    def of_image(self, count: int) -> Float32Array:
+        """The level of an image of so many bands: NaN in those that there are no openings of."""
+        level = self.level()
+        if self.bands is None or len(level) == count:
+            return level
+        every = np.full((count, *level.shape[1:]), np.nan, np.float32)
+        every[list(self.bands)] = level
+        return every
+
+    def settled(
+        self, image: Float32Array, limits: Float32Array, wanted: bool
+    ) -> tuple[Float32Array | None, Float32Array, npt.NDArray[np.bool_]]:
+        """The level, where it is wanted, the image with that in place of what exceeds it, and where.
+
+        Parameters
+        ----------
+        image : (band, row, column) float32 ndarray
+            Rows may lie apart; not modified.
+        limits : (band, 3) float32 ndarray
+            What is still to be added to the level, by how much glint exceeds that, and where a band is full.
+        """
+        from .glance import block
+
+        level = np.empty(image.shape if wanted else (len(image), 0, 0), np.float32)
+        clean, replaced = np.empty(image.shape, np.float32), np.empty(image.shape, np.bool_)
+        bands = range(len(image)) if self.bands is None else self.bands
+        self._agree(bands, limits, block(image), level.ravel(), clean.ravel(), replaced.ravel())
+        for b in range(len(image)):
+            if b not in bands:
+                level[b], clean[b], replaced[b] = np.nan, image[b], False
+        return level if wanted else None, clean, replaced
+
+    def _agree(
+        self, bands: Sequence[int], limits: Float32Array, image: tuple[Any, int, int], *out: npt.NDArray[Any]
+    ) -> None:
+        """Run the compiled function."""
+        from ._code_kernels import agree
+
+        count = len(self.levels)
+        some = list(self.order) if len(self.order) >= 3 else []
+        glint = np.array([self.spectrum[b] for b in some] + [1.0] * (count - len(some)), np.float32)
+        order = np.array(some + [b for b in range(count) if b not in some], np.int64)
+        numbers = image[0].view()
+        numbers.flags.writeable = False  # as it may be or not, and there would be compiled code for either
+        agree(
+            (self.levels.ravel(), self.outlines.ravel()), np.array(self.grids, np.float32), order, len(some),
+            np.array(bands, np.int64), glint, np.float32(self.slack), self.levels.shape[2], limits,
+            (numbers, *image[1:]), *out,
+        )  # fmt: skip
+
+    def _narrow(self) -> Float32Array:
+        """The level of rows that are too short."""
+        from ._code_kernels import LANES
+
+        some = ((0, 0), (0, 0), (0, LANES))
+        levels, outlines = (np.pad(codes, some) for codes in (self.levels, self.outlines))
+        more = replace(self, levels=levels, outlines=outlines)
+        return more.level()[..., : self.levels.shape[2]] if more.fits else np.empty(self.levels.shape, np.float32)
+
+
+def agreeing(
+    levels: Codes,
+    outlines: Codes,
+    grids: Sequence[Grid],
+    spectrum: Sequence[float],
+    *,
+    order: Sequence[int],
+    slack: float = SLACK,
+) -> Float32Array:
+    """A level, and of what other openings exceed it by what two neighbouring bands have as well; see `Opened`."""
+    return Opened(levels, outlines, grids, spectrum, order, slack).level()
 
 
 def blurred(
@@ -80,6 +164,24 @@ def blurred(
     """
     wanted = within or ((0, band.shape[0]), (0, band.shape[1]))
     return by_products(band, products(psf), 0, wanted, sound=sound, out=out)
+
+
+def openings_of(
+    bands: Iterable[Float32Array],
+    shape: tuple[int, int, int],
+    size: int,
+    grids: Sequence[Grid],
+    *,
+    detail: int,
+    order: Sequence[int],
+    spectrum: Sequence[float],
+    within: Window,
+) -> Opened:
+    """The openings of every band; see `opened_level`."""
+    codes = np.empty((2 if detail else 1, shape[0], *(last - first for first, last in within)), np.int16)
+    for i, (band, grid) in enumerate(zip(bands, grids, strict=True)):
+        openings(encoded(band, *grid), size, detail, within=within, out=(codes[0, i], codes[-1, i]))
+    return Opened(codes[0], codes[-1], grids, spectrum, order if detail else ())
 
 
 def opened_level(
@@ -129,11 +231,9 @@ def opened_level(
     inner = within or ((0, shape[1]), (0, shape[2]))
     reach = max((p.radius for p in psfs or ()), default=0)
     outer = _grown(inner, reach, shape[1:])
-    codes = np.empty((2 if detail else 1, shape[0], *(last - first for first, last in outer)), np.int16)
-    for i, (band, grid) in enumerate(zip(bands, grids, strict=True)):
-        openings(encoded(band, *grid), size, detail, within=outer, out=(codes[0, i], codes[-1, i]))
-    level = agreeing(codes[0], codes[-1], grids, spectrum, order=order if detail else ())
-    del codes
+    opened = openings_of(bands, shape, size, grids, detail=detail, order=order, spectrum=spectrum, within=outer)
+    level = opened.level()
+    del opened
     if psfs is None:
         return level
     (top, bottom), (left, right) = (_shifted(a, b) for a, b in zip(inner, outer, strict=True))

@@ -36,7 +36,7 @@ class ReplaceLevel:
 
     def apply(self, state: State) -> None:
         """Put the level where there is glint."""
-        if state.level is None:
+        if state.opened is None and state.level is None:
             raise InputError("replace-level needs a level: name identify-level before it.")
         state.settle()
         state.water = state.level

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,16 +33,18 @@ class State:
         Gives the rows and columns asked for of a sharpened band, named by its number, for the level alone.
     psfs : sequence of PSF, optional
         What the bands were sharpened with, so that a level of sharpened bands can be blurred again.
-    level : (band, row, column) float32 ndarray, optional
-        What the bands would be without glint, where that is known.
+    opened : Opened, optional
+        Openings (`deglint.compensate.level`) that the level is yet to be made of.
     water : (band, row, column) float32 ndarray, optional
         The last level that glint was replaced by: of the water beside the sparkle.
     limits : (band, 3) float32 ndarray, optional
         What is still to be added to the level, and by how much glint exceeds that, and where a band is full.
-    replaced : (band, row, column) bool ndarray
-        What has been replaced.
     sound : bool
         Every number of the image is known to be finite; stages leave it so.
+    lent : bool
+        The image is another's, or a part of one: it is not written, see `take`.
+    keep : bool
+        The level is wanted after glint was replaced.
     spare : (int, int, int, int)
         Rows above and below, columns left and right, that may be cut off: nothing after the stage looks at them.
     """
@@ -51,19 +54,20 @@ class State:
     units: npt.NDArray[np.float64] = field(default_factory=lambda: np.ones(0))
     sharp: Callable[[int, Window], Float32Array] | None = None
     psfs: tuple[PSF, ...] | None = None
-    level: Float32Array | None = None
+    opened: Any = None
+    _level: Float32Array | None = None
     water: Float32Array | None = None
     limits: Float32Array | None = None
     _hit: Mask | None = None
-    replaced: Mask = field(default_factory=lambda: np.zeros((0, 0, 0), np.bool_))
+    _replaced: Mask | None = None
     sound: bool = False
+    lent: bool = False
+    keep: bool = True
     spare: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def __post_init__(self) -> None:
         if not self.units.size:
             self.units = np.ones(len(self.image))
-        if not self.replaced.size:
-            self.replaced = np.zeros(self.image.shape, np.bool_)
 
     @classmethod
     def of(cls, block: FloatArray, where: Mask | None = None) -> State:
@@ -75,6 +79,34 @@ class State:
         """A state that works on the block itself where that is float32, and on a copy elsewhere."""
         return cls(block if block.dtype == np.float32 and block.flags.writeable else _single(block))
 
+    @classmethod
+    def on(cls, block: FloatArray) -> State:
+        """A state that leaves the block as it is, and copies it only where it has to."""
+        return cls(block, lent=True) if block.dtype == np.float32 else cls(_single(block))
+
+    def take(self) -> None:
+        """Make the image one that may be written."""
+        if self.lent:
+            self.image, self.lent = self.image.copy(), False
+
+    @property
+    def level(self) -> Float32Array | None:
+        """What the bands would be without glint, where that is known, (band, row, column)."""
+        if self.opened is not None:
+            self._level, self.opened = self.opened.of_image(len(self.image)), None
+        return self._level
+
+    @level.setter
+    def level(self, found: Float32Array | None) -> None:
+        self._level, self.opened = found, None
+
+    @property
+    def replaced(self) -> Mask:
+        """What has been replaced, (band, row, column)."""
+        if self._replaced is None:
+            self._replaced = np.zeros(self.image.shape, np.bool_)
+        return self._replaced
+
     @property
     def hit(self) -> Mask | None:
         """Identified glint that is not replaced yet, (band, row, column)."""
@@ -85,9 +117,13 @@ class State:
     def hit(self, found: Mask | None) -> None:
         self._hit, self.limits = found, None
 
-    def found(self, level: Float32Array, limits: Float32Array) -> None:
-        """A level, and what exceeds it is glint."""
-        self.level, self._hit, self.limits = level, None, limits
+    def found(self, level: Any, limits: Float32Array) -> None:
+        """A level, or openings that it is made of, and what exceeds it is glint."""
+        if isinstance(level, np.ndarray):
+            self.level = level
+        else:
+            self._level, self.opened = None, level
+        self._hit, self.limits = None, limits
 
     def mark(self) -> None:
         """Mark what exceeds the level, where that is still to be done: before the image or the level change."""
@@ -95,6 +131,7 @@ class State:
 
         if self.limits is None or self.level is None:
             return
+        self.take()
         self._hit = np.empty(self.image.shape, np.bool_)
         for b, (offset, rise, full) in enumerate(self.limits):
             mark(self.image[b], offset, rise, full, self.level[b], self._hit[b])
@@ -106,11 +143,17 @@ class State:
         """Put the level where there is glint."""
         from ._level_kernels import settle
 
+        if self.opened is not None and self.limits is not None and self.where is None and self._replaced is None:
+            found = self.opened.settled(self.image, self.limits, self.keep)
+            self.level, self.image, self._replaced = found
+            self.limits, self.lent = None, False
+            return
         assert self.level is not None
         if self.limits is None:
             if self._hit is not None:
                 self.replace(self._hit, self.level)
             return
+        self.take()
         may = np.empty((0, 0), np.bool_) if self.where is None else self.where
         settle(self.image, self.limits, may, self.level, self.replaced)
         self.limits = None
@@ -119,6 +162,7 @@ class State:
         """Put values where there is glint."""
         from ._level_kernels import put_all
 
+        self.take()
         put_all(values, hit, self.image, self.replaced)
 
     def inner(self, reach: int = 0) -> Window:
@@ -134,7 +178,8 @@ class State:
         at = slice(*rows), slice(*columns)
         if self.sharp is not None:
             self.sharp = _moved(self.sharp, rows[0], columns[0])
-        for name in ("image", "where", "level", "water", "_hit", "replaced"):
+        self.image, self.lent = self.image[(..., *at)], True
+        for name in ("where", "_level", "water", "_hit", "_replaced"):
             value = getattr(self, name)
             if value is not None:
                 setattr(self, name, np.ascontiguousarray(value[(..., *at)]))

@@ -1,16 +1,17 @@
 """How far a deglinted pixel may be from the water's own radiance: its standard error, told by the scene itself.
 
 Two kinds of pixels, and what their errors are made of. A pixel *passed on* by a compensation keeps its own noise: the
-variance of clean pixels about the level of the water, as a line in the level. A *replaced* pixel has the error of
-the level in its place, which a trial tells: the chain runs once more on a sea that is known, the level that it found,
-with what the scene has above and below that level (sparkle and noise, all bands alike) laid on it in other places.
-How far it is off there, as a line in how far the level spans around, is how far it is off here. What the trial takes
-for the truth is not in its errors: that the level lies above the middle of the clean pixels, which is seen in these
-(those above the threshold are not among them, and the mean of a normal distribution that is cut off is known); and
-glint that is left in both kinds of pixels: where it covers much of the sea the level rises with it, and by how much is
-seen in the near infrared, whose water is even. A band that removal corrects keeps of it what the references do not
-explain. Without a compensation the error is that of removal: what differs from pixel to pixel in its result, as a line
-in the square of what was removed, and the standard error of the slope.
+variance of clean pixels about the level of the water, as a line in the level. A *replaced* pixel has the error of the
+level in its place, which trials tell (`deglint.compensate.trials`): the chain runs once more on a sea that is known,
+the level that it found, with what the scene has above and below that level laid on it in other places. How far it
+varies there, as a line in how far the level spans around, is how far it varies here, and the water's own variance from
+pixel to pixel is added, which trials take for noise. What is of one sign is added before it is squared: the mean error
+of the trials; that the level lies above the middle of the clean pixels, which is seen in these (those above the
+threshold are not among them, and the mean of a normal distribution that is cut off is known); and glint that is left in
+both kinds of pixels: where it covers much of the sea the level rises with it, and by how much is seen in the near
+infrared, whose water is even. A band that removal corrects keeps of it what the references do not explain. Without a
+compensation the error is that of removal: what differs from pixel to pixel in its result, as a line in the square of
+what was removed, and the standard error of the slope.
 
 Root mean square errors, bias and all, not halves of an interval: errors are not normal. Assumes dark, even water in the
 reference; that things narrower than the element are not there (an opening erases them, and nothing tells); that
@@ -18,11 +19,9 @@ errors which all pixels share (calibration, atmosphere, the level of removal) ar
 
 References
 ----------
-Efron (1979), Annals of Statistics 7, 1-26, doi:10.1214/aos/1176344552 (the bootstrap, of residuals in its section 7);
-Kuensch (1989), Annals of Statistics 17, 1217-1241, doi:10.1214/aos/1176347265 (whole blocks of them, where neighbours
-depend on each other); Barr, Sherrill (1999), The American Statistician 53, 357-361,
-doi:10.1080/00031305.1999.10474490 (mean of a normal distribution that is cut off); Immerkaer (1996), Computer Vision
-and Image Understanding 64, 300-302, doi:10.1006/cviu.1996.0060 (noise from second differences)."""
+Barr, Sherrill (1999), The American Statistician 53, 357-361, doi:10.1080/00031305.1999.10474490 (mean of a normal
+distribution that is cut off); Immerkaer (1996), Computer Vision and Image Understanding 64, 300-302,
+doi:10.1006/cviu.1996.0060 (noise from second differences)."""
 
 from __future__ import annotations
 
@@ -36,7 +35,9 @@ import numpy.typing as npt
 
 from ..errors import FitError, InputError
 from ..remove import GlintModel
+from ._variances import weighted_line
 from .state import Float32Array, Mask
+from .trials import Trial, own, shared
 
 REACH = 3
 """Pixels around a pixel in which the level is looked at."""
@@ -50,13 +51,13 @@ HIGHEST = 99.9
 """Percentile of clean pixels about their level where they are cut off [%]."""
 LEFT = 1.05
 """Glint left in a band that is not corrected, relative to what the reference shows."""
-LEFT_CORRECTED = 0.3
+LEFT_CORRECTED = 0.25
 """The same in a corrected band, times the root of the share of its variance that the references do not explain."""
 FULL_COVER = 0.2
 """Share of glinted pixels from which on what the reference shows above its lowest level is all glint."""
 STANDS_OUT = 1.5
 """Below that cover it is noise of the level, save what exceeds its median by this factor."""
-OF_RELIEF = 0.035
+OF_RELIEF = 0.025
 """Error of a replaced pixel that a trial does not show, relative to how far the level spans within `REACH`: what an
 opening cuts off is not in the level that the trial begins with."""
 
@@ -92,28 +93,6 @@ class Parts:
     inner: tuple[slice, slice] = (slice(None), slice(None))
 
 
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """The chain, run on a sea that is known: a level of the water, and on it the scene's own sparkle and noise, moved.
-
-    Attributes
-    ----------
-    error : (band, row, column) float32 ndarray
-        What the chain, and the removal in it, made of that, less `level`.
-    replaced : bool ndarray
-        What the chain replaced.
-    where : (row, column) bool ndarray
-        Pixels to look at.
-    level : float32 ndarray
-        The level, after removal.
-    """
-
-    error: Float32Array
-    replaced: Mask
-    where: Mask
-    level: Float32Array
-
-
 @dataclass(frozen=True, slots=True)
 class BandError:
     """Of one band, in the scene's unit and its square.
@@ -125,13 +104,13 @@ class BandError:
     fixed, growing : float
         Variance of a clean pixel: at 0, and per unit of the level (or of the squared amount, without compensation).
     level : float
-        Variance of the level in the place of a replaced pixel, in trials.
+        Variance of the level in the place of a replaced pixel.
     relief : float
         Mean square of how far the level spans around a clean pixel.
     edges : float
         Its increase with the square of how far the level spans around.
     high : float
-        How far the level lies above the middle of the clean pixels.
+        How far the level in the place of a replaced pixel lies above the water, but for glint that is left.
     left : float
         Glint left, per unit of what the reference shows above its lowest level.
     index : int
@@ -191,6 +170,7 @@ def fit(
     bands: Sequence[int],
     *,
     trials: Sequence[Trial] = (),
+    growth: float = 1.0,
     reference: int = -1,
     glint: Mapping[int, float] | None = None,
     cover: float = 1.0,
@@ -206,6 +186,8 @@ def fit(
         0-based bands that may have changed.
     trials : sequence of Trial
         On the levels of the looks; needed with compensation.
+    growth : float
+        By what factor the scene's errors vary more than those of trials (`deglint.compensate.trials.growth`).
     reference : int
         0-based NIR band; needed with compensation.
     glint : mapping of int to float, optional
@@ -232,7 +214,7 @@ def fit(
     fits = {f.band: f for f in model.fits}
     found = []
     for band in bands:
-        error = _of_level(looks, trials, band) if compensated else _of_removal(looks, band)
+        error = _of_level(looks, trials, band, growth) if compensated else _of_removal(looks, band)
         if band in fits:
             fitted = fits[band]
             relative = float(fitted.stderr or 0.0) / abs(fitted.slope) if fitted.slope else 0.0
@@ -307,9 +289,9 @@ def _plain(parts: Parts, error: BandError) -> npt.NDArray[np.float64]:
     return np.asarray(error.fixed + error.growing * _removed(parts, error.band) ** 2)
 
 
-def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int) -> BandError:
+def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int, growth: float) -> BandError:
     """How clean pixels lie about the level, and by how much the level errs in trials."""
-    away, place, spans = [], [], []
+    away, place, spans, beside = [], [], [], np.zeros(2)
     for parts in looks:
         assert parts.replaced is not None
         assert parts.removed_level is not None
@@ -319,6 +301,7 @@ def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int) -> Ban
         clean = parts.where & ~parts.replaced[band] & np.isfinite(rest)
         if parts.kept is not None:
             clean &= ~parts.kept
+        beside += shared(rest, clean)
         away.append(rest[clean])
         place.append(level[clean])
         spans.append(_span(wide)[parts.inner][clean].astype(np.float64))
@@ -327,17 +310,16 @@ def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int) -> Ban
         return _too_few(rest.size)
     fixed, growing = _line(np.maximum(level, 0.0), (rest - rest.mean()) ** 2)
     relief = float(np.median(span**2))
-    wrong = [_wrong(trial, band, relief) for trial in trials]
-    span, squares = (np.concatenate(both) for both in zip(*wrong, strict=True))
-    of_level, edges = _line(span, squares) if squares.size else (float(rest.var()), 0.0)
-    return BandError(band, fixed, growing, of_level, relief, edges, _cut_off(rest) - float(rest.mean()))
-
-
-def _wrong(trial: Trial, band: int, relief: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Of a trial's replaced pixels: how far the level spans around them, squared, less relief, and squared errors."""
-    at = trial.where & trial.replaced[band] & np.isfinite(trial.error[band])
-    span = _span(trial.level[band])[at].astype(np.float64)
-    return np.maximum(span**2 - relief, 0.0), trial.error[band][at].astype(np.float64) ** 2
+    high = _cut_off(rest) - float(rest.mean())
+    wrong = np.concatenate([trial.errors(band) for trial in trials])
+    if not wrong.size:
+        return BandError(band, fixed, growing, float(rest.var()), relief, 0.0, high)
+    steep = np.concatenate([_span(trial.level[band])[trial.of(band)] for trial in trials]).astype(np.float64)
+    of_level, edges = _line(np.maximum(steep**2 - relief, 0.0), (wrong - wrong.mean()) ** 2)
+    texture = own(beside, np.sum([trial.shared(band) for trial in trials], axis=0))
+    return BandError(
+        band, fixed, growing, growth * of_level + texture, relief, growth * edges, high + float(wrong.mean())
+    )
 
 
 def _cut_off(rest: npt.NDArray[np.float64]) -> float:
@@ -381,20 +363,10 @@ def _line(place: npt.NDArray[np.float64], squares: npt.NDArray[np.float64]) -> t
     order = np.argsort(place, kind="stable")
     groups = [g for g in np.array_split(order, GROUPS) if g.size]
     x, y = (np.array([v[g].mean() for g in groups]) for v in (place, squares))
-    mean = float(squares.mean())
-    if mean == 0:
-        return 0.0, 0.0
     weight = np.array([float(g.size) for g in groups])
-    fixed, growing = mean, 0.0
-    for _ in range(4):  # the variance of a mean square goes with the square of the variance
-        w = weight / np.maximum((fixed + growing * x) / mean, 1e-3) ** 2
-        middle, height = (w * x).sum() / w.sum(), (w * y).sum() / w.sum()
-        power = (w * (x - middle) ** 2).sum()
-        growing = max(float((w * (x - middle) * (y - height)).sum() / power), 0.0) if power > 0 else 0.0
-        fixed = float(height - growing * middle)
-        if fixed < 0:
-            fixed, growing = 0.0, float((w * x * y).sum() / (w * x * x).sum())
-    scale = mean / float((weight * (fixed + growing * x)).sum() / weight.sum())
+    fixed, growing = weighted_line(x, y, weight)
+    told = float((weight * (fixed + growing * x)).sum() / weight.sum())
+    scale = float(squares.mean()) / told if told > 0 else 0.0
     return fixed * scale, growing * scale
 
 

@@ -15,7 +15,7 @@ from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
 from ..compensate.uncertainty import Parts, Uncertainty, stderr
 from ..masks import WaterRule, near_water, opened, valid_for, water
-from ..raster.convert import is_valid
+from ..raster.convert import all_clear, is_valid
 from ..raster.encode import encode, retype
 from ..raster.info import same_nodata
 from ..raster.output import Layout
@@ -125,6 +125,8 @@ class Correction:
         file_valid = self._file_valid(raw, valid)
         raw, lost = self._retyped(raw, valid)
         corrected = physical if read.after is None else read.after.clean
+        if where is None and self._is_output(corrected, raw, read):
+            raw = corrected
         for bands, place in self._work(tile, physical, read.after, where, tally, flags):
             counts = encode(
                 corrected, raw, bands=bands, scales=source.info.scales, offsets=source.info.offsets,
@@ -143,6 +145,13 @@ class Correction:
             return Corrected(raw, tally, file_valid, flags, amount, None, parts)
         error = stderr(parts, self.uncertainty, steps=self._steps)
         return Corrected(raw, tally, file_valid, flags, amount, error)
+
+    def _is_output(self, corrected: Any, raw: Any, read: _Read) -> bool:
+        """What compensation has made of a tile can be written as it is: elsewhere it is the input's own, to the bit."""
+        info = raster_of(self.scene).info
+        plain = set(info.scales) == {1.0} and set(info.offsets) == {0.0} and corrected.dtype == raw.dtype
+        whole = read.after is not None and read.valid is None and len(self.changed) == len(raw)
+        return plain and whole and corrected.dtype == np.float32 and all_finite(corrected)
 
     @property
     def copies(self) -> bool:
@@ -188,21 +197,20 @@ class Correction:
         source = raster_of(self.scene)
         outer = tile.grown(self._halo, self.scene.height, self.scene.width)
         raw, valid = source.read_raw(outer.window)
-        physical: Any = source.to_physical(raw, valid)
+        clear = self.chain.runs and valid is None and raw.dtype.kind == "f" and all_clear(raw)
+        physical: Any = source.to_physical(raw, valid, clear=clear)
         after = None
         if self.chain.runs:
             place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
-            sound = valid is None and (raw.dtype.kind in "iu" or all_finite(physical))
+            sound = valid is None and (raw.dtype.kind in "iu" or (clear and physical is raw) or all_finite(physical))
             known = None if sound else self._known(physical[place], None if valid is None else valid[place])
             saturated = saturated_in(self.scene, physical[place], self.want_flags)
             near = self._near(physical, known, tile, outer)
             begun = self._begun(physical, tile, outer, sound) if near is None or near.any() else None
             valid = None if valid is None else valid[place]
-            if begun is not None and begun.raw is not None and physical is raw:  # the same numbers once more
-                raw = begun.raw[_place(tile, begun.looked)]
-            else:
-                raw = raw[place].copy()
-            physical = physical[place].copy() if keep else None  # the block around is let go, or worked on in place
+            ours = begun is not None and physical is raw and raw.flags.writeable  # and is let go with the tile
+            raw = raw[place] if ours else raw[place].copy()
+            physical = physical[place].copy() if keep else None  # the block around is let go
             after = None if begun is None else self._compensated(begun, tile, outer)
             inside = near if after is None or after.inside is None else after.inside & (True if near is None else near)
         else:
@@ -243,14 +251,15 @@ class Correction:
                 apply(physical, self.model, where=where, out=physical)
             tally.corrected = usable
             return [(removed, where)]
-        changed, replaced = self.changed, after.replaced.copy()
-        if where is not None:
-            replaced &= where
-        replaced[[b for b in range(len(replaced)) if b not in changed]] = False
-        any_band = replaced.any(axis=0)
+        changed, replaced = self.changed, after.replaced
+        others = [b for b in range(len(replaced)) if b not in changed]
+        if where is not None or others:
+            replaced = replaced & (True if where is None else where)
+            replaced[others] = False
+        any_band = np.empty(0, np.bool_) if removed and flags is None else replaced.any(axis=0)
         held = after.held if after.held is None or where is None else after.held & where
         tally.protected = 0 if held is None else int(np.count_nonzero(held))
-        tally.replaced = np.count_nonzero(replaced, axis=(1, 2))
+        tally.replaced = np.array([np.count_nonzero(band) for band in replaced])
         tally.corrected = usable if removed else int(np.count_nonzero(any_band))
         if flags is not None:
             flags[any_band] |= REPLACED
@@ -292,14 +301,14 @@ class Correction:
         return np.asarray(near if known is None else near & known)
 
     def _begun(self, around: Any, tile: Tile, outer: Tile, sound: bool) -> _Begun:
-        """What compensation of a block begins with; where that can be, it works on the block itself.
+        """What compensation of a block begins with, which it leaves as it is.
 
         sound : every number is known to be finite
         """
-        state = State.own(around) if self.chain.in_place else State.of(around)
-        state.sound = sound
+        state = State.on(around) if self.chain.in_place else State.of(around)
+        state.sound, state.keep = sound, self.chain.protection.possible or self.want_stderr
         looked = tile.grown(self.chain.protection.halo, self.scene.height, self.scene.width)
-        raw = around[_place(looked, outer)].copy() if self.chain.protection.possible else None
+        raw = around[_place(looked, outer)] if self.chain.protection.possible else None
         return _Begun(state, raw, looked, None if state.image is around else around)
 
     def _compensated(self, begun: _Begun, tile: Tile, outer: Tile) -> Compensated:
@@ -308,6 +317,7 @@ class Correction:
         assert state is not None
         middle = tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
         apply_stages(state, self.chain.before, middle.crop_of(outer))
+        state.take()
         clean, replaced = state.image, state.replaced
         if begun.block is not None:
             clean = finish(state, begun.block[_place(middle, outer)])
@@ -326,16 +336,18 @@ class Correction:
             if state.image is not clean:
                 block = clean[within]
             del clean  # the stages cut the image
-            state.sound = sound
+            state.sound, state.keep = sound, False
             apply_stages(state, self.chain.after, tile.crop_of(middle))
             clean = state.image if block is None else finish(state, block)
-            replaced = replaced | state.replaced
+            before, replaced = replaced, state.replaced
+            replaced |= before
         else:
             clean = clean[within]
         if found is None or values is None:
             return Compensated(inside, clean, replaced, None, *levels)
         put(clean, found, values)
-        replaced = replaced & ~found.mask if found.places.size else replaced
+        if found.places.size:
+            replaced &= ~found.mask
         return Compensated(inside, clean, replaced, found.mask, *levels)
 
     def _things(self, begun: _Begun, level: Any, tile: Tile) -> Things | None:

@@ -1,7 +1,7 @@
 """Learn a scene's standard errors: some of its tiles are corrected once more, and their sparkle is moved and corrected.
 
 A trial lays what a tile has above and below its level on the same level elsewhere, around the tile's edges, and runs
-the chain on that: a sea like the tile's, whose truth is known. See `deglint.compensate.uncertainty`.
+the chain on that: a sea like the tile's, whose truth is known. See `deglint.compensate.trials`.
 """
 
 from __future__ import annotations
@@ -10,21 +10,30 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..compensate import State, apply_stages, finish
 from ..compensate.identify import IdentifyLevel
-from ..compensate.uncertainty import Parts, Trial, fit
+from ..compensate.state import Float32Array
+from ..compensate.trials import Sea, Trial, growth
+from ..compensate.uncertainty import Parts, fit
 from ..errors import FitError, InputError
 from ..raster.environment import enter_thread
 from ..readers.roles import find_nir
+from ..remove import apply
 from ..tiles import Tile
 from .correct import Correction, removed
 
+Move = tuple[float, float]
+Moments = npt.NDArray[np.float64]
+NONE = np.zeros((2, 0, 3))
 VALUES = 8 << 20
 """Most values (pixels times bands) that are looked at, and that trials are made of where one of each tile is fewer."""
 MOVES = ((0.5, 0.5), (0.25, 0.75), (0.75, 0.25), (0.5, 0.0))
 """Where trials lay the sparkle: so much of a tile down and to the right. Small scenes get all, for what is rare."""
+AGAIN = (0.25, 0.75)
+"""How much further than the first of these the second trial lays it: nowhere near where it came from."""
 
 
 def with_stderr(work: Correction, everything: Sequence[Tile], nir: Sequence[str], threads: int) -> Correction:
@@ -55,14 +64,14 @@ def with_stderr(work: Correction, everything: Sequence[Tile], nir: Sequence[str]
     chosen = tiling.spread(everything, most)
     moves = MOVES[: max(most // sum(t.shape[0] * t.shape[1] for t in chosen), 1)]
 
-    def look(tile: Tile) -> tuple[Parts, list[Trial]] | None:
+    def look(tile: Tile) -> tuple[Parts, list[Trial], Moments] | None:
         parts = work(tile).parts
         if parts is None or not parts.where.any():
             return None
-        return parts, [] if parts.level is None else [_trial(work, parts, move) for move in moves]
+        return (parts, [], NONE) if parts.level is None else (parts, *_looked(work, parts, moves))
 
-    both = [found for _t, found in tiling.run(chosen, look, threads=threads, start=enter_thread) if found]
-    looks, trials = [parts for parts, _ in both], [trial for _, some in both for trial in some]
+    found = [f for _t, f in tiling.run(chosen, look, threads=threads, start=enter_thread) if f]
+    looks, trials = [parts for parts, _, _ in found], [trial for _, some, _ in found for trial in some]
     if not looks:
         raise FitError("no pixel is corrected in the tiles that were looked at, so --stderr has nothing to learn from.")
     if not levels:
@@ -71,7 +80,8 @@ def with_stderr(work: Correction, everything: Sequence[Tile], nir: Sequence[str]
     reference = find_nir(work.scene, list(nir) or None)[0]
     glint = {band: mean * _skirt(work, band, reference) for band, mean in zip(stage.bands, stage.spectrum, strict=True)}
     cover = stage.cover[stage.bands.index(reference)] if reference in stage.bands else float(np.median(stage.cover))
-    learnt = fit(looks, work.model, bands, trials=trials, reference=reference, glint=glint, cover=cover)
+    more = growth(*np.sum([moments for _, _, moments in found], axis=0))
+    learnt = fit(looks, work.model, bands, trials=trials, growth=more, reference=reference, glint=glint, cover=cover)
     return replace(work, uncertainty=learnt)
 
 
@@ -86,23 +96,42 @@ def _skirt(work: Correction, band: int, reference: int) -> float:
     return min(here / there, 1.0)
 
 
-def _trial(work: Correction, parts: Parts, move: tuple[float, float] = MOVES[0]) -> Trial:
-    """What the chain makes of a tile's sparkle and noise on its own level, so much of the tile further."""
+def _looked(work: Correction, parts: Parts, moves: Sequence[Move]) -> tuple[list[Trial], Moments]:
+    """Trials of a tile, and moments of the first one and of another that begins with what that one found."""
+    sea = _sea(parts)
+    scale = sea.noise()
+    first, found = _trial(work, sea, scale, moves[0])
+    second, _ = _trial(work, found, scale, AGAIN)
+    moments = np.stack([first.moments(), second.moments()])
+    return [first, *(_trial(work, sea, scale, move)[0] for move in moves[1:])], moments
+
+
+def _sea(parts: Parts) -> Sea:
+    """A tile as it is, on its level; things that were put back are left out."""
     assert parts.level is not None
-    assert parts.removed_level is not None
-    at = (slice(None), *parts.inner)
-    level, truth = parts.level[at], parts.removed_level[at]
+    assert parts.replaced is not None
+    level = parts.level[(slice(None), *parts.inner)]
     usable = parts.where & np.isfinite(level).all(axis=0) & np.isfinite(parts.before).all(axis=0)
     if parts.kept is not None:
-        usable = usable & ~parts.kept
-    by = tuple(int(share * side) for share, side in zip(move, usable.shape, strict=True))
-    moved = np.roll(np.where(usable, parts.before - level, np.float32(0)), by, axis=(1, 2))
-    sea = np.where(usable, level + moved, parts.before)
-    state = apply_stages(State.of(sea), work.chain.before)
-    clean, replaced = finish(state, sea), state.replaced
+        usable &= ~parts.kept
+    return Sea(parts.before, level, parts.replaced, usable)
+
+
+def _trial(work: Correction, sea: Sea, scale: Float32Array, move: Move) -> tuple[Trial, Sea]:
+    """What the chain makes of a tile's sparkle and noise on its own level, so much of the tile further; and that sea,
+    on the level that was found."""
+    by = int(move[0] * sea.usable.shape[0]), int(move[1] * sea.usable.shape[1])
+    tried = sea.laid(scale, by)
+    state = apply_stages(State.of(tried), work.chain.before)
+    assert state.water is not None
+    found = state.water * state.units.astype(np.float32)[:, None, None]
+    clean, replaced = finish(state, tried), state.replaced
+    truth, level = sea.level, found
     if work.model.fits:
-        clean = removed(clean, work.model)
+        clean, truth, level = removed(clean, work.model), apply(truth, work.model), apply(found, work.model)
     if work.chain.after:
         state = apply_stages(State.own(clean), work.chain.after)
         clean, replaced = finish(state, clean), replaced | state.replaced
-    return Trial(clean - truth, replaced, usable & np.roll(usable, by, axis=(0, 1)), truth)
+    where = sea.usable & np.roll(sea.usable, by, axis=(0, 1))
+    trial = Trial(clean - truth, replaced, where, level, clean - level)
+    return trial, Sea(tried, np.where(sea.usable, found, sea.level), replaced, sea.usable)

@@ -35,6 +35,7 @@ def to_physical(
     *,
     nodatas: Sequence[float | None] | None = None,
     in_place: bool = False,
+    clear: bool = False,
 ) -> FloatArray:
     """value = raw * scale + offset, NaN where not valid, not finite, or at the end of what float32 or float64 holds.
 
@@ -50,6 +51,8 @@ def to_physical(
         Numbers that say "not valid", one a band, where `valid` does not tell of them already.
     in_place : bool, optional
         `raw` may be changed and returned where its type is right already.
+    clear : bool, optional
+        `all_clear` has said so of raw.
 
     Returns
     -------
@@ -59,7 +62,7 @@ def to_physical(
     dtype = physical_dtype(raw.dtype)
     keep = raw.dtype == dtype and all(s == 1 for s in scales) and all(o == 0 for o in offsets)
     sentinels = [_as_stored(n, raw.dtype) for n in nodatas or [None] * len(raw)]
-    if keep and not in_place and valid is None and sentinels == [None] * len(raw) and not has_infinite(raw):
+    if keep and not in_place and valid is None and sentinels == [None] * len(raw) and (clear or not has_infinite(raw)):
         return raw
     out = np.empty(raw.shape, dtype)
     if keep:
@@ -98,6 +101,13 @@ def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
             valid = np.ones(raw.shape, np.bool_) if valid is None else valid
             valid[band] = found
     return valid
+
+
+def all_clear(array: Raw) -> bool:
+    """Whether one quick pass tells that all numbers of a floating-point array are finite, and none what `FORGOTTEN`
+    says."""
+    with np.errstate(all="ignore"):
+        return not any(_may_be_endless(array[at]) for at in _slabs(array))
 
 
 def has_infinite(array: Raw) -> bool:

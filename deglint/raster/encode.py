@@ -126,25 +126,51 @@ def encode(
 
 def _put(values: FloatArray, raw: npt.NDArray[Any], where: Mask | None, scale: float, offset: float) -> Mask | None:
     """Store some rows of a band; return where they were clipped."""
-    put = values.astype(np.float64)
-    if offset != 0:
-        put -= offset
-    if scale != 1:
-        put /= scale
-    good = np.isfinite(put)
-    if where is not None:
-        good &= where
+    put = values
+    if offset != 0 or scale != 1 or raw.dtype != values.dtype:
+        put = values.astype(np.float64)
+        if offset != 0:
+            put -= offset
+        if scale != 1:
+            put /= scale
     if raw.dtype.kind not in "iu":
-        np.copyto(raw, put, where=good, casting="same_kind")
+        good = where
+        if not _finite(put):
+            good = np.isfinite(put) if where is None else np.isfinite(put) & where
+        _store(raw, put, good)
         return None
     np.rint(put, out=put)
     low, high = _range(raw.dtype)
+    if put.size and low <= put.min() and put.max() <= high:
+        _store(raw, put, where)
+        return None
+    good = np.isfinite(put)
+    if where is not None:
+        good &= where
     outside = (put < low) | (put > high)
     outside &= good
     put[~good] = 0
     np.clip(put, low, high, out=put)
-    np.copyto(raw, put, where=good, casting="unsafe")
+    _store(raw, put, good)
     return outside
+
+
+def _store(raw: npt.NDArray[Any], put: npt.NDArray[Any], where: Mask | None) -> None:
+    """Numbers in the type of `raw`, where they are wanted: their bits, as speckle is slow to branch by."""
+    if where is None:
+        raw[...] = put
+        return
+    whole = np.dtype(f"i{raw.dtype.itemsize}")
+    old = raw.view(whole)
+    new = put.astype(raw.dtype, copy=False).view(whole) ^ old
+    new &= -where.astype(whole)
+    old ^= new
+
+
+def _finite(values: FloatArray) -> bool:
+    """One quick pass; a sum beyond the type asks for a second look."""
+    with np.errstate(all="ignore"):
+        return bool(np.isfinite(np.add.reduce(values, axis=None)))
 
 
 def _off_nodata(

@@ -118,15 +118,17 @@ class RasterSource:
         """
         return self._read(window, range(self.info.count), nodata=True)
 
-    def to_physical(self, raw: Raw, valid: Valid | None = None) -> FloatArray:
+    def to_physical(self, raw: Raw, valid: Valid | None = None, *, clear: bool = False) -> FloatArray:
         """Turn what `read_raw` gave into what `read` gives; `raw` is not modified.
+
+        clear : all its numbers are known to be finite and not too large, see `deglint.raster.convert.all_clear`
 
         Returns
         -------
         (band, row, column) ndarray
             Scale and offset applied, NaN where not valid. It is `raw` itself where nothing is to do.
         """
-        return to_physical(raw, valid, self.info.scales, self.info.offsets)
+        return to_physical(raw, valid, self.info.scales, self.info.offsets, clear=clear)
 
     def _read(self, window: Window, bands: Sequence[int], *, nodata: bool) -> tuple[Raw, Valid | None]:
         (top, bottom), (left, right) = window

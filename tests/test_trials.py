@@ -1,0 +1,134 @@
+"""Trials: what is laid where, noise as it grows with the level, and what a second trial says of the first."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deglint.compensate._variances import weighted_line
+from deglint.compensate.trials import Sea, Trial, growth, noise_by_level, own, shared
+
+
+def sea(seed=0, shape=(2, 7, 9), usable=0.8):
+    rng = np.random.default_rng(seed)
+    level = rng.uniform(5, 15, shape).astype(np.float32)
+    values = level + rng.standard_normal(shape).astype(np.float32)
+    return Sea(values, level, rng.random(shape) < 0.3, rng.random(shape[1:]) < usable)
+
+
+@given(st.integers(0, 30), st.integers(-9, 9), st.integers(-9, 9))
+def test_sparkle_is_laid_as_it_is_and_noise_as_large_as_it_is_there(seed, down, right):
+    """Against a loop over pixels."""
+    here = sea(seed)
+    scale = np.random.default_rng(seed + 100).uniform(0.5, 2, here.values.shape).astype(np.float32)
+    scale[0, 2, 3] = 0
+    found = here.laid(scale, (down, right))
+    _, rows, columns = here.values.shape
+    for b, r, c in np.ndindex(here.values.shape):
+        if not here.usable[r, c]:
+            assert found[b, r, c] == here.values[b, r, c]
+            continue
+        y, x = (r - down) % rows, (c - right) % columns
+        rest = float(here.values[b, y, x]) - float(here.level[b, y, x]) if here.usable[y, x] else 0.0
+        if not here.replaced[b, y, x] and scale[b, y, x] > 0:
+            rest *= float(scale[b, r, c]) / float(scale[b, y, x])
+        assert found[b, r, c] == pytest.approx(float(here.level[b, r, c]) + rest, abs=1e-4)
+
+
+def test_laid_nowhere_else_it_is_the_sea_itself():
+    here = sea()
+    np.testing.assert_allclose(here.laid(here.noise(), (0, 0)), here.values, rtol=1e-6)
+
+
+def test_noise_grows_with_the_level_and_sparkle_is_none():
+    """Some bright squares in a wide dark sea, and sparkle in a twentieth of it."""
+    rng = np.random.default_rng(3)
+    level = np.full((300, 300), 10.0, np.float32)
+    for row, column, height in ((30, 40, 30.0), (150, 60, 45.0), (200, 220, 60.0), (80, 200, 90.0)):
+        level[row : row + 24, column : column + 24] = height
+    rest = (np.sqrt(0.5 + 0.04 * level) * rng.standard_normal(level.shape)).astype(np.float32)
+    flashes = rng.random((20, 20)) < 0.05
+    rest += np.where(np.kron(flashes, np.ones((15, 15), bool)), rng.exponential(20, level.shape), 0).astype(np.float32)
+    rest[:3] = np.nan
+    fixed, growing = noise_by_level(rest, level)
+    for height in (10.0, 45.0, 90.0):
+        assert fixed + growing * height == pytest.approx(0.5 + 0.04 * height, rel=0.25)
+
+
+def test_noise_of_whole_numbers_of_an_even_sea_and_of_next_to_nothing():
+    rng = np.random.default_rng(4)
+    even = np.full((200, 200), 50.0, np.float32)
+    counts = np.rint(rng.normal(50.3, 1.5, even.shape)).astype(np.float32)
+    fixed, growing = noise_by_level(counts - even, even)
+    assert fixed + 50 * growing == pytest.approx(1.5**2 + 1 / 12, rel=0.1)
+    assert noise_by_level(even[:5, :5], even[:5, :5]) == (0.0, 0.0)
+    assert noise_by_level(0 * even, even) == (0.0, 0.0)
+    assert noise_by_level(even[:, :2], even[:, :2]) == (0.0, 0.0)
+
+
+def test_half_of_the_squares_is_what_a_normal_distribution_has():
+    from scipy.stats import chi2, truncnorm
+
+    from deglint.compensate.trials import HALF_OF_SQUARES
+
+    middle = np.sqrt(chi2.median(1))
+    assert pytest.approx(truncnorm.var(-middle, middle), rel=1e-4) == HALF_OF_SQUARES
+
+
+def trial(error, replaced=None):
+    error = np.asarray(error, np.float32)
+    where = np.ones(error.shape[1:], np.bool_)
+    return Trial(error, np.ones(error.shape, np.bool_) if replaced is None else replaced, where, error, error)
+
+
+def test_moments_and_what_a_second_trial_says():
+    """Variances 4 and 9 in the first, 1 and 4 in the second, about any mean: 3 is the root of 4 times 9/4."""
+    rng = np.random.default_rng(5)
+    draws = rng.standard_normal((2, 100, 90))
+    draws = (draws - draws.mean(axis=(1, 2), keepdims=True)) / draws.std(axis=(1, 2), keepdims=True)
+    first = trial(draws * np.array([2.0, 3.0])[:, None, None] + 7)
+    second = trial(draws * np.array([1.0, 2.0])[:, None, None] - 3)
+    assert growth(first.moments(), second.moments()) == pytest.approx(3.0, rel=1e-4)
+    assert growth(second.moments(), first.moments()) == 1.0
+    nothing = trial(draws, np.zeros(draws.shape, np.bool_)).moments()
+    assert growth(nothing, nothing) == 1.0
+    gap = draws.copy()
+    gap[0, :50] = np.nan
+    np.testing.assert_array_equal(trial(gap).moments()[:, 0], [50 * 90, 100 * 90])
+
+
+@given(st.floats(0, 10), st.floats(0, 5))
+def test_a_line_through_variances_is_found(fixed, growing):
+    place = np.linspace(1, 20, 24)
+    found = weighted_line(place, fixed + growing * place, np.full(24, 500.0))
+    assert found == (pytest.approx(fixed, abs=1e-6), pytest.approx(growing, abs=1e-6))
+
+
+@given(st.integers(0, 30))
+def test_what_neighbours_share(seed):
+    """Against a loop over pairs."""
+    rng = np.random.default_rng(seed)
+    away, clean = rng.standard_normal((6, 8)) + 3, rng.random((6, 8)) < 0.7
+    mean = away[clean].mean()
+    pairs = [((r, c), (r + 1, c)) for r in range(5) for c in range(8)]
+    pairs += [((r, c), (r, c + 1)) for r in range(6) for c in range(7)]
+    both = [(away[p] - mean) * (away[q] - mean) for p, q in pairs if clean[p] and clean[q]]
+    assert tuple(shared(away, clean)) == (pytest.approx(sum(both)), len(both))
+    assert tuple(shared(away, np.zeros_like(clean))) == (0, 0)
+
+
+def test_the_waters_own_texture_is_told_from_noise_and_from_errors_of_the_level():
+    """A texture of a known covariance; a level that errs, and in the trial errs once more alike."""
+    rng = np.random.default_rng(6)
+
+    def smooth(height):
+        rough = rng.standard_normal((402, 402))
+        return height * (rough[1:-1, 1:-1] + rough[:-2, 1:-1] + rough[1:-1, :-2] + rough[:-2, :-2]) / 2
+
+    everywhere = np.ones((400, 400), np.bool_)
+    texture, once, again = smooth(1.0), smooth(0.6), smooth(0.6)
+    away = texture + 3 * rng.standard_normal((400, 400)) + once
+    found = own(shared(away, everywhere), shared(away + again, everywhere))
+    assert found == pytest.approx(0.5 * 1.0**2, abs=0.1)  # neighbours share half of the variance of such a texture
+    noise = 3 * rng.standard_normal((400, 400))
+    assert own(shared(noise, everywhere), shared(noise + again, everywhere)) == pytest.approx(0.0, abs=0.05)
