@@ -224,8 +224,9 @@ def finding(found: dict[str, Ran], copies: copying.Copies) -> str:
     """For the head of the report."""
     ratio = copies.ratio(max(copies.sides), "cog")
     saved = 100 * max(max(r.saved) for r in found.values() if r.error)
+    gain = f"up to {saved:.0f} %" if saved >= 1 else "none"
     return (
-        f"Skipping what a scene does not need saves up to {saved:.0f} % of the time and adds {_most(found):.2g} "
+        f"Skipping what a scene does not need saves {gain} of the time and adds {_most(found):.2g} "
         f"% of the water level at most; a scene that needs nothing is copied bit for bit in {ratio:.2g} times the time "
         "of a block copy."
     )
