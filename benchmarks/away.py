@@ -15,8 +15,7 @@ import numpy as np
 from deglint import open_scene
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
-from deglint.simulate import Setup, SimulatedScene, simulate
-from deglint.simulate.scene import simulate_together
+from deglint.simulate import Setup, SimulatedScene, simulate, simulate_together
 from detect.bench.measure import VISIBLE
 
 from .compensation import SIDE, objects, run

@@ -12,7 +12,7 @@ import numpy as np
 from deglint.compensate import Chain, Sample, Setting, State, apply_stages, fit_stages, parse, protect, system_psf
 from deglint.compensate import apply as apply_chain
 from deglint.compensate.codes import decoded, encoded
-from deglint.compensate.level import agreeing, blurred
+from deglint.compensate.level import Opened, blurred
 from deglint.compensate.opening import openings
 from deglint.compensate.sharpen import richardson_lucy
 from deglint.physics.presets import preset
@@ -98,7 +98,7 @@ def main(quick: bool) -> None:
         "codes of 16 bits": lambda: [encoded(b, *g) for b, g in zip(block, grids, strict=True)],
         "opening, square of 13": lambda: opened(0),
         "the same with an octagon of 13 grown back, and a diamond": lambda: opened(13),
-        "outlines that neighbouring bands share": lambda: agreeing(out[0], out[1], grids, spectrum, order=order),
+        "outlines that neighbouring bands share": Opened(out[0], out[1], grids, spectrum, order).level,
         "level blurred again": lambda: [blurred(m, p) for m, p in zip(level, psfs, strict=True)],
     }
     jobs["search for small things"] = searching(block, bands, chains["psf:2, identify-level:13, replace-level"])

@@ -16,7 +16,7 @@ doi:10.1080/00031305.1983.10483115.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -27,6 +27,7 @@ import numpy.typing as npt
 from .errors import InputError
 
 Float64 = npt.NDArray[np.float64]
+Places = npt.NDArray[np.int64]
 _NEAR = 0.9
 """Share of the sum of squares about a typical pixel that may be due to its distance from the mean: costs three bits."""
 _ROOM = 1 << 18
@@ -295,14 +296,14 @@ def _reduce_cells(
 
     A mask of no size is True everywhere.
     """
-    windows = []
-    for i in range(len(n)):
-        top, left = i // across * cell - row0, i % across * cell - col0
-        windows.append((slice(max(top, 0), top + cell), slice(max(left, 0), left + cell)))
+    down, right = np.divmod(np.arange(len(n)), across)
+    starts = np.stack([down * cell - row0, right * cell - col0], axis=1)
+    ends = np.stack([np.maximum(starts, 0), np.minimum(starts + cell, block.shape[1:])], axis=2)
+    windows = [(slice(*rows), slice(*columns)) for rows, columns in ends.tolist()]
     whole = np.array([bool(mask[window].all()) for window in windows])
     with np.errstate(over="ignore", invalid="ignore"):  # whoever uses it looks whether it is finite
         each = (n, mean, comoment, low, high, rest)
-        for i in [*np.flatnonzero(~whole), *_reduce_quickly(block, windows, np.flatnonzero(whole), each)]:
+        for i in [*np.flatnonzero(~whole), *_reduce_quickly(block, ends, np.flatnonzero(whole), each)]:
             x = np.array(block[:, *windows[i]], np.float64).reshape(len(block), -1)
             x = x[:, _valid(x, mask[windows[i]])]
             low[i], high[i] = x.min(axis=1, initial=np.inf), x.max(axis=1, initial=-np.inf)
@@ -319,21 +320,20 @@ def _reduce_cells(
 
 
 def _reduce_quickly(
-    block: npt.NDArray[Any], windows: Sequence[tuple[slice, slice]], cells: npt.NDArray[np.intp],
-    results: tuple[Float64, ...],
-) -> npt.NDArray[np.intp]:  # fmt: skip
+    block: npt.NDArray[Any], ends: Places, cells: Places, results: tuple[Float64, ...]
+) -> Places:  # fmt: skip
     """Fill the per-cell arrays for cells of which every pixel counts, in one pass about a pixel of the cell.
 
     Returns which cells ask for more care: pixels that are not finite, or a pixel too far from the mean.
     """
     if not len(cells):
         return cells
-    windows = [windows[i] for i in cells]
-    n, total, comoment, low, high, _rest = (np.empty((len(cells), *a.shape[1:])) for a in results)
-    first, middle, last = np.moveaxis(block[:, *_typical_places(windows, block.shape[1:])].astype(np.float64), 1, 0)
+    ends = ends[cells]
+    n, total, comoment, low, high = (np.empty((len(cells), *a.shape[1:])) for a in results[:-1])
+    first, middle, last = np.moveaxis(block[:, *_typical_places(ends)].astype(np.float64), 1, 0)
     shift, bands = _typical(first, middle, last).T.copy(), len(block)
     room = np.empty(0)
-    for some, rows, columns in _runs(windows, block.shape, max(_ROOM // (bands * CELL * CELL), 1)):
+    for some, rows, columns in _runs(ends.tolist(), max(_ROOM // (bands * CELL * CELL), 1)):
         given = block[:, rows, columns]
         given = given.reshape(bands, given.shape[1], some.stop - some.start, -1).transpose(2, 0, 1, 3)
         room = room if room.size >= given.size else np.empty(given.size)
@@ -355,26 +355,20 @@ def _reduce_quickly(
     return np.asarray(cells[bad.any(axis=1)])
 
 
-def _runs(
-    windows: Sequence[tuple[slice, slice]], shape: tuple[int, ...], most: int
-) -> Iterator[tuple[slice, slice, slice]]:
+def _runs(ends: list[list[list[int]]], most: int) -> Iterator[tuple[slice, slice, slice]]:
     """At most so many cells that lie side by side and are alike: which, and the rows and columns of all of them.
 
     Threads hand each other Python's lock at every call of NumPy: few long calls let them work at the same time.
     """
-    ends = [(r.indices(shape[1])[:2], c.indices(shape[2])[:2]) for r, c in windows]
     first = 0
     for i, (rows, (left, right)) in enumerate(ends):
-        after = ends[i + 1] if i + 1 < len(ends) else None
-        if i + 1 - first < most and after == (rows, (right, 2 * right - left)):
-            continue
-        yield slice(first, i + 1), slice(*rows), slice(ends[first][1][0], right)
-        first = i + 1
+        if i + 1 - first == most or ends[i + 1 : i + 2] != [[rows, [right, 2 * right - left]]]:
+            yield slice(first, i + 1), slice(*rows), slice(ends[first][1][0], right)
+            first = i + 1
 
 
-def _typical_places(windows: Sequence[tuple[slice, slice]], shape: tuple[int, ...]) -> tuple[Any, Any]:
-    """Rows and columns of the first, middle and last pixel of each window, (3, windows)."""
-    ends = np.array([[r.indices(shape[0])[:2], c.indices(shape[1])[:2]] for r, c in windows])
+def _typical_places(ends: Places) -> tuple[Places, Places]:
+    """Rows and columns of the first, middle and last pixel of each cell, (3, cells)."""
     (top, left), (bottom, right) = ends[:, :, 0].T, ends[:, :, 1].T
     size = (bottom - top) * (right - left)
     rows, columns = np.divmod(np.stack([0 * size, size // 2, size - 1]), right - left)

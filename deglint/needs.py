@@ -113,6 +113,11 @@ class Needs:
         found = enumerate(zip(self.glint, self.things, strict=True))
         return tuple(b for b, (g, t) in found if g >= max(LITTLE_GLINT, min(CLEAR_GLINT, t / FAINTER)))
 
+    @property
+    def smooth(self) -> bool:
+        """It was looked for what stands out of the water beside it, and no glint does: the rest is wider than that."""
+        return bool(self.glint) and not self.glinted
+
     def without(self, stage: str, why: str) -> Needs:
         """The same, with a stage that turned out not to be needed."""
         stages = tuple(StageNeed(stage, False, why) if s.stage == stage else s for s in self.stages)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from deglint.compensate.codes import NOTHING, decoded, encoded
-from deglint.compensate.level import SLACK, agreeing, blurred, opened_level
+from deglint.compensate.level import SLACK, Opened, blurred, opened_level
 from deglint.compensate.opening import diamond_of, elements, opening_halo, openings, rank_opening
 from deglint.compensate.psf import kernel_psf, system_psf
 from deglint.compensate.sharpen import richardson_lucy, sharpen_halo
@@ -160,7 +160,7 @@ def test_outlines_are_an_octagon_grown_by_a_pixel_under_a_small_square_and_a_dia
 
 def kept(level, outlines, spectrum):
     codes = [np.stack([encoded(b, 0.0, 1.0) for b in block]) for block in (level, outlines)]
-    return agreeing(*codes, [(0.0, 1.0)] * len(level), list(spectrum), order=range(len(level)))
+    return Opened(*codes, [(0.0, 1.0)] * len(level), list(spectrum), range(len(level))).level()
 
 
 @settings(max_examples=60)

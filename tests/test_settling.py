@@ -109,7 +109,7 @@ def test_settled_is_the_level_where_the_image_exceeds_it(columns, wanted, bands)
 def test_a_block_that_is_lent_is_left_as_it_is(cut, width):
     block = sparkle((60, width + 30), bands=4)
     ones, every = (1.0,) * 4, tuple(range(4))
-    found = IdentifyLevel(5, 5, every, every, (GRID,) * 4, ones, ones, ones, ones, ones, (np.inf,) * 4)
+    found = IdentifyLevel(5, 5, every, every, (GRID,) * 4, ones, ones, ones, ones, (np.inf,) * 4)
     psf = kernel_psf([[0, 1, 0], [1, 4, 1], [0, 1, 0]])
     chains = (
         [found, ReplaceLevel()], [found], [found, Median(5)], [Sharpen((psf,) * 4, 1), found, ReplaceLevel()],

@@ -10,7 +10,7 @@ import rasterio
 from rasterio.enums import ColorInterp
 
 from deglint.errors import InputError, ReadError
-from deglint.raster.convert import has_infinite, is_valid, to_physical
+from deglint.raster.convert import all_clear, has_infinite, is_valid, to_physical
 from deglint.readers import open_scene
 
 SHAPE = (3, 20, 30)
@@ -263,3 +263,13 @@ def test_infinity_is_told_from_nan_and_from_overflow():
     assert not has_infinite(large)
     assert not has_infinite(np.full((1, 3, 3), np.nan))
     assert has_infinite(np.float64([[[1, np.nan, -np.inf]]]))
+
+
+@pytest.mark.parametrize("dtype", ["uint16", "float32", "float64"])
+@pytest.mark.parametrize("shape", [(2, 5, 0), (2, 0, 5), (2, 0, 0)])
+def test_no_pixels_are_no_trouble(dtype, shape):
+    nothing = np.empty(shape, dtype)
+    for scale in (1.0, 0.5):
+        assert to_physical(nothing, None, [scale] * 2, [0.0] * 2).shape == shape
+    assert all_clear(nothing)
+    assert not has_infinite(nothing)

@@ -13,7 +13,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from ._lanes import FLOATS, LANES, lanes, larger, load, plus, pointer, smaller, spread, store, times
+from ._lanes import FLOATS, LANES, constant, lanes, larger, load, plus, pointer, smaller, spread, store, times
 
 _CODES, _BITS = ir.VectorType(ir.IntType(16), LANES), ir.VectorType(ir.IntType(32), LANES)
 _BITS_OF_ONE = 0x3F800000
@@ -26,23 +26,19 @@ WIDE = 256
 """Pixels of all bands that are worked on at a time."""
 
 
-def _every(kind: Any, number: Any) -> Any:
-    return ir.Constant(kind, [number] * LANES)
-
-
 def _told(_typing: Any, codes: Any, _index: Any, _centre: Any, _unit: Any) -> Any:
     """Values of codes of an array."""
 
     def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         spot = pointer(context, builder, signature.args[0], given[0], given[1], _CODES)
         code = builder.sext(builder.load(spot, align=2), _BITS)
-        below = builder.icmp_signed("<", code, _every(_BITS, 0))
+        below = builder.icmp_signed("<", code, constant(_BITS, 0))
         size = builder.select(below, builder.neg(code), code)
-        bits = builder.add(builder.shl(size, _every(_BITS, _DROPPED)), _every(_BITS, _BITS_OF_ONE))
-        away = builder.fmul(builder.fsub(builder.bitcast(bits, FLOATS), _every(FLOATS, 1.0)), given[3])
+        bits = builder.add(builder.shl(size, constant(_BITS, _DROPPED)), constant(_BITS, _BITS_OF_ONE))
+        away = builder.fmul(builder.fsub(builder.bitcast(bits, FLOATS), constant(FLOATS, 1.0)), given[3])
         value = builder.select(below, builder.fsub(given[2], away), builder.fadd(given[2], away))
-        none = builder.icmp_signed("==", size, _every(_BITS, _NOTHING))
-        return builder.select(none, _every(FLOATS, float("nan")), value)
+        none = builder.icmp_signed("==", size, constant(_BITS, _NOTHING))
+        return builder.select(none, constant(FLOATS, float("nan")), value)
 
     return lanes(codes, types.intp, lanes, lanes), made
 
@@ -53,14 +49,14 @@ def _tell(_typing: Any, codes: Any, _index: Any, _values: Any, _centre: Any, _pe
     def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         codes, index, values, centre, per_unit = given
         away = builder.fmul(builder.fsub(values, centre), per_unit)
-        bits = builder.and_(builder.bitcast(away, _BITS), _every(_BITS, 0x7FFFFFFF))
-        size = builder.bitcast(builder.fadd(builder.bitcast(bits, FLOATS), _every(FLOATS, 1.0)), _BITS)
-        size = builder.add(size, _every(_BITS, (1 << (_DROPPED - 1)) - _BITS_OF_ONE))
-        code = builder.ashr(size, _every(_BITS, _DROPPED))
-        most = _every(_BITS, _NOTHING - 1)
+        bits = builder.and_(builder.bitcast(away, _BITS), constant(_BITS, 0x7FFFFFFF))
+        size = builder.bitcast(builder.fadd(builder.bitcast(bits, FLOATS), constant(FLOATS, 1.0)), _BITS)
+        size = builder.add(size, constant(_BITS, (1 << (_DROPPED - 1)) - _BITS_OF_ONE))
+        code = builder.ashr(size, constant(_BITS, _DROPPED))
+        most = constant(_BITS, _NOTHING - 1)
         code = builder.select(builder.icmp_signed("<", code, most), code, most)
         code = builder.select(builder.fcmp_ordered("<", values, centre), builder.neg(code), code)
-        code = builder.select(builder.fcmp_ordered("ord", values, values), code, _every(_BITS, _NOTHING))
+        code = builder.select(builder.fcmp_ordered("ord", values, values), code, constant(_BITS, _NOTHING))
         spot = pointer(context, builder, signature.args[0], codes, index, _CODES)
         builder.store(builder.trunc(code, _CODES), spot, align=2)
         return context.get_dummy_value()
@@ -75,7 +71,7 @@ def _put(_typing: Any, out: Any, replaced: Any, _at: Any, _value: Any, _level: A
         out, replaced, at, value, level, rise, full = given
         above = builder.fcmp_ordered(">", value, builder.fadd(level, rise))
         hit = builder.or_(above, builder.fcmp_ordered(">=", value, full))
-        known = builder.fcmp_ordered("==", builder.fsub(level, level), _every(FLOATS, 0.0))
+        known = builder.fcmp_ordered("==", builder.fsub(level, level), constant(FLOATS, 0.0))
         hit = builder.and_(hit, known)
         spot = pointer(context, builder, signature.args[0], out, at, FLOATS)
         builder.store(builder.select(hit, level, value), spot, align=4)

@@ -9,9 +9,9 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, models, register_model
+from numba.extending import intrinsic
 
-from ._lanes import FLOATS, LANES, everywhere, fma, loaded, pointer
+from ._lanes import FLOATS, LANES, Vector, chosen, constant, everywhere, fma, loaded, pointer
 
 GROUPS = 16
 """Sums of 16 bits side by side, each of one group of shapes."""
@@ -19,39 +19,13 @@ PIECES = 64
 """Bins, and one more than there are edges."""
 MIDDLE = 698_000
 """What is added to the bits of the highest tangent: for a logarithm they are too low by 0 to twice this."""
-_INTS = ir.VectorType(ir.IntType(32), LANES)
-_SUMS = ir.VectorType(ir.IntType(16), GROUPS)
-
-
-class _Sums(types.Type):
-    def __init__(self) -> None:
-        super().__init__(name=f"int16x{GROUPS}")
-
-
-@register_model(_Sums)
-class _SumsModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _SUMS)
-
-
-class _Bins(types.Type):
-    def __init__(self) -> None:
-        super().__init__(name=f"int32x{LANES}")
-
-
-@register_model(_Bins)
-class _BinsModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _INTS)
-
-
-sums, bins = _Sums(), _Bins()
+sums, bins = Vector(GROUPS, 16), Vector(LANES, 32)
+_SUMS, _INTS = sums.made_of, bins.made_of
 
 
 def _each(value: float | int) -> Any:
     """A constant in every lane."""
-    kind = _INTS if isinstance(value, int) else FLOATS
-    return ir.Constant(kind, [value] * LANES)
+    return constant(_INTS if isinstance(value, int) else FLOATS, value)
 
 
 def _row(_typing: Any, array: Any, _index: Any) -> Any:
@@ -70,9 +44,7 @@ def _each_sum(_typing: Any, _number: Any) -> Any:
     """A number in every sum."""
 
     def lower(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-        number = builder.trunc(given[0], ir.IntType(16))
-        one = builder.insert_element(ir.Constant(_SUMS, ir.Undefined), number, ir.IntType(32)(0))
-        return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), GROUPS), [0] * GROUPS))
+        return everywhere(builder, builder.trunc(given[0], ir.IntType(16)), _SUMS)
 
     return sums(types.int64), lower
 
@@ -113,11 +85,6 @@ def _highest(_typing: Any, _sums: Any) -> Any:
     return types.int64(sums), lower
 
 
-def _larger(builder: Any, x: Any, y: Any) -> Any:
-    """The second where the first is NaN."""
-    return builder.select(builder.fcmp_ordered(">", x, y), x, y)
-
-
 def _looked_up(context: Any, builder: Any, kind: Any, table: Any, index: Any) -> Any:
     """Numbers of a table of `PIECES`, which is in four registers where there are 32 of 512 bits."""
     if LANES == 16:
@@ -150,13 +117,13 @@ def _binned(_typing: Any, z: Any, _at: Any, edges: Any, _begin: Any, _scale: Any
         size = builder.bitcast(builder.and_(bits, _each(0x7FFFFFFF)), FLOATS)
         root = 2**-0.5
         tangents = [fma(builder, size, _each(a), _each(b)) for a, b in ((1.0, 1.0), (1 + root, root), (2.0, 0.0))]
-        grown = _larger(builder, _larger(builder, *tangents[:2]), tangents[2])
+        grown = chosen(builder, ">", chosen(builder, ">", *tangents[:2]), tangents[2])
         log = builder.sitofp(builder.sub(builder.bitcast(grown, _INTS), _each(0x3F800000 - MIDDLE)), FLOATS)
         sign = builder.and_(bits, _each(-0x80000000))
         log = builder.bitcast(builder.or_(builder.bitcast(log, _INTS), sign), FLOATS)
         guess = fma(builder, log, everywhere(builder, scale), everywhere(builder, begin))
-        guess = _larger(builder, guess, _each(0.0))
-        guess = builder.select(builder.fcmp_ordered("<", guess, _each(PIECES - 1.0)), guess, _each(PIECES - 1.0))
+        guess = chosen(builder, ">", guess, _each(0.0))
+        guess = chosen(builder, "<", guess, _each(PIECES - 1.0))
         low = builder.fptosi(guess, _INTS)
         edge = _looked_up(context, builder, signature.args[2], edges, low)
         return builder.add(low, builder.zext(builder.fcmp_ordered(">=", value, edge), _INTS))
@@ -169,9 +136,8 @@ def _pair(_typing: Any, _before: Any, _now: Any, _base: Any, out: Any, _at: Any)
 
     def lower(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         before, now, base, out, at = given
-        one = builder.insert_element(ir.Constant(_INTS, ir.Undefined), base, ir.IntType(32)(0))
-        base = builder.shuffle_vector(one, one, ir.Constant(_INTS, [0] * LANES))
-        place = builder.add(builder.add(builder.mul(before, _each(PIECES)), now), base)
+        place = builder.add(builder.mul(before, _each(PIECES)), now)
+        place = builder.add(place, everywhere(builder, base, _INTS))
         kind = ir.VectorType(ir.IntType(16), LANES)
         spot = pointer(context, builder, signature.args[3], out, at, kind)
         builder.store(builder.trunc(place, kind), spot, align=2)

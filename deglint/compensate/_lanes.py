@@ -16,25 +16,33 @@ from numba import types
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic, models, register_model
 
-_FEATURES = cpu_target.target_context.codegen().magic_tuple()[2].split(",")  # what compiled code is kept for on disk
-LANES = 16 if "+avx512f" in _FEATURES else 8
-FLOATS = ir.VectorType(ir.FloatType(), LANES)
+FEATURES = cpu_target.target_context.codegen().magic_tuple()[2].split(",")  # what compiled code is kept for on disk
+LANES = 16 if "+avx512f" in FEATURES else 8
 _INDEX = ir.IntType(32)
 _BYTE = ir.IntType(8)
 
 
-class _Lanes(types.Type):
-    def __init__(self) -> None:
-        super().__init__(name=f"float32x{LANES}")
+class Vector(types.Type):
+    """So many numbers side by side: float32 where they have no bits, else whole numbers of so many."""
+
+    def __init__(self, count: int, bits: int = 0) -> None:
+        self.count, self.bits = count, bits
+        super().__init__(name=f"int{bits}x{count}" if bits else f"float32x{count}")
+
+    @property
+    def made_of(self) -> ir.VectorType:
+        """As LLVM has it."""
+        return ir.VectorType(ir.IntType(self.bits) if self.bits else ir.FloatType(), self.count)
 
 
-@register_model(_Lanes)
+@register_model(Vector)
 class _Model(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, FLOATS)
+        super().__init__(manager, kind, kind.made_of)
 
 
-lanes = _Lanes()
+lanes = Vector(LANES)
+FLOATS = lanes.made_of
 
 
 def fma(builder: Any, x: Any, y: Any, z: Any) -> Any:
@@ -59,10 +67,20 @@ def stored(context: Any, builder: Any, kind: Any, array: Any, index: Any, values
     builder.store(values, pointer(context, builder, kind, array, index, FLOATS), align=4)
 
 
-def everywhere(builder: Any, number: Any) -> Any:
-    """A number in every lane."""
-    one = builder.insert_element(ir.Constant(FLOATS, ir.Undefined), number, _INDEX(0))
-    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES))
+def everywhere(builder: Any, number: Any, kind: Any = FLOATS) -> Any:
+    """A number in every lane of a vector of this kind."""
+    one = builder.insert_element(ir.Constant(kind, ir.Undefined), number, _INDEX(0))
+    return builder.shuffle_vector(one, one, constant(ir.VectorType(_INDEX, kind.count), 0))
+
+
+def constant(kind: Any, number: float | int) -> Any:
+    """The same number in every lane."""
+    return ir.Constant(kind, [number] * kind.count)
+
+
+def chosen(builder: Any, sign: str, x: Any, y: Any) -> Any:
+    """The first where it compares so with the second; the second where either is NaN."""
+    return builder.select(builder.fcmp_ordered(sign, x, y), x, y)
 
 
 def _operation(count: int, emit: Callable[..., Any]) -> Any:
@@ -83,9 +101,9 @@ plus = _operation(2, lambda b, x, y: b.fadd(x, y))
 times = _operation(2, lambda b, x, y: b.fmul(x, y))
 over = _operation(2, lambda b, x, y: b.fdiv(x, y))
 fused = _operation(3, fma)
-larger = _operation(2, lambda b, x, y: b.select(b.fcmp_ordered(">", x, y), x, y))
+larger = _operation(2, lambda b, x, y: chosen(b, ">", x, y))
 """The second where the first is NaN."""
-smaller = _operation(2, lambda b, x, y: b.select(b.fcmp_ordered("<", x, y), x, y))
+smaller = _operation(2, lambda b, x, y: chosen(b, "<", x, y))
 if_same = _operation(4, lambda b, x, y, same, other: b.select(b.fcmp_ordered("==", x, y), same, other))
 if_more = _operation(4, lambda b, x, y, more, other: b.select(b.fcmp_ordered(">", x, y), more, other))
 

@@ -10,36 +10,19 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.core.registry import cpu_target
-from numba.extending import intrinsic, models, register_model
+from numba.extending import intrinsic
 
-from ._lanes import pointer
+from ._lanes import FEATURES, Vector, constant, everywhere, pointer
 
-_FEATURES = cpu_target.target_context.codegen().magic_tuple()[2].split(",")  # what compiled code is kept for on disk
-BYTES = 64 if "+avx512bw" in _FEATURES else 32
+BYTES = 64 if "+avx512bw" in FEATURES else 32
 """Of a vector."""
 _INDEX = ir.IntType(32)
 
 
-class _Lanes(types.Type):
-    def __init__(self, bits: int) -> None:
-        self.bits, self.count = bits, 8 * BYTES // bits
-        super().__init__(name=f"int{bits}x{self.count}")
-
-
-@register_model(_Lanes)
-class _Model(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _vector(kind))
-
-
-def _vector(kind: _Lanes) -> ir.VectorType:
-    return ir.VectorType(ir.IntType(kind.bits), kind.count)
-
-
-def _of(array: Any) -> _Lanes:
+def _of(array: Any) -> Vector:
     """The vectors of an array."""
-    return _Lanes(array.dtype.bitwidth)
+    bits = array.dtype.bitwidth
+    return Vector(8 * BYTES // bits, bits)
 
 
 def _choice(sign: str) -> Any:
@@ -58,7 +41,7 @@ def _negative(_typing: Any, a: Any) -> Any:
     """Of each; the largest number there is stays."""
 
     def made(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-        largest = ir.Constant(given[0].type, [(1 << (a.bits - 1)) - 1] * a.count)
+        largest = constant(a.made_of, (1 << (a.bits - 1)) - 1)
         return builder.select(builder.icmp_signed("==", given[0], largest), given[0], builder.neg(given[0]))
 
     return a(a), made
@@ -84,7 +67,7 @@ def _store(_typing: Any, array: Any, _index: Any, values: Any) -> Any:
 
 
 def _loaded(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
-    spot = pointer(context, builder, kind, array, index, _vector(_of(kind)))
+    spot = pointer(context, builder, kind, array, index, _of(kind).made_of)
     return builder.load(spot, align=kind.dtype.bitwidth // 8)
 
 
@@ -107,17 +90,12 @@ def _behind(_typing: Any, values: Any, number: Any, _lane: Any) -> Any:
     """Each number a lane back, and in this lane another number."""
 
     def made(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-        kind, size = _vector(values), values.count
+        kind, size = values.made_of, values.count
         order = ir.Constant(ir.VectorType(_INDEX, size), [*range(1, size), 0])
-        place = builder.trunc(given[2], kind.element)
-        ends = [
-            builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(_INDEX, size), [0] * size))
-            for one in (
-                builder.insert_element(ir.Constant(kind, ir.Undefined), v, _INDEX(0)) for v in (given[1], place)
-            )
-        ]
-        here = builder.icmp_signed("==", ends[1], ir.Constant(kind, list(range(size))))
-        return builder.select(here, ends[0], builder.shuffle_vector(given[0], given[0], order))
+        lane = everywhere(builder, builder.trunc(given[2], kind.element), kind)
+        here = builder.icmp_signed("==", lane, ir.Constant(kind, list(range(size))))
+        moved = builder.shuffle_vector(given[0], given[0], order)
+        return builder.select(here, everywhere(builder, given[1], kind), moved)
 
     return values(values, number, types.intp), made
 

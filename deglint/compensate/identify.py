@@ -30,7 +30,7 @@ from ..errors import FitError
 from ..remove.levels import mode
 from ..scene import Window
 from .codes import decoded, encoded
-from .level import Grid, Opened, opened_level, openings_of
+from .level import Grid, Opened, of_every_band, opened_level, openings_of
 from .opening import opening_halo
 from .state import Float32Array, Mask, State
 
@@ -95,9 +95,9 @@ class IdentifyLevel:
         Bands that are looked at.
     grids : tuple of (float, float)
         Of each of them: centre and unit in which levels are told; see `deglint.compensate.codes`.
-    spectrum, offsets, sigmas, cover, certain : tuple of float
+    spectrum, offsets, sigmas, cover : tuple of float
         Of each of them: brightness of glint, how far the commonest pixel lies above the opening, standard deviation
-        of pixels without glint about that, share of glinted pixels in the sample, and of those that no noise makes.
+        of pixels without glint about that, and share of glinted pixels in the sample.
     saturation : tuple of float
         Of each band.
     k : float
@@ -117,7 +117,6 @@ class IdentifyLevel:
     offsets: tuple[float, ...]
     sigmas: tuple[float, ...]
     cover: tuple[float, ...]
-    certain: tuple[float, ...]
     saturation: tuple[float, ...]
     k: float = LEVEL_K
     glint: tuple[float, ...] = ()
@@ -135,10 +134,8 @@ class IdentifyLevel:
         limits = np.zeros((len(state.image), 3), np.float32)
         for band, offset, sigma in zip(self.bands, self.offsets, self.sigmas, strict=True):
             limits[band] = offset, self.k * sigma, _as_divided(self.saturation[band], state.units[band])
-        if not isinstance(level, Opened) and len(level) < len(state.image):
-            every = np.full(state.image.shape, np.nan, np.float32)
-            every[list(self.bands)] = level
-            level = every
+        if not isinstance(level, Opened):
+            level = of_every_band(level, self.bands, len(state.image))
         state.found(level, limits)
 
 
@@ -237,7 +234,7 @@ def fit_identify_level(
         return _about(away, floor[band] if floor else 0.0, whole[band] if whole else 0.0)
 
     found = each(about, away, chosen)
-    offsets, sigmas, cover, certain, spectrum = zip(*found, strict=True)
+    offsets, sigmas, cover, spectrum = zip(*found, strict=True)
     ranks = tuple(b for b in order if b in chosen)
     powers: list[tuple[float, ...]] = [(), ()]
     if nir in chosen:
@@ -245,7 +242,7 @@ def fit_identify_level(
         powers = list(standing_out(away, offsets, sigmas, places, chosen.index(nir)))
     use = detail if float(np.median(cover)) <= MOST_COVER_FOR_DETAIL else 0
     return IdentifyLevel(
-        size, use, ranks, chosen, grids, spectrum, offsets, sigmas, cover, certain, tuple(map(float, saturation)), k,
+        size, use, ranks, chosen, grids, spectrum, offsets, sigmas, cover, tuple(map(float, saturation)), k,
         *powers,
     )  # fmt: skip
 
@@ -334,10 +331,8 @@ def spread_of_sorted(ordered: npt.NDArray[np.floating[Any]], middle: float, step
     return 1.4826 * float(np.median(middle - ordered[[(count - 1) // 2, count // 2]]))
 
 
-def _about(
-    away: npt.NDArray[np.floating[Any]], floor: float, step: float = 0.0
-) -> tuple[float, float, float, float, float]:
-    """Offset, standard deviation, cover, certain cover and mean glint from pixels less their opened level."""
+def _about(away: npt.NDArray[np.floating[Any]], floor: float, step: float = 0.0) -> tuple[float, float, float, float]:
+    """Offset, standard deviation, cover and mean glint from pixels less their opened level."""
     away = away[np.isfinite(away)]
     if step > 0:
         away = np.rint(away.astype(np.float64) / step) * step  # without the rounding of single precision
@@ -349,12 +344,12 @@ def _about(
     away = away[:: max(away.size // MOST, 1)]
     apart = away[away != 0]  # a pixel that the opening found again is no measure of the noise
     if apart.size < FEWEST:
-        return 0.0, max(floor, _TINY), 0.0, 0.0, _TINY
+        return 0.0, max(floor, _TINY), 0.0, _TINY
     apart.sort()
     offset = mode(apart, ordered=True)
     sigma = max(spread_of_sorted(apart, offset, step), floor)
-    cover, certain = (float(np.mean(away > offset + k * sigma)) for k in (COVER_K, CERTAIN_K))
-    return offset, sigma, cover, certain, max(float(away.mean(dtype=np.float64)), _TINY)
+    cover = float(np.mean(away > offset + COVER_K * sigma))
+    return offset, sigma, cover, max(float(away.mean(dtype=np.float64)), _TINY)
 
 
 def _grid(values: Sequence[npt.NDArray[np.float32]]) -> Grid:
@@ -390,7 +385,7 @@ def _levels(
         opened = openings_of(
             source, shape, size, grids, detail=detail, order=some, spectrum=spectrum, within=(within[0], within[1])
         )
-        return replace(opened, bands=tuple(bands)) if opened.fits else opened.level()
+        return replace(opened, bands=tuple(bands))
     return opened_level(
         source, shape, size, grids, detail=detail, order=some, spectrum=spectrum, psfs=psfs,
         within=(within[0], within[1]), sound=state.sound,

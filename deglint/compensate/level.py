@@ -82,12 +82,7 @@ class Opened:
 
     def of_image(self, count: int) -> Float32Array:
         """The level of an image of so many bands: NaN in those that there are no openings of."""
-        level = self.level()
-        if self.bands is None or len(level) == count:
-            return level
-        every = np.full((count, *level.shape[1:]), np.nan, np.float32)
-        every[list(self.bands)] = level
-        return every
+        return of_every_band(self.level(), range(count) if self.bands is None else self.bands, count)
 
     def settled(
         self, image: Float32Array, limits: Float32Array, wanted: bool
@@ -108,7 +103,7 @@ class Opened:
         bands = range(len(image)) if self.bands is None else self.bands
         self._agree(bands, limits, block(image), level.ravel(), clean.ravel(), replaced.ravel())
         for b in range(len(image)):
-            if b not in bands:
+            if b not in bands:  # left as they are
                 level[b], clean[b], replaced[b] = np.nan, image[b], False
         return level if wanted else None, clean, replaced
 
@@ -140,17 +135,13 @@ class Opened:
         return more.level()[..., : self.levels.shape[2]] if more.fits else np.empty(self.levels.shape, np.float32)
 
 
-def agreeing(
-    levels: Codes,
-    outlines: Codes,
-    grids: Sequence[Grid],
-    spectrum: Sequence[float],
-    *,
-    order: Sequence[int],
-    slack: float = SLACK,
-) -> Float32Array:
-    """A level, and of what other openings exceed it by what two neighbouring bands have as well; see `Opened`."""
-    return Opened(levels, outlines, grids, spectrum, order, slack).level()
+def of_every_band(level: Float32Array, bands: Sequence[int], count: int) -> Float32Array:
+    """A level of some bands as that of so many: NaN in the others."""
+    if len(level) == count:
+        return level
+    every = np.full((count, *level.shape[1:]), np.nan, np.float32)
+    every[list(bands)] = level
+    return every
 
 
 def blurred(

@@ -143,7 +143,8 @@ class State:
         """Put the level where there is glint."""
         from ._level_kernels import settle
 
-        if self.opened is not None and self.limits is not None and self.where is None and self._replaced is None:
+        at_once = self.limits is not None and self.where is None and self._replaced is None
+        if self.opened is not None and self.opened.fits and at_once:
             found = self.opened.settled(self.image, self.limits, self.keep)
             self.level, self.image, self._replaced = found
             self.limits, self.lent = None, False

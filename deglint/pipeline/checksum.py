@@ -40,9 +40,8 @@ class Checksum:
             A file was changed while it was read: what was made of it is of no one state of it.
         """
         self._thread.join()
-        for path, before in zip(self._paths, self._before, strict=True):
-            if _stamp(path) != before:
-                raise ReadError(f"{path} was changed while it was read. Run again when it is whole.")
+        if changed := self.changed():
+            raise ReadError(f"{changed} was changed while it was read. Run again when it is whole.")
         return [{k: v for k, v in file.items() if k != "modified_ns"} for file in self._found]
 
     def fingerprints(self) -> list[dict[str, Any]]:
@@ -50,9 +49,10 @@ class Checksum:
         self._thread.join()
         return self._found
 
-    def holds(self) -> bool:
-        """No file was changed since this was begun."""
-        return [_stamp(path) for path in self._paths] == self._before
+    def changed(self) -> str | None:
+        """A file that was changed since this was begun."""
+        both = zip(self._paths, self._before, strict=True)
+        return next((path for path, before in both if _stamp(path) != before), None)
 
     def _work(self) -> None:
         self._found = [{"path": path, **fingerprint(path)} for path in self._paths]
@@ -67,7 +67,7 @@ def begin_checksum(paths: Sequence[str]) -> None:
 def checksum_of(paths: Sequence[str]) -> Checksum:
     """What was begun on these files, or a new one."""
     found = _AHEAD.pop(tuple(paths), None)
-    return found if found is not None and found.holds() else Checksum(paths)
+    return Checksum(paths) if found is None or found.changed() else found
 
 
 def fingerprint(path: str | Path) -> dict[str, Any]:

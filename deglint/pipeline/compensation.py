@@ -186,7 +186,7 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
     cover = stage.cover
     needs = replace(needs, cover=cover, nir=_if_left_out(found.blocks, nir), glint=stage.glint, things=stage.things)
     most = max(needs.glint)
-    if not needs.glinted:
+    if needs.smooth:
         why = f"glint adds at most {most:.2%} to a band's variance of noise (threshold {LITTLE_GLINT:.0%})"
         if most >= LITTLE_GLINT:
             why = f"what stands out is other bright things; glint adds at most {most:.1%} to a band's variance of noise"

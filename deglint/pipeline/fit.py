@@ -169,7 +169,8 @@ def _fit_look(
     place = len(notes)
     numbers: dict[str, Any] = {"water": look.water.numbers() if look.water else None, "sample": None}
     name = _compensated_method(request) if todo.runs and recipe.method == "auto" else _method(recipe)
-    if sampler is not None and not todo.runs and recipe.compensate != "off" and METHODS[name].regresses:
+    moving = not todo.runs and recipe.compensate != "off" and METHODS[name].regresses
+    if sampler is not None and moving and not todo.needs.smooth:  # what is smooth is the same a pixel further
         moves, said_of_moves = find_moves(scene, request, look, sampler, tiles_of(scene, sampler), threads)
         request, chain = with_moves(request, moves), replace(chain, moves=moves)
         notes += said_of_moves

@@ -64,7 +64,7 @@ def warm_up() -> Iterator[None]:
     sea[:, 9:12, 9:12] = 2.0
     psf = kernel_psf([[0, 1, 0], [1, 4, 1], [0, 1, 0]])
     ones, every = (1.0,) * BANDS, tuple(range(BANDS))
-    level = IdentifyLevel(5, 3, every, every, ((1.0, 0.1),) * BANDS, ones, ones, ones, ones, ones, (np.inf,) * BANDS)
+    level = IdentifyLevel(5, 3, every, every, ((1.0, 0.1),) * BANDS, ones, ones, ones, ones, (np.inf,) * BANDS)
     stages = Sharpen((psf,) * BANDS, 1), level, ReplaceLevel()
     state = State.of(sea)
     for stage in stages:

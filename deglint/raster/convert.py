@@ -72,7 +72,7 @@ def to_physical(
         for band, rows in _slabs(raw):
             source, block = raw[band, rows], out[band, rows]
             bad = None if sentinels[band] is None else source == sentinels[band]
-            if floating and _may_be_endless(source):
+            if floating and may_be_endless(source):
                 endless = _is_endless(source)
                 bad = endless if bad is None else bad | endless
             if not keep:
@@ -107,18 +107,18 @@ def all_clear(array: Raw) -> bool:
     """Whether one quick pass tells that all numbers of a floating-point array are finite, and none what `FORGOTTEN`
     says."""
     with np.errstate(all="ignore"):
-        return not any(_may_be_endless(array[at]) for at in _slabs(array))
+        return not any(may_be_endless(array[at]) for at in _slabs(array))
 
 
 def has_infinite(array: Raw) -> bool:
     """Whether there is an infinity in a floating-point array, or what `FORGOTTEN` says (NaN is none)."""
     with np.errstate(all="ignore"):
-        return any(_may_be_endless(array[at]) and bool(_is_endless(array[at]).any()) for at in _slabs(array))
+        return any(may_be_endless(array[at]) and bool(_is_endless(array[at]).any()) for at in _slabs(array))
 
 
-def _may_be_endless(values: Raw) -> bool:
+def may_be_endless(values: Raw) -> bool:
     """A quick look; NaN and large numbers ask for a second one."""
-    return not (np.maximum.reduce(values, axis=None) < 1e30 and np.minimum.reduce(values, axis=None) > -1e30)
+    return not (values.max(initial=0) < 1e30 and values.min(initial=0) > -1e30)
 
 
 def _is_endless(values: Raw) -> Valid:

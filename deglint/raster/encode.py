@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scene import FloatArray
+from .convert import may_be_endless
 
 Mask = npt.NDArray[np.bool_]
 _SLAB = 1 << 15
@@ -135,7 +136,7 @@ def _put(values: FloatArray, raw: npt.NDArray[Any], where: Mask | None, scale: f
             put /= scale
     if raw.dtype.kind not in "iu":
         good = where
-        if not _finite(put):
+        if may_be_endless(put):
             good = np.isfinite(put) if where is None else np.isfinite(put) & where
         _store(raw, put, good)
         return None
@@ -165,12 +166,6 @@ def _store(raw: npt.NDArray[Any], put: npt.NDArray[Any], where: Mask | None) -> 
     new = put.astype(raw.dtype, copy=False).view(whole) ^ old
     new &= -where.astype(whole)
     old ^= new
-
-
-def _finite(values: FloatArray) -> bool:
-    """One quick pass; a sum beyond the type asks for a second look."""
-    with np.errstate(all="ignore"):
-        return bool(np.isfinite(np.add.reduce(values, axis=None)))
 
 
 def _off_nodata(
