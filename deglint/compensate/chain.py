@@ -20,6 +20,7 @@ from .identify import IdentifyLevel, IdentifyMedian
 from .match import Matching, apply_match
 from .median import Median
 from .normalise import Normalise
+from .presence import Presence, presence_from
 from .psf import PSF
 from .reference import ReferenceRule
 from .register import Move
@@ -140,6 +141,8 @@ class Chain:
         NIR bands that are moved for a band to follow.
     protection : Protection
         How small things are told from sparkle, and put back.
+    presence : Presence, optional
+        Where there is glint to compensate and to remove; everywhere without it.
     """
 
     before: tuple[Stage, ...] = ()
@@ -148,6 +151,7 @@ class Chain:
     references: tuple[tuple[int, ReferenceRule], ...] = ()
     moves: tuple[Move, ...] = ()
     protection: Protection = field(default_factory=lambda: Protection(reason=NO_STAGES))
+    presence: Presence | None = None
 
     @property
     def runs(self) -> bool:
@@ -183,6 +187,7 @@ class Chain:
             "references": [{"band": band, **asdict(rule)} for band, rule in self.references],
             "moves": [asdict(m) for m in self.moves],
             "protection": self.protection.numbers(),
+            "presence": None if self.presence is None else self.presence.numbers(),
         }
 
     def saved(self) -> dict[str, Any]:
@@ -375,7 +380,9 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
         rules = [dict(r) for r in data["references"]]
         references = tuple((int(r.pop("band")), ReferenceRule(**r)) for r in rules)
         moves = tuple(Move(**m) for m in data["moves"])
-        return Chain(before, after, str(data["chain"]), references, moves, protection_from(data["protection"]))
+        protection, told = protection_from(data["protection"]), data["presence"]
+        presence = presence_from(told) if told else None
+        return Chain(before, after, str(data["chain"]), references, moves, protection, presence)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved compensation ({error}); fit and save it again.") from error
 

@@ -224,7 +224,7 @@ def _run(
             )
     with Scratch(overwrite=targets.overwrite) as scratch:
         tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress, only, cluster)
-        if tally.corrected == 0 and fitted.model.fits:
+        if tally.corrected == tally.calm == 0 and fitted.model.fits:
             why = "every pixel is nodata" if tally.nodata == tally.total else "no pixel is water inside the mask"
             raise NoWaterError(f"nothing to correct in {scene.path}: {why}. Check --nodata and --mask.")
         if targets.sample:

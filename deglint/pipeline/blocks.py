@@ -49,15 +49,18 @@ class Blocks:
     halo: int
     read: int
 
+    def grown(self) -> list[Tile]:
+        """The tiles as they were read."""
+        return [t.grown(self.read, self.scene.height, self.scene.width) for t in self.tiles]
+
     def cores(self) -> list[tuple[slice, slice]]:
         """Where each tile lies in its block."""
-        grown = [t.grown(self.read, self.scene.height, self.scene.width) for t in self.tiles]
-        return [core_of(t.crop_of(o), o.shape) for t, o in zip(self.tiles, grown, strict=True)]
+        return [core_of(t.crop_of(o), o.shape) for t, o in zip(self.tiles, self.grown(), strict=True)]
 
     def margins(self, halo: int) -> list[Crop]:
         """By how much each block exceeds its tile with a halo."""
         height, width = self.scene.height, self.scene.width
-        return [t.grown(halo, height, width).crop_of(t.grown(self.read, height, width)) for t in self.tiles]
+        return [t.grown(halo, height, width).crop_of(o) for t, o in zip(self.tiles, self.grown(), strict=True)]
 
     def image(self, tile: Tile, halo: int) -> FloatArray | None:
         """A tile with a halo as the stages so far left it; None where there is no such tile, or too little halo."""

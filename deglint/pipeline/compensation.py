@@ -14,13 +14,27 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..compensate import THESIS, Chain, Sample, Setting, State, Step, finish, fit_stages, parse, protect, system_psf
+from ..compensate import (
+    THESIS,
+    Chain,
+    Sample,
+    Setting,
+    State,
+    Step,
+    finish,
+    fit_stages,
+    parse,
+    presence,
+    protect,
+    system_psf,
+)
 from ..compensate.chain import NO_STAGES
 from ..compensate.estimate import Spectra, estimate_optics, glint_spectra
 from ..compensate.evidence import Protection
 from ..compensate.fitting import reach_of
 from ..compensate.identify import IdentifyLevel
 from ..compensate.level import SMALLEST
+from ..compensate.presence import Presence
 from ..compensate.protect import LEAST_DELAY
 from ..compensate.psf import PSF
 from ..compensate.reference import SIZE, ReferenceRule, fit_reference
@@ -60,13 +74,18 @@ SHARP = 0.9
 """The same share from which on, in every band, sharpening gains less than a tenth of the noise."""
 LEFT_OUT = 0.0002
 """Share of the pixels too bright in the NIR for water from which on glint in the sample is less than in the scene."""
+BY_CHANCE = 0.01
+"""Probability that flashes as many as the sample has leave out all cells that must show none; below it, they cannot."""
+LEAST_CALM = 0.01
+"""Share of the sample that must be far from glint in the NIR for other bands to be looked at there."""
 DARK_NOISE = 0.2
 """Share of the variance over water that does not grow with the signal, where nothing more is known of the noise."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What compensation a scene gets: the stages, what they need to be fitted, which bands they change, and why."""
+    """What compensation a scene gets: the stages, what they need to be fitted, which bands they change, and why;
+    and how parts without glint are known, where the removal is left out there."""
 
     needs: Needs
     steps: tuple[Step, ...] = ()
@@ -75,6 +94,7 @@ class Plan:
     sampler: Sampler | None = None
     reach: int = 0
     bands: tuple[int, ...] | None = None
+    presence: Presence | None = None
     warnings: tuple[str, ...] = ()
 
     @property
@@ -183,7 +203,7 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
             (stage,) = fit_stages([Step("identify-level", needs.element)], sample, told, each=each, cuts=None)
     except FitError as error:
         return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
-    cover = stage.cover
+    cover, found = stage.cover, replace(found, presence=_presence(found, told, nir, stage.sigmas[nir], threads))
     needs = replace(needs, cover=cover, nir=_if_left_out(found.blocks, nir), glint=stage.glint, things=stage.things)
     most = max(needs.glint)
     if needs.smooth:
@@ -240,6 +260,46 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
     return replace(found, needs=replace(needs, stages=tuple(stages)), steps=parse(", ".join(text)), bands=bands)
 
 
+def _presence(found: Plan, setting: Setting, nir: int, sigma: float, threads: int) -> Presence | None:
+    """Where there is glint, and whether other bands have none far from that of the NIR, as far as the sample shows."""
+    assert found.blocks is not None
+    sample, scene = found.blocks.sample, found.blocks.scene
+    looks = [(s.image[nir], m) for s, m in zip(sample.states, sample.inside, strict=True)]
+    around = found.blocks.grown()
+    known = presence.fit(looks, nir, sigma, quiet=int(found.needs.simultaneous))
+    if known is None or found.needs.simultaneous:
+        return known
+    far = replace(known, quiet=presence.FAR)
+    parts = list(zip(sample.states, sample.inside, around, strict=True))
+    calm = [m & _calm(far, s.image, tile, scene) for s, m, tile in parts]
+    if sum(int(m.sum()) for m in calm) < LEAST_CALM * sum(int(m.sum()) for m in sample.inside):
+        return known
+    shown = np.concatenate([known.cells(s.image, t.row0, t.col0).inside(m, t.row0, t.col0) for s, m, t in parts])
+    if (1 - (shown > 0).mean()) ** far.cells_around > BY_CHANCE:
+        return known
+    try:
+        with workers(threads) as each:
+            step = Step("identify-level", found.needs.element)
+            (stage,) = fit_stages([step], Sample(sample.states, calm), setting, each=each, cuts=None)
+    except FitError:
+        return known
+    return known if replace(found.needs, glint=stage.glint, things=stage.things).glinted else far
+
+
+def _calm(known: Presence, block: Any, tile: Tile, scene: Scene) -> Mask:
+    """Pixels of a block that show no glint, as far as the block tells."""
+    out, halo = np.zeros(tile.shape, np.bool_), known.halo
+    top, left = (halo * (first > 0) for first in (tile.row0, tile.col0))
+    bottom, right = (halo * (last < n) for last, n in ((tile.row1, scene.height), (tile.col1, scene.width)))
+    inner = Tile(tile.row0 + top, tile.row1 - bottom, tile.col0 + left, tile.col1 - right)
+    if min(inner.shape) <= 0:
+        return out
+    share = known.cells(block, tile.row0, tile.col0).share(*inner.window, known.quiet)
+    if share is not None:
+        out[core_of(inner.crop_of(tile), tile.shape)] = share == 0
+    return out
+
+
 def _if_left_out(blocks: Blocks | None, nir: int) -> int | None:
     """The NIR, where pixels too bright in it are left out of the sample: flashes, most of them, if there is glint."""
     if blocks is None:
@@ -275,7 +335,7 @@ def fit_before(
     text = ", ".join(s.name + (f":{s.number:g}" if s.number else "") for s in found.steps)
     images = [s.image if whole is None else finish(s, whole[i]) for i, s in enumerate(sample.states)]
     sample.states[:] = [State(image) for image in images]
-    return Chain(stages, (), text), left, protection
+    return Chain(stages, (), text, presence=found.presence), left, protection
 
 
 def _protection(seen: Seen, stages: Sequence[Any], found: Plan, threads: int) -> Protection:

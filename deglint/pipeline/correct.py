@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..compensate import Chain, State, apply_stages, finish
 from ..compensate.evidence import REACH, grown
+from ..compensate.presence import Cells, Share, blend
 from ..compensate.protect import Things, lifted, put, things
 from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
@@ -251,32 +252,43 @@ class Correction:
                 apply(physical, self.model, where=where, out=physical)
             tally.corrected = usable
             return [(removed, where)]
-        changed, replaced = self.changed, after.replaced
-        others = [b for b in range(len(replaced)) if b not in changed]
-        if where is not None or others:
-            replaced = replaced & (True if where is None else where)
-            replaced[others] = False
-        any_band = np.empty(0, np.bool_) if removed and flags is None else replaced.any(axis=0)
-        held = after.held if after.held is None or where is None else after.held & where
-        tally.protected = 0 if held is None else int(np.count_nonzero(held))
-        tally.replaced = np.array([np.count_nonzero(band) for band in replaced])
-        tally.corrected = usable if removed else int(np.count_nonzero(any_band))
-        if flags is not None:
-            flags[any_band] |= REPLACED
-            if held is not None:
-                flags[held] |= PROTECTED
-            if not removed:
-                flags[~any_band] &= np.uint8(0xFF ^ CORRECTED)
-        removed = [b for b in removed if b in changed]
-        done: list[tuple[list[int], Any]] = [(removed, where)] if removed else []
-        done += [
-            ([b], place) for b in changed if b not in removed and (place := self._touched(replaced[b], held)).any()
-        ]
+        done = self._done(after, where, tally, flags)
         for bands, place in done if physical is not None else ():
             for band in bands:
                 np.copyto(
                     physical[band], after.clean[band], where=True if place is None else place, casting="same_kind"
                 )
+        return done
+
+    def _done(self, after: Compensated, where: Any, tally: Tally, flags: Any) -> list[tuple[list[int], Any]]:
+        """Which bands compensation and removal changed, and where (None: everywhere); counted and flagged."""
+        removed = [f.band for f in self.model.fits]
+        changed, replaced = self.changed, after.replaced
+        others = [b for b in range(len(replaced)) if b not in changed]
+        if where is not None or others:
+            replaced = replaced & (True if where is None else where)
+            replaced[others] = False
+        calm = after.share == 0 if removed and after.share is not None else None
+        any_band = np.empty(0, np.bool_) if removed and flags is None and calm is None else replaced.any(axis=0)
+        if calm is not None:
+            calm &= ~any_band if where is None else ~any_band & where
+            tally.calm = int(np.count_nonzero(calm))
+        held = after.held if after.held is None or where is None else after.held & where
+        tally.protected = 0 if held is None else int(np.count_nonzero(held))
+        tally.replaced = np.array([np.count_nonzero(band) for band in replaced])
+        tally.corrected = tally.usable - tally.calm if removed else int(np.count_nonzero(any_band))
+        if flags is not None:
+            flags[any_band] |= REPLACED
+            if held is not None:
+                flags[held] |= PROTECTED
+            alone = calm if removed else ~any_band
+            if alone is not None:
+                flags[alone] &= np.uint8(0xFF ^ CORRECTED)
+        removed = [b for b in removed if b in changed]
+        done: list[tuple[list[int], Any]] = [(removed, where)] if removed else []
+        done += [
+            ([b], place) for b in changed if b not in removed and (place := self._touched(replaced[b], held)).any()
+        ]
         return done
 
     @property
@@ -285,7 +297,8 @@ class Correction:
         if not self.chain.runs:
             return 0
         reach = LEVEL_REACH if self.want_stderr else 0
-        reach = max(reach, BESIDE - self.chain.halo_before)
+        shown = 0 if self.chain.presence is None else self.chain.presence.halo + reach
+        reach = max(reach, max(BESIDE, shown) - self.chain.halo_before)
         return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo, reach)
 
     def _near(self, around: Any, known: Any, tile: Tile, outer: Tile) -> npt.NDArray[np.bool_] | None:
@@ -305,17 +318,34 @@ class Correction:
 
         sound : every number is known to be finite
         """
+        shown = self._shown(around, tile, outer)
         state = State.on(around) if self.chain.in_place else State.of(around)
         state.sound, state.keep = sound, self.chain.protection.possible or self.want_stderr
         looked = tile.grown(self.chain.protection.halo, self.scene.height, self.scene.width)
         raw = around[_place(looked, outer)] if self.chain.protection.possible else None
-        return _Begun(state, raw, looked, None if state.image is around else around)
+        return _Begun(state, raw, looked, None if state.image is around else around, shown)
+
+    def _shown(self, around: Any, tile: Tile, outer: Tile) -> _Shown:
+        """Where a tile shows glint, and what it is where it shows none, as far as that is known already."""
+        presence = self.chain.presence
+        if presence is None:
+            return _Shown()
+        cells = presence.cells(around, outer.row0, outer.col0)
+        share = cells.share(*tile.window)
+        if share is None:
+            return _Shown(cells)
+        quiet = cells.share(*tile.window, presence.quiet) if presence.quiet else None
+        return _Shown(cells, share, quiet, None if quiet is None else around[_place(tile, outer)].copy())
+
+    def _middle(self, tile: Tile) -> Tile:
+        """A tile with what the removal and all that comes after it look at."""
+        return tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
 
     def _compensated(self, begun: _Begun, tile: Tile, outer: Tile) -> Compensated:
         """The tile after the chain. Each stage sees no more of the halo than the stages after it need."""
         state, begun.state = begun.state, None
         assert state is not None
-        middle = tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
+        middle = self._middle(tile)
         apply_stages(state, self.chain.before, middle.crop_of(outer))
         state.take()
         clean, replaced = state.image, state.replaced
@@ -325,30 +355,52 @@ class Correction:
         found = None if level is None else self._things(begun, level[_place(begun.looked, middle)], tile)
         values = None if found is None or level is None else lifted(level[within], found)
         inner = (within[1], within[2])
-        levels = self._levels(units, level, inner)
+        levels = self._levels(units, level, inner, begun.shown.cells, middle)
         del level  # a tile of memory
         inside = self._water_of(clean, inner)
-        if self.model.fits:
-            clean = removed(clean, self.model)
-        replaced = replaced[within]
-        if self.chain.after:
-            sound, state, block = state.sound, State.own(clean), None
-            if state.image is not clean:
-                block = clean[within]
-            del clean  # the stages cut the image
-            state.sound, state.keep = sound, False
-            apply_stages(state, self.chain.after, tile.crop_of(middle))
-            clean = state.image if block is None else finish(state, block)
-            before, replaced = replaced, state.replaced
-            replaced |= before
-        else:
-            clean = clean[within]
+        state.image = clean
+        del clean  # the stages cut it
+        clean, replaced = self._where_shown(state, replaced[within], begun.shown, tile, middle)
+        share = begun.shown.share
         if found is None or values is None:
-            return Compensated(inside, clean, replaced, None, *levels)
+            return Compensated(inside, clean, replaced, None, *levels, share)
         put(clean, found, values)
         if found.places.size:
             replaced &= ~found.mask
-        return Compensated(inside, clean, replaced, found.mask, *levels)
+        return Compensated(inside, clean, replaced, found.mask, *levels, share)
+
+    def _where_shown(self, state: State, replaced: Any, shown: _Shown, tile: Tile, middle: Tile) -> tuple[Any, Any]:
+        """What removal and the stages after it make of a block, where glint shows, and what has been replaced."""
+        if shown.share is None:
+            return self._rest(state, replaced, tile, middle)
+        clean = state.image[_place(tile, middle)]
+        if shown.share.any():
+            first, before = clean.copy(), replaced
+            clean, replaced = self._rest(state, replaced, tile, middle)
+            for band, own in zip(clean, first, strict=True):
+                blend(band, own, shown.share)
+            replaced = (replaced & (shown.share > 0)) | before
+        if shown.quiet is not None:
+            for band, own in zip(clean, shown.own, strict=True):
+                blend(band, own, shown.quiet)
+            replaced = replaced & (shown.quiet > 0)
+        return clean, replaced
+
+    def _rest(self, state: State, replaced: Any, tile: Tile, middle: Tile) -> tuple[Any, Any]:
+        """What removal and the stages after it make of a block, and what has been replaced."""
+        clean, sound, within = state.image, state.sound, _place(tile, middle)
+        if self.model.fits:
+            clean = removed(clean, self.model)
+        if not self.chain.after:
+            return clean[within], replaced
+        state, block = State.own(clean), None
+        if state.image is not clean:
+            block = clean[within]
+        del clean  # the stages cut the image
+        state.sound, state.keep = sound, False
+        apply_stages(state, self.chain.after, tile.crop_of(middle))
+        clean = state.image if block is None else finish(state, block)
+        return clean, state.replaced | replaced
 
     def _things(self, begun: _Begun, level: Any, tile: Tile) -> Things | None:
         """Small things in the tile that the level has lost; the block's own values are let go."""
@@ -358,12 +410,20 @@ class Correction:
         found = things(raw, level, self.chain.protection)
         return found.cropped(core_of(tile.crop_of(begun.looked), begun.looked.shape))
 
-    def _levels(self, units: Any, level: Any, inner: tuple[slice, slice]) -> tuple[Any, Any, tuple[slice, slice]]:
+    def _levels(
+        self, units: Any, level: Any, inner: tuple[slice, slice], cells: Cells | None, middle: Tile
+    ) -> tuple[Any, Any, tuple[slice, slice]]:
         """The level before and after removal, where a standard error is wanted, and where the tile lies in it."""
         if level is None or not self.want_stderr:
             return None, None, inner
         level = level * units.astype(np.float32)[:, None, None]
-        return level, apply(level, self.model) if self.model.fits else level, inner
+        if not self.model.fits:
+            return level, level, inner
+        after, share = apply(level, self.model), None if cells is None else cells.share(*middle.window)
+        if share is not None:
+            for fit in self.model.fits:
+                blend(after[fit.band], level[fit.band], share)
+        return level, after, inner
 
     def _water_of(self, block: Any, inner: tuple[slice, slice]) -> npt.NDArray[np.bool_] | None:
         """Where water is, told by compensated bands, where it is to be told: sparkle is no boat there."""
@@ -455,21 +515,33 @@ def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int
     return sorted(only) if only else list(range(len(scene.bands)))
 
 
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """Where a block shows glint (None: not asked), how much of the removal and what follows is done in its tile, and
+    how much of anything (None: all of it everywhere); and the tile's own values, where less is done."""
+
+    cells: Cells | None = None
+    share: Share | None = None
+    quiet: Share | None = None
+    own: Any = None
+
+
 @dataclass(eq=False)
 class _Begun:
-    """A block on its way: its state, its own values where things are looked for, where that is, and the block itself
-    where the state does not work on that."""
+    """A block on its way: its state, its own values where things are looked for, where that is, the block itself
+    where the state does not work on that, and where glint is."""
 
     state: State | None
     raw: Any
     looked: Tile
     block: Any
+    shown: _Shown
 
 
 @dataclass(frozen=True, eq=False)
 class Compensated:
-    """A tile after the chain: where it is to be corrected (None: everywhere), its bands, what was replaced in each, and
-    which pixels are things that were put back."""
+    """A tile after the chain: where it is to be corrected (None: everywhere), its bands, what was replaced in each,
+    which pixels are things that were put back, and how much of the removal was done (None: all)."""
 
     inside: npt.NDArray[np.bool_] | None
     clean: Any
@@ -478,3 +550,4 @@ class Compensated:
     level: Any = None
     removed_level: Any = None
     inner: tuple[slice, slice] = (slice(None), slice(None))
+    share: Share | None = None

@@ -42,6 +42,7 @@ def sidecar(
             "nodata": None if tally.copied else tally.nodata,
             "not_water": None if tally.copied else tally.not_water,
             "corrected": tally.corrected,
+            "without_glint": tally.calm,
             "protected": tally.protected,
             "replaced": dict(zip(names, tally.replaced, strict=True)),
             "negative_after": dict(zip(names, tally.negative, strict=True)),
@@ -58,12 +59,15 @@ def _not_looked_at(tally: Tally) -> dict[str, str]:
     """Pixels that were not computed, and why."""
     if tally.copied:
         return {"pixels": COPIED}
-    if not tally.passed:
-        return {}
-    part = tally.passed / tally.total
-    return {
-        "compensation": f"{part:.1%} of the pixels lie in tiles where nothing is to be corrected: passed as they are"
-    }
+    said = {}
+    if tally.passed:
+        part = tally.passed / tally.total
+        why = "of the pixels lie in tiles where nothing is to be corrected: passed as they are"
+        said["compensation"] = f"{part:.1%} {why}"
+    if tally.calm:
+        part = tally.calm / tally.total
+        said["removal"] = f"{part:.1%} of the pixels lie where the NIR shows no glint: passed as they are"
+    return said
 
 
 def resolved(fitted: Fitted) -> dict[str, Any]:

@@ -14,7 +14,8 @@ from ..scene import Scene
 @dataclass
 class Tally:
     """Pixels of the whole run; bands in scene order. What was `copied` was not looked at: only its total is known; what
-    was `passed` lies in tiles that hold nothing to correct, and was not compensated."""
+    was `passed` lies in tiles that hold nothing to correct, and was not compensated; what is `calm` is water where no
+    glint is, and as it was."""
 
     bands: int
     total: int = 0
@@ -25,6 +26,7 @@ class Tally:
     protected: int = 0
     usable: int = 0
     passed: int = 0
+    calm: int = 0
     replaced: npt.NDArray[np.int64] = field(init=False)
     negative: npt.NDArray[np.int64] = field(init=False)
     clipped: npt.NDArray[np.int64] = field(init=False)
@@ -36,7 +38,7 @@ class Tally:
 
     def add(self, other: Tally) -> None:
         """Add a tile's counts."""
-        counts = ("total", "nodata", "not_water", "usable", "corrected", "protected", "passed")
+        counts = ("total", "nodata", "not_water", "usable", "corrected", "protected", "passed", "calm")
         self.copied |= other.copied
         for name in (*counts, "replaced", "negative", "clipped", "saturated"):
             setattr(self, name, getattr(self, name) + getattr(other, name))

@@ -17,6 +17,7 @@ from ..compensate import State
 from ..compensate.chain import Sharpen
 from ..compensate.evidence import BINS, Protection, clusters
 from ..compensate.identify import IdentifyLevel
+from ..compensate.presence import Presence
 from ..compensate.protect import put_back, things
 from ..compensate.psf import kernel_psf
 from ..compensate.replace import ReplaceLevel
@@ -67,6 +68,7 @@ def warm_up() -> Iterator[None]:
     level = IdentifyLevel(5, 3, every, every, ((1.0, 0.1),) * BANDS, ones, ones, ones, ones, (np.inf,) * BANDS)
     stages = Sharpen((psf,) * BANDS, 1), level, ReplaceLevel()
     state = State.of(sea)
+    Presence(0, 1.0, 0.1).cells(sea, 0, 0)
     for stage in stages:
         stage.apply(state)
         yield
