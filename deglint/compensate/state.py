@@ -171,6 +171,12 @@ class State:
         top, bottom, left, right = (max(n - reach, 0) for n in self.spare)
         return (top, self.image.shape[1] - bottom), (left, self.image.shape[2] - right)
 
+    def hand_over(self) -> Float32Array:
+        """The image, which is forgotten here with all else, so that no memory is held that nobody looks at again."""
+        image, nothing = self.image, State(np.empty((0, 0, 0), np.float32))
+        vars(self).update(vars(nothing))
+        return image
+
     def cut(self) -> None:
         """Cut off what is spare; the block itself is left as it is."""
         if not any(self.spare):

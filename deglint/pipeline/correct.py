@@ -356,11 +356,11 @@ class Correction:
         values = None if found is None or level is None else lifted(level[within], found)
         inner = (within[1], within[2])
         levels = self._levels(units, level, inner, begun.shown.cells, middle)
-        del level  # a tile of memory
-        inside = self._water_of(clean, inner)
-        state.image = clean
-        del clean  # the stages cut it
-        clean, replaced = self._where_shown(state, replaced[within], begun.shown, tile, middle)
+        inside, left = self._water_of(clean, inner), State(clean)
+        left.sound = state.sound
+        state.hand_over()
+        del level, clean  # each a tile of memory
+        clean, replaced = self._where_shown(left, replaced[within], begun.shown, tile, middle)
         share = begun.shown.share
         if found is None or values is None:
             return Compensated(inside, clean, replaced, None, *levels, share)
@@ -388,7 +388,7 @@ class Correction:
 
     def _rest(self, state: State, replaced: Any, tile: Tile, middle: Tile) -> tuple[Any, Any]:
         """What removal and the stages after it make of a block, and what has been replaced."""
-        clean, sound, within = state.image, state.sound, _place(tile, middle)
+        sound, within, clean = state.sound, _place(tile, middle), state.hand_over()
         if self.model.fits:
             clean = removed(clean, self.model)
         if not self.chain.after:
