@@ -67,3 +67,16 @@ def test_the_model_of_scale_is_a_line_through_what_was_measured(monkeypatch):
     assert "the disk has 1 GB left" in text
     hours = (73 * 2 + 73 * 10980**2 * 4 / 1e6 * 0.03) / 60
     assert f"{hours:.3g} min" in text
+
+
+@pytest.mark.parametrize("patch", [0.06, 0.005])
+def test_own_scenes_keep_to_the_figures_that_the_docs_give(tmp_path, monkeypatch, patch):
+    monkeypatch.syspath_prepend(str(ROOT))
+    from benchmarks import compensation
+
+    condition = next(c for c in compensation.CONDITIONS if c.name == "wind09_delay60")
+    found = compensation.measure(tmp_path, compensation.setup(condition, 7, patch, "square", "cardioidal"))
+    assert found.deep < 1.15 * 3.9
+    assert found.whole < 1.15 * 5.0
+    assert all(a >= least for a, least in zip(found.robust_auc, (0.98, 0.995, 0.998, 0.998), strict=True))
+    assert all(a >= b - 0.02 for a, b in zip(found.robust_auc, found.truth_auc, strict=True))

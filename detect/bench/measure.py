@@ -59,10 +59,10 @@ def percent(value: float) -> str:
     return f"{value:.3g} %" if value < 999.5 else f"{value:.0f} %"
 
 
-def rx_scores(image: npt.NDArray[Any], sample: Mask) -> Float64:
+def rx_scores(image: npt.NDArray[Any], sample: Mask, covariance: str = "empirical") -> Float64:
     """Squared Mahalanobis distance of every pixel from the pixels of a sample, over all bands."""
     image = np.asarray(image, np.float64)
-    found = background.fit(image, mask=sample, threads=1)
+    found = background.fit(image, mask=sample, covariance=covariance, threads=1)
     return np.asarray(rx.score(image, rx.detector("rx", found)), np.float64)
 
 
