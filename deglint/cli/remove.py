@@ -163,7 +163,8 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         talk.say(fit)
     for warning in result.warnings:
         talk.say(f"warning: {warning}")
-    talk.say(f"{output}: {result.tally.corrected} of {result.tally.total} pixels corrected "
+    calm = f", {result.tally.calm} without glint as they were," if result.tally.calm else ""
+    talk.say(f"{output}: {result.tally.corrected} of {result.tally.total} pixels corrected{calm} "
              f"in {result.sidecar['seconds']:.2f} s")  # fmt: skip
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
