@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from deglint import correct, fit_scene, open_scene, remove_glint
 from deglint import tiles as tiling
 from deglint.compensate.chain import Chain, chain_from
-from deglint.compensate.presence import CALM, CELL, CLEAR, FAR, Presence, blend, fit
+from deglint.compensate.presence import BEYOND, CALM, CELL, CLEAR, FAR, MOST, Presence, blend, fit
 from deglint.errors import InputError
 from deglint.physics.presets import preset
 from deglint.pipeline.saved import load_chain, load_model
@@ -20,7 +20,7 @@ from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate, thesis_array
 
 SIDE = 320
-BEYOND = 56
+BESIDE = 56
 """From where glint ends: the cell that holds some of it, those about it, and what is interpolated beside them."""
 
 
@@ -36,14 +36,18 @@ def share_of(told, block, row=0, column=0):
 
 def by_hand(told, block):
     """Shares as the equations have them, in float64, pixel by pixel."""
-    squares = ((block[told.band].astype(np.float64) - told.level) / told.sigma) ** 2
-    rows, columns = squares.shape
+    away = (block[told.band].astype(np.float64) - told.level) / told.within
+    rows, columns = away.shape
     cells = {}
     for m in range(-(-rows // CELL)):
         for n in range(-(-columns // CELL)):
-            part = squares[CELL * m : CELL * (m + 1), CELL * n : CELL * (n + 1)]
+            part = away[CELL * m : CELL * (m + 1), CELL * n : CELL * (n + 1)]
             known = part[np.isfinite(part)]
-            excess = (known.mean() - 1) * np.sqrt(known.size) / CELL if known.size else CLEAR
+            excess = CLEAR
+            if known.size:
+                varies = known.var(ddof=1) if known.size > 1 else 0
+                excess = varies - 1 + max(known.mean() - BEYOND * told.spread / told.within, 0) ** 2
+                excess *= np.sqrt(known.size) / CELL
             cells[m, n] = np.clip((excess - CALM) / (CLEAR - CALM), 0, 1)
     top = {(m, n): max(cells.get((m + i, n + j), 0) for i in (-1, 0, 1) for j in (-1, 0, 1)) for m, n in cells}
     last_m, last_n = max(m for m, _ in cells), max(n for _, n in cells)
@@ -63,7 +67,7 @@ def test_shares_are_what_the_equations_say(shape):
     block = sea(*shape)
     block[:, : shape[0] // 2, : shape[1] // 3] += 3
     block[:, -3:, -40:] = np.nan
-    told = Presence(0, 5.2, 2.1)
+    told = Presence(0, 5.2, 1.7, 0.2)
     np.testing.assert_allclose(share_of(told, block), by_hand(told, block), atol=2e-3)
 
 
@@ -79,8 +83,12 @@ def test_noise_alone_has_none_and_one_flash_opens_its_cell_and_all_about_it():
 
 def test_even_glint_shows_by_its_mean():
     told = Presence(0, 5.0, 2.0)
-    assert not share_of(told, sea() + np.float32(1.2 * 2)).any()
-    assert (share_of(told, sea() + np.float32(2.5 * 2)) == 1).all()
+    assert not share_of(told, sea() + np.float32(0.8 * 2)).any()
+    assert (share_of(told, sea() + np.float32(1.8 * 2)) == 1).all()
+    varying = replace(told, spread=1.0)
+    assert not share_of(varying, sea() + np.float32(0.8 * 2 + BEYOND)).any()
+    assert (share_of(varying, sea() + np.float32(1.8 * 2 + BEYOND)) == 1).all()
+    assert not share_of(told, sea() - np.float32(9)).any()  # glint only adds
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e38])
@@ -116,8 +124,8 @@ def test_tiles_are_the_whole_to_the_bit(data):
 @given(st.integers(-20, 20), st.floats(-3, 3))
 def test_shares_do_not_depend_on_the_unit(power, level):
     block, unit = sea(40, 40), 2.0**power
-    told = Presence(0, 5.0 + level, 2.0)
-    scaled = Presence(0, (5.0 + level) * unit, 2.0 * unit)
+    told = Presence(0, 5.0 + level, 2.0, 0.1)
+    scaled = Presence(0, (5.0 + level) * unit, 2.0 * unit, 0.1 * unit)
     np.testing.assert_array_equal(share_of(scaled, block * np.float32(unit)), share_of(told, block))
 
 
@@ -140,7 +148,21 @@ def test_the_level_is_that_of_the_darkest_squares_of_water():
     inside[:64, 64:128] = False
     found = fit([(dark, inside), (np.full((64, 64), np.nan), np.ones((64, 64), bool))], 3, 2.0)
     assert found.level == pytest.approx(5.0, abs=0.1)
-    assert (found.band, found.sigma) == (3, 2.0)
+    assert found.band == 3
+    assert found.within == pytest.approx(2.0, rel=0.02)
+    assert found.spread == pytest.approx(2.0 / CELL, rel=0.2)
+
+
+def test_sky_that_varies_widens_what_passes_for_none_but_not_without_end():
+    nir = sea(256, 256)[0]
+    inside = np.ones(nir.shape, np.bool_)
+    cells = np.random.default_rng(3).normal(0, 1.0, (16, 16)).repeat(CELL, 0).repeat(CELL, 1).astype(np.float32)
+    found = fit([(nir + cells, inside)], 0, 1.8)
+    assert found.within == pytest.approx(2.0, rel=0.03)
+    assert found.spread == pytest.approx(1.0, rel=0.25)
+    assert not share_of(found, (nir + cells)[None]).any()
+    found = fit([(9 * (nir + cells), inside)], 0, 1.8)
+    assert (found.within, found.spread) == (MOST * 1.8, MOST * 1.8)
 
 
 @pytest.mark.parametrize("sigma", [0.0, float("nan")])
@@ -162,11 +184,11 @@ def test_what_is_taken_back_is_so_to_the_bit():
 
 
 def test_it_is_saved_and_read_back():
-    chain = Chain(presence=Presence(6, 0.001, 4e-5, FAR))
+    chain = Chain(presence=Presence(6, 0.001, 4e-5, 1e-5, FAR))
     text = json.dumps(chain.saved())
     assert chain_from(json.loads(text)).presence == chain.presence
     assert chain_from(json.loads(json.dumps(Chain().saved()))).presence is None
-    for name, value in (("sigma", 0), ("sigma", "x"), ("level", float("nan")), ("quiet", 3)):
+    for name, value in (("within", 0), ("within", "x"), ("spread", -1), ("level", float("nan")), ("quiet", 3)):
         bad = json.loads(text)
         bad["presence"][name] = value
         with pytest.raises(InputError, match="not a saved compensation"):
@@ -206,7 +228,7 @@ def test_simultaneous_bands_pass_to_the_bit_where_no_glint_is(half, tmp_path, se
     result = remove_glint(path, tmp_path / "out.tif", flags=tmp_path / "flags.tif")
     raw, clean = (open_scene(p).read() for p in (path, tmp_path / "out.tif"))
     flags = flags_of(tmp_path / "flags.tif")
-    calm = np.s_[..., SIDE // 2 + BEYOND :]
+    calm = np.s_[..., SIDE // 2 + BESIDE :]
     np.testing.assert_array_equal(clean[calm], raw[calm])
     assert not flags[calm].any()
     assert result.tally.calm >= flags[calm].size
@@ -228,7 +250,7 @@ def test_bands_of_different_instants_bring_nothing_from_other_bands_where_no_gli
     fitted = fit_scene(scene)
     fitted = replace(fitted, chain=replace(fitted.chain, presence=replace(fitted.chain.presence, quiet=0)))
     clean, raw = correct(scene, fitted).astype(np.float64), scene.read().astype(np.float64)
-    calm = np.s_[..., SIDE // 2 + BEYOND :]
+    calm = np.s_[..., SIDE // 2 + BESIDE :]
     removed = [f.band for f in fitted.model.fits]
     ratios = (rms((clean - truth)[calm]) / rms((raw - truth)[calm]))[removed]
     assert (ratios <= 1.01).all()
@@ -243,9 +265,9 @@ def test_where_flashes_are_dense_nothing_is_done_far_from_them(half, sensor):
     fitted = fit_scene(scene)
     assert fitted.chain.presence.quiet == FAR
     clean, raw = correct(scene, fitted), scene.read()
-    far = np.s_[..., SIDE // 2 + BEYOND + (FAR - 1) * CELL :]
+    far = np.s_[..., SIDE // 2 + BESIDE + (FAR - 1) * CELL :]
     np.testing.assert_array_equal(clean[far], raw[far])
-    calm = np.s_[..., SIDE // 2 + BEYOND :]
+    calm = np.s_[..., SIDE // 2 + BESIDE :]
     assert (rms((clean - truth)[calm]) <= 1.01 * rms((raw - truth)[calm])).all()
 
 

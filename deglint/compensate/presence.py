@@ -2,18 +2,21 @@
 
 Removal subtracts from a band a mixture of other bands. Where no glint is, that mixture is their noise, and whatever
 else they show: things under water that the red still sees, shoals, the sky in the waves. A part of a scene in the lee,
-or beyond the glint's edge, has nothing to gain and all that to lose. So the mean square of the NIR about its glint-free
-level is taken over cells of a grid that is the scene's own, in units of its noise,
+or beyond the glint's edge, has nothing to gain and all that to lose. So the NIR is looked at in cells of a grid that is
+the scene's own: how much it varies in a cell, and how far the cell's mean m stands above the level L0 without glint,
 
-    e = mean((L - L0)^2) / s^2 - 1,
+    e = var / s^2 - 1 + max(m - L0 - 4 t, 0)^2 / s^2,
 
-which is 0 for noise alone, and m^2 + v for glint of mean m and variance v. There is none below `CALM`, nothing but to
-remove it above `CLEAR` (both higher in a cell that has fewer pixels, by the square root of that), and in between it is
-removed in part. A cell counts as the one of the nine about it that has most, and between their middles it is
-interpolated (two lines), so that all of a cell with glint is done with.
+where s is the standard deviation in cells without glint, and t that of their means: noise, and mirrored sky, which
+varies from place to place. e is 0 without glint, which adds its variance, and its mean. There is none below `CALM`,
+nothing but to remove it above `CLEAR` (both higher in a cell that has fewer pixels, by the square root of that), and in
+between it is removed in part. A cell counts as the one of the nine about it that has most, and between their middles it
+is interpolated (two lines), so that all of a cell with glint is done with.
 
-L0 is told by means over 64 x 64 pixels in the sample: the median of those that lie less than s above their 2nd
-percentile, since mirrored sky varies without being glint; s is the spread of the NIR about its opened level.
+L0 is told by means over squares of 64 x 64 pixels in the sample: the median of those that lie less than the noise's
+standard deviation (the spread of the NIR about its opened level) above their 2nd percentile. s is the median of cells
+that lie no further above L0, and t how far means of cells lie below it: glint only adds. Both are at most 1.5 times the
+noise's.
 
 Where bands see the sea at one instant, a cell without glint in the NIR has none in any band, and is passed as it is.
 Where they do not, another band may have caught a flash there: removal alone is left out, and what follows it. But where
@@ -42,17 +45,19 @@ CELL = 16
 """Side of a cell [pixel]; the grid begins at the scene's first pixel."""
 FAR = 4
 """Cells around one that must be without glint in the NIR for other bands of other instants to have none."""
-CALM = 2.0
+CALM = 1.0
 """Excess of the mean square over that of noise up to which there is no glint: sky and water vary, too."""
-CLEAR = 4.0
+CLEAR = 2.0
 """Excess from which on there is nothing but to remove it."""
 WIDE = 64
 """Side of the squares whose means tell the glint-free level [pixel]."""
 PERCENTILE = 2.0
 """Of those means, from which on they are without glint."""
-SPAN = 1.0
-"""How far above that they may be [standard deviations of noise]."""
-_MOST, _STEPS = 2048.0, 256.0  # of the square of one pixel, in steps of so many a unit: a cell stays below 2^31
+BEYOND = 4.0
+"""How many times their spread means of cells may lie above the level without glint."""
+MOST = 1.5
+"""Standard deviation in cells without glint, and of their means, at most [standard deviations of noise]."""
+_FURTHEST, _STEPS = 128.0, 256.0  # furthest that one pixel counts, and steps of a unit: a cell stays below 2^31
 
 
 @dataclass(frozen=True)
@@ -65,8 +70,8 @@ class Presence:
         0-based; the NIR.
     level : float
         Of the band without glint, in the scene's unit.
-    sigma : float
-        Standard deviation of its noise, in the same.
+    within, spread : float
+        Standard deviation in cells without glint, and of their means, in the same.
     quiet : int
         Cells around one that must be without glint in the NIR for no band to have any: 1 where bands see the sea at one
         instant, `FAR` where the sample shows that, and 0 where nothing is known of other bands.
@@ -74,7 +79,8 @@ class Presence:
 
     band: int
     level: float
-    sigma: float
+    within: float
+    spread: float = 0.0
     quiet: int = 0
 
     @property
@@ -105,10 +111,14 @@ class Presence:
 
         band = block[self.band]
         rows, columns = (_edges(begin, length) for begin, length in zip((row, column), band.shape, strict=True))
-        level, scale, most, steps = (np.float32(x) for x in (self.level, 1 / self.sigma, _MOST, _STEPS))
-        totals, counts = sum_cells(band, rows, columns, level, scale, most, steps)
-        excess = (totals / (_STEPS * np.maximum(counts, 1)) - 1) * np.sqrt(counts) / CELL
-        shares = np.where(counts > 0, np.clip((excess - CALM) / (CLEAR - CALM), 0, 1), 1).astype(np.float32)
+        level, scale, most, steps = (np.float32(x) for x in (self.level, 1 / self.within, _FURTHEST, _STEPS))
+        count, total, square = sum_cells(band, rows, columns, level, scale, most, steps)
+        known = np.maximum(count, 1)
+        mean = total / (_STEPS * known)
+        above = np.maximum(mean - BEYOND * self.spread / self.within, 0)
+        excess = (square / (_STEPS * known) - mean**2) * known / np.maximum(known - 1, 1) - 1 + above**2
+        shares = (excess * np.sqrt(count) / CELL - CALM) / (CLEAR - CALM)
+        shares = np.where(count > 0, np.clip(shares, 0, 1), 1).astype(np.float32)
         return Cells(shares, row // CELL, column // CELL)
 
 
@@ -184,17 +194,28 @@ def fit(looks: Sequence[tuple[FloatArray, Mask]], band: int, sigma: float, *, qu
     >>> float(share[:, :64].min()), float(share[:, 88:].max())
     (1.0, 0.0)
     """
-    means: list[float] = []
+    squares, means, variances = (np.empty(0) for _ in range(3))
     for nir, inside in looks:
         known = inside & np.isfinite(nir)
-        sums = [_summed(np.where(known, nir, 0).astype(np.float64)), _summed(known.astype(np.float64))]
-        enough = sums[1] >= WIDE * WIDE / 2
-        means += (sums[0][enough] / sums[1][enough]).tolist()
-    if not means or not sigma > 0:
+        middle = nir[known].mean(dtype=np.float64) if known.any() else 0.0
+        values = np.where(known, nir - middle, 0).astype(np.float64)
+        count, total, square = (_summed(x, CELL) for x in (known.astype(np.float64), values, values**2))
+        enough = count >= CELL**2 / 2
+        mean = total[enough] / count[enough]
+        means = np.append(means, mean + middle)
+        variances = np.append(variances, square[enough] / count[enough] - mean**2)
+        count, total = (_summed(x, WIDE // CELL) for x in (count, total))
+        enough = count >= WIDE**2 / 2
+        squares = np.append(squares, total[enough] / count[enough] + middle)
+    if not squares.size or not sigma > 0:
         return None
-    lowest = np.percentile(means, PERCENTILE, method="lower")
-    level = np.median([m for m in means if lowest <= m <= lowest + SPAN * sigma])
-    return Presence(band, float(level), float(sigma), quiet)
+    lowest = np.sort(squares)[int(PERCENTILE / 100 * squares.size)]
+    level = float(np.median(squares[(squares >= lowest) & (squares <= lowest + sigma)]))
+    near = means <= level + sigma
+    below = means[means <= level] - level
+    within = float(np.sqrt(np.median(variances[near]))) if near.any() else sigma
+    spread = float(np.sqrt((below**2).mean())) if below.size else 0.0
+    return Presence(band, level, float(np.clip(within, sigma, MOST * sigma)), float(min(spread, MOST * sigma)), quiet)
 
 
 def presence_from(data: Mapping[str, Any]) -> Presence:
@@ -205,11 +226,10 @@ def presence_from(data: Mapping[str, Any]) -> Presence:
     KeyError, TypeError, ValueError
         Not such numbers.
     """
-    told = Presence(int(data["band"]), float(data["level"]), float(data["sigma"]), int(data["quiet"]))
-    if not (told.sigma > 0 and np.isfinite(told.level) and told.quiet in (0, 1, FAR)):
-        raise ValueError(
-            f"presence of glint above {told.level}, of noise {told.sigma}, quiet within {told.quiet} cells"
-        )
+    level, within, spread = (float(data[name]) for name in ("level", "within", "spread"))
+    told = Presence(int(data["band"]), level, within, spread, int(data["quiet"]))
+    if not (within > 0 and spread >= 0 and np.isfinite([level, within, spread]).all() and told.quiet in (0, 1, FAR)):
+        raise ValueError(f"presence of glint above {level}, {within} in cells and {spread} of them, quiet {told.quiet}")
     return told
 
 
@@ -228,10 +248,10 @@ def blend(after: FloatArray, before: FloatArray, share: Share) -> None:
     np.copyto(after, before, where=share == 0, casting="same_kind")
 
 
-def _summed(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _summed(values: npt.NDArray[np.float64], side: int) -> npt.NDArray[np.float64]:
     """Sums over whole squares."""
-    rows, columns = (n // WIDE for n in values.shape)
-    cut = values[: rows * WIDE, : columns * WIDE].reshape(rows, WIDE, columns, WIDE)
+    rows, columns = (n // side for n in values.shape)
+    cut = values[: rows * side, : columns * side].reshape(rows, side, columns, side)
     return np.asarray(cut.sum(axis=(1, 3)))
 
 
