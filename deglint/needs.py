@@ -76,6 +76,8 @@ class Needs:
         The NIR, 0-based, where what is too bright in it is left out of what was looked at.
     glint, things : tuple of float
         What glint, and what other bright things, add to the variance of each band [of its noise].
+    calm : float
+        Share of the sample where the NIR shows no glint, which compensation leaves as it is, or without removal.
     offsets : float or None
         Longest time between the NIR and another band that the file or sensor says [s].
     optics : str
@@ -91,6 +93,7 @@ class Needs:
     nir: int | None = None
     glint: tuple[float, ...] = ()
     things: tuple[float, ...] = ()
+    calm: float = 0.0
     offsets: float | None = None
     optics: str = "unknown"
     stages: tuple[StageNeed, ...] = field(default=())
@@ -139,6 +142,8 @@ class Needs:
         if self.cover:
             covers = " ".join(f"{100 * c:.0f}" for c in self.cover)
             out.append(f"glint stands above the water beside it in, by band, {covers} % of the pixels")
+        if self.calm:
+            out.append(f"the NIR shows no glint in {self.calm:.0%} of the sample: nothing is removed in such parts")
         if self.optics != "known" and self.element and self.stages:
             out.append(f"optics: {self.optics}")
         return out + [str(stage) for stage in self.stages]
@@ -150,6 +155,7 @@ class Needs:
             "coherence": self.coherence, "coherence_threshold": SIMULTANEOUS, "simultaneous": self.simultaneous,
             "time_offset_s": self.offsets, "cover": list(self.cover),
             "glint": list(self.glint), "glint_threshold": LITTLE_GLINT, "things": list(self.things),
+            "calm": self.calm,
             "optics": self.optics,
             "stages": [{"stage": s.stage, "runs": s.runs, "why": s.why, "saves": s.saves} for s in self.stages],
         }  # fmt: skip

@@ -235,6 +235,8 @@ def test_simultaneous_bands_pass_to_the_bit_where_no_glint_is(half, tmp_path, se
     assert result.tally.corrected + result.tally.calm == result.tally.usable == flags.size
     assert result.sidecar["pixels"]["without_glint"] == result.tally.calm == (flags == 0).sum()
     assert "no glint" in result.sidecar["skipped"]["removal"]
+    assert any("no glint in" in note for note in result.sidecar["notes"])
+    assert 0.2 < result.fitted.needs.calm < 0.5
     glinted = np.s_[:5, ..., : SIDE // 2]
     assert (rms((clean - truth)[glinted]) < 0.2 * rms((raw - truth)[glinted])).all()
 

@@ -203,8 +203,9 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
             (stage,) = fit_stages([Step("identify-level", needs.element)], sample, told, each=each, cuts=None)
     except FitError as error:
         return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
-    cover, found = stage.cover, replace(found, presence=_presence(found, told, nir, stage.sigmas[nir], threads))
+    cover, (known, calm) = stage.cover, _presence(found, told, nir, stage.sigmas[nir], threads)
     needs = replace(needs, cover=cover, nir=_if_left_out(found.blocks, nir), glint=stage.glint, things=stage.things)
+    needs, found = replace(needs, calm=calm), replace(found, presence=known)
     most = max(needs.glint)
     if needs.smooth:
         why = f"glint adds at most {most:.2%} to a band's variance of noise (threshold {LITTLE_GLINT:.0%})"
@@ -260,30 +261,34 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
     return replace(found, needs=replace(needs, stages=tuple(stages)), steps=parse(", ".join(text)), bands=bands)
 
 
-def _presence(found: Plan, setting: Setting, nir: int, sigma: float, threads: int) -> Presence | None:
-    """Where there is glint, and whether other bands have none far from that of the NIR, as far as the sample shows."""
+def _presence(found: Plan, setting: Setting, nir: int, sigma: float, threads: int) -> tuple[Presence | None, float]:
+    """Where there is glint, and whether other bands have none far from that of the NIR, as far as the sample shows; and
+    the share of the sample that has none in the NIR."""
     assert found.blocks is not None
     sample, scene = found.blocks.sample, found.blocks.scene
-    looks = [(s.image[nir], m) for s, m in zip(sample.states, sample.inside, strict=True)]
-    around = found.blocks.grown()
+    parts = list(zip(sample.states, sample.inside, found.blocks.grown(), strict=True))
+    looks = [(s.image[nir], m) for s, m, _tile in parts]
     known = presence.fit(looks, nir, sigma, quiet=int(found.needs.simultaneous))
-    if known is None or found.needs.simultaneous:
-        return known
+    if known is None:
+        return None, 0.0
+    total = sum(int(m.sum()) for m in sample.inside)
+    share = sum(int((m & _calm(known, s.image, tile, scene)).sum()) for s, m, tile in parts) / total
+    if found.needs.simultaneous:
+        return known, share
     far = replace(known, quiet=presence.FAR)
-    parts = list(zip(sample.states, sample.inside, around, strict=True))
     calm = [m & _calm(far, s.image, tile, scene) for s, m, tile in parts]
-    if sum(int(m.sum()) for m in calm) < LEAST_CALM * sum(int(m.sum()) for m in sample.inside):
-        return known
+    if sum(int(m.sum()) for m in calm) < LEAST_CALM * total:
+        return known, share
     shown = np.concatenate([known.cells(s.image, t.row0, t.col0).inside(m, t.row0, t.col0) for s, m, t in parts])
     if (1 - (shown > 0).mean()) ** far.cells_around > BY_CHANCE:
-        return known
+        return known, share
     try:
         with workers(threads) as each:
             step = Step("identify-level", found.needs.element)
             (stage,) = fit_stages([step], Sample(sample.states, calm), setting, each=each, cuts=None)
     except FitError:
-        return known
-    return known if replace(found.needs, glint=stage.glint, things=stage.things).glinted else far
+        return known, share
+    return known if replace(found.needs, glint=stage.glint, things=stage.things).glinted else far, share
 
 
 def _calm(known: Presence, block: Any, tile: Tile, scene: Scene) -> Mask:
@@ -294,7 +299,7 @@ def _calm(known: Presence, block: Any, tile: Tile, scene: Scene) -> Mask:
     inner = Tile(tile.row0 + top, tile.row1 - bottom, tile.col0 + left, tile.col1 - right)
     if min(inner.shape) <= 0:
         return out
-    share = known.cells(block, tile.row0, tile.col0).share(*inner.window, known.quiet)
+    share = known.cells(block, tile.row0, tile.col0).share(*inner.window, max(known.quiet, 1))
     if share is not None:
         out[core_of(inner.crop_of(tile), tile.shape)] = share == 0
     return out
