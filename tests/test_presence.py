@@ -261,7 +261,7 @@ def test_bands_of_different_instants_bring_nothing_from_other_bands_where_no_gli
 
 
 @pytest.mark.parametrize("sensor", ["thesis", "thesis-f30"])
-def test_where_flashes_are_dense_nothing_is_done_far_from_them(half, sensor):
+def test_where_flashes_are_dense_nothing_is_done_far_from_them(half, tmp_path, sensor):
     path, truth = half(0.06, sensor)
     scene = open_scene(path)
     fitted = fit_scene(scene)
@@ -271,6 +271,11 @@ def test_where_flashes_are_dense_nothing_is_done_far_from_them(half, sensor):
     np.testing.assert_array_equal(clean[far], raw[far])
     calm = np.s_[..., SIDE // 2 + BESIDE :]
     assert (rms((clean - truth)[calm]) <= 1.01 * rms((raw - truth)[calm])).all()
+    result = remove_glint(path, tmp_path / "out.tif", flags=tmp_path / "flags.tif")
+    flags = flags_of(tmp_path / "flags.tif")
+    assert not flags[far].any()
+    assert result.tally.calm >= flags[far].size
+    assert result.tally.corrected == np.count_nonzero(flags & 4)
 
 
 def test_where_flashes_are_rare_other_bands_may_have_some_anywhere(tmp_path):

@@ -268,7 +268,7 @@ class Correction:
         if where is not None or others:
             replaced = replaced & (True if where is None else where)
             replaced[others] = False
-        calm = after.share == 0 if removed and after.share is not None else None
+        calm = None if after.share is None else after.share == 0
         any_band = np.empty(0, np.bool_) if removed and flags is None and calm is None else replaced.any(axis=0)
         if calm is not None:
             calm &= ~any_band if where is None else ~any_band & where
