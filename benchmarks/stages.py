@@ -14,6 +14,7 @@ from deglint.compensate import apply as apply_chain
 from deglint.compensate.codes import decoded, encoded
 from deglint.compensate.level import Opened, blurred
 from deglint.compensate.opening import openings
+from deglint.compensate.presence import Presence
 from deglint.compensate.sharpen import richardson_lucy
 from deglint.physics.presets import preset
 from deglint.scene import Band
@@ -101,6 +102,8 @@ def main(quick: bool) -> None:
         "outlines that neighbouring bands share": Opened(out[0], out[1], grids, spectrum, order).level,
         "level blurred again": lambda: [blurred(m, p) for m, p in zip(level, psfs, strict=True)],
     }
+    presence = Presence(len(bands) - 2, *grids[-2])
+    jobs["where glint is, by the NIR"] = lambda: presence.cells(block, 0, 0)
     jobs["search for small things"] = searching(block, bands, chains["psf:2, identify-level:13, replace-level"])
     jobs |= {f"chain: {text}": (lambda c=chain: apply_chain(block, c)) for text, chain in chains.items()}
     found = in_turns(jobs, 3 if quick else 7)

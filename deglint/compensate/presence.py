@@ -46,7 +46,7 @@ CELL = 16
 FAR = 4
 """Cells around one that must be without glint in the NIR for other bands of other instants to have none."""
 CALM = 1.0
-"""Excess of the mean square over that of noise up to which there is no glint: sky and water vary, too."""
+"""Excess e up to which there is no glint: 11 standard deviations of that of white noise, but sky is none."""
 CLEAR = 2.0
 """Excess from which on there is nothing but to remove it."""
 WIDE = 64
