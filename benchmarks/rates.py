@@ -99,7 +99,7 @@ def of_tiles(path: Path, rounds: int) -> list[list[str]]:
         ("copying it", 1): values.copy,
     }
     recipes = {
-        "chain with PSF": Recipe(compensate=DEFAULT, mask="none"),
+        "default, with PSF": Recipe(mask="none"),
         "chain without PSF": Recipe(compensate=DEFAULT.partition(", ")[2], mask="none"),
         "removal alone": Recipe(compensate="off", mask="none"),
     }
