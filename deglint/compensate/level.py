@@ -150,8 +150,8 @@ def blurred(
     """A level of sharpened pixels as the sensor would see it: convolved with the PSF's separable form.
 
     NaN has no share and stays. Exact at tile edges with `psf.radius` pixels around a tile; `within` names the rows and
-    columns that are wanted, `out` the array that they go to. Cost, one core with vectors of 16 float32: 0.8 ns a pixel
-    for 9 x 9 taps, 0.9 for 15 x 15.
+    columns that are wanted, `out` the array that they go to. Cost, one core with vectors of 16 float32: 1.0 ns a pixel
+    at f/10 (`python -m benchmarks stages`).
     """
     wanted = within or ((0, band.shape[0]), (0, band.shape[1]))
     return by_products(band, products(psf), 0, wanted, sound=sound, out=out)

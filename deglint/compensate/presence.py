@@ -25,7 +25,7 @@ about one by chance, and such cells have no glint in any band of it, they are pa
 
 Assumes that the sensor's noise in the NIR is even. Fails where glint lies so evenly over a whole sample that no part of
 it is without: then it is part of L0, as of every other level. Bright things and land in the NIR pass for glint: there
-everything is done as without this. Costs a tenth of a nanosecond a pixel and band."""
+everything is done as without this. Costs 0.1 ns a pixel and band of eight."""
 
 from __future__ import annotations
 
