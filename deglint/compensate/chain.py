@@ -380,7 +380,7 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
         rules = [dict(r) for r in data["references"]]
         references = tuple((int(r.pop("band")), ReferenceRule(**r)) for r in rules)
         moves = tuple(Move(**m) for m in data["moves"])
-        protection, told = protection_from(data["protection"]), data["presence"]
+        protection, told = protection_from(data["protection"]), data.get("presence")
         presence = presence_from(told) if told else None
         return Chain(before, after, str(data["chain"]), references, moves, protection, presence)
     except (KeyError, TypeError, ValueError) as error:
