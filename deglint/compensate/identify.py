@@ -42,6 +42,8 @@ COVER_K = 3.0
 """Standard deviations above the local level that count as glint when cover is told."""
 CERTAIN_K = 5.0
 """The same where noise is to be ruled out: of a normal distribution 3e-7 lie above."""
+NO_NOISE = 1e-6
+"""Standard deviation of a band without noise, of what stands out most in it."""
 ALIKE = 2.0
 """How many times as far as in the next band a thing stands out of the noise, at most."""
 MOST_COVER_FOR_DETAIL = 0.56
@@ -279,7 +281,7 @@ def standing_out(
         Mean square of what stands out, in variances of pixels without glint.
     """
     step = max(away[0].size // MOST, 1)
-    z = [((a[::step] - o) / s).astype(np.float64) for a, o, s in zip(away, offsets, sigmas, strict=True)]
+    z = [_in_deviations(a[::step] - o, s) for a, o, s in zip(away, offsets, sigmas, strict=True)]
     dark = ~(z[nir] > COVER_K)
     glint, things = [0.0] * len(z), [0.0] * len(z)
     for i, band in enumerate(order):
@@ -292,6 +294,14 @@ def standing_out(
         things[band] = float(like @ like) / count
         glint[band] = float(own[sure] @ own[sure]) / count - things[band]
     return tuple(glint), tuple(things)
+
+
+def _in_deviations(away: npt.NDArray[np.floating[Any]], sigma: float) -> npt.NDArray[np.float64]:
+    """In standard deviations; where there is no noise whatever stands out does so by many."""
+    found = away.astype(np.float64)
+    if not sigma > 0:
+        sigma = NO_NOISE * float(np.max(np.abs(found), initial=0.0, where=np.isfinite(found))) or 1.0
+    return np.asarray(found / sigma)
 
 
 def lower_spread(values: npt.NDArray[np.floating[Any]], middle: float, step: float = 0.0) -> float:

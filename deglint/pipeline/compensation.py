@@ -38,6 +38,7 @@ from ..compensate.presence import Presence
 from ..compensate.protect import LEAST_DELAY
 from ..compensate.psf import PSF
 from ..compensate.reference import SIZE, ReferenceRule, fit_reference
+from ..compensate.steps import step_of
 from ..errors import FitError, InputError
 from ..needs import (
     HIGH_PASS,
@@ -64,7 +65,7 @@ Mask = npt.NDArray[np.bool_]
 Seen = tuple[list[Any], list[State], list[Mask], list[tuple[slice, slice]]]
 """Tiles as they were read, their blocks as the stages left them, the tiles' masks, and where they lie in the blocks."""
 LEAST_SPREAD = 0.75
-"""Of the step of a band's numbers: whole numbers cannot show a smaller standard deviation."""
+"""Of the step of a band's numbers: those cannot show a smaller standard deviation."""
 
 NOMINAL_PITCH = 8e-6
 """Pitch that an f-number is estimated for [m]; the PSF in pixels does not depend on it."""
@@ -153,18 +154,18 @@ def plan(
         sample = read_blocks(scene, recipe, look, tiles, sampler, HIGH_PASS // 2, threads).sample
         needs = replace(needs, coherence=_alike(scene, sample, nir), offsets=_offsets(scene, nir))
         return Plan(replace(needs, stages=(StageNeed("opening", False, why),)))
-    whole = _steps_of(scene)
-    floor = None if whole is None else tuple(LEAST_SPREAD * step for step in whole)
     psfs = _psfs(scene, wanted)
     optics = "known" if psfs else "not looked for"
-    setting = Setting(scene.bands, psfs, floor=floor, steps=whole)
+    setting = Setting(scene.bands, psfs)
     steps = wanted or parse(f"identify-level:{needs.element}, replace-level")
     usual = wanted or parse(
         f"psf:2, identify-level:{needs.element}, replace-level, remove, identify-level:{needs.element}"
     )
     found = Plan(needs, steps, setting, None, sampler, reach)
     blocks = read_blocks(scene, recipe, look, tiles, sampler, replace(found, steps=usual).halo, threads)
-    sample, found = blocks.sample, replace(found, blocks=blocks)
+    quanta = _steps_of(scene, blocks.sample)
+    setting = replace(setting, floor=tuple(LEAST_SPREAD * step for step in quanta), steps=quanta)
+    sample, found = blocks.sample, replace(found, blocks=blocks, setting=setting)
     alike = _alike(scene, sample, nir)
     if psfs is None and wanted is not None and _wants_psf(wanted):
         psfs, optics = estimated_psfs(scene, blocks)
@@ -362,6 +363,8 @@ def _protection(seen: Seen, stages: Sequence[Any], found: Plan, threads: int) ->
     if not levels[-1].detail:
         cover = float(np.median(levels[-1].cover))
         return Protection(reason=f"glint covers {cover:.0%} of the middlemost band, and clumps of it look like things")
+    if not all(levels[-1].sigmas):
+        return Protection(reason="a band has no noise, so that nothing tells what stands out of it")
     looks, noise = [], []
     for block, state, mask, core in zip(raw, states, masks, cores, strict=True):
         assert state.water is not None
@@ -486,10 +489,13 @@ def estimated_psfs(scene: Scene, blocks: Blocks) -> tuple[tuple[PSF, ...] | None
     return psfs, f"estimated: {found.reason}"
 
 
-def _steps_of(scene: Scene) -> tuple[float, ...] | None:
-    """Steps of each band's numbers, where those are whole numbers in the file."""
+def _steps_of(scene: Scene, sample: Sample) -> tuple[float, ...]:
+    """Steps of each band's numbers: of whole numbers in the file, or those that the sample shows; 0 for none."""
     info = raster_of(scene).info
-    return tuple(abs(s) for s in info.scales) if info.dtype.kind in "iu" else None
+    if info.dtype.kind in "iu":
+        return tuple(abs(s) for s in info.scales)
+    parts = list(zip(sample.states, sample.inside, strict=True))
+    return tuple(step_of(np.concatenate([s.image[b][m] for s, m in parts])) for b in range(len(scene.bands)))
 
 
 def _offsets(scene: Scene, nir: int) -> float | None:
