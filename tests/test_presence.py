@@ -174,13 +174,13 @@ def test_nothing_is_told_without_noise_or_water(sigma):
 
 def test_what_is_taken_back_is_so_to_the_bit():
     rng = np.random.default_rng(0)
-    after, before = rng.normal(size=(2, 1, 900)).astype(np.float32)
+    after, before = rng.normal(size=(2, 1, 1, 900)).astype(np.float32)
     share = np.repeat(np.float32([0, 0.25, 1]), 300)[None]
     made = after.copy()
     blend(made, before, share)
-    np.testing.assert_array_equal(made[:, :300], before[:, :300])
-    np.testing.assert_array_equal(made[:, 600:], after[:, 600:])
-    np.testing.assert_allclose(made[:, 300:600], 0.75 * before[:, 300:600] + 0.25 * after[:, 300:600], atol=1e-6)
+    np.testing.assert_array_equal(made[..., :300], before[..., :300])
+    np.testing.assert_array_equal(made[..., 600:], after[..., 600:])
+    np.testing.assert_allclose(made[..., 300:600], 0.75 * before[..., 300:600] + 0.25 * after[..., 300:600], atol=1e-6)
 
 
 def test_it_is_saved_and_read_back():

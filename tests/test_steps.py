@@ -7,7 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from deglint import fit_scene, open_scene, remove_glint
-from deglint.compensate.identify import standing_out
+from deglint.compensate.identify import TINY, standing_out
 from deglint.compensate.steps import step_of
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
@@ -75,11 +75,11 @@ def test_counts_that_are_stored_as_fractions_fare_as_counts(tmp_path, wind, dela
 
 
 def test_a_band_without_noise_has_what_stands_out_of_it_and_no_more():
-    away = np.zeros((2, 1000))
+    away = np.zeros((2, 1000), np.float32)
     away[0, :10] = 5.0
     away[1] = np.random.default_rng(0).standard_normal(1000)
     with np.errstate(all="raise"):
-        glint, things = standing_out(list(away), [0.0, 0.0], [0.0, 1.0], [0, 1], 1)
+        glint, things = standing_out(list(away), [0.0, 0.0], [TINY, 1.0], [0, 1], 1)
     assert np.isfinite([*glint, *things]).all()
     assert glint[0] > 1e6
     assert (glint[1], things) == (0, (0, 0))

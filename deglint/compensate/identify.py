@@ -42,8 +42,6 @@ COVER_K = 3.0
 """Standard deviations above the local level that count as glint when cover is told."""
 CERTAIN_K = 5.0
 """The same where noise is to be ruled out: of a normal distribution 3e-7 lie above."""
-NO_NOISE = 1e-6
-"""Standard deviation of a band without noise, of what stands out most in it."""
 ALIKE = 2.0
 """How many times as far as in the next band a thing stands out of the noise, at most."""
 MOST_COVER_FOR_DETAIL = 0.56
@@ -54,7 +52,8 @@ MOST = 200_000
 """Most pixels of the sample that they are taken from."""
 LEAST_UNIT = 1e-6
 """Of the median: levels need not be told more finely than float32 tells them."""
-_TINY = float(np.finfo(np.float32).tiny)
+TINY = float(np.finfo(np.float32).tiny)
+"""Standard deviation of a band without noise, and brightness of no glint: nothing is divided by 0."""
 
 
 @dataclass(frozen=True)
@@ -281,7 +280,7 @@ def standing_out(
         Mean square of what stands out, in variances of pixels without glint.
     """
     step = max(away[0].size // MOST, 1)
-    z = [_in_deviations(a[::step] - o, s) for a, o, s in zip(away, offsets, sigmas, strict=True)]
+    z = [(a[::step].astype(np.float64) - o) / s for a, o, s in zip(away, offsets, sigmas, strict=True)]
     dark = ~(z[nir] > COVER_K)
     glint, things = [0.0] * len(z), [0.0] * len(z)
     for i, band in enumerate(order):
@@ -294,14 +293,6 @@ def standing_out(
         things[band] = float(like @ like) / count
         glint[band] = float(own[sure] @ own[sure]) / count - things[band]
     return tuple(glint), tuple(things)
-
-
-def _in_deviations(away: npt.NDArray[np.floating[Any]], sigma: float) -> npt.NDArray[np.float64]:
-    """In standard deviations; where there is no noise whatever stands out does so by many."""
-    found = away.astype(np.float64)
-    if not sigma > 0:
-        sigma = NO_NOISE * float(np.max(np.abs(found), initial=0.0, where=np.isfinite(found))) or 1.0
-    return np.asarray(found / sigma)
 
 
 def lower_spread(values: npt.NDArray[np.floating[Any]], middle: float, step: float = 0.0) -> float:
@@ -354,12 +345,12 @@ def _about(away: npt.NDArray[np.floating[Any]], floor: float, step: float = 0.0)
     away = away[:: max(away.size // MOST, 1)]
     apart = away[away != 0]  # a pixel that the opening found again is no measure of the noise
     if apart.size < FEWEST:
-        return 0.0, max(floor, _TINY), 0.0, _TINY
+        return 0.0, max(floor, TINY), 0.0, TINY
     apart.sort()
     offset = mode(apart, ordered=True)
-    sigma = max(spread_of_sorted(apart, offset, step), floor)
+    sigma = max(spread_of_sorted(apart, offset, step), floor, TINY)
     cover = float(np.mean(away > offset + COVER_K * sigma))
-    return offset, sigma, cover, max(float(away.mean(dtype=np.float64)), _TINY)
+    return offset, sigma, cover, max(float(away.mean(dtype=np.float64)), TINY)
 
 
 def _grid(values: Sequence[npt.NDArray[np.float32]]) -> Grid:
@@ -367,7 +358,7 @@ def _grid(values: Sequence[npt.NDArray[np.float32]]) -> Grid:
     sample = np.concatenate(values)
     sample = np.sort(sample[np.isfinite(sample)][:: max(sample.size // MOST, 1)])
     centre = float(np.median(sample[[(sample.size - 1) // 2, sample.size // 2]])) if sample.size else 0.0
-    return centre, max(spread_of_sorted(sample, centre), LEAST_UNIT * abs(centre), _TINY)
+    return centre, max(spread_of_sorted(sample, centre), LEAST_UNIT * abs(centre), TINY)
 
 
 def _levels(

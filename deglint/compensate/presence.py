@@ -88,11 +88,6 @@ class Presence:
         """Pixels around a tile that its shares look at, at most."""
         return (2 * max(self.quiet, 1) + 3) * CELL // 2
 
-    @property
-    def cells_around(self) -> int:
-        """Cells that must be without glint for no band to have any."""
-        return (2 * self.quiet + 1) ** 2
-
     def numbers(self) -> dict[str, Any]:
         """What goes into a sidecar."""
         return asdict(self) | {"cell": CELL, "calm": CALM, "clear": CLEAR}
@@ -234,18 +229,19 @@ def presence_from(data: Mapping[str, Any]) -> Presence:
 
 
 def blend(after: FloatArray, before: FloatArray, share: Share) -> None:
-    """Take back what was done to a band, all but a share of it; to the bit where that is 0 or 1.
+    """Take back what was done to a block, all but a share of it; to the bit where that is 0 or 1.
 
     Parameters
     ----------
-    after : (row, column) ndarray
-        What was made of the band; overwritten.
-    before : (row, column) ndarray
+    after : (band, row, column) ndarray
+        What was made of the block; overwritten.
+    before : (band, row, column) ndarray
     share : (row, column) float32 ndarray
     """
-    mixed = before + share * (after - before)
-    np.copyto(after, mixed, where=share < 1, casting="same_kind")
-    np.copyto(after, before, where=share == 0, casting="same_kind")
+    part, none = share < 1, share == 0
+    for made, was in zip(after, before, strict=True):
+        np.copyto(made, was + share * (made - was), where=part, casting="same_kind")
+        np.copyto(made, was, where=none, casting="same_kind")
 
 
 def _summed(values: npt.NDArray[np.float64], side: int) -> npt.NDArray[np.float64]:

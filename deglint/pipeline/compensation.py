@@ -14,25 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..compensate import (
-    THESIS,
-    Chain,
-    Sample,
-    Setting,
-    State,
-    Step,
-    finish,
-    fit_stages,
-    parse,
-    presence,
-    protect,
-    system_psf,
-)
+from ..compensate import THESIS, Chain, Sample, Setting, State, Step, finish, fit_stages, parse, protect, system_psf
 from ..compensate.chain import NO_STAGES
 from ..compensate.estimate import Spectra, estimate_optics, glint_spectra
 from ..compensate.evidence import Protection
 from ..compensate.fitting import reach_of
-from ..compensate.identify import IdentifyLevel
+from ..compensate.identify import TINY, IdentifyLevel
 from ..compensate.level import SMALLEST
 from ..compensate.presence import Presence
 from ..compensate.protect import LEAST_DELAY
@@ -57,6 +44,7 @@ from ..remove import FitRequest, GlintModel, apply
 from ..scene import Scene
 from ..tiles import Tile
 from .blocks import Blocks, aside, inside, read_blocks, some, tiles_of, workers
+from .calm import find_presence
 from .look import Look, core_of, raster_of
 from .recipe import Recipe
 from .sample import Sampler
@@ -75,10 +63,6 @@ SHARP = 0.9
 """The same share from which on, in every band, sharpening gains less than a tenth of the noise."""
 LEFT_OUT = 0.0002
 """Share of the pixels too bright in the NIR for water from which on glint in the sample is less than in the scene."""
-BY_CHANCE = 0.01
-"""Probability that flashes as many as the sample has leave out all cells that must show none; below it, they cannot."""
-LEAST_CALM = 0.01
-"""Share of the sample that must be far from glint in the NIR for other bands to be looked at there."""
 DARK_NOISE = 0.2
 """Share of the variance over water that does not grow with the signal, where nothing more is known of the noise."""
 
@@ -204,7 +188,8 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
             (stage,) = fit_stages([Step("identify-level", needs.element)], sample, told, each=each, cuts=None)
     except FitError as error:
         return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
-    cover, (known, calm) = stage.cover, _presence(found, told, nir, stage.sigmas[nir], threads)
+    assert found.blocks is not None
+    cover, (known, calm) = stage.cover, find_presence(found.blocks, needs, told, stage.sigmas[nir], threads)
     needs = replace(needs, cover=cover, nir=_if_left_out(found.blocks, nir), glint=stage.glint, things=stage.things)
     needs, found = replace(needs, calm=calm), replace(found, presence=known)
     most = max(needs.glint)
@@ -260,50 +245,6 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
         text += [f"identify-level:{needs.element - 2}", "replace-level"]
         stages.append(StageNeed("second opening", True, "what removal leaves is opened again"))
     return replace(found, needs=replace(needs, stages=tuple(stages)), steps=parse(", ".join(text)), bands=bands)
-
-
-def _presence(found: Plan, setting: Setting, nir: int, sigma: float, threads: int) -> tuple[Presence | None, float]:
-    """Where there is glint, and whether other bands have none far from that of the NIR, as far as the sample shows; and
-    the share of the sample that has none in the NIR."""
-    assert found.blocks is not None
-    sample, scene = found.blocks.sample, found.blocks.scene
-    parts = list(zip(sample.states, sample.inside, found.blocks.grown(), strict=True))
-    looks = [(s.image[nir], m) for s, m, _tile in parts]
-    known = presence.fit(looks, nir, sigma, quiet=int(found.needs.simultaneous))
-    if known is None:
-        return None, 0.0
-    total = sum(int(m.sum()) for m in sample.inside)
-    share = sum(int((m & _calm(known, s.image, tile, scene)).sum()) for s, m, tile in parts) / total
-    if found.needs.simultaneous:
-        return known, share
-    far = replace(known, quiet=presence.FAR)
-    calm = [m & _calm(far, s.image, tile, scene) for s, m, tile in parts]
-    if sum(int(m.sum()) for m in calm) < LEAST_CALM * total:
-        return known, share
-    shown = np.concatenate([known.cells(s.image, t.row0, t.col0).inside(m, t.row0, t.col0) for s, m, t in parts])
-    if (1 - (shown > 0).mean()) ** far.cells_around > BY_CHANCE:
-        return known, share
-    try:
-        with workers(threads) as each:
-            step = Step("identify-level", found.needs.element)
-            (stage,) = fit_stages([step], Sample(sample.states, calm), setting, each=each, cuts=None)
-    except FitError:
-        return known, share
-    return known if replace(found.needs, glint=stage.glint, things=stage.things).glinted else far, share
-
-
-def _calm(known: Presence, block: Any, tile: Tile, scene: Scene) -> Mask:
-    """Pixels of a block that show no glint, as far as the block tells."""
-    out, halo = np.zeros(tile.shape, np.bool_), known.halo
-    top, left = (halo * (first > 0) for first in (tile.row0, tile.col0))
-    bottom, right = (halo * (last < n) for last, n in ((tile.row1, scene.height), (tile.col1, scene.width)))
-    inner = Tile(tile.row0 + top, tile.row1 - bottom, tile.col0 + left, tile.col1 - right)
-    if min(inner.shape) <= 0:
-        return out
-    share = known.cells(block, tile.row0, tile.col0).share(*inner.window, max(known.quiet, 1))
-    if share is not None:
-        out[core_of(inner.crop_of(tile), tile.shape)] = share == 0
-    return out
 
 
 def _if_left_out(blocks: Blocks | None, nir: int) -> int | None:
@@ -363,7 +304,7 @@ def _protection(seen: Seen, stages: Sequence[Any], found: Plan, threads: int) ->
     if not levels[-1].detail:
         cover = float(np.median(levels[-1].cover))
         return Protection(reason=f"glint covers {cover:.0%} of the middlemost band, and clumps of it look like things")
-    if not all(levels[-1].sigmas):
+    if min(levels[-1].sigmas) <= TINY:
         return Protection(reason="a band has no noise, so that nothing tells what stands out of it")
     looks, noise = [], []
     for block, state, mask, core in zip(raw, states, masks, cores, strict=True):

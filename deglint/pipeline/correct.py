@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..compensate import Chain, State, apply_stages, finish
 from ..compensate.evidence import REACH, grown
-from ..compensate.presence import Cells, Share, blend
+from ..compensate.presence import Cells, blend
 from ..compensate.protect import Things, lifted, put, things
 from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
@@ -22,11 +22,12 @@ from ..raster.info import same_nodata
 from ..raster.output import Layout
 from ..readers.areas import Area
 from ..remove import GlintModel, apply
-from ..remove.model import apply_compiled
+from ..remove.model import removed
 from ..scene import Scene
 from ..tiles import Tile
+from .compensated import Begun, Compensated, Shown
 from .following import moved_halo, nir_to_follow, remove_following
-from .look import core_of, raster_of
+from .look import core_of, place_in, raster_of
 from .surroundings import Around, Surroundings
 from .tally import Saturated, Tally, saturated_in
 
@@ -313,7 +314,7 @@ class Correction:
             return known
         return np.asarray(near if known is None else near & known)
 
-    def _begun(self, around: Any, tile: Tile, outer: Tile, sound: bool) -> _Begun:
+    def _begun(self, around: Any, tile: Tile, outer: Tile, sound: bool) -> Begun:
         """What compensation of a block begins with, which it leaves as it is.
 
         sound : every number is known to be finite
@@ -322,26 +323,26 @@ class Correction:
         state = State.on(around) if self.chain.in_place else State.of(around)
         state.sound, state.keep = sound, self.chain.protection.possible or self.want_stderr
         looked = tile.grown(self.chain.protection.halo, self.scene.height, self.scene.width)
-        raw = around[_place(looked, outer)] if self.chain.protection.possible else None
-        return _Begun(state, raw, looked, None if state.image is around else around, shown)
+        raw = around[place_in(looked, outer)] if self.chain.protection.possible else None
+        return Begun(state, raw, looked, None if state.image is around else around, shown)
 
-    def _shown(self, around: Any, tile: Tile, outer: Tile) -> _Shown:
+    def _shown(self, around: Any, tile: Tile, outer: Tile) -> Shown:
         """Where a tile shows glint, and what it is where it shows none, as far as that is known already."""
         presence = self.chain.presence
         if presence is None:
-            return _Shown()
+            return Shown()
         cells = presence.cells(around, outer.row0, outer.col0)
         share = cells.share(*tile.window)
         if share is None:
-            return _Shown(cells)
+            return Shown(cells)
         quiet = cells.share(*tile.window, presence.quiet) if presence.quiet else None
-        return _Shown(cells, share, quiet, None if quiet is None else around[_place(tile, outer)].copy())
+        return Shown(cells, share, quiet, None if quiet is None else around[place_in(tile, outer)].copy())
 
     def _middle(self, tile: Tile) -> Tile:
         """A tile with what the removal and all that comes after it look at."""
         return tile.grown(self._halo - self.chain.halo_before, self.scene.height, self.scene.width)
 
-    def _compensated(self, begun: _Begun, tile: Tile, outer: Tile) -> Compensated:
+    def _compensated(self, begun: Begun, tile: Tile, outer: Tile) -> Compensated:
         """The tile after the chain. Each stage sees no more of the halo than the stages after it need."""
         state, begun.state = begun.state, None
         assert state is not None
@@ -350,9 +351,9 @@ class Correction:
         state.take()
         clean, replaced = state.image, state.replaced
         if begun.block is not None:
-            clean = finish(state, begun.block[_place(middle, outer)])
-        level, units, within = state.water, state.units, _place(tile, middle)
-        found = None if level is None else self._things(begun, level[_place(begun.looked, middle)], tile)
+            clean = finish(state, begun.block[place_in(middle, outer)])
+        level, units, within = state.water, state.units, place_in(tile, middle)
+        found = None if level is None else self._things(begun, level[place_in(begun.looked, middle)], tile)
         values = None if found is None or level is None else lifted(level[within], found)
         inner = (within[1], within[2])
         levels = self._levels(units, level, inner, begun.shown.cells, middle)
@@ -369,26 +370,24 @@ class Correction:
             replaced &= ~found.mask
         return Compensated(inside, clean, replaced, found.mask, *levels, share)
 
-    def _where_shown(self, state: State, replaced: Any, shown: _Shown, tile: Tile, middle: Tile) -> tuple[Any, Any]:
+    def _where_shown(self, state: State, replaced: Any, shown: Shown, tile: Tile, middle: Tile) -> tuple[Any, Any]:
         """What removal and the stages after it make of a block, where glint shows, and what has been replaced."""
         if shown.share is None:
             return self._rest(state, replaced, tile, middle)
-        clean = state.image[_place(tile, middle)]
+        clean = state.image[place_in(tile, middle)]
         if shown.share.any():
             first, before = clean.copy(), replaced
             clean, replaced = self._rest(state, replaced, tile, middle)
-            for band, own in zip(clean, first, strict=True):
-                blend(band, own, shown.share)
+            blend(clean, first, shown.share)
             replaced = (replaced & (shown.share > 0)) | before
         if shown.quiet is not None:
-            for band, own in zip(clean, shown.own, strict=True):
-                blend(band, own, shown.quiet)
+            blend(clean, shown.own, shown.quiet)
             replaced = replaced & (shown.quiet > 0)
         return clean, replaced
 
     def _rest(self, state: State, replaced: Any, tile: Tile, middle: Tile) -> tuple[Any, Any]:
         """What removal and the stages after it make of a block, and what has been replaced."""
-        sound, within, clean = state.sound, _place(tile, middle), state.hand_over()
+        sound, within, clean = state.sound, place_in(tile, middle), state.hand_over()
         if self.model.fits:
             clean = removed(clean, self.model)
         if not self.chain.after:
@@ -402,7 +401,7 @@ class Correction:
         clean = state.image if block is None else finish(state, block)
         return clean, state.replaced | replaced
 
-    def _things(self, begun: _Begun, level: Any, tile: Tile) -> Things | None:
+    def _things(self, begun: Begun, level: Any, tile: Tile) -> Things | None:
         """Small things in the tile that the level has lost; the block's own values are let go."""
         raw, begun.raw = begun.raw, None
         if raw is None:
@@ -421,8 +420,7 @@ class Correction:
             return level, level, inner
         after, share = apply(level, self.model), None if cells is None else cells.share(*middle.window)
         if share is not None:
-            for fit in self.model.fits:
-                blend(after[fit.band], level[fit.band], share)
+            blend(after, level, share)
         return level, after, inner
 
     def _water_of(self, block: Any, inner: tuple[slice, slice]) -> npt.NDArray[np.bool_] | None:
@@ -494,60 +492,9 @@ class Correction:
         return flags
 
 
-def _place(tile: Tile, outer: Tile) -> tuple[slice, slice, slice]:
-    """Where a tile lies in the block of a larger one."""
-    return (slice(None), *core_of(tile.crop_of(outer), outer.shape))
-
-
-def removed(block: Any, model: GlintModel) -> Any:
-    """What removal leaves of a block, which is overwritten where that is faster."""
-    if block.dtype != np.float32 or not block.flags.c_contiguous:
-        return apply(block, model)
-    apply_compiled(block, model)
-    return block
-
-
 def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int, ...] = ()) -> list[int]:
     """0-based bands that may change: those that removal corrects, and with compensation all, or those asked for."""
     removed = [f.band for f in model.fits]
     if not chain.runs:
         return removed
     return sorted(only) if only else list(range(len(scene.bands)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Shown:
-    """Where a block shows glint (None: not asked), how much of the removal and what follows is done in its tile, and
-    how much of anything (None: all of it everywhere); and the tile's own values, where less is done."""
-
-    cells: Cells | None = None
-    share: Share | None = None
-    quiet: Share | None = None
-    own: Any = None
-
-
-@dataclass(eq=False)
-class _Begun:
-    """A block on its way: its state, its own values where things are looked for, where that is, the block itself
-    where the state does not work on that, and where glint is."""
-
-    state: State | None
-    raw: Any
-    looked: Tile
-    block: Any
-    shown: _Shown
-
-
-@dataclass(frozen=True, eq=False)
-class Compensated:
-    """A tile after the chain: where it is to be corrected (None: everywhere), its bands, what was replaced in each,
-    which pixels are things that were put back, and how much of the removal was done (None: all)."""
-
-    inside: npt.NDArray[np.bool_] | None
-    clean: Any
-    replaced: npt.NDArray[np.bool_]
-    held: npt.NDArray[np.bool_] | None = None
-    level: Any = None
-    removed_level: Any = None
-    inner: tuple[slice, slice] = (slice(None), slice(None))
-    share: Share | None = None

@@ -139,6 +139,11 @@ def core_of(crop: tuple[int, int, int, int], shape: tuple[int, ...]) -> tuple[sl
     return slice(crop[0], shape[0] - crop[1]), slice(crop[2], shape[1] - crop[3])
 
 
+def place_in(tile: Tile, outer: Tile) -> tuple[slice, slice, slice]:
+    """Where a tile lies in the block of a larger one."""
+    return (slice(None), *core_of(tile.crop_of(outer), outer.shape))
+
+
 def block_of(scene: Scene) -> tuple[int, int]:
     """Rows and columns of the blocks that the scene is stored in."""
     return raster_of(scene).info.block_shapes[0]

@@ -22,8 +22,9 @@ from ..errors import FitError, InputError
 from ..raster.environment import enter_thread
 from ..readers.roles import find_nir
 from ..remove import apply
+from ..remove.model import removed
 from ..tiles import Tile
-from .correct import Correction, removed
+from .correct import Correction
 
 Move = tuple[float, float]
 Moments = npt.NDArray[np.float64]

@@ -277,6 +277,14 @@ def apply_compiled(block: npt.NDArray[np.float32], model: GlintModel) -> None:
     subtract(block, bands, weights, levels, slopes, targets, follows)
 
 
+def removed(block: FloatArray, model: GlintModel) -> FloatArray:
+    """What `apply` makes of all of a block, which is overwritten where that is faster."""
+    if block.dtype != np.float32 or not block.flags.c_contiguous:
+        return apply(block, model)
+    apply_compiled(block, model)
+    return block
+
+
 def _subtract(block: FloatArray, out: FloatArray, model: GlintModel, where: npt.NDArray[np.bool_] | None) -> None:
     """Correct a few rows, in float64, rounding once."""
     above = [_above_level(block, index) for index in model.indexes]
