@@ -17,7 +17,7 @@ from deglint.errors import DeglintError, InputError, ReadError, WriteError
 
 pytest.importorskip("distributed", reason="needs pip install 'deglint[cluster]'")
 
-from deglint.pipeline.cluster import connect
+from deglint.pipeline.cluster import Cluster, connect
 from deglint.tiles import run as run_threads
 from deglint.tiles import tiles
 from detect.pipeline import Recipe as Scoring
@@ -278,3 +278,25 @@ def test_a_scheduler_that_is_lost_is_one_line(elsewhere, scene, tmp_path, stage)
     assert "\n" not in str(caught.value)
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["out.tif"]
     assert (tmp_path / "out" / "out.tif").read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("lost_by", ["the future", "the client"])
+def test_a_scheduler_that_is_lost_while_it_is_asked_is_one_line(lost_by):
+    from distributed.client import FutureCancelledError
+    from distributed.comm import CommClosedError
+
+    class Future:
+        def result(self, timeout=None):
+            if timeout is None:
+                raise FutureCancelledError("a-key", "scheduler-connection-lost")
+            raise TimeoutError("timed out")
+
+        def done(self):
+            return lost_by == "the future"
+
+    class Client:
+        def nthreads(self):
+            raise CommClosedError("ConnectionPool closing.")
+
+    with pytest.raises(DeglintError, match="lost the cluster"):
+        Cluster(Client)._result(Future())

@@ -130,15 +130,20 @@ class Cluster:
     def _result(self, future: Any) -> Any:
         from distributed import KilledWorker
         from distributed.client import FutureCancelledError
+        from distributed.comm import CommClosedError
 
         without = time.monotonic()
         while True:
             try:
                 return future.result(timeout=_POLL)
             except TimeoutError as error:
-                if future.done():  # just now; or the work itself has run out of time
-                    return future.result()
-                if self.client.nthreads():
+                try:
+                    if future.done():  # just now; or the work itself has run out of time
+                        return future.result()
+                    threads = self.client.nthreads()
+                except (FutureCancelledError, CommClosedError) as lost:
+                    raise DeglintError(_LOST) from lost
+                if threads:
                     without = time.monotonic()
                 elif time.monotonic() - without > PATIENCE:
                     raise DeglintError(f"the cluster has had no worker for {PATIENCE:g} s. Start some.") from error
