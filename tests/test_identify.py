@@ -306,3 +306,88 @@ def test_the_image_is_not_touched_by_looking():
     np.testing.assert_array_equal(state.image, before)
     np.testing.assert_array_equal(block, before)
     assert ndimage.label(state.hit[0])[1] > 100
+
+
+def plateau(height=400.0, side=40, shape=(160, 160), seed=0):
+    """Even water at 100 with a bright thing of one height, and shot noise; three bands, each its own."""
+    rng = np.random.default_rng(seed)
+    level = np.full(shape, 100.0)
+    level[60 : 60 + side, 60 : 60 + side] = height
+    return (level + np.sqrt(level) * rng.standard_normal((3, *shape))).astype(np.float32), level
+
+
+def test_a_bright_thing_does_not_sink_by_its_own_noise():
+    """Noise is twice as large on it. With that of the water for it, an opening lies 2 deviations too low there."""
+    block, _ = plateau()
+    stage = fitted(block, size=13)
+    sunk = []
+    for told in (stage, replace(stage, growths=(), share=0.0)):
+        state = State.of(block)
+        told.apply(state)
+        ReplaceLevel().apply(state)
+        sunk.append(400 - state.image[:, 67:93, 67:93].mean())
+    assert sunk[0] < 4 < 15 < sunk[1]  # of 20, a deviation there; clipping noise alone takes 0.03 deviations
+    flash = block.copy()
+    flash[1, 80, 80] += 200
+    assert hits(stage, flash)[1, 80, 80]
+
+
+def test_what_grows_grows_from_the_water_s_level_on_and_ends_with_what_was_seen():
+    """Against the definition, pixel by pixel, however the level is put to use."""
+    block, _ = plateau(seed=2)
+    stage = replace(fitted(block, size=5), growths=((0.002, 0.5), (0.01, 9.0), (0.0, 0.0)), share=0.05)
+    bare = replace(stage, offsets=(0.0,) * 3, growths=(), share=0.0)
+    state, plain = State.of(block), State.of(block)
+    stage.apply(state)
+    bare.apply(plain)
+    for b, (slope, most) in enumerate(stage.growths):
+        above = np.maximum(plain.level[b] - stage.grids[b][0], 0)
+        noise = 1 + np.minimum(slope * above, most)
+        level = plain.level[b] + stage.offsets[b] * noise
+        hit = block[b] > level + stage.k * stage.sigmas[b] * noise + 0.05 * above
+        assert (state.hit[b] != hit).mean() < 1e-4  # but for rounding
+        np.testing.assert_allclose(state.level[b], level, rtol=1e-5)
+    fused = State.of(block)
+    stage.apply(fused)
+    ReplaceLevel().apply(fused)
+    apart = State.of(block, np.ones(block.shape[1:], bool))
+    stage.apply(apart)
+    ReplaceLevel().apply(apart)
+    np.testing.assert_array_equal(fused.image, apart.image)
+    np.testing.assert_array_equal(fused.replaced, state.hit)
+
+
+def test_where_glint_is_rare_the_top_of_a_blurred_thing_is_no_glint():
+    """16 pixels wide, and blurred: its top is hardly wider than the element, and sinks by a part of its height."""
+    rng = np.random.default_rng(5)
+    level = np.full((200, 200), 100.0)
+    for row in (60, 140):
+        level[row : row + 16, 90:106] = 500.0
+    block = (ndimage.gaussian_filter(level, 1.0) + rng.normal(0, 2, (3, 200, 200))).astype(np.float32)
+    block[0, 150:156, 30:36] += 50
+    block[0, 68, 98] += 200
+    stage = fitted(block, size=13)
+    assert 0 < stage.share < 0.2
+    found, without = hits(stage, block), hits(replace(stage, share=0.0), block)
+    tops = np.zeros(level.shape, bool)
+    tops[ndimage.binary_erosion(level > 400, np.ones((9, 9)))] = True
+    assert found[1:, tops].mean() < 0.1 < 0.5 < without[1:, tops].mean()
+    assert found[0, 150:156, 30:36].all()  # in open water nothing has changed
+    assert found[0, 68, 98]  # and what is brighter than a fifth of the thing is a flash on it
+    assert fitted(sea(cover=0.3), size=5).share == 0.0
+
+
+def test_bands_that_are_left_lend_their_outlines():
+    """A disc that only just holds the element: alone, a band loses its edge; beside others it keeps it."""
+    rng = np.random.default_rng(6)
+    rows, columns = np.mgrid[:120, :120]
+    disc = (rows - 60) ** 2 + (columns - 60) ** 2 < 8.2**2
+    block = (100 + 400 * disc + rng.normal(0, 2, (5, 120, 120))).astype(np.float32)
+    order, saturation = tuple(range(5)), (np.inf,) * 5
+    stage = fitted(block, size=13, detail=13, bands=(2,), order=order, saturation=saturation)
+    assert (stage.bands, stage.left) == ((0, 1, 2, 3, 4), (0, 1, 3, 4))
+    alone = fitted(block, size=13, bands=(2,), order=order, saturation=saturation)
+    assert (alone.bands, alone.left) == ((2,), ())
+    found, lost = hits(stage, block), hits(alone, block)
+    assert not found[[0, 1, 3, 4]].any()
+    assert found[2][disc].mean() < 0.5 * lost[2][disc].mean()

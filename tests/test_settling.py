@@ -77,6 +77,15 @@ def test_a_window_is_a_part_of_the_whole(rows, columns):
     np.testing.assert_array_equal(part, whole[:, top:bottom, left:right])
 
 
+def laid(image, level, limits):
+    """The level with its offset, and what exceeds it as glint does: as `State.limits` says it, in float32."""
+    offset, rise, full, middle, slope, most, share = (column[:, None, None] for column in limits.T)
+    above = np.maximum(level - middle, np.float32(0))
+    noise = np.float32(1) + np.minimum(above * slope, most)
+    told = level + offset * noise
+    return told, ((image > told + (rise * noise + share * above)) | (image >= full)) & np.isfinite(told)
+
+
 @pytest.mark.parametrize("columns", [16, 31, 255, 257, 600])
 @pytest.mark.parametrize("wanted", [True, False])
 @pytest.mark.parametrize("bands", [(0, 1, 2, 3, 4), (4, 1, 2), (2,)])
@@ -88,13 +97,13 @@ def test_settled_is_the_level_where_the_image_exceeds_it(columns, wanted, bands)
     image = rng.normal(50, 4, (5, 11, columns + 9)).astype(np.float32)
     image[:, 5, 5] = np.nan
     before, view = image.copy(), image[:, 2:9, 3 : 3 + columns]
-    limits = rng.uniform(0, 2, (5, 3)).astype(np.float32)
+    limits = rng.uniform(0, 2, (5, 7)).astype(np.float32)
     limits[:, 2] = 58, np.inf, 60, 57, np.inf
+    limits[:, 3] = 48, 49, 50, 51, 90
     grids, spectrum = [(50.0 + b, 1.0 + b) for b in bands], [1.0 + b for b in bands]
     opened = Opened(codes[0], codes[1], grids, spectrum, range(len(bands)), bands=bands)
     level, clean, replaced = opened.settled(view, limits, wanted)
-    told = opened.of_image(5) + limits[:, 0, None, None]
-    hit = ((view > told + limits[:, 1, None, None]) | (view >= limits[:, 2, None, None])) & np.isfinite(told)
+    told, hit = laid(view, opened.of_image(5), limits)
     np.testing.assert_array_equal(replaced, hit)
     np.testing.assert_array_equal(clean, np.where(hit, told, view))
     np.testing.assert_array_equal(image, before)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deglint.compensate._variances import weighted_line
-from deglint.compensate.trials import Sea, Trial, growth, noise_by_level, own, shared
+from deglint.compensate.trials import Sea, Trial, growth, own, shared
 
 
 def sea(seed=0, shape=(2, 7, 9), usable=0.8):
@@ -38,41 +38,6 @@ def test_sparkle_is_laid_as_it_is_and_noise_as_large_as_it_is_there(seed, down, 
 def test_laid_nowhere_else_it_is_the_sea_itself():
     here = sea()
     np.testing.assert_allclose(here.laid(here.noise(), (0, 0)), here.values, rtol=1e-6)
-
-
-def test_noise_grows_with_the_level_and_sparkle_is_none():
-    """Some bright squares in a wide dark sea, and sparkle in a twentieth of it."""
-    rng = np.random.default_rng(3)
-    level = np.full((300, 300), 10.0, np.float32)
-    for row, column, height in ((30, 40, 30.0), (150, 60, 45.0), (200, 220, 60.0), (80, 200, 90.0)):
-        level[row : row + 24, column : column + 24] = height
-    rest = (np.sqrt(0.5 + 0.04 * level) * rng.standard_normal(level.shape)).astype(np.float32)
-    flashes = rng.random((20, 20)) < 0.05
-    rest += np.where(np.kron(flashes, np.ones((15, 15), bool)), rng.exponential(20, level.shape), 0).astype(np.float32)
-    rest[:3] = np.nan
-    fixed, growing = noise_by_level(rest, level)
-    for height in (10.0, 45.0, 90.0):
-        assert fixed + growing * height == pytest.approx(0.5 + 0.04 * height, rel=0.25)
-
-
-def test_noise_of_whole_numbers_of_an_even_sea_and_of_next_to_nothing():
-    rng = np.random.default_rng(4)
-    even = np.full((200, 200), 50.0, np.float32)
-    counts = np.rint(rng.normal(50.3, 1.5, even.shape)).astype(np.float32)
-    fixed, growing = noise_by_level(counts - even, even)
-    assert fixed + 50 * growing == pytest.approx(1.5**2 + 1 / 12, rel=0.1)
-    assert noise_by_level(even[:5, :5], even[:5, :5]) == (0.0, 0.0)
-    assert noise_by_level(0 * even, even) == (0.0, 0.0)
-    assert noise_by_level(even[:, :2], even[:, :2]) == (0.0, 0.0)
-
-
-def test_half_of_the_squares_is_what_a_normal_distribution_has():
-    from scipy.stats import chi2, truncnorm
-
-    from deglint.compensate.trials import HALF_OF_SQUARES
-
-    middle = np.sqrt(chi2.median(1))
-    assert pytest.approx(truncnorm.var(-middle, middle), rel=1e-4) == HALF_OF_SQUARES
 
 
 def trial(error, replaced=None):

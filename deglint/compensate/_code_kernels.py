@@ -152,6 +152,8 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image
                 to, beside = band * size + at, band * per_band + begin // columns * per_row + at - begin
                 factor = spread(slack * glint[n])
                 offset, rise, full = (spread(limits[band, 0]), spread(limits[band, 1]), spread(limits[band, 2]))
+                below, slope, most = (spread(-limits[band, 3]), spread(limits[band, 4]), spread(limits[band, 5]))
+                share = spread(limits[band, 6])
                 for place in range(0, wide, LANES):
                     p = min(place, wide - LANES)
                     found = load(x, s + p + 2 * wide + 2 * more)
@@ -159,9 +161,12 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image
                         around = load(x, s + p + wide), load(x, s + p + 3 * wide)
                         before, after = (load(x, s + p), around[0]), (around[1], load(x, s + p + 4 * wide))
                         found = capped(found, load(x, s + p + 2 * wide + more), before, around, after, factor)
+                    above = rises = spread(ZERO)
                     if limits.size:
-                        found = plus(found, offset)
+                        above = larger(plus(found, below), above)
+                        noise = plus(spread(ONE), smaller(times(above, slope), most))
+                        found, rises = plus(found, times(offset, noise)), plus(times(rise, noise), times(share, above))
                     if level.size:
                         store(level, to + p, found)
                     if clean.size:
-                        put(clean, replaced, to + p, load(numbers, beside + p), found, rise, full)
+                        put(clean, replaced, to + p, load(numbers, beside + p), found, rises, full)

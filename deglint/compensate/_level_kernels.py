@@ -11,46 +11,54 @@ import numpy as np
 
 from ._apart import apart
 
-ZERO = np.float32(0.0)
+ZERO, ONE = np.float32(0.0), np.float32(1.0)
 
 
 @nb.njit(cache=True, nogil=True)
-def marked(row, offset, rise, full, level, hit):  # type: ignore[no-untyped-def]
-    """Add the offset to a row of the level, and mark what exceeds it by `rise`, or is full, where there is a level."""
+def raised(level, limits):  # type: ignore[no-untyped-def]
+    """A level with its offset, and by how much glint exceeds that."""
+    offset, rise, _full, middle, slope, most, share = limits
+    above = max(level - middle, ZERO)
+    noise = ONE + min(above * slope, most)
+    return level + offset * noise, rise * noise + share * above
+
+
+@nb.njit(cache=True, nogil=True)
+def marked(row, limits, level, hit):  # type: ignore[no-untyped-def]
+    """Add the offset to a row of the level, and mark what exceeds it as glint does, or is full, if there is a level."""
     apart()
     for j in range(row.size):
-        level[j] = level[j] + offset
-        known = level[j] - level[j] == ZERO
-        hit[j] = ((row[j] > level[j] + rise) | (row[j] >= full)) & known
+        level[j], rise = raised(level[j], limits)
+        hit[j] = ((row[j] > level[j] + rise) | (row[j] >= limits[2])) & (level[j] - level[j] == ZERO)
 
 
 @nb.njit(cache=True, nogil=True)
-def mark(band, offset, rise, full, level, hit):  # type: ignore[no-untyped-def]
+def mark(band, limits, level, hit):  # type: ignore[no-untyped-def]
     """The same for a band; level and hit are written."""
     for i in range(len(band)):
-        marked(band[i], offset, rise, full, level[i], hit[i])
+        marked(band[i], limits, level[i], hit[i])
 
 
 @nb.njit(cache=True, nogil=True)
-def settled(row, offset, rise, full, may, level, replaced):  # type: ignore[no-untyped-def]
-    """Add the offset to a row of the level, and put that in place of what exceeds it by `rise`, or is full."""
+def settled(row, limits, may, level, replaced):  # type: ignore[no-untyped-def]
+    """Add the offset to a row of the level, and put that in place of what exceeds it as glint does, or is full."""
     apart()
     for j in range(row.size):
-        level[j] = level[j] + offset
-        hit = ((row[j] > level[j] + rise) | (row[j] >= full)) & (level[j] - level[j] == ZERO) & may[j]
+        level[j], rise = raised(level[j], limits)
+        hit = ((row[j] > level[j] + rise) | (row[j] >= limits[2])) & (level[j] - level[j] == ZERO) & may[j]
         row[j] = level[j] if hit else row[j]
         replaced[j] = replaced[j] | hit
 
 
 @nb.njit(cache=True, nogil=True)
 def settle(image, limits, may, level, replaced):  # type: ignore[no-untyped-def]
-    """The same for a block of bands; limits are offset, rise and full of each, may has rows or is empty."""
+    """The same for a block of bands; limits as `deglint.compensate.state.State` has them, may has rows or is empty."""
     always = np.ones(image.shape[2], np.bool_)
     for b in range(len(image)):
-        offset, rise, full = limits[b]
+        own = (limits[b, 0], limits[b, 1], limits[b, 2], limits[b, 3], limits[b, 4], limits[b, 5], limits[b, 6])
         for i in range(image.shape[1]):
             here = may[i] if may.size else always
-            settled(image[b, i], offset, rise, full, here, level[b, i], replaced[b, i])
+            settled(image[b, i], own, here, level[b, i], replaced[b, i])
 
 
 @nb.njit(cache=True, nogil=True)

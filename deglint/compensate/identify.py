@@ -31,6 +31,7 @@ from ..remove.levels import mode
 from ..scene import Window
 from .codes import decoded, encoded
 from .level import Grid, Opened, of_every_band, opened_level, openings_of
+from .noise import growth
 from .opening import opening_halo
 from .state import Float32Array, Mask, State
 
@@ -46,6 +47,10 @@ ALIKE = 2.0
 """How many times as far as in the next band a thing stands out of the noise, at most."""
 MOST_COVER_FOR_DETAIL = 0.56
 """Share of glinted pixels, in the middlemost band, above which clumps of sparkle pass for outlines of objects."""
+OF_THINGS = 0.2
+"""Share of what a thing stands out by that glint must exceed it by, where glint is next to nowhere."""
+RARE = 0.06
+"""Share of glinted pixels, in the middlemost band, from which on none of that is asked for."""
 FEWEST = 64
 """Fewest pixels that a level and a spread are taken from."""
 MOST = 200_000
@@ -106,6 +111,13 @@ class IdentifyLevel:
     glint, things : tuple of float
         Of each of the bands that are looked at, where the NIR is known: what glint and what other bright things add to
         the variance of the sample, in variances of pixels without glint; see `standing_out`.
+    growths : tuple of (float, float)
+        Of each of them: by what share of itself noise, and with it offset and standard deviation, grows with the level
+        above the centre of the grid, per unit, and at most; none where it is not known.
+    share : float
+        Of what the level lies above that centre: by so much more glint exceeds it.
+    left : tuple of int
+        Bands that are looked at for their outlines alone, and left as they are.
     """
 
     name: ClassVar[str] = "identify-level"
@@ -122,6 +134,9 @@ class IdentifyLevel:
     k: float = LEVEL_K
     glint: tuple[float, ...] = ()
     things: tuple[float, ...] = ()
+    growths: tuple[tuple[float, float], ...] = ()
+    share: float = 0.0
+    left: tuple[int, ...] = ()
 
     @property
     def halo(self) -> int:
@@ -132,9 +147,14 @@ class IdentifyLevel:
         """Find the level and mark what exceeds it."""
         level = _levels(state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, later=True)
         state.cut()
-        limits = np.zeros((len(state.image), 3), np.float32)
-        for band, offset, sigma in zip(self.bands, self.offsets, self.sigmas, strict=True):
-            limits[band] = offset, self.k * sigma, _as_divided(self.saturation[band], state.units[band])
+        limits = np.zeros((len(state.image), 7), np.float32)
+        growths = self.growths or ((0.0, 0.0),) * len(self.bands)
+        each = zip(self.bands, self.offsets, self.sigmas, self.grids, growths, strict=True)
+        for band, offset, sigma, (middle, _unit), (slope, most) in each:
+            rise, full = self.k * sigma, float(_as_divided(self.saturation[band], state.units[band]))
+            if band in self.left:
+                rise = full = np.inf
+            limits[band] = offset, rise, full, middle, slope, most, self.share
         if not isinstance(level, Opened):
             level = of_every_band(level, self.bands, len(state.image))
         state.found(level, limits)
@@ -199,7 +219,7 @@ def fit_identify_level(
     k : float
         Standard deviations above which a pixel is glint.
     bands : sequence of int, optional
-        Bands to look at; all by default.
+        Bands to find glint in; all by default. Where outlines are compared the others are looked at, too.
     floor : sequence of float, optional
         Least standard deviation of each band of the scene.
     steps : sequence of float, optional
@@ -214,11 +234,14 @@ def fit_identify_level(
     FitError
         Too few pixels to tell the spread of.
     """
-    chosen = tuple(range(len(states[0].image)) if bands is None else sorted(set(bands)))
+    every = range(len(states[0].image))
+    changed = every if bands is None else bands
+    chosen = tuple(every if detail else sorted(set(changed)))
     grids = tuple(each(lambda b: _grid([s.image[b][m] for s, m in zip(states, inside, strict=True)]), chosen))
     unlike = states[0].sharp is not None  # a sharpened level is no pixel found again
+    apart = max(sum(int(m.sum()) for m in inside) // MOST, 1)
 
-    def above(state: State, mask: Mask) -> list[Float32Array]:
+    def above(state: State, mask: Mask) -> list[tuple[Float32Array, tuple[Float32Array, Float32Array]]]:
         rows, columns = wanted = _around(mask)
         at = slice(*rows), slice(*columns)
         level = _levels(state, chosen, grids, size, 0, order, (), wanted)
@@ -226,9 +249,14 @@ def fit_identify_level(
         image = [np.ascontiguousarray(state.image[b][at]) for b in chosen]
         if not unlike:
             image = [decoded(encoded(band, *grid), *grid) for band, grid in zip(image, grids, strict=True)]
-        return [np.subtract(*both)[mask[at]] for both in zip(image, level, strict=True)]
+        known, found = mask[at], []
+        for rest, there in zip(map(np.subtract, image, level), level, strict=True):
+            some = np.where(known[::apart], rest[::apart], np.float32(np.nan))
+            found.append((rest[known], (some, there[::apart])))
+        return found
 
-    away = [np.concatenate(band) for band in zip(*each(above, states, inside), strict=True)]
+    seen = list(zip(*each(above, states, inside), strict=True))
+    away = [np.concatenate([rest for rest, _ in band]) for band in seen]
     whole = steps if states[0].psfs is None else None  # a blurred level is no whole number
 
     def about(away: Float32Array, band: int) -> tuple[float, ...]:
@@ -241,11 +269,23 @@ def fit_identify_level(
     if nir in chosen:
         places = [chosen.index(b) for b in ranks]
         powers = list(standing_out(away, offsets, sigmas, places, chosen.index(nir)))
-    use = detail if float(np.median(cover)) <= MOST_COVER_FOR_DETAIL else 0
+    middle, use, growths = float(np.median(cover)), 0, list[tuple[float, float]]()
+    if middle <= MOST_COVER_FOR_DETAIL:  # above it, sparkle grows with the level as noise does
+        use = detail
+        growths = list(each(growth, [[look for _, look in band] for band in seen], [centre for centre, _ in grids]))
     return IdentifyLevel(
         size, use, ranks, chosen, grids, spectrum, offsets, sigmas, cover, tuple(map(float, saturation)), k,
-        *powers,
+        powers[0], powers[1], tuple(growths), _share(middle), tuple(b for b in chosen if b not in changed),
     )  # fmt: skip
+
+
+def _share(cover: float) -> float:
+    """Of what the level lies above the water, by which glint is to exceed it more.
+
+    The top of a blurred thing, hardly wider than the element, sinks by a part of its height, and passes for glint.
+    Where there is next to none it rather is that thing.
+    """
+    return OF_THINGS * max(1 - cover / RARE, 0.0)
 
 
 def standing_out(

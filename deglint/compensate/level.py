@@ -77,7 +77,7 @@ class Opened:
         found = np.empty(self.levels.shape, np.float32)
         none = np.empty(0, np.float32)
         every, nowhere = range(len(found)), np.empty(0, np.bool_)
-        self._agree(every, np.empty((0, 3), np.float32), (none, 0, 0), found.ravel(), none, nowhere)
+        self._agree(every, np.empty((0, 7), np.float32), (none, 0, 0), found.ravel(), none, nowhere)
         return found
 
     def of_image(self, count: int) -> Float32Array:
@@ -93,8 +93,8 @@ class Opened:
         ----------
         image : (band, row, column) float32 ndarray
             Rows may lie apart; not modified.
-        limits : (band, 3) float32 ndarray
-            What is still to be added to the level, by how much glint exceeds that, and where a band is full.
+        limits : (band, 7) float32 ndarray
+            As `deglint.compensate.state.State` has them.
         """
         from .glance import block
 

@@ -37,8 +37,9 @@ class State:
         Openings (`deglint.compensate.level`) that the level is yet to be made of.
     water : (band, row, column) float32 ndarray, optional
         The last level that glint was replaced by: of the water beside the sparkle.
-    limits : (band, 3) float32 ndarray, optional
-        What is still to be added to the level, and by how much glint exceeds that, and where a band is full.
+    limits : (band, 6) float32 ndarray, optional
+        What is still to be added to the level, by how much glint exceeds that, and where a band is full; and how these
+        grow with the noise: the level from which on they do, by what share of themselves per unit, and at most by what.
     sound : bool
         Every number of the image is known to be finite; stages leave it so.
     lent : bool
@@ -133,8 +134,8 @@ class State:
             return
         self.take()
         self._hit = np.empty(self.image.shape, np.bool_)
-        for b, (offset, rise, full) in enumerate(self.limits):
-            mark(self.image[b], offset, rise, full, self.level[b], self._hit[b])
+        for b, limits in enumerate(self.limits):
+            mark(self.image[b], tuple(limits), self.level[b], self._hit[b])
         if self.where is not None:
             self._hit &= self.where
         self.limits = None

@@ -26,17 +26,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._variances import Float64, weighted_line
+from ._variances import Float64
+from .noise import noise_by_level
 from .state import Float32Array, Mask
-
-GROUPS = 24
-"""Groups of pixels of like level through whose noise a line is laid."""
-FEWEST = 100
-"""Fewest pixels in one of them."""
-MOST = 200_000
-"""Most pixels that the noise is told by."""
-HALF_OF_SQUARES = 0.142652
-"""Mean of the smaller half of the squares of a standard normal distribution."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,37 +160,6 @@ def own(scene: Float64, tried: Float64) -> float:
     """
     here, there = (products / max(count, 1.0) for products, count in (scene, tried))
     return max(float(2 * here - there), 0.0)
-
-
-def noise_by_level(rest: Float32Array, level: Float32Array) -> tuple[float, float]:
-    """Variance of noise as a line in the level: at 0, and per unit.
-
-    From second differences, of which the smaller half counts: sparkle is in the larger. Groups lie evenly between the
-    lowest level and the highest, so that a few bright objects are seen in a wide sea. Where sparkle covers much of the
-    sea it passes for noise, and all noise seems more alike than it is.
-
-    Parameters
-    ----------
-    rest : (row, column) float32 ndarray
-        What lies above and below the level, NaN where not known.
-    level : (row, column) float32 ndarray
-    """
-    bent = rest[:, :-2] - 2 * rest[:, 1:-1] + rest[:, 2:]
-    known = np.flatnonzero(np.isfinite(bent))
-    if known.size < FEWEST:
-        return 0.0, 0.0
-    known = known[:: max(known.size // MOST, 1)]
-    squares = bent.ravel()[known].astype(np.float64) ** 2 / 6
-    place = np.maximum(level[:, 1:-1].ravel()[known].astype(np.float64), 0.0)
-    low, high = np.percentile(place, [0.1, 99.9])
-    group = np.floor((place - low) / max(high - low, np.finfo(np.float64).tiny) * GROUPS)
-    groups = [squares[group == g] for g in range(GROUPS)]
-    used = [g for g in range(GROUPS) if groups[g].size >= FEWEST]
-    if not used:
-        return float(np.sort(squares)[: squares.size // 2].mean() / HALF_OF_SQUARES), 0.0
-    halves = [np.partition(groups[g], groups[g].size // 2)[: groups[g].size // 2].mean() for g in used]
-    where = np.array([place[group == g].mean() for g in used])
-    return weighted_line(where, np.array(halves) / HALF_OF_SQUARES, np.array([float(groups[g].size) for g in used]))
 
 
 def growth(first: Float64, second: Float64) -> float:

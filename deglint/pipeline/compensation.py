@@ -292,7 +292,7 @@ def _protection(seen: Seen, stages: Sequence[Any], found: Plan, threads: int) ->
     assert found.setting is not None
     if not levels or any(s.water is None for s in states):
         return Protection(reason=NO_STAGES)
-    if len(levels[-1].bands) < len(found.setting.bands):
+    if len(levels[-1].bands) - len(levels[-1].left) < len(found.setting.bands):
         return Protection(reason="there is little glint, and not in every band")
     if any((s.units != 1).any() for s in states):
         return Protection(reason="the bands were normalised")
