@@ -35,6 +35,21 @@ def test_sparkle_is_laid_as_it_is_and_noise_as_large_as_it_is_there(seed, down, 
         assert found[b, r, c] == pytest.approx(float(here.level[b, r, c]) + rest, abs=1e-4)
 
 
+@given(st.integers(0, 30))
+def test_a_steady_level_holds_what_is_neither_noise_nor_sparkle(seed):
+    """Against a loop over pixels."""
+    here = sea(seed)
+    scale = np.random.default_rng(seed + 100).uniform(0, 0.5, here.values.shape).astype(np.float32)
+    scale[0, 2, 3] = 0
+    found = here.steady(scale)
+    for b, r, c in np.ndindex(here.values.shape):
+        far = abs(float(here.values[b, r, c]) - float(here.level[b, r, c])) > 4 * float(scale[b, r, c]) > 0
+        own_level = far and here.usable[r, c] and not here.replaced[b, r, c]
+        assert found.level[b, r, c] == (here.values if own_level else here.level)[b, r, c]
+    assert found.values is here.values
+    assert found.replaced is here.replaced
+
+
 def test_laid_nowhere_else_it_is_the_sea_itself():
     here = sea()
     np.testing.assert_allclose(here.laid(here.noise(), (0, 0)), here.values, rtol=1e-6)

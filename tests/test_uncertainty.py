@@ -145,6 +145,22 @@ def test_noise_is_the_clean_pixels_own_and_the_level_errs_as_in_trials():
     assert band.high == pytest.approx(-0.4, abs=0.02)
 
 
+def test_what_pixels_of_a_bright_thing_share_is_no_texture_of_water():
+    """A plateau that has sunk in the opening lies evenly above its level; the water about it is without texture."""
+    rng = np.random.default_rng(9)
+    level = (10 + rng.normal(0, 0.05, (2, 120, 100))).astype(np.float32)
+    level[:, 40:60, 40:60] += 30
+    after = level + rng.normal(0, 0.2, level.shape).astype(np.float32)
+    after[:, 40:60, 40:60] += 2
+    replaced = rng.random(level.shape) < 0.2
+    replaced[:, 40:60, 40:60] = False
+    part = Parts(after, after, np.ones((120, 100), np.bool_), replaced, None, level, level)
+    plain = replace(part, after=level + rng.normal(0, 0.2, level.shape).astype(np.float32))
+    error = trial(plain, 0.1 * rng.standard_normal(level.shape))
+    (band,) = fit([part], MODEL, [0], trials=[error], reference=1, glint={0: 1.0, 1: 1.0}).bands
+    assert band.level == pytest.approx(0.1**2, rel=0.2)
+
+
 def test_errors_grow_where_the_level_spans():
     """A trial that errs by a tenth of how far the level spans within reach, beyond what is usual."""
     rng = np.random.default_rng(8)
@@ -180,6 +196,7 @@ def test_a_trial_lays_sparkle_and_noise_elsewhere(calm, simulated):
     work, whole = calm
     sea = _sea(replace(work, uncertainty=None)(whole).parts)
     parts = replace(work, uncertainty=None)(whole).parts
+    sea = sea.steady(sea.noise())
     found, again = _trial(work, sea, sea.noise(), MOVES[0])
     assert found.where.mean() > 0.9
     np.testing.assert_array_equal(again.replaced, found.replaced)

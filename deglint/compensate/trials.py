@@ -22,13 +22,16 @@ doi:10.1006/cviu.1996.0060 (noise from second differences)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ._variances import Float64
 from .noise import noise_by_level
 from .state import Float32Array, Mask
+
+NO_NOISE = 4.0
+"""Standard deviations from the level beyond which nothing is noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,18 @@ class Sea:
             np.copyto(out[b], self.level[b] + larger * np.roll(rest, by, axis=(0, 1)), where=self.usable)
         return out
 
+    def steady(self, scale: Float32Array) -> Sea:
+        """The same on a level that holds all that is neither noise nor sparkle: pixels that were not replaced, and lie
+        further from the level than noise does, are edges of things, and tops of some that sank in an opening.
+
+        Parameters
+        ----------
+        scale : (band, row, column) float32 ndarray
+            Standard deviation of noise.
+        """
+        own = self.usable & ~self.replaced & (scale > 0) & (np.abs(self.values - self.level) > NO_NOISE * scale)
+        return replace(self, level=np.where(own, self.values, self.level))
+
     def noise(self) -> Float32Array:
         """Standard deviation of noise at each pixel, as the level there has it."""
         out = np.zeros_like(self.level)
@@ -115,9 +130,10 @@ class Trial:
         """Pixels that were replaced, and are known."""
         return np.asarray(self.where & self.replaced[band] & np.isfinite(self.error[band]))
 
-    def shared(self, band: int) -> Float64:
-        """`shared`, of pixels that were not replaced."""
-        return shared(self.away[band], self.where & ~self.replaced[band] & np.isfinite(self.away[band]))
+    def shared(self, band: int, most: float = np.inf) -> Float64:
+        """`shared`, of pixels that were not replaced and whose level is no higher than this."""
+        clean = self.where & ~self.replaced[band] & np.isfinite(self.away[band])
+        return shared(self.away[band], clean & (self.level[band] <= most))
 
     def moments(self) -> Float64:
         """Of each band: how many pixels were replaced, the sum of their errors, and of the squares, (band, 3)."""

@@ -57,6 +57,9 @@ FULL_COVER = 0.2
 """Share of glinted pixels from which on what the reference shows above its lowest level is all glint."""
 STANDS_OUT = 1.5
 """Below that cover it is noise of the level, save what exceeds its median by this factor."""
+OF_WATER = 2.0
+"""How many times as far above its median as its lowest percentile is below a level is that of water: bright things sink
+in an opening, and what their pixels have in common is no texture of water."""
 OF_RELIEF = 0.025
 """Error of a replaced pixel that a trial does not show, relative to how far the level spans within `REACH`: what an
 opening cuts off is not in the level that the trial begins with."""
@@ -291,7 +294,7 @@ def _plain(parts: Parts, error: BandError) -> npt.NDArray[np.float64]:
 
 def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int, growth: float) -> BandError:
     """How clean pixels lie about the level, and by how much the level errs in trials."""
-    away, place, spans, beside = [], [], [], np.zeros(2)
+    away, place, spans, about = [], [], [], []
     for parts in looks:
         assert parts.replaced is not None
         assert parts.removed_level is not None
@@ -301,7 +304,7 @@ def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int, growth
         clean = parts.where & ~parts.replaced[band] & np.isfinite(rest)
         if parts.kept is not None:
             clean &= ~parts.kept
-        beside += shared(rest, clean)
+        about.append((rest, clean, level))
         away.append(rest[clean])
         place.append(level[clean])
         spans.append(_span(wide)[parts.inner][clean].astype(np.float64))
@@ -316,7 +319,10 @@ def _of_level(looks: Sequence[Parts], trials: Sequence[Trial], band: int, growth
         return BandError(band, fixed, growing, float(rest.var()), relief, 0.0, high)
     steep = np.concatenate([_span(trial.level[band])[trial.of(band)] for trial in trials]).astype(np.float64)
     of_level, edges = _line(np.maximum(steep**2 - relief, 0.0), (wrong - wrong.mean()) ** 2)
-    texture = own(beside, np.sum([trial.shared(band) for trial in trials], axis=0))
+    low, middle = np.percentile(level, [LOWEST, 50.0])
+    most = float(middle + OF_WATER * (middle - low))
+    beside = np.sum([shared(far, clean & (there <= most)) for far, clean, there in about], axis=0)
+    texture = own(beside, np.sum([trial.shared(band, most) for trial in trials], axis=0))
     return BandError(
         band, fixed, growing, growth * of_level + texture, relief, growth * edges, high + float(wrong.mean())
     )

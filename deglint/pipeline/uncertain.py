@@ -101,8 +101,9 @@ def _looked(work: Correction, parts: Parts, moves: Sequence[Move]) -> tuple[list
     """Trials of a tile, and moments of the first one and of another that begins with what that one found."""
     sea = _sea(parts)
     scale = sea.noise()
+    sea = sea.steady(scale)
     first, found = _trial(work, sea, scale, moves[0])
-    second, _ = _trial(work, found, scale, AGAIN)
+    second, _ = _trial(work, found.steady(scale), scale, AGAIN)
     moments = np.stack([first.moments(), second.moments()])
     return [first, *(_trial(work, sea, scale, move)[0] for move in moves[1:])], moments
 
