@@ -384,9 +384,9 @@ def test_bands_that_are_left_lend_their_outlines():
     disc = (rows - 60) ** 2 + (columns - 60) ** 2 < 8.2**2
     block = (100 + 400 * disc + rng.normal(0, 2, (5, 120, 120))).astype(np.float32)
     order, saturation = tuple(range(5)), (np.inf,) * 5
-    stage = fitted(block, size=13, detail=13, bands=(2,), order=order, saturation=saturation)
+    stage = fitted(block, size=13, detail=13, bands=(2,), left=(0, 1, 3, 4), order=order, saturation=saturation)
     assert (stage.bands, stage.left) == ((0, 1, 2, 3, 4), (0, 1, 3, 4))
-    alone = fitted(block, size=13, bands=(2,), order=order, saturation=saturation)
+    alone = fitted(block, size=13, detail=13, bands=(2,), order=order, saturation=saturation)
     assert (alone.bands, alone.left) == ((2,), ())
     found, lost = hits(stage, block), hits(alone, block)
     assert not found[[0, 1, 3, 4]].any()

@@ -101,6 +101,7 @@ def fit_stages(
     setting: Setting,
     *,
     bands: Sequence[int] | None = None,
+    left: Sequence[int] = (),
     each: Each = map,
     cuts: Sequence[Crop] | None = (),
 ) -> tuple[Stage, ...]:
@@ -113,7 +114,9 @@ def fit_stages(
     sample : Sample
     setting : Setting
     bands : sequence of int, optional
-        Bands that `identify-level` looks at; all by default.
+        Bands that `identify-level` finds glint in; all by default.
+    left : sequence of int
+        Others whose outlines it compares with theirs.
     each : callable
         What works on the blocks: `map`, or the map of a pool of threads.
     cuts : sequence of (int, int, int, int), or None
@@ -134,7 +137,7 @@ def fit_stages(
         for state, following in zip(sample.states, spare, strict=True):
             state.spare = next(following)
         once = _sharpened_once(step, sample, setting) if i < applied else []
-        stage = _fit_stage(step, sample, setting, bands, each)
+        stage = _fit_stage(step, sample, setting, bands, left, each)
         fitted.append(stage)
         if i < applied:
             inner = [s.inner() for s in sample.states]
@@ -188,7 +191,7 @@ def _sharpened_once(step: Step, sample: Sample, setting: Setting) -> list[_Once]
     return [_Once(s, s.inner(reach)) for s in sample.states]
 
 
-def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, each: Each) -> Stage:
+def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, left: Any, each: Each) -> Stage:
     size = int(step.number or 0)
     units = sample.states[0].units
     floor, steps = (None if known is None else list(known / units) for known in (setting.floor, setting.steps))
@@ -212,7 +215,7 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, each: E
         detail = size if setting.detail and size >= SMALLEST else 0
         return fit_identify_level(
             sample.states, sample.inside, size=size, order=setting.order, saturation=setting.saturation,
-            detail=detail, bands=bands, floor=floor, steps=steps, nir=setting.nir, each=each,
+            detail=detail, bands=bands, left=left, floor=floor, steps=steps, nir=setting.nir, each=each,
         )  # fmt: skip
     if step.name == "replace-bands":
         return ReplaceBands(neighbours([b.wavelength for b in setting.bands]))

@@ -197,6 +197,7 @@ def fit_identify_level(
     detail: int = 0,
     k: float = LEVEL_K,
     bands: Sequence[int] | None = None,
+    left: Sequence[int] = (),
     floor: Sequence[float] | None = None,
     steps: Sequence[float] | None = None,
     nir: int | None = None,
@@ -219,7 +220,9 @@ def fit_identify_level(
     k : float
         Standard deviations above which a pixel is glint.
     bands : sequence of int, optional
-        Bands to find glint in; all by default. Where outlines are compared the others are looked at, too.
+        Bands to find glint in; all by default.
+    left : sequence of int
+        Others, to be looked at for their outlines, where those are compared.
     floor : sequence of float, optional
         Least standard deviation of each band of the scene.
     steps : sequence of float, optional
@@ -234,9 +237,8 @@ def fit_identify_level(
     FitError
         Too few pixels to tell the spread of.
     """
-    every = range(len(states[0].image))
-    changed = every if bands is None else bands
-    chosen = tuple(every if detail else sorted(set(changed)))
+    changed = set(range(len(states[0].image)) if bands is None else bands)
+    chosen = tuple(sorted(changed | set(left) if detail else changed))
     grids = tuple(each(lambda b: _grid([s.image[b][m] for s, m in zip(states, inside, strict=True)]), chosen))
     unlike = states[0].sharp is not None  # a sharpened level is no pixel found again
     apart = max(sum(int(m.sum()) for m in inside) // MOST, 1)

@@ -98,6 +98,12 @@ class Plan:
         return self.steps[self._place + 1 :]
 
     @property
+    def left_alone(self) -> tuple[int, ...]:
+        """Bands without glint: they are looked at for their outlines alone."""
+        every = () if self.bands is None or self.setting is None else range(len(self.setting.bands))
+        return tuple(b for b in every if b not in (self.bands or ()))
+
+    @property
     def left(self) -> int:
         """Pixels around a tile that are looked at once the stages before the removal are through."""
         psfs = self.setting.psfs if self.setting else None
@@ -271,7 +277,8 @@ def fit_before(
     in_place = not any(step.name == "normalise" for step in found.before)
     whole = None if in_place else [inside(s.image, cut).copy() for s, cut in zip(sample.states, cuts, strict=True)]
     with workers(threads) as each:
-        stages = fit_stages(found.before, sample, found.setting, bands=found.bands, each=each, cuts=cuts)
+        options: dict[str, Any] = {"bands": found.bands, "left": found.left_alone, "each": each}
+        stages = fit_stages(found.before, sample, found.setting, cuts=cuts, **options)
     seen = (
         raw,
         list(sample.states),
@@ -338,7 +345,7 @@ def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: 
         images = each(lambda s: np.asarray(apply(s.image, model, out=s.image)), sample.states)
         left = Sample([State(image) for image in images], sample.inside)
         bands = sorted(f.band for f in model.fits if found.bands is None or f.band in found.bands) or None
-        after = fit_stages(found.after, left, setting, bands=bands, each=each, cuts=None)
+        after = fit_stages(found.after, left, setting, bands=bands, left=found.left_alone, each=each, cuts=None)
     return replace(chain, after=after)
 
 
