@@ -374,3 +374,37 @@ def test_sizes_of_objects_decide_on_the_element(made, deglint, tmp_path):
     with pytest.raises(InputError, match="stage 'sharpen' is not one of"):
         Recipe(compensate="sharpen")
     assert THESIS.endswith("remove")
+
+
+@pytest.mark.parametrize("odd", [False, True])
+def test_a_tile_that_is_all_rewritten_lets_its_own_numbers_go_and_reads_them_again_if_need_be(
+    made, tmp_path, monkeypatch, odd
+):
+    """Of physical values in single precision; where a result were not finite the file's number would be kept."""
+    import deglint.pipeline.correct as module
+
+    path, _ = made()
+    with rasterio.open(path) as given:
+        numbers = (given.read() * np.array(given.scales)[:, None, None]).astype(np.float32)
+        profile = given.profile | {"dtype": "float32", "nodata": None}
+        tags, each, names = given.tags(), [given.tags(b) for b in given.indexes], given.descriptions
+    with rasterio.open(tmp_path / "float.tif", "w", **profile) as out:
+        out.write(numbers)
+        out.update_tags(**tags)
+        out.descriptions = names
+        for b, told in enumerate(each, 1):
+            out.update_tags(b, **told)
+    recipe = Recipe(mask="none", compensate=CHAIN)
+    remove_glint(tmp_path / "float.tif", tmp_path / "plain.tif", recipe)
+    read, seen = module.raster_of(open_scene(path)).__class__.read_raw, []
+
+    def counted(self, window):
+        seen.append(window)
+        return read(self, window)
+
+    monkeypatch.setattr(module.raster_of(open_scene(path)).__class__, "read_raw", counted)
+    if odd:
+        monkeypatch.setattr(module, "all_finite", lambda _values: False)
+    remove_glint(tmp_path / "float.tif", tmp_path / "again.tif", recipe)
+    assert values(tmp_path / "again.tif").tobytes() == values(tmp_path / "plain.tif").tobytes()
+    assert len(seen) == 1 + odd  # one tile, which holds the whole scene

@@ -481,3 +481,18 @@ def test_a_flash_that_moves_is_no_thing_however_bright(learnt):
     assert kept[80:83, 80:83].all()
     assert not kept[36:47, 36:47].any()
     assert protect.things(raw, level, replace(learnt, around=np.inf)).mask[40:43, 40:43].any()
+
+
+def test_strips_are_the_whole(learnt, monkeypatch):
+    """What is glanced at together makes no difference, to the bit."""
+    raw, level = sea(5, size=90)
+    place(raw, 40, 40, 2, np.full(8, 0.3))
+    whole = protect.things(raw, level, learnt)
+    assert whole.mask.any()
+    for rows in (1, 7, 41):
+        monkeypatch.setattr(evidence, "STRIP", rows)
+        part = protect.things(raw, level, learnt)
+        for name in ("mask", "edge", "missing", "places", "kept"):
+            np.testing.assert_array_equal(getattr(part, name), getattr(whole, name))
+        for one, other in zip(part.weighed, whole.weighed, strict=True):
+            np.testing.assert_array_equal(one, other)

@@ -30,6 +30,8 @@ Float64 = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 Places = npt.NDArray[np.int64]
 
+STRIP = 128
+"""Rows that are glanced at together: so many at a time that what is found of all of them need not be held."""
 REACH = 2
 """Pixels around a thing that its blurred edge reaches."""
 HALO = 2 + REACH
@@ -234,15 +236,20 @@ def weighed(raw: FloatArray, level: FloatArray, protection: Protection, threshol
     limit = dtype.type(STANDS_OUT) * dtype.type(STANDS_OUT)
     sensor = bands, (1 / (white * UNIT)).astype(dtype), np.array(protection.noise, dtype), limit
     least = max(int(np.floor((LEAST_SCORE - ROOM) * QUARTERS)), -MOST_ROOM)
-    missing, size = np.empty(shape, np.bool_), shape[0] * shape[1]
-    look = block(raw), block(level)
-    listed = np.empty(size, np.int64), np.empty((size, bands.size - 1), np.uint16)
-    count = glance(look, sensor, steps, least, missing, listed)
-    totals, most = np.empty((count, KINDS), np.int16), np.empty(count, np.int32)
-    count = weigh(count, steps, least, listed, totals, most)
+    missing, size, parts = np.empty(shape, np.bool_), min(STRIP, shape[0]) * shape[1], []
+    room = np.empty(size, np.int64), np.empty((size, bands.size - 1), np.uint16)
+    for first in range(0, max(shape[0], 1), STRIP):
+        part = slice(first, first + STRIP)
+        look = block(raw[:, part]), block(level[:, part])
+        count = glance(look, sensor, steps, least, missing[part], room)
+        parts.append((room[0][:count] + first * shape[1], room[1][:count].copy()))
+    listed = tuple(np.concatenate(each) for each in zip(*parts, strict=True))
+    del room, parts
+    totals, most = np.empty((len(listed[0]), KINDS), np.int16), np.empty(len(listed[0]), np.int32)
+    count = weigh(len(listed[0]), steps, least, listed, totals, most)
     places, rows, most = (a[:count] for a in (*listed, most))
     some = _near(places, most / QUARTERS + ROOM, shape, threshold)
-    return missing, _explained((*look, shape[1]), protection, places[some], (rows, totals, some))
+    return missing, _explained((block(raw), block(level), shape[1]), protection, places[some], (rows, totals, some))
 
 
 def _explained(look: Any, protection: Protection, places: Places, seen: Any) -> Weighed:

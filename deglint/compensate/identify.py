@@ -254,7 +254,7 @@ def fit_identify_level(
         known, found = mask[at], []
         for rest, there in zip(map(np.subtract, image, level), level, strict=True):
             some = np.where(known[::apart], rest[::apart], np.float32(np.nan))
-            found.append((rest[known], (some, there[::apart])))
+            found.append((rest[known], (some, there[::apart].copy())))
         return found
 
     seen = list(zip(*each(above, states, inside), strict=True))

@@ -37,7 +37,8 @@ from ..scene import FloatArray, Scene, Window
 from .blocks import one_thread_each
 from .checksum import checksum_of, fingerprint
 from .cluster import Cluster, writing_images
-from .correct import Correction, changed_bands
+from .compensated import changed_bands
+from .correct import Correction
 from .fit import Fitted, Progress, fit_scene
 from .following import for_scene, without_moves
 from .look import block_of, look_at, raster_of, role_bands, tile_shape_of

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..compensate import State
+from ..compensate import Chain, State
 from ..compensate.presence import Cells, Share
+from ..remove import GlintModel
+from ..scene import Scene
 from ..tiles import Tile
 
 
@@ -27,13 +29,16 @@ class Shown:
 @dataclass(eq=False)
 class Begun:
     """A block on its way: its state, its own values where things are looked for, where that is, the block itself
-    where the state does not work on that, and where glint is."""
+    where the state does not work on that, where glint is, and the tile's own values: None once they are all rewritten,
+    where nothing else is written of it."""
 
     state: State | None
     raw: Any
     looked: Tile
     block: Any
     shown: Shown
+    own: Any = None
+    alone: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,3 +54,11 @@ class Compensated:
     removed_level: Any = None
     inner: tuple[slice, slice] = (slice(None), slice(None))
     share: Share | None = None
+
+
+def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int, ...] = ()) -> list[int]:
+    """0-based bands that may change: those that removal corrects, and with compensation all, or those asked for."""
+    removed = [f.band for f in model.fits]
+    if not chain.runs:
+        return removed
+    return sorted(only) if only else list(range(len(scene.bands)))

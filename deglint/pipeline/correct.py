@@ -16,16 +16,15 @@ from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
 from ..compensate.uncertainty import Parts, Uncertainty, stderr
 from ..masks import WaterRule, near_water, opened, valid_for, water
-from ..raster.convert import all_clear, is_valid
-from ..raster.encode import encode, retype
-from ..raster.info import same_nodata
+from ..raster.convert import all_clear
+from ..raster.encode import encode, relaid
 from ..raster.output import Layout
 from ..readers.areas import Area
 from ..remove import GlintModel, apply
 from ..remove.model import removed
 from ..scene import Scene
 from ..tiles import Tile
-from .compensated import Begun, Compensated, Shown
+from .compensated import Begun, Compensated, Shown, changed_bands
 from .following import moved_halo, nir_to_follow, remove_following
 from .look import core_of, place_in, raster_of
 from .surroundings import Around, Surroundings
@@ -64,7 +63,7 @@ class Corrected:
 class _Read:
     """A tile before it is corrected."""
 
-    raw: Any
+    raw: Any  # None where compensation has rewritten all of it, and it was let go
     valid: Any
     physical: Any  # None where compensation has all that is wanted of it
     saturated: Saturated
@@ -124,9 +123,11 @@ class Correction:
             flags[read.saturated.any_band] |= SATURATED
         before = physical[self.changed].copy() if self.want_amount else None
         whole = physical.astype(np.float32) if self.want_stderr else None
-        file_valid = self._file_valid(raw, valid)
-        raw, lost = self._retyped(raw, valid)
         corrected = physical if read.after is None else read.after.clean
+        if raw is None:
+            raw = corrected if all_finite(corrected) else source.read_raw(tile.window)[0]
+        file_valid = self._file_valid(raw, valid)
+        raw, lost = relaid(raw, valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
         if where is None and self._is_output(corrected, raw, read):
             raw = corrected
         for bands, place in self._work(tile, physical, read.after, where, tally, flags):
@@ -150,10 +151,19 @@ class Correction:
 
     def _is_output(self, corrected: Any, raw: Any, read: _Read) -> bool:
         """What compensation has made of a tile can be written as it is: elsewhere it is the input's own, to the bit."""
+        whole = read.after is not None and read.valid is None and corrected.dtype == raw.dtype == np.float32
+        return corrected is raw or (whole and self._plain and all_finite(corrected))
+
+    @property
+    def _plain(self) -> bool:
+        """Numbers in the file are physical values, and every band may change."""
         info = raster_of(self.scene).info
-        plain = set(info.scales) == {1.0} and set(info.offsets) == {0.0} and corrected.dtype == raw.dtype
-        whole = read.after is not None and read.valid is None and len(self.changed) == len(raw)
-        return plain and whole and corrected.dtype == np.float32 and all_finite(corrected)
+        return set(info.scales) == {1.0} and set(info.offsets) == {0.0} and len(self.changed) == len(self.scene.bands)
+
+    @property
+    def _rewrites(self) -> bool:
+        """What compensation makes of a tile that is water everywhere is all that is written of it."""
+        return self._plain and not self.layout.masked and self.layout.nodata is None and self.layout.dtype == "float32"
 
     @property
     def copies(self) -> bool:
@@ -164,7 +174,7 @@ class Correction:
         """A tile as it is, in the output's type."""
         raw, valid = raster_of(self.scene).read_raw(tile.window)
         file_valid = self._file_valid(raw, valid)
-        raw, lost = self._retyped(raw, valid)
+        raw, lost = relaid(raw, valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
         tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1], copied=True)
         if lost is not None:
             tally.clipped = np.count_nonzero(lost, axis=(1, 2))
@@ -211,12 +221,17 @@ class Correction:
             begun = self._begun(physical, tile, outer, sound) if near is None or near.any() else None
             valid = None if valid is None else valid[place]
             ours = begun is not None and physical is raw and raw.flags.writeable  # and is let go with the tile
-            raw = raw[place] if ours else raw[place].copy()
-            physical = physical[place].copy() if keep else None  # the block around is let go
-            after = None if begun is None else self._compensated(begun, tile, outer)
+            own: Any = raw[place] if ours else raw[place].copy()
+            physical = physical[place].copy() if keep else None
+            del raw  # the block around is let go
+            if begun is not None:
+                begun.own, begun.alone = own, ours and sound and near is None and self._rewrites
+                del own
+                after = self._compensated(begun, tile, outer)
+                own = begun.own
             inside = near if after is None or after.inside is None else after.inside & (True if near is None else near)
         else:
-            known, inside = self._known(physical, valid), self._inside(tile, physical)
+            own, known, inside = raw, self._known(physical, valid), self._inside(tile, physical)
             saturated = saturated_in(self.scene, physical, self.want_flags)
         where = known if inside is None else inside if known is None else known & inside
         tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
@@ -227,7 +242,7 @@ class Correction:
         if physical is not None and not physical.flags.writeable:
             physical = physical.copy()
         where = None if tally.usable == tally.total else where
-        return _Read(raw, valid, physical, saturated, after, known, where, tally)
+        return _Read(own, valid, physical, saturated, after, known, where, tally)
 
     @staticmethod
     def _touched(replaced: Any, held: Any) -> Any:
@@ -358,6 +373,8 @@ class Correction:
         inner = (within[1], within[2])
         levels = self._levels(units, level, inner, begun.shown.cells, middle)
         inside, left = self._water_of(clean, inner), State(clean)
+        if begun.alone and (inside is None or inside.all()):
+            begun.own = None
         left.sound = state.sound
         state.hand_over()
         del level, clean  # each a tile of memory
@@ -442,20 +459,6 @@ class Correction:
             found = found & np.isfinite(raw).all(axis=0)
         return found
 
-    def _retyped(self, raw: Any, valid: Any) -> tuple[Any, Any]:
-        """The tile in the output's type and with the output's nodata; also where a valid number was clipped."""
-        dtype, nodata = np.dtype(self.layout.dtype), self.layout.nodata
-        lost = None
-        own = [self.layout.info.nodatas[b] for b in range(len(raw))]
-        hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)
-        if raw.dtype != dtype:
-            raw, lost = retype(raw, dtype)
-            if lost is not None and valid is not None:
-                lost &= valid
-        if hidden is not None:
-            np.copyto(raw, dtype.type(nodata), where=~hidden)
-        return raw, lost
-
     def _known(self, physical: Any, valid: Any) -> npt.NDArray[np.bool_] | None:
         """Where every index can be computed; None where it can everywhere."""
         if valid is None and raster_of(self.scene).info.dtype.kind in "iu":
@@ -490,11 +493,3 @@ class Correction:
         if known is not None:
             flags[~known] = NODATA
         return flags
-
-
-def changed_bands(scene: Scene, model: GlintModel, chain: Chain, only: tuple[int, ...] = ()) -> list[int]:
-    """0-based bands that may change: those that removal corrects, and with compensation all, or those asked for."""
-    removed = [f.band for f in model.fits]
-    if not chain.runs:
-        return removed
-    return sorted(only) if only else list(range(len(scene.bands)))

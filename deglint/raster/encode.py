@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scene import FloatArray
-from .convert import may_be_endless
+from .convert import is_valid, may_be_endless
+from .info import same_nodata
 
 Mask = npt.NDArray[np.bool_]
 _SLAB = 1 << 15
@@ -192,3 +193,36 @@ def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
     info = np.iinfo(dtype)
     high = float(info.max)
     return float(info.min), high if int(high) <= info.max else float(np.nextafter(high, 0))
+
+
+def relaid(
+    raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
+) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_] | None]:
+    """Numbers of a file in the type, and with the nodata, of another.
+
+    Parameters
+    ----------
+    raw : (band, row, column) ndarray
+        Overwritten where the type is the same.
+    valid : bool ndarray or None
+        Which of them are valid; None for all.
+    own : sequence of float or None
+        Nodata of each band as it is; there may be more.
+    dtype, nodata
+        Of the other file.
+
+    Returns
+    -------
+    (band, row, column) ndarray
+    bool ndarray or None
+        Where a valid number was clipped; None where none can be.
+    """
+    lost, own = None, own[: len(raw)]
+    hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)
+    if raw.dtype != np.dtype(dtype):
+        raw, lost = retype(raw, np.dtype(dtype))
+        if lost is not None and valid is not None:
+            lost &= valid
+    if hidden is not None:
+        np.copyto(raw, np.dtype(dtype).type(nodata), where=~hidden)
+    return raw, lost
