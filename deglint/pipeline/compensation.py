@@ -345,8 +345,7 @@ def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: 
         images = each(lambda s: np.asarray(apply(s.image, model, out=s.image)), sample.states)
         left = Sample([State(image) for image in images], sample.inside)
         bands = sorted(f.band for f in model.fits if found.bands is None or f.band in found.bands) or None
-        others = [b for b in range(len(setting.bands)) if b not in bands] if bands else []
-        after = fit_stages(found.after, left, setting, bands=bands, left=others, each=each, cuts=None)
+        after = fit_stages(found.after, left, setting, bands=bands, left=found.left_alone, each=each, cuts=None)
     return replace(chain, after=after)
 
 
