@@ -491,6 +491,7 @@ def test_strips_are_the_whole(learnt, monkeypatch):
     assert whole.mask.any()
     for rows in (1, 7, 41):
         monkeypatch.setattr(evidence, "STRIP", rows)
+        monkeypatch.setattr(evidence, "AT_ONCE", 13 * rows)
         part = protect.things(raw, level, learnt)
         for name in ("mask", "edge", "missing", "places", "kept"):
             np.testing.assert_array_equal(getattr(part, name), getattr(whole, name))

@@ -12,7 +12,7 @@ the scene's own sparkle does from one instant to the next: a Markov chain in the
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -32,6 +32,8 @@ Places = npt.NDArray[np.int64]
 
 STRIP = 128
 """Rows that are glanced at together: so many at a time that what is found of all of them need not be held."""
+AT_ONCE = 4096
+"""Pixels that are weighed in full at a time."""
 REACH = 2
 """Pixels around a thing that its blurred edge reaches."""
 HALO = 2 + REACH
@@ -242,14 +244,22 @@ def weighed(raw: FloatArray, level: FloatArray, protection: Protection, threshol
         part = slice(first, first + STRIP)
         look = block(raw[:, part]), block(level[:, part])
         count = glance(look, sensor, steps, least, missing[part], room)
-        parts.append((room[0][:count] + first * shape[1], room[1][:count].copy()))
-    listed = tuple(np.concatenate(each) for each in zip(*parts, strict=True))
-    del room, parts
-    totals, most = np.empty((len(listed[0]), KINDS), np.int16), np.empty(len(listed[0]), np.int32)
-    count = weigh(len(listed[0]), steps, least, listed, totals, most)
-    places, rows, most = (a[:count] for a in (*listed, most))
-    some = _near(places, most / QUARTERS + ROOM, shape, threshold)
-    return missing, _explained((block(raw), block(level), shape[1]), protection, places[some], (rows, totals, some))
+        listed = room[0][:count], room[1][:count]
+        totals, most = np.empty((count, KINDS), np.int16), np.empty(count, np.int32)
+        count = weigh(count, steps, least, listed, totals, most)
+        parts.append((listed[0][:count] + first * shape[1], *(a[:count].copy() for a in (listed[1], totals, most))))
+    places, rows, totals, most = (np.concatenate(each) for each in zip(*parts, strict=True))
+    del room, listed, parts
+    some, whole = _near(places, most / QUARTERS + ROOM, shape, threshold), (block(raw), block(level), shape[1])
+    turns = np.array_split(some, max(-(-some.size // AT_ONCE), 1))
+    return missing, _joined([_explained(whole, protection, places[t], (rows, totals, t)) for t in turns])
+
+
+def _joined(parts: Sequence[Weighed]) -> Weighed:
+    """Pixels one after the other."""
+    along = {"excess": 1, "noise": 1}
+    each = {f.name: [getattr(part, f.name) for part in parts] for f in fields(Weighed)}
+    return Weighed(**{name: np.concatenate(some, axis=along.get(name, 0)) for name, some in each.items()})
 
 
 def _explained(look: Any, protection: Protection, places: Places, seen: Any) -> Weighed:
