@@ -73,6 +73,8 @@ class Setting:
         Of each band's numbers, where those are whole numbers in the file.
     nir : int, optional
         The NIR, where `identify-level` is to tell glint from other bright things.
+    before : float
+        Share of glinted pixels in the middlemost band, before any was replaced, where that is known.
     """
 
     bands: tuple[Band, ...]
@@ -81,6 +83,7 @@ class Setting:
     floor: tuple[float, ...] | None = None
     steps: tuple[float, ...] | None = None
     nir: int | None = None
+    before: float = 0.0
 
     @property
     def saturation(self) -> tuple[float, ...]:
@@ -215,7 +218,8 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, left: A
         detail = size if setting.detail and size >= SMALLEST else 0
         return fit_identify_level(
             sample.states, sample.inside, size=size, order=setting.order, saturation=setting.saturation,
-            detail=detail, bands=bands, left=left, floor=floor, steps=steps, nir=setting.nir, each=each,
+            detail=detail, bands=bands, left=left, floor=floor, steps=steps, nir=setting.nir, before=setting.before,
+            each=each,
         )  # fmt: skip
     if step.name == "replace-bands":
         return ReplaceBands(neighbours([b.wavelength for b in setting.bands]))

@@ -51,6 +51,8 @@ OF_THINGS = 0.2
 """Share of what a thing stands out by that glint must exceed it by, where glint is next to nowhere."""
 RARE = 0.06
 """Share of glinted pixels, in the middlemost band, from which on none of that is asked for."""
+MOST_COVER_FOR_NOISE = 0.3
+"""Share of glinted pixels, in the middlemost band, from which on sparkle passes for noise, and grows with the level."""
 FEWEST = 64
 """Fewest pixels that a level and a spread are taken from."""
 MOST = 200_000
@@ -201,6 +203,7 @@ def fit_identify_level(
     floor: Sequence[float] | None = None,
     steps: Sequence[float] | None = None,
     nir: int | None = None,
+    before: float = 0.0,
     each: Callable[..., Iterable[Any]] = map,
 ) -> IdentifyLevel:
     """How pixels without glint lie about the opened level.
@@ -229,6 +232,9 @@ def fit_identify_level(
         Of the numbers of each band of the scene, where they come in whole steps.
     nir : int, optional
         The NIR, by which glint is told from other bright things, where that is wanted.
+    before : float
+        Share of glinted pixels before any was replaced, in the middlemost band, where that is known: the rest is no
+        rarer.
     each : callable
         What works on the blocks: `map`, or the map of a pool of threads.
 
@@ -271,13 +277,17 @@ def fit_identify_level(
     if nir in chosen:
         places = [chosen.index(b) for b in ranks]
         powers = list(standing_out(away, offsets, sigmas, places, chosen.index(nir)))
-    middle, use, growths = float(np.median(cover)), 0, list[tuple[float, float]]()
-    if middle <= MOST_COVER_FOR_DETAIL:  # above it, sparkle grows with the level as noise does
-        use = detail
-        growths = list(each(growth, [[look for _, look in band] for band in seen], [centre for centre, _ in grids]))
+    middle, growths = float(np.median(cover)), list[tuple[float, float]]()
+    use, told = (
+        detail if middle <= MOST_COVER_FOR_DETAIL else 0,
+        max(1 - max(middle, before) / MOST_COVER_FOR_NOISE, 0.0),
+    )
+    if told:
+        looks = [[look for _, look in band] for band in seen]
+        growths = [(told * slope, told * most) for slope, most in each(growth, looks, [g[0] for g in grids])]
     return IdentifyLevel(
         size, use, ranks, chosen, grids, spectrum, offsets, sigmas, cover, tuple(map(float, saturation)), k,
-        powers[0], powers[1], tuple(growths), _share(middle), tuple(b for b in chosen if b not in changed),
+        powers[0], powers[1], tuple(growths), _share(max(middle, before)), tuple(b for b in chosen if b not in changed),
     )  # fmt: skip
 
 

@@ -340,7 +340,8 @@ def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: 
     setting = replace(found.setting, steps=None)  # what removal leaves is no whole number
     if levels:
         known = dict(zip(levels[-1].bands, levels[-1].sigmas, strict=True))
-        setting = replace(setting, floor=tuple(known.get(b, 0.0) for b in range(len(found.setting.bands))))
+        floor = tuple(known.get(b, 0.0) for b in range(len(found.setting.bands)))
+        setting = replace(setting, floor=floor, before=float(np.median(levels[-1].cover)))
     with workers(threads) as each:
         images = each(lambda s: np.asarray(apply(s.image, model, out=s.image)), sample.states)
         left = Sample([State(image) for image in images], sample.inside)
