@@ -14,6 +14,7 @@ from deglint.compensate.identify import (
     CERTAIN_K,
     COVER_K,
     FEWEST,
+    MOST_COVER_FOR_NOISE,
     IdentifyLevel,
     IdentifyMedian,
     fit_identify_level,
@@ -330,6 +331,17 @@ def test_a_bright_thing_does_not_sink_by_its_own_noise():
     flash = block.copy()
     flash[1, 80, 80] += 200
     assert hits(stage, flash)[1, 80, 80]
+
+
+def test_growth_counts_less_the_more_glint_there_is():
+    """Sparkle passes for noise, and grows with the level itself; what was glint before is no rarer afterwards."""
+    block, _ = plateau()
+    plain, some = fitted(block, size=13), fitted(block, size=13, cover_before=0.15)
+    told = 1 - float(np.median(plain.cover)) / MOST_COVER_FOR_NOISE
+    assert told > 0.9
+    np.testing.assert_allclose(np.array(some.growths) * told, 0.5 * np.array(plain.growths), rtol=1e-6)
+    assert plain.share > some.share == 0.0
+    assert fitted(block, size=13, cover_before=MOST_COVER_FOR_NOISE).growths == ()
 
 
 def test_what_grows_grows_from_the_water_s_level_on_and_ends_with_what_was_seen():

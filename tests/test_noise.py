@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, truncnorm
 
-from deglint.compensate.noise import HALF_OF_SQUARES, growth, noise_by_level
+from deglint.compensate.noise import HALF_OF_SQUARES, growth_by_level, noise_by_level
 
 
 def test_noise_grows_with_the_level_and_sparkle_is_none():
@@ -52,7 +52,7 @@ def steps(*heights, side=100):
 @pytest.mark.parametrize("fixed", [0.0, 20.0, 500.0])
 def test_growth_is_the_chord_of_the_standard_deviation(fixed):
     level = steps(100, 250, 400)
-    slope, most = growth([(shot(level, fixed), level)], 100.0)
+    slope, most = growth_by_level([(shot(level, fixed), level)], 100.0)
     true = np.sqrt((fixed + 400) / (fixed + 100)) - 1
     assert 1 + most == pytest.approx(1 + true, rel=0.03)
     assert slope == pytest.approx(most / 300, rel=1e-6)
@@ -61,28 +61,30 @@ def test_growth_is_the_chord_of_the_standard_deviation(fixed):
 def test_growth_in_parts_is_that_of_the_whole_and_scales():
     level = steps(100, 250, 400)
     rest = shot(level)
-    whole = growth([(rest, level)], 100.0)
-    assert growth([(rest[:150], level[:150]), (rest[150:], level[150:])], 100.0) == pytest.approx(whole, rel=1e-6)
-    slope, most = growth([(8 * rest, 8 * level)], 800.0)
+    whole = growth_by_level([(rest, level)], 100.0)
+    assert growth_by_level([(rest[:150], level[:150]), (rest[150:], level[150:])], 100.0) == pytest.approx(
+        whole, rel=1e-6
+    )
+    slope, most = growth_by_level([(8 * rest, 8 * level)], 800.0)
     assert (8 * slope, most) == pytest.approx(whole, rel=1e-6)
 
 
 def test_even_noise_a_dark_scene_and_next_to_nothing_do_not_grow():
     level = steps(100, 400)
     rest = shot(np.full_like(level, 100))
-    slope, most = growth([(rest, level)], 100.0)
+    slope, most = growth_by_level([(rest, level)], 100.0)
     assert most < 0.05
     assert slope * 300 == pytest.approx(most)
-    assert growth([(rest, level)], 500.0) == (0.0, 0.0)  # nothing is brighter than the water
-    assert growth([(shot(level), level)], -1.0) == (0.0, 0.0)  # a line through noise says nothing below 0
-    assert growth([(0 * rest, level)], 100.0) == (0.0, 0.0)
-    assert growth([(rest[:3, :3], level[:3, :3])], 100.0) == (0.0, 0.0)
-    assert growth([(np.full_like(rest, np.nan), level)], 100.0) == (0.0, 0.0)
+    assert growth_by_level([(rest, level)], 500.0) == (0.0, 0.0)  # nothing is brighter than the water
+    assert growth_by_level([(shot(level), level)], -1.0) == (0.0, 0.0)  # a line through noise says nothing below 0
+    assert growth_by_level([(0 * rest, level)], 100.0) == (0.0, 0.0)
+    assert growth_by_level([(rest[:3, :3], level[:3, :3])], 100.0) == (0.0, 0.0)
+    assert growth_by_level([(np.full_like(rest, np.nan), level)], 100.0) == (0.0, 0.0)
 
 
 def test_beyond_the_levels_that_were_seen_nothing_is_claimed():
     """Ten pixels as bright as a ship do not stretch it."""
     level = steps(100, 400)
     level[50, 50:60] = 40_000
-    _, most = growth([(shot(level), level)], 100.0)
+    _, most = growth_by_level([(shot(level), level)], 100.0)
     assert most == pytest.approx(1.0, rel=0.06)

@@ -73,7 +73,7 @@ class Setting:
         Of each band's numbers, where those are whole numbers in the file.
     nir : int, optional
         The NIR, where `identify-level` is to tell glint from other bright things.
-    before : float
+    cover : float
         Share of glinted pixels in the middlemost band, before any was replaced, where that is known.
     """
 
@@ -83,7 +83,7 @@ class Setting:
     floor: tuple[float, ...] | None = None
     steps: tuple[float, ...] | None = None
     nir: int | None = None
-    before: float = 0.0
+    cover: float = 0.0
 
     @property
     def saturation(self) -> tuple[float, ...]:
@@ -218,8 +218,8 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, left: A
         detail = size if setting.detail and size >= SMALLEST else 0
         return fit_identify_level(
             sample.states, sample.inside, size=size, order=setting.order, saturation=setting.saturation,
-            detail=detail, bands=bands, left=left, floor=floor, steps=steps, nir=setting.nir, before=setting.before,
-            each=each,
+            detail=detail, bands=bands, left=left, floor=floor, steps=steps, nir=setting.nir,
+            cover_before=setting.cover, each=each,
         )  # fmt: skip
     if step.name == "replace-bands":
         return ReplaceBands(neighbours([b.wavelength for b in setting.bands]))

@@ -3,7 +3,9 @@
 Two ways. `IdentifyMedian`, the thesis': above the median of deep water by k lower-side standard deviations, one
 threshold a band for the whole scene. Anything brighter than open water is glint to it: bright objects, shoals, foam.
 `IdentifyLevel`: above the level of the water *there* (`deglint.compensate.level`) by k standard deviations. What is
-larger than the element keeps its own level, so bright things of that size survive.
+larger than the element keeps its own level, so bright things of that size survive. Noise is larger on them, and an
+opening sinks further by it: its distance from the commonest pixel, and the threshold, grow with the level as noise does
+(`deglint.compensate.noise`), and where glint is rare, the threshold a little more.
 
 Both take the standard deviation from below, s = 1.4826 median(m - x | x <= m), because glint only adds; it is floored
 by what is known of the noise. Saturated pixels are glint.
@@ -31,9 +33,9 @@ from ..remove.levels import mode
 from ..scene import Window
 from .codes import decoded, encoded
 from .level import Grid, Opened, of_every_band, opened_level, openings_of
-from .noise import growth
+from .noise import growth_by_level
 from .opening import opening_halo
-from .state import Float32Array, Mask, State
+from .state import LIMITS, Float32Array, Mask, State
 
 THESIS_K = 5.0
 """Lower-side standard deviations above the median of deep water."""
@@ -149,7 +151,7 @@ class IdentifyLevel:
         """Find the level and mark what exceeds it."""
         level = _levels(state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, later=True)
         state.cut()
-        limits = np.zeros((len(state.image), 7), np.float32)
+        limits = np.zeros((len(state.image), LIMITS), np.float32)
         growths = self.growths or ((0.0, 0.0),) * len(self.bands)
         each = zip(self.bands, self.offsets, self.sigmas, self.grids, growths, strict=True)
         for band, offset, sigma, (middle, _unit), (slope, most) in each:
@@ -203,7 +205,7 @@ def fit_identify_level(
     floor: Sequence[float] | None = None,
     steps: Sequence[float] | None = None,
     nir: int | None = None,
-    before: float = 0.0,
+    cover_before: float = 0.0,
     each: Callable[..., Iterable[Any]] = map,
 ) -> IdentifyLevel:
     """How pixels without glint lie about the opened level.
@@ -232,7 +234,7 @@ def fit_identify_level(
         Of the numbers of each band of the scene, where they come in whole steps.
     nir : int, optional
         The NIR, by which glint is told from other bright things, where that is wanted.
-    before : float
+    cover_before : float
         Share of glinted pixels before any was replaced, in the middlemost band, where that is known: the rest is no
         rarer.
     each : callable
@@ -278,16 +280,14 @@ def fit_identify_level(
         places = [chosen.index(b) for b in ranks]
         powers = list(standing_out(away, offsets, sigmas, places, chosen.index(nir)))
     middle, growths = float(np.median(cover)), list[tuple[float, float]]()
-    use, told = (
-        detail if middle <= MOST_COVER_FOR_DETAIL else 0,
-        max(1 - max(middle, before) / MOST_COVER_FOR_NOISE, 0.0),
-    )
+    use, most_cover = detail if middle <= MOST_COVER_FOR_DETAIL else 0, max(middle, cover_before)
+    told = max(1 - most_cover / MOST_COVER_FOR_NOISE, 0.0)
     if told:
-        looks = [[look for _, look in band] for band in seen]
-        growths = [(told * slope, told * most) for slope, most in each(growth, looks, [g[0] for g in grids])]
+        looks, centres = [[look for _, look in band] for band in seen], [centre for centre, _ in grids]
+        growths = [(told * slope, told * most) for slope, most in each(growth_by_level, looks, centres)]
     return IdentifyLevel(
         size, use, ranks, chosen, grids, spectrum, offsets, sigmas, cover, tuple(map(float, saturation)), k,
-        powers[0], powers[1], tuple(growths), _share(max(middle, before)), tuple(b for b in chosen if b not in changed),
+        powers[0], powers[1], tuple(growths), _share(most_cover), tuple(b for b in chosen if b not in changed),
     )  # fmt: skip
 
 

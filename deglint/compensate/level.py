@@ -24,7 +24,7 @@ from .codes import Codes, encoded
 from .opening import openings
 from .products import by_products, products
 from .psf import PSF
-from .state import Float32Array
+from .state import LIMITS, Float32Array
 
 Grid = tuple[float, float]
 SMALLEST = 5
@@ -77,7 +77,7 @@ class Opened:
         found = np.empty(self.levels.shape, np.float32)
         none = np.empty(0, np.float32)
         every, nowhere = range(len(found)), np.empty(0, np.bool_)
-        self._agree(every, np.empty((0, 7), np.float32), (none, 0, 0), found.ravel(), none, nowhere)
+        self._agree(every, np.empty((0, LIMITS), np.float32), (none, 0, 0), found.ravel(), none, nowhere)
         return found
 
     def of_image(self, count: int) -> Float32Array:
@@ -93,7 +93,7 @@ class Opened:
         ----------
         image : (band, row, column) float32 ndarray
             Rows may lie apart; not modified.
-        limits : (band, 7) float32 ndarray
+        limits : (band, LIMITS) float32 ndarray
             As `deglint.compensate.state.State` has them.
         """
         from .glance import block

@@ -33,7 +33,7 @@ def noise_by_level(rest: Float32Array, level: Float32Array) -> tuple[float, floa
     """Variance of noise as a line in the level: at 0, and per unit.
 
     Groups lie evenly between the lowest level and the highest, so that a few bright objects are seen in a wide sea.
-    Where sparkle covers much of the sea it passes for noise, and all noise seems more alike than it is.
+    Where sparkle covers much of the sea it passes for noise, and grows with the level as sparkle does.
 
     Parameters
     ----------
@@ -44,11 +44,10 @@ def noise_by_level(rest: Float32Array, level: Float32Array) -> tuple[float, floa
     return _line(*_differences(rest, level))
 
 
-def growth(looks: Sequence[tuple[Float32Array, Float32Array]], middle: float) -> tuple[float, float]:
+def growth_by_level(looks: Sequence[tuple[Float32Array, Float32Array]], middle: float) -> tuple[float, float]:
     """By what share of itself the standard deviation of noise grows with the level, per unit, and at most.
 
-    The chord from the middle to the highest level that is seen often enough; beyond, nothing is known. Sparkle grows
-    towards nothing, see `noise_by_level`.
+    The chord from the middle to the highest level that is seen often enough; beyond, nothing is known.
 
     Parameters
     ----------
@@ -61,7 +60,7 @@ def growth(looks: Sequence[tuple[Float32Array, Float32Array]], middle: float) ->
     --------
     >>> level = np.repeat(np.float32([100, 400]), 5000).reshape(100, 100)
     >>> noise = np.random.default_rng(0).normal(0, np.sqrt(level)).astype(np.float32)
-    >>> [round(g, 3) for g in growth([(noise, level)], 100.0)]
+    >>> [round(g, 3) for g in growth_by_level([(noise, level)], 100.0)]
     [0.003, 1.003]
     """
     squares, place = (np.concatenate(parts) for parts in zip(*(_differences(*look) for look in looks), strict=True))
@@ -86,6 +85,7 @@ def _differences(rest: Float32Array, level: Float32Array) -> tuple[Float64, Floa
 
 
 def _line(squares: Float64, place: Float64) -> tuple[float, float]:
+    """The line through variances at these levels."""
     if squares.size < FEWEST:
         return 0.0, 0.0
     low, high = np.percentile(place, EXTREMES)

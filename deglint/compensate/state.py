@@ -15,6 +15,8 @@ from .psf import PSF
 
 Float32Array = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
+LIMITS = 7
+"""Numbers that tell of a band what is glint, see `State.limits`."""
 
 
 @dataclass(eq=False)
@@ -37,9 +39,10 @@ class State:
         Openings (`deglint.compensate.level`) that the level is yet to be made of.
     water : (band, row, column) float32 ndarray, optional
         The last level that glint was replaced by: of the water beside the sparkle.
-    limits : (band, 6) float32 ndarray, optional
-        What is still to be added to the level, by how much glint exceeds that, and where a band is full; and how these
-        grow with the noise: the level from which on they do, by what share of themselves per unit, and at most by what.
+    limits : (band, LIMITS) float32 ndarray, optional
+        What is still to be added to the level, by how much glint exceeds that, and where a band is full; the level of
+        water, above which the first two grow, by what share of themselves per unit, and by what share at most; and by
+        what share of that height glint must exceed the level more.
     sound : bool
         Every number of the image is known to be finite; stages leave it so.
     lent : bool

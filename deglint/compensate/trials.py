@@ -17,8 +17,7 @@ References
 Efron (1979), Annals of Statistics 7, 1-26, doi:10.1214/aos/1176344552 (the bootstrap, of residuals in its section 7);
 Kuensch (1989), Annals of Statistics 17, 1217-1241, doi:10.1214/aos/1176347265 (whole blocks of them, where neighbours
 depend on each other); Hall, Martin (1988), Biometrika 75, 661-671, doi:10.1093/biomet/75.4.661 (a bootstrap that is
-tried on itself); Immerkaer (1996), Computer Vision and Image Understanding 64, 300-302,
-doi:10.1006/cviu.1996.0060 (noise from second differences)."""
+tried on itself)."""
 
 from __future__ import annotations
 

@@ -277,8 +277,9 @@ def fit_before(
     in_place = not any(step.name == "normalise" for step in found.before)
     whole = None if in_place else [inside(s.image, cut).copy() for s, cut in zip(sample.states, cuts, strict=True)]
     with workers(threads) as each:
-        options: dict[str, Any] = {"bands": found.bands, "left": found.left_alone, "each": each}
-        stages = fit_stages(found.before, sample, found.setting, cuts=cuts, **options)
+        stages = fit_stages(
+            found.before, sample, found.setting, bands=found.bands, left=found.left_alone, each=each, cuts=cuts
+        )
     seen = (
         raw,
         list(sample.states),
@@ -341,7 +342,7 @@ def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: 
     if levels:
         known = dict(zip(levels[-1].bands, levels[-1].sigmas, strict=True))
         floor = tuple(known.get(b, 0.0) for b in range(len(found.setting.bands)))
-        setting = replace(setting, floor=floor, before=float(np.median(levels[-1].cover)))
+        setting = replace(setting, floor=floor, cover=float(np.median(levels[-1].cover)))
     with workers(threads) as each:
         images = each(lambda s: np.asarray(apply(s.image, model, out=s.image)), sample.states)
         left = Sample([State(image) for image in images], sample.inside)
