@@ -32,6 +32,8 @@ AT_ONCE = 32 << 20
 """Values that may be worked on at the same time; large tiles get fewer threads."""
 COMPACT = 512
 """Side of the tiles of work that needs a halo and many copies [pixel]."""
+HELD = 5 << 20
+"""Values of such a tile with its halo, where a side of `COMPACT` leaves the choice."""
 LARGEST = 1024
 """Longest side of a tile [pixel], unless the file is in strips."""
 
@@ -85,11 +87,11 @@ def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> t
     return _side(side, block[0], bands), _side(side, block[1], bands)
 
 
-def compact(shape: tuple[int, int], block: tuple[int, int], bands: int) -> tuple[int, int]:
-    """Tiles for work that needs a halo and many copies: wide and not low, for the halo's sake, but small."""
+def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: int) -> tuple[int, int]:
+    """Tiles for work that needs a halo and many copies: wide and not low, for the halo's sake, but small with it."""
     rows = _side(min(max(shape[0], COMPACT // 2), COMPACT), block[0], 1)
-    wide = min(max(SAMPLES // (rows * bands), shape[1]), 2 * COMPACT)
-    return rows, _side(wide, block[1], 1)
+    wide = max(HELD // ((rows + 2 * halo) * bands) - 2 * halo, min(shape[1], COMPACT))
+    return rows, _side(min(wide, 2 * COMPACT), block[1], 1)
 
 
 def _side(side: int, block: int, bands: int) -> int:

@@ -259,7 +259,7 @@ def _write_tiles(
     nodata, masked = marking(scene, dtype)
     shape = tile_shape_of(scene)
     if fitted.chain.runs:
-        shape = tiling.compact(shape, block_of(scene), len(scene.bands))
+        shape = tiling.compact(shape, block_of(scene), len(scene.bands), fitted.chain.halo)
     image = Layout(info, every, dtype.name, nodata, targets.options, masked=masked, tile=shape)
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, len(scene.bands) * (CHAIN_COPIES if fitted.chain.runs else 1))
