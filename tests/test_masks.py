@@ -104,6 +104,49 @@ def test_slopes_over_the_sample_are_those_of_the_glint(coast):
     np.testing.assert_allclose(slopes(scene, sample, ROLES), [0.95, 0.9, 0.8], rtol=0.04)
 
 
+def half_sparkling(seed=2):
+    """Sparkle in the left half, with some clumps of it 5 to 11 pixels wide, as bright as anything."""
+    scene, calm = sparkling_sea(seed=seed), np.array([0.05, 0.03, 0.015, 0.005])[:, None, None]
+    rng = np.random.default_rng(seed)
+    scene[:, :, 128:] = (calm + rng.normal(0, 5e-4, (4, 256, 128))).astype(np.float32)
+    clumps = np.zeros((256, 256), bool)
+    for place, width in enumerate((5, 5, 6, 6, 7, 8, 9, 10, 11)):
+        clumps[26 * place + 5 : 26 * place + 5 + width, 60 : 60 + width] = True
+    scene[:, clumps] += 0.5
+    return scene, clumps
+
+
+def test_clumps_of_sparkle_are_water_up_to_the_width_of_what_may_be_lost():
+    scene, clumps = half_sparkling()
+    pier = np.zeros_like(clumps)
+    pier[100:200, 200:214] = True
+    put(scene, pier, LAND)
+    kept, lost = (water(scene, fit_water([scene], ROLES, lost=n)) for n in (0, 13))
+    assert kept[clumps].mean() < 0.7
+    assert lost[clumps].all()
+    for mask in (kept, lost):
+        assert not mask[pier].any()
+        assert mask[~clumps & ~pier].mean() > 0.999
+
+
+def test_width_of_what_may_be_lost_is_for_sparkle_alone(coast):
+    """At coarse pixels boats stay apart from the water."""
+    scene, things = coast
+    assert fit_water([scene], ROLES, lost=13).window == 1
+    np.testing.assert_array_equal(water(scene, fit_water([scene], ROLES, lost=13)), ~solid(things))
+
+
+@pytest.mark.parametrize(("spectrum", "told"), [((0.5, 0.8, 1.0, 0.45), True), (LAND, False)])
+def test_what_is_as_blue_as_dense_glint_is_told(spectrum, told):
+    """Calm sea beside something bright and even: it is no water, but may be after all."""
+    scene = sea()
+    put(scene, np.indices((200, 240))[1] < 100, spectrum)
+    rule = fit_water([scene], ROLES)
+    assert rule.water_fraction == pytest.approx(140 / 240)
+    assert rule.bright_ratio == pytest.approx(spectrum[3] / spectrum[1], rel=1e-5)
+    assert ("--mask none" in rule.reason) is told
+
+
 def test_sparkle_is_water_and_land_beside_it_is_not():
     scene = sparkling_sea()
     assert (scene[3] > 0.05).mean() > 0.25

@@ -22,6 +22,8 @@ from deglint.simulate import Setup, simulate, thesis_array
 SIDE = 320
 BESIDE = 56
 """From where glint ends: the cell that holds some of it, those about it, and what is interpolated beside them."""
+ACROSS, INTO = 225.0, 315.0
+"""Azimuth of the sensor, across the sun's and into the glint [deg]."""
 
 
 def sea(rows=100, columns=140, seed=0):
@@ -205,14 +207,15 @@ def half(tmp_path_factory):
     """Scenes of which the right half is without glint, made once."""
     place, known = tmp_path_factory.mktemp("half"), {}
 
-    def make(delay, sensor="thesis", objects=True):
-        key = f"{sensor}_{1000 * delay:g}_{objects}"
+    def make(delay, sensor="thesis", objects=True, side=SIDE, **setup):
+        key = "_".join([sensor, f"{1000 * delay:g}", str(objects), str(side), *map(str, setup.values())])
         if key not in known:
-            things = thesis_array((SIDE, SIDE), 0.25, sides=(16,)) if objects else ()
-            scene = simulate(Setup(sensor=preset(sensor).delayed(delay), size=(SIDE, SIDE), wind=9.0, sky="cardioidal",
-                                   patch=0.06, seed=4, objects=things))  # fmt: skip
+            things = thesis_array((side, side), 0.25, sides=(16,)) if objects else ()
+            setup = {"wind": 9.0, "seed": 4} | setup
+            scene = simulate(Setup(sensor=preset(sensor).delayed(delay), size=(side, side), sky="cardioidal",
+                                   patch=0.06, objects=things, **setup))  # fmt: skip
             image = scene.image.copy()
-            image[..., SIDE // 2 :] = scene.truth_image[..., SIDE // 2 :]
+            image[..., side // 2 :] = scene.truth_image[..., side // 2 :]
             write_scene(replace(scene, image=image), place / key)
             known[key] = place / f"{key}.tif", scene.truth.astype(np.float64)
         return known[key]
@@ -278,6 +281,27 @@ def test_where_flashes_are_dense_nothing_is_done_far_from_them(half, tmp_path, s
     assert not flags[far].any()
     assert result.tally.calm >= flags[far].size
     assert result.tally.corrected == np.count_nonzero(flags & 4)
+
+
+def test_the_sky_in_the_waves_is_no_flash(half):
+    """It is brighter on some crests than on others, and stands out a thousandth as much as glint."""
+    side = 384
+    path, truth = half(0.06, side=side, wind=12.0, seed=0, view_zenith=40.0, view_azimuth=ACROSS)
+    scene = open_scene(path)
+    fitted = fit_scene(scene)
+    assert fitted.chain.presence.quiet == FAR
+    calm = np.s_[..., side // 2 + BESIDE + (FAR - 1) * CELL :]
+    clean, raw = correct(scene, fitted), scene.read()
+    assert (rms((clean - truth)[calm]) <= 1.01 * rms((raw - truth)[calm])).all()
+
+
+def test_glint_without_a_dark_pixel_is_water_beside_a_calm_sea(half):
+    path, truth = half(0.06, wind=12.0, seed=0, view_zenith=20.0, view_azimuth=INTO)
+    scene = open_scene(path)
+    fitted, raw = fit_scene(scene), scene.read()
+    assert fitted.water.water_fraction > 0.99
+    glinted = np.s_[:5, :, : SIDE // 2 - BESIDE // 2]
+    assert (rms((correct(scene, fitted) - truth)[glinted]) < 0.2 * rms((raw - truth)[glinted])).all()
 
 
 def test_where_flashes_are_rare_other_bands_may_have_some_anywhere(tmp_path):

@@ -30,7 +30,8 @@ WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)
 """Sides of the opening that are tried, smallest first [pixel]."""
 MAX_LOSS, MAX_LOSS_SHARE = 0.003, 0.03
 """An opening is large enough when the next size takes no more than this from the bright pixels (share of all
-pixels; share of the bright ones): sparkle is lost to an opening, land is not."""
+pixels; share of the bright ones): sparkle is lost to an opening, land is not. Sizes up to the width of what may be lost
+in sparkle are worth it for the share of the bright ones: few pixels may be the brightest of all."""
 SPARKLE_MARGIN = 2.0
 """Where there is sparkle the threshold is raised by this factor: what it leaves of itself in the opened NIR lies within
 1.5 thresholds (2.4 at most) in scenes of 2 to 12 m/s, land at ten and more."""
@@ -87,6 +88,8 @@ class WaterRule:
         Share of water among the valid pixels of the look, 0..1.
     pixels : int
         Valid pixels of the look.
+    bright_ratio : float
+        NIR over visible of what is brighter than water, opened (NaN: nothing is).
     """
 
     roles: Roles
@@ -97,6 +100,7 @@ class WaterRule:
     ratio: float
     water_fraction: float
     pixels: int
+    bright_ratio: float = np.nan
 
     @property
     def halo(self) -> int:
@@ -130,14 +134,20 @@ class WaterRule:
                 "offset, or pass --mask."
             )
         share = 100 * self.water_fraction
-        return f"{share:.2f} % of {self.pixels} pixels are water: NIR <= {self.threshold:.6g}"
+        said = f"{share:.2f} % of {self.pixels} pixels are water: NIR <= {self.threshold:.6g}"
+        if self.water_fraction > 1 - SLICK_SHARE or not self.bright_ratio < _max_ratio(self.roles):
+            return said
+        return (
+            f"{said}; the rest is as blue as water under dense glint, or cloud (NIR/visible {self.bright_ratio:.2f}): "
+            "--mask none takes it for water, too"
+        )
 
     def numbers(self) -> dict[str, Any]:
         """Everything as plain numbers, for a sidecar."""
         return {**asdict(self), "halo": self.halo, "all_water": self.all_water, "reason": self.reason}
 
 
-def fit_water(looks: Sequence[FloatArray], roles: Roles) -> WaterRule:
+def fit_water(looks: Sequence[FloatArray], roles: Roles, *, lost: int = 0) -> WaterRule:
     """Decide from some blocks of a scene how to tell water from land, clouds, foam and boats.
 
     Water is the darkest common ground in the NIR: the histogram of log(NIR + level / 5), with `level` the
@@ -159,6 +169,8 @@ def fit_water(looks: Sequence[FloatArray], roles: Roles) -> WaterRule:
         NIR and visible are not counted (undeclared nodata).
     roles : Roles
         Which band is what.
+    lost : int
+        Side of the squares up to which bright things pass for sparkle where there is some [pixel].
 
     Returns
     -------
@@ -197,13 +209,13 @@ def fit_water(looks: Sequence[FloatArray], roles: Roles) -> WaterRule:
     rule = WaterRule(roles, np.inf, 1, np.nan, level, np.nan, 0.0, pixels)
     if level <= 0:
         return rule
-    window, mode, threshold, bright = _choose_window(looks, valid, roles, level)
+    window, mode, threshold, bright = _choose_window(looks, valid, roles, level, lost)
     if window > 1:
         threshold *= SPARKLE_MARGIN
         bright = _bright_share(looks, valid, roles, threshold, window)
     ground = _Ground(looks, valid, roles, window)
-    ratio = ground.ratio(ground.nir <= threshold)
-    rule = replace(rule, threshold=threshold, window=window, nir_level=mode, ratio=ratio)
+    ratio, beyond = (ground.ratio(chosen) for chosen in (ground.nir <= threshold, ground.nir > threshold))
+    rule = replace(rule, threshold=threshold, window=window, nir_level=mode, ratio=ratio, bright_ratio=beyond)
     return replace(rule, water_fraction=1.0 - bright) if ground.like_water(ground.nir <= threshold) else rule
 
 
@@ -316,18 +328,21 @@ def _square(size: int) -> npt.NDArray[np.uint8]:
 
 
 def _choose_window(
-    looks: Sequence[FloatArray], valid: Sequence[BoolArray], roles: Roles, level: float
+    looks: Sequence[FloatArray], valid: Sequence[BoolArray], roles: Roles, level: float, lost: int
 ) -> tuple[int, float, float, float]:
     """Smallest opening that leaves no sparkle: (window, mode, threshold, share of bright pixels)."""
     best: tuple[int, float, float, float] = (1, np.nan, np.inf, 0.0)
-    best_rank = (True, np.inf)
+    best_rank, enough = (True, True, np.inf), False
     for window, larger in pairwise(WINDOWS):
         mode, threshold = _threshold(_Ground(looks, valid, roles, window), level)
         now, then = (_bright_share(looks, valid, roles, threshold, n) for n in (window, larger))
-        rank = (threshold > MAX_GLINT * level, now - then)
-        if rank < best_rank:
+        # where a single pixel is not large enough there is sparkle, and it is not the answer
+        rank = (threshold > MAX_GLINT * level, window == 1, now - then)
+        fine = now - then <= MAX_LOSS_SHARE * now
+        enough = enough or (not rank[0] and (fine or now - then <= MAX_LOSS))
+        if enough or rank < best_rank:
             best, best_rank = (window, mode, threshold, now), rank
-        if not rank[0] and now - then <= max(MAX_LOSS, MAX_LOSS_SHARE * now):
+        if enough and (fine or window == 1 or larger > lost):
             break
     return best
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..compensate import Sample, Setting, Step, fit_stages
+from ..compensate.identify import IdentifyLevel
 from ..compensate.presence import FAR, Cells, Presence, fit
 from ..errors import FitError
 from ..needs import Needs
@@ -18,12 +19,14 @@ from .look import core_of
 
 BY_CHANCE = 0.01
 """Probability that flashes as many as the sample has leave out all cells that must show none; below it, they cannot."""
+REMAINS = 0.001
+"""Of the variance that glint adds to the sample's bands, what may be such a thing in cells that show none."""
 LEAST_CALM = 0.01
 """Share of the sample that must be far from glint in the NIR for other bands to be looked at there."""
 
 
 def find_presence(
-    blocks: Blocks, needs: Needs, setting: Setting, sigma: float, threads: int
+    blocks: Blocks, needs: Needs, setting: Setting, stage: IdentifyLevel, threads: int
 ) -> tuple[Presence | None, float]:
     """Where there is glint, and whether other bands have none far from that of the NIR.
 
@@ -34,8 +37,8 @@ def find_presence(
     needs : Needs
     setting : Setting
         With the NIR.
-    sigma : float
-        Standard deviation of the NIR's noise.
+    stage : IdentifyLevel
+        What the whole sample shows.
     threads : int
 
     Returns
@@ -46,7 +49,7 @@ def find_presence(
     sample, nir = blocks.sample, setting.nir
     assert nir is not None
     looks = [(s.image[nir], m) for s, m in zip(sample.states, sample.inside, strict=True)]
-    known = fit(looks, nir, sigma, quiet=int(needs.simultaneous))
+    known = fit(looks, nir, stage.sigmas[nir], quiet=int(needs.simultaneous))
     if known is None:
         return None, 0.0
     tiles = blocks.grown()
@@ -71,10 +74,12 @@ def find_presence(
     try:
         with workers(threads) as each:
             step = Step("identify-level", needs.element)
-            (stage,) = fit_stages([step], Sample(sample.states, calm), setting, each=each, cuts=None)
+            (rest,) = fit_stages([step], Sample(sample.states, calm), setting, each=each, cuts=None)
     except FitError:
         return known, share
-    return known if replace(needs, glint=stage.glint, things=stage.things).glinted else far, share
+    left = replace(needs, glint=rest.glint, things=rest.things).glinted
+    ours, all_of_it = (np.array(s.glint) * np.array(s.sigmas) ** 2 for s in (rest, stage))
+    return known if any(ours[b] >= REMAINS * all_of_it[b] for b in left) else far, share
 
 
 def _calm(known: Presence, cells: Cells, tile: Tile, scene: Scene) -> npt.NDArray[np.bool_]:

@@ -171,11 +171,15 @@ def plan(
 
 def may_open(scene: Scene, recipe: Recipe) -> bool:
     """Whether stages are likely to run, as far as the recipe and the size of the pixels tell."""
-    if recipe.compensate != "auto":
-        return recipe.compensate != "off"
-    with suppress(InputError):
-        return element_for(smallest_object(recipe.smallest_object, pixel_size(scene))) > 0
-    return False
+    return element_of(scene, recipe) > 0 if recipe.compensate == "auto" else recipe.compensate != "off"
+
+
+def element_of(scene: Scene, recipe: Recipe) -> int:
+    """Side of the element that leaves what is to be kept alone [pixel]; 0 where there is none, or nothing is opened."""
+    if recipe.compensate != "off":
+        with suppress(InputError):
+            return element_for(smallest_object(recipe.smallest_object, pixel_size(scene)))
+    return 0
 
 
 def _alike(scene: Scene, sample: Sample, nir: int) -> float | None:
@@ -195,7 +199,7 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
     except FitError as error:
         return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
     assert found.blocks is not None
-    cover, (known, calm) = stage.cover, find_presence(found.blocks, needs, told, stage.sigmas[nir], threads)
+    cover, (known, calm) = stage.cover, find_presence(found.blocks, needs, told, stage, threads)
     needs = replace(needs, cover=cover, nir=_if_left_out(found.blocks, nir), glint=stage.glint, things=stage.things)
     needs, found = replace(needs, calm=calm), replace(found, presence=known)
     most = max(needs.glint)
