@@ -28,8 +28,10 @@ LOOKS = ((60.0, 0.0), (40.0, 0.0), (30.0, 0.0), (20.0, 0.0), (10.0, 0.0), (0.0, 
 DELAYS = (0.0, 0.01, 0.06)
 SENSORS = ("thesis", "thesis-f30")
 PATCHES = (0.06, 0.005)
-BESIDE = 104
-"""Pixels beside glint that are not counted to the part without it."""
+HALF = SIDE // 2
+"""Columns with glint, where there is some in the left half alone."""
+BESIDE, INSIDE = 104, 42
+"""Pixels on either side of where it ends that are not counted to the part without, and to the part with it."""
 WORSE = 1.01
 """An error that many times the raw one is worse."""
 
@@ -50,17 +52,12 @@ def errors(image: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.array([100 * np.sqrt((a**2).mean(axis=(1, 2))) / level for a in (away[:, :, :DEEP], away)])
 
 
-def measure(place: Path, scene: SimulatedScene, *, glint: int = SIDE) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of the raw scene and of what is left by default, where there is glint as far as this column.
-
-    Where that is not everywhere, errors of the part that lies well beyond are told, as of deep water and of the whole.
-    """
+def measure(place: Path, scene: SimulatedScene, glint: int = SIDE) -> tuple[np.ndarray, np.ndarray]:
+    """What is seen, and what is left of it by default, where there is glint as far as this column."""
     image = scene.image.copy()
     image[:, :, glint:] = scene.truth_image[:, :, glint:]
     write_scene(replace(scene, image=image), place / "away", overwrite=True, truth=False)
-    truth, raw = scene.truth.astype(np.float64), open_scene(place / "away.tif").read().astype(np.float64)
-    clean, part = run(place / "away.tif", place), np.s_[:, :, glint + BESIDE if 0 < glint < SIDE else 0 :]
-    return errors(raw[part], truth[part]), errors(clean[part], truth[part])
+    return open_scene(place / "away.tif").read().astype(np.float64), run(place / "away.tif", place)
 
 
 def visible(found: Sequence[np.ndarray]) -> str:
@@ -82,27 +79,33 @@ def main(quick: bool) -> None:
     with tempfile.TemporaryDirectory() as name:
         for wind in winds:
             for look in looks:
-                raws, cleans, calms, ratios, halves = [], [], [], [], []
+                raws, cleans, calms, ratios, halves, parts = [], [], [], [], [], []
                 for patch in patches:
                     for scene in scenes(wind, look, patch, 0, quick=quick):
-                        raw, clean = measure(Path(name), scene)
-                        before, calm = measure(Path(name), scene, glint=0)
-                        beside, half = measure(Path(name), scene, glint=SIDE // 2)
-                        raws.append(raw)
-                        cleans.append(clean)
-                        calms.append(calm)
-                        ratios += [clean / raw, calm / before]
-                        halves.append((half / beside)[1])
+                        truth = scene.truth.astype(np.float64)
+                        (raw, clean), (before, calm), (part_raw, part) = (
+                            measure(Path(name), scene, reach) for reach in (SIDE, 0, HALF)
+                        )
+                        raws.append(errors(raw, truth))
+                        cleans.append(errors(clean, truth))
+                        calms.append(errors(calm, truth))
+                        ratios += [cleans[-1] / raws[-1], calms[-1] / errors(before, truth)]
+                        far, lit = np.s_[:, :, HALF + BESIDE :], np.s_[:, :, : HALF - INSIDE]
+                        halves.append(errors(part[far], truth[far])[1] / errors(part_raw[far], truth[far])[1])
+                        parts.append([errors(image[lit], truth[lit])[1] for image in (part, clean)])
                 rows.append([f"{wind:g}", f"{look[0]:g}, {look[1]:g}", visible(raws), visible(cleans), visible(calms),
-                             *told(ratios), *told(halves)])  # fmt: skip
+                             *told(ratios), *told(halves), visible(parts)])  # fmt: skip
     head = ("wind [m/s]", "look, azimuth from the sun", "raw [%]", "by default [%]", "without glint [%]", "worse",
-            "largest error, of the raw one", "worse in the half without glint", "largest there")  # fmt: skip
+            "largest error, of the raw one", "worse in the half without glint", "largest there",
+            "the half with glint, alone / of the whole [%]")  # fmt: skip
     delays = ", ".join(f"{1000 * d:g}" for d in (DELAYS[-1:] if quick else DELAYS))
     sizes = ", ".join(f"{p:g}" for p in patches)
     note = (
         f"Deep water / whole, mean over delays of {delays} ms, optics {', '.join(SENSORS[: 1 if quick else 2])}, and "
         f"patches of {sizes} m. Worse: errors of a band, deep or whole, with glint or without, more than "
         f"{WORSE - 1:.0%} above the raw ones. Of scenes with glint in their left half, errors of bands from {BESIDE} "
-        "pixels beside it on."
+        "pixels beside it on; "
+        f"and the mean error of what lies {INSIDE} pixels and more within it, beside that of the same where there is "
+        "glint everywhere."
     )
     say("Every band beside the raw one", head, rows, note)

@@ -136,6 +136,23 @@ def test_width_of_what_may_be_lost_is_for_sparkle_alone(coast):
     np.testing.assert_array_equal(water(scene, fit_water([scene], ROLES, lost=13)), ~solid(things))
 
 
+def test_blurred_sparkle_is_as_wide_as_a_boat_but_not_as_what_is_to_be_kept():
+    """Spots of the colour of glint, of which one pixel more or less is no great matter; land of any size is none."""
+    import cv2
+
+    scene, spots = sea(glint=0.0), np.zeros((200, 240), np.uint8)
+    rows, columns = np.random.default_rng(6).integers(10, 190, (2, 60))
+    spots[rows, columns] = 1
+    spots = cv2.dilate(spots, np.ones((7, 7), np.uint8)) > 0
+    put(scene, spots, (0.8, 0.8, 0.7, 0.45))
+    for lost, share in ((0, 0), (13, 1)):
+        found = water(scene, fit_water([scene], ROLES, lost=lost))
+        assert found[spots].mean() == share
+        assert found[~spots].all()
+    put(scene, np.indices((200, 240))[1] > 210, LAND, 0.25)
+    assert not water(scene, fit_water([scene], ROLES, lost=13))[:, 211:].any()
+
+
 @pytest.mark.parametrize(("spectrum", "told"), [((0.5, 0.8, 1.0, 0.45), True), (LAND, False)])
 def test_what_is_as_blue_as_dense_glint_is_told(spectrum, told):
     """Calm sea beside something bright and even: it is no water, but may be after all."""

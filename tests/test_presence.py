@@ -295,8 +295,9 @@ def test_the_sky_in_the_waves_is_no_flash(half):
     assert (rms((clean - truth)[calm]) <= 1.01 * rms((raw - truth)[calm])).all()
 
 
-def test_glint_without_a_dark_pixel_is_water_beside_a_calm_sea(half):
-    path, truth = half(0.06, wind=12.0, seed=0, view_zenith=20.0, view_azimuth=INTO)
+@pytest.mark.parametrize(("sensor", "wind"), [("thesis", 12.0), ("thesis-f30", 9.0)])
+def test_glint_without_a_dark_pixel_is_water_beside_a_calm_sea(half, sensor, wind):
+    path, truth = half(0.06, sensor, wind=wind, seed=0, view_zenith=20.0, view_azimuth=INTO)
     scene = open_scene(path)
     fitted, raw = fit_scene(scene), scene.read()
     assert fitted.water.water_fraction > 0.99

@@ -334,12 +334,17 @@ def _choose_window(
     best: tuple[int, float, float, float] = (1, np.nan, np.inf, 0.0)
     best_rank, enough = (True, True, np.inf), False
     for window, larger in pairwise(WINDOWS):
-        mode, threshold = _threshold(_Ground(looks, valid, roles, window), level)
+        ground = _Ground(looks, valid, roles, window)
+        mode, threshold = _threshold(ground, level)
+        like_glint = window < lost and ground.like_water(ground.nir > threshold)
+        if like_glint:  # blurred or dense, sparkle is wide, but not as wide as what is to be kept
+            larger = next((n for n in WINDOWS if n >= lost), larger)
         now, then = (_bright_share(looks, valid, roles, threshold, n) for n in (window, larger))
+        fine, well = (now - then <= max(least, MAX_LOSS_SHARE * now) for least in (0, MAX_LOSS))
+        doubtful = threshold > MAX_GLINT * level or (like_glint and not well)
         # where a single pixel is not large enough there is sparkle, and it is not the answer
-        rank = (threshold > MAX_GLINT * level, window == 1, now - then)
-        fine = now - then <= MAX_LOSS_SHARE * now
-        enough = enough or (not rank[0] and (fine or now - then <= MAX_LOSS))
+        rank = (doubtful, window == 1, now - then)
+        enough = enough or (well and not doubtful)
         if enough or rank < best_rank:
             best, best_rank = (window, mode, threshold, now), rank
         if enough and (fine or window == 1 or larger > lost):
@@ -377,10 +382,12 @@ class _Ground:
     def like_water(self, chosen: BoolArray) -> bool:
         """Whether the colour is that of water, with or without glint."""
         ratio = self.ratio(chosen)
+        if not ratio < _max_ratio(self.roles):
+            return False
         if ratio < SURE_RATIO or self.roles.red is None or self.roles.green is None:
-            return ratio < _max_ratio(self.roles)
+            return True
         red, green = (np.median(self.band(b)[chosen]) for b in (self.roles.red, self.roles.green))
-        return ratio < _max_ratio(self.roles) and bool(red <= green)
+        return bool(red <= green)
 
 
 def _eroded(band: FloatArray, valid: BoolArray, window: int) -> FloatArray:
