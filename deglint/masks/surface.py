@@ -158,7 +158,8 @@ def fit_water(looks: Sequence[FloatArray], roles: Roles, *, lost: int = 0) -> Wa
     Glint is bright in the NIR too, but at fine pixels it is sparkle: an opening (minimum, then maximum over
     a square) removes it, and not land. The square is the smallest for which the next size would change
     little: 1 pixel at coarse pixels, where small boats and piers stay apart from the water; where it is larger, T is
-    doubled. The candidate is
+    doubled. Where what is brighter has the colour of water under glint, a square of `lost` pixels must change
+    little: blurred or dense, sparkle is wide itself. The candidate is
     water if its NIR/visible ratio is that of water (NDWI positive). A second, brighter peak is water as well if
     it has the colour of water under glint.
 
@@ -187,7 +188,8 @@ def fit_water(looks: Sequence[FloatArray], roles: Roles, *, lost: int = 0) -> Wa
     Notes
     -----
     Assumes that glint does not lift whole coarse pixels above three times the dark visible level, and that the
-    look shows what the scene holds. Thin cloud over a good part of the scene passes for glint. Cost: 50 ns per
+    look shows what the scene holds. Thin cloud over a good part of the scene passes for glint; and beside land, dense
+    glint that ends within the scene may pass for land. Cost: 50 ns per
     pixel of the look, up to 300 where there is sparkle.
 
     References
