@@ -58,7 +58,7 @@ LEAST_SPREAD = 0.75
 NOMINAL_PITCH = 8e-6
 """Pitch that an f-number is estimated for [m]; the PSF in pixels does not depend on it."""
 BLURRED = 0.2
-"""Share of a point's light in its pixel, in the band that is blurred most, below which bands are matched."""
+"""Share of a point's light in its pixel, in the band that is blurred most, below which sparkle looks like things."""
 SHARP = 0.9
 """The same share from which on, in every band, sharpening gains less than a tenth of the noise."""
 LEFT_OUT = 0.0002
@@ -213,11 +213,6 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
         psfs, optics = estimated_psfs(scene, found.blocks)
         needs, setting = replace(needs, optics=optics), replace(setting, psfs=psfs)
         found = replace(found, setting=setting)
-    if needs.simultaneous and setting.psfs is not None and min(p.centre for p in setting.psfs) < BLURRED:
-        why = "the bands see the sea at one instant, and are blurred over several pixels, each by its own wavelength"
-        taken = "matched bands share their sparkle, and the removal takes it"
-        both = (StageNeed("match", True, why), StageNeed("opening", False, taken, "half of its time"))
-        return replace(found, needs=replace(needs, stages=both), steps=parse("match, remove"))
     text, stages = [], []
     middle = float(np.median(cover))
     if setting.psfs is None:

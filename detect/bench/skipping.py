@@ -24,7 +24,7 @@ from .tradeoff_measure import chain, spent
 WIND, DELAY = 9.0, 0.060
 FORCED = Recipe(method="multiband", compensate=chain(2), mask="none")
 """Every stage of the default chain, whatever the scene is like."""
-STAGES = ("psf", "opening", "second opening", "match", "removal")
+STAGES = ("psf", "opening", "second opening", "removal")
 QUICK = ("glint, bands apart", "no glint", "no delay", "half nodata", "all land")
 LAND = (0.06, 0.09, 0.12, 0.15, 0.20, 0.45, 0.70, 0.75)
 """Of full scale, by band."""
