@@ -104,8 +104,7 @@ def main(quick: bool) -> None:
         f"Deep water / whole, mean over delays of {delays} ms, optics {', '.join(SENSORS[: 1 if quick else 2])}, and "
         f"patches of {sizes} m. Worse: errors of a band, deep or whole, with glint or without, more than "
         f"{WORSE - 1:.0%} above the raw ones. Of scenes with glint in their left half, errors of bands from {BESIDE} "
-        "pixels beside it on; "
-        f"and the mean error of what lies {INSIDE} pixels and more within it, beside that of the same where there is "
-        "glint everywhere."
+        f"pixels beside it on; and the mean error of what lies {INSIDE} pixels and more within it, beside that of the "
+        "same where there is glint everywhere."
     )
     say("Every band beside the raw one", head, rows, note)

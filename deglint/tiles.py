@@ -89,9 +89,9 @@ def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> t
 
 def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: int) -> tuple[int, int]:
     """Tiles for work that needs a halo and many copies: wide and not low, for the halo's sake, but small with it."""
-    rows = _side(min(max(shape[0], COMPACT // 2), COMPACT), block[0], 1)
-    wide = max(HELD // ((rows + 2 * halo) * bands) - 2 * halo, min(shape[1], COMPACT))
-    return rows, _side(min(wide, 2 * COMPACT), block[1], 1)
+    rows, half = _side(min(max(shape[0], COMPACT // 2), COMPACT), block[0], 1), COMPACT // 2
+    wide = (HELD // ((rows + 2 * halo) * bands) - 2 * halo) // half * half
+    return rows, _side(min(max(wide, min(shape[1], COMPACT)), 2 * COMPACT), block[1], 1)
 
 
 def _side(side: int, block: int, bands: int) -> int:

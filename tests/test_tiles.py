@@ -43,6 +43,30 @@ def test_tiles_cover_every_pixel_once_and_stay_small(height, width, bands, block
 
 
 @settings(deadline=None, max_examples=150)
+@given(SIDES, SIDES, st.integers(1, 120), BLOCKS, st.integers(0, 150))
+def test_tiles_with_a_halo_hold_no_more_than_they_may(height, width, bands, block, halo):
+    own = blocks_of(height, width, block)
+    shape = tiles.tile_shape(height, width, bands, own)
+    rows, columns = tiles.compact(shape, own, bands, halo)
+    assert rows % CELL == 0
+    assert columns % CELL == 0 or columns >= width
+    held = (rows + 2 * halo) * (min(columns, width) + 2 * halo) * bands
+    assert held <= tiles.HELD or columns <= max(tiles.COMPACT, own[1]) or columns >= width
+    other = tiles.compact(shape, own, bands, halo // 2)
+    assert other[0] == rows
+    assert other[1] >= columns
+
+
+def test_a_wide_halo_makes_tiles_narrow():
+    """Of eight bands in blocks of 512: what is held decides."""
+    assert tiles.compact((512, 512), (512, 512), 8, 34) == (512, 1024)
+    assert tiles.compact((512, 512), (512, 512), 8, 69) == (512, 512)
+    assert tiles.compact((512, 512), (256, 256), 8, 69) == (512, 768)
+    assert tiles.compact((128, 4096), (1, 4096), 8, 69) == (256, 1024)  # strips
+    assert tiles.compact((512, 4096), (1, 4096), 8, 69) == (512, 768)
+
+
+@settings(deadline=None, max_examples=150)
 @given(SIDES, SIDES, st.integers(1, 120), BLOCKS, st.booleans())
 def test_output_blocks_are_written_once(height, width, bands, block, tiled):
     own = blocks_of(height, width, block)

@@ -20,7 +20,7 @@ from .look import core_of
 BY_CHANCE = 0.01
 """Probability that flashes as many as the sample has leave out all cells that must show none; below it, they cannot."""
 REMAINS = 0.001
-"""Of the variance that glint adds to the sample's bands, what may be such a thing in cells that show none."""
+"""Of the variance that glint adds to the sample's bands: what stands out less in cells without is no flash, but sky."""
 LEAST_CALM = 0.01
 """Share of the sample that must be far from glint in the NIR for other bands to be looked at there."""
 
