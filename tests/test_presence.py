@@ -85,11 +85,11 @@ def test_noise_alone_has_none_and_one_flash_opens_its_cell_and_all_about_it():
 
 def test_even_glint_shows_by_its_mean():
     told = Presence(0, 5.0, 2.0)
-    assert not share_of(told, sea() + np.float32(0.8 * 2)).any()
-    assert (share_of(told, sea() + np.float32(1.8 * 2)) == 1).all()
+    assert not share_of(told, sea() + np.float32(0.9 * 2 * np.sqrt(CALM))).any()
+    assert (share_of(told, sea() + np.float32(1.2 * 2 * np.sqrt(CLEAR))) == 1).all()
     varying = replace(told, spread=1.0)
-    assert not share_of(varying, sea() + np.float32(0.8 * 2 + BEYOND)).any()
-    assert (share_of(varying, sea() + np.float32(1.8 * 2 + BEYOND)) == 1).all()
+    assert not share_of(varying, sea() + np.float32(0.9 * 2 * np.sqrt(CALM) + BEYOND)).any()
+    assert (share_of(varying, sea() + np.float32(1.2 * 2 * np.sqrt(CLEAR) + BEYOND)) == 1).all()
     assert not share_of(told, sea() - np.float32(9)).any()  # glint only adds
 
 

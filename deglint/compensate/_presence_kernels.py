@@ -35,3 +35,22 @@ def sum_cells(band, rows, columns, level, scale, most, steps):  # type: ignore[n
                 sums[1, m, n] += total
                 sums[2, m, n] += square
     return sums
+
+
+@nb.njit(cache=True, nogil=True)
+def halve(image, own, replaced, share, corner, most, around, out):  # type: ignore[no-untyped-def]
+    """Put the middle of a block as it is and as it was where it was replaced for at most so much, with nothing beside
+    it that was for more; in the part of it that begins at the corner, where its share is 0."""
+    top, left = corner
+    for i in range(share.shape[0]):
+        for j in range(share.shape[1]):
+            if share[i, j] != 0 or not replaced[top + i, left + j]:
+                continue
+            faint = True
+            for m in range(max(top + i - around, 0), min(top + i + around + 1, image.shape[0])):
+                for n in range(max(left + j - around, 0), min(left + j + around + 1, image.shape[1])):
+                    if replaced[m, n] and own[m, n] - image[m, n] > most:
+                        faint = False
+            if faint:
+                was, now = own[top + i, left + j], image[top + i, left + j]
+                out[i, j] = now + np.float32(0.5) * (was - now)

@@ -164,6 +164,12 @@ class Chain:
         return not any(isinstance(stage, Normalise) for stage in self.before)
 
     @property
+    def spreads(self) -> list[tuple[int, float]]:
+        """Bands that are opened before the removal, and the standard deviation of their pixels without glint."""
+        opened = [stage for stage in self.before if isinstance(stage, IdentifyLevel)]
+        return [pair for stage in opened[-1:] for pair in zip(stage.bands, stage.sigmas, strict=True)]
+
+    @property
     def halo(self) -> int:
         """Pixels around a tile that the chain looks at."""
         return self.halo_before + self.halo_after

@@ -19,9 +19,10 @@ that lie no further above L0, and t how far means of cells lie below it: glint o
 noise's.
 
 Where bands see the sea at one instant, a cell without glint in the NIR has none in any band, and is passed as it is.
-Where they do not, another band may have caught a flash there: removal alone is left out, and what follows it. But where
-flashes are dense, none is far from those of the NIR: if so many as the sample has would hardly leave out `FAR` cells
-about one by chance, and such cells have no glint in any band of it, they are passed as they are, too.
+Where they do not, another band may have caught a flash there: removal is left out, and what follows it, and of what an
+opening takes from faint pixels half is given back (`deglint.compensate.faint`). But where flashes are dense, none is
+far from those of the NIR: if so many as the sample has would hardly leave out `FAR` cells about one by chance, and such
+cells have no glint in any band of it, they are passed as they are, too.
 
 Assumes that the sensor's noise in the NIR is even. Fails where glint lies so evenly over a whole sample that no part of
 it is without: then it is part of L0, as of every other level. Bright things and land in the NIR pass for glint: there
@@ -45,9 +46,9 @@ CELL = 16
 """Side of a cell [pixel]; the grid begins at the scene's first pixel."""
 FAR = 4
 """Cells around one that must be without glint in the NIR for other bands of other instants to have none."""
-CALM = 1.0
-"""Excess e up to which there is no glint: 11 standard deviations of that of white noise, but sky is none."""
-CLEAR = 2.0
+CALM = 3.0
+"""Excess e up to which there is no glint: 34 standard deviations of that of white noise, but sky in waves is none."""
+CLEAR = 4.0
 """Excess from which on there is nothing but to remove it."""
 WIDE = 64
 """Side of the squares whose means tell the glint-free level [pixel]."""

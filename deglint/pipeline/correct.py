@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..compensate import Chain, State, apply_stages, finish
 from ..compensate.evidence import REACH, grown
+from ..compensate.faint import SKIRT
 from ..compensate.presence import Cells, blend
 from ..compensate.protect import Things, lifted, put, things
 from ..compensate.sharpen import all_finite
@@ -24,7 +25,7 @@ from ..remove import GlintModel, apply
 from ..remove.model import removed
 from ..scene import Scene
 from ..tiles import Tile
-from .compensated import Begun, Compensated, Shown, changed_bands
+from .compensated import Begun, Compensated, Shown, changed_bands, shown_in
 from .following import moved_halo, nir_to_follow, remove_following
 from .look import core_of, place_in, raster_of
 from .surroundings import Around, Surroundings
@@ -314,7 +315,7 @@ class Correction:
             return 0
         reach = LEVEL_REACH if self.want_stderr else 0
         shown = 0 if self.chain.presence is None else self.chain.presence.halo + reach
-        reach = max(reach, max(BESIDE, shown) - self.chain.halo_before)
+        reach = max(reach, SKIRT, max(BESIDE, shown) - self.chain.halo_before)
         return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo, reach)
 
     def _near(self, around: Any, known: Any, tile: Tile, outer: Tile) -> npt.NDArray[np.bool_] | None:
@@ -334,24 +335,12 @@ class Correction:
 
         sound : every number is known to be finite
         """
-        shown = self._shown(around, tile, outer)
+        shown = shown_in(self.chain.presence, around, tile, outer)
         state = State.on(around) if self.chain.in_place else State.of(around)
         state.sound, state.keep = sound, self.chain.protection.possible or self.want_stderr
         looked = tile.grown(self.chain.protection.halo, self.scene.height, self.scene.width)
         raw = around[place_in(looked, outer)] if self.chain.protection.possible else None
         return Begun(state, raw, looked, None if state.image is around else around, shown)
-
-    def _shown(self, around: Any, tile: Tile, outer: Tile) -> Shown:
-        """Where a tile shows glint, and what it is where it shows none, as far as that is known already."""
-        presence = self.chain.presence
-        if presence is None:
-            return Shown()
-        cells = presence.cells(around, outer.row0, outer.col0)
-        share = cells.share(*tile.window)
-        if share is None:
-            return Shown(cells)
-        quiet = cells.share(*tile.window, presence.quiet) if presence.quiet else None
-        return Shown(cells, share, quiet, None if quiet is None else around[place_in(tile, outer)].copy())
 
     def _middle(self, tile: Tile) -> Tile:
         """A tile with what the removal and all that comes after it look at."""
@@ -378,7 +367,7 @@ class Correction:
         left.sound = state.sound
         state.hand_over()
         del level, clean  # each a tile of memory
-        clean, replaced = self._where_shown(left, replaced[within], begun.shown, tile, middle)
+        clean, replaced = self._where_shown(left, replaced, begun.shown, tile, middle)
         share = begun.shown.share
         if found is None or values is None:
             return Compensated(inside, clean, replaced, None, *levels, share)
@@ -389,12 +378,13 @@ class Correction:
 
     def _where_shown(self, state: State, replaced: Any, shown: Shown, tile: Tile, middle: Tile) -> tuple[Any, Any]:
         """What removal and the stages after it make of a block, where glint shows, and what has been replaced."""
+        within = place_in(tile, middle)
         if shown.share is None:
-            return self._rest(state, replaced, tile, middle)
-        clean = state.image[place_in(tile, middle)]
+            return self._rest(state, replaced[within], tile, middle)
+        first, before = shown.opened(state.image, replaced, self.chain.spreads, middle), replaced[within]
+        clean, replaced = first, before
         if shown.share.any():
-            first, before = clean.copy(), replaced
-            clean, replaced = self._rest(state, replaced, tile, middle)
+            clean, replaced = self._rest(state, before, tile, middle)
             blend(clean, first, shown.share)
             replaced = (replaced & (shown.share > 0)) | before
         if shown.quiet is not None:
