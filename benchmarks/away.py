@@ -25,7 +25,7 @@ from .timing import machine, say
 WINDS = (2.0, 5.0, 9.0, 12.0)
 LOOKS = ((60.0, 0.0), (40.0, 0.0), (30.0, 0.0), (20.0, 0.0), (10.0, 0.0), (0.0, 0.0), (40.0, 90.0), (20.0, 180.0))
 """View zenith angle, and azimuth of the sensor from that of the sun (180: into the glint), as seen from the target."""
-DELAYS = (0.0, 0.01, 0.06)
+DELAYS = (0.0, 0.01, 0.02, 0.06)
 SENSORS = ("thesis", "thesis-f30")
 PATCHES = (0.06, 0.005)
 HALF = SIDE // 2
