@@ -122,6 +122,8 @@ def test_every_pixel_is_what_its_parts_say():
         of_level = 0.05 + (0.01 + module.OF_RELIEF**2) * relief
         noise = 0.3 + 0.02 * float(after[0, r, c] if kept[r, c] else level)
         variance = noise + of_level if kept[r, c] else of_level if replaced[0, r, c] else noise
+        if replaced[0, r, c] and not kept[r, c]:
+            variance += module.OF_GIVEN * max(float(after[0, r, c]) - level, 0) ** 2
         left = 0.4 * np.sqrt(0.25 * shown**2 + 0.75 * max(shown - module.STANDS_OUT * 2.0, 0) ** 2)
         variance += (left - 0.3 * bool(replaced[0, r, c] and not kept[r, c])) ** 2
         variance += (0.1 * 3.0) ** 2 + 0.6**2 / 12

@@ -5,12 +5,13 @@ variance of clean pixels about the level of the water, as a line in the level. A
 level in its place, which trials tell (`deglint.compensate.trials`): the chain runs once more on a sea that is known,
 the level that it found, with what the scene has above and below that level laid on it in other places. How far it
 varies there, as a line in how far the level spans around, is how far it varies here, and the water's own variance from
-pixel to pixel is added, which trials take for noise. What is of one sign is added before it is squared: the mean error
-of the trials; that the level lies above the middle of the clean pixels, which is seen in these (those above the
-threshold are not among them, and the mean of a normal distribution that is cut off is known); and glint that is left in
-both kinds of pixels: where it covers much of the sea the level rises with it, and by how much is seen in the near
-infrared, whose water is even. A band that removal corrects keeps of it what the references do not explain. Without a
-compensation the error is that of removal: what differs from pixel to pixel in its result, as a line in the square of
+pixel to pixel is added, which trials take for noise. Where half of what was taken was given back
+(`deglint.compensate.faint`) half of the square of that is added. What is of one sign is added before it is squared: the
+mean error of the trials; that the level lies above the middle of the clean pixels, which is seen in these (those above
+the threshold are not among them, and the mean of a normal distribution that is cut off is known); and glint that is
+left in both kinds of pixels: where it covers much of the sea the level rises with it, and by how much is seen in the
+near infrared, whose water is even. A band that removal corrects keeps of it what the references do not explain. Without
+a compensation the error is that of removal: what differs from pixel to pixel in its result, as a line in the square of
 what was removed, and the standard error of the slope.
 
 Root mean square errors, bias and all, not halves of an interval: errors are not normal. Assumes dark, even water in the
@@ -60,6 +61,9 @@ STANDS_OUT = 1.5
 OF_WATER = 2.0
 """How many times as far above its median as its lowest percentile is below a level is that of water: bright things sink
 in an opening, and what their pixels have in common is no texture of water."""
+OF_GIVEN = 0.5
+"""Variance of a replaced pixel of which half was given back, relative to the square of that: all of it is wrong where
+it was noise, next to none where it was a crest that mirrors the sky."""
 OF_RELIEF = 0.025
 """Error of a replaced pixel that a trial does not show, relative to how far the level spans within `REACH`: what an
 opening cuts off is not in the level that the trial begins with."""
@@ -276,7 +280,8 @@ def _local(parts: Parts, error: BandError, uncertainty: Uncertainty) -> npt.NDAr
     noise = error.fixed + error.growing * np.maximum(base, 0).astype(np.float64)
     replaced = parts.replaced[error.band] & ~kept
     left = error.left * np.sqrt(_shown(parts, uncertainty))
-    variance = np.where(replaced, of_level, noise) + np.where(kept, of_level, 0.0)
+    given = np.where(replaced, np.maximum(parts.after[error.band] - level[parts.inner], 0.0), 0.0).astype(np.float64)
+    variance = np.where(replaced, of_level + OF_GIVEN * given**2, noise) + np.where(kept, of_level, 0.0)
     return np.asarray(variance + (left + np.where(replaced, error.high, 0.0)) ** 2)
 
 
