@@ -12,6 +12,8 @@ import numpy as np
 from deglint.compensate import Chain, Sample, Setting, State, apply_stages, fit_stages, parse, protect, system_psf
 from deglint.compensate import apply as apply_chain
 from deglint.compensate.codes import decoded, encoded
+from deglint.compensate.faint import give_back
+from deglint.compensate.identify import LEVEL_K
 from deglint.compensate.level import Opened, blurred
 from deglint.compensate.opening import openings
 from deglint.compensate.presence import Presence
@@ -64,6 +66,16 @@ def searching(block: np.ndarray, bands: tuple[Band, ...], chain: Chain) -> Calla
     return lambda: protect.things(block, level, protection)
 
 
+def giving_back(rng: np.random.Generator, shape: tuple[int, ...]) -> Callable[[], object]:
+    """Give back half of what was taken from a calm sea: all that lies `LEVEL_K` standard deviations above it."""
+    own = rng.standard_normal(shape, np.float32)
+    replaced = own > LEVEL_K
+    image, share = np.where(replaced, np.float32(0), own), np.zeros(shape[1:], np.float32)
+    spreads, whole = [(b, 1.0) for b in range(len(own))], (slice(0, shape[1]), slice(0, shape[2]))
+    out = image.copy()
+    return lambda: give_back(image, own, replaced, share, spreads, whole, out)
+
+
 def rates(values: int, seconds: list[float]) -> str:
     """Millions of values a second, best and median, as text."""
     return f"{values / 1e6 / min(seconds):.0f} / {values / 1e6 / median(seconds):.0f}"
@@ -104,6 +116,7 @@ def main(quick: bool) -> None:
     }
     presence = Presence(len(bands) - 2, *grids[-2])
     jobs["where glint is, by the NIR"] = lambda: presence.cells(block, 0, 0)
+    jobs["faint pixels: half given back, where there is no glint"] = giving_back(np.random.default_rng(0), block.shape)
     jobs["search for small things"] = searching(block, bands, chains["psf:2, identify-level:13, replace-level"])
     jobs |= {f"chain: {text}": (lambda c=chain: apply_chain(block, c)) for text, chain in chains.items()}
     found = in_turns(jobs, 3 if quick else 7)

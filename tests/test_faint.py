@@ -79,7 +79,7 @@ def test_half_is_nearer_to_the_truth_than_all_or_nothing(texture):
     give_back(image, own, replaced, np.zeros((400, 400), np.float32), [(0, 1.0)], whole, out)
     kept, taken, half = (np.sqrt(((x - truth) ** 2).mean()) for x in (own, image, out))
     assert half < kept
-    assert half < taken or texture < 0.5
+    assert (half < taken) == (texture**2 / (1 + texture**2) > 0.25)  # the share of x that is the water's own
 
 
 @pytest.fixture(scope="module")

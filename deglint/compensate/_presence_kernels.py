@@ -38,19 +38,40 @@ def sum_cells(band, rows, columns, level, scale, most, steps):  # type: ignore[n
 
 
 @nb.njit(cache=True, nogil=True)
+def mark_row(image, own, replaced, most, out):  # type: ignore[no-untyped-def]
+    """Where a row was replaced for more than so much, and whether it was anywhere."""
+    apart()
+    found = np.uint8(0)
+    for j in range(image.size):
+        strong = np.uint8(replaced[j]) & np.uint8(own[j] - image[j] > most)
+        out[j] = strong
+        found |= strong
+    return found
+
+
+@nb.njit(cache=True, nogil=True)
+def halve_row(image, own, replaced, strong, share, out):  # type: ignore[no-untyped-def]
+    """Put the middle of a row as it is and as it was where it was replaced, nothing is strong, and its share is 0."""
+    apart()
+    for j in range(out.size):
+        faint = np.uint8(replaced[j]) & np.uint8(strong[j] == 0) & np.uint8(share[j] == 0)
+        half = image[j] + np.float32(0.5) * (own[j] - image[j])
+        out[j] = half if faint else out[j]
+
+
+@nb.njit(cache=True, nogil=True)
 def halve(image, own, replaced, share, corner, most, around, out):  # type: ignore[no-untyped-def]
     """Put the middle of a block as it is and as it was where it was replaced for at most so much, with nothing beside
     it that was for more; in the part of it that begins at the corner, where its share is 0."""
-    top, left = corner
+    (height, width), (top, left) = image.shape, corner
+    row, strong = np.empty(width, np.uint8), np.zeros(image.shape, np.uint8)
+    for i in range(height):
+        if mark_row(image[i], own[i], replaced[i], most, row):
+            for j in range(width):
+                if row[j]:
+                    strong[max(i - around, 0) : i + around + 1, max(j - around, 0) : j + around + 1] = 1
+    right = left + share.shape[1]
     for i in range(share.shape[0]):
-        for j in range(share.shape[1]):
-            if share[i, j] != 0 or not replaced[top + i, left + j]:
-                continue
-            faint = True
-            for m in range(max(top + i - around, 0), min(top + i + around + 1, image.shape[0])):
-                for n in range(max(left + j - around, 0), min(left + j + around + 1, image.shape[1])):
-                    if replaced[m, n] and own[m, n] - image[m, n] > most:
-                        faint = False
-            if faint:
-                was, now = own[top + i, left + j], image[top + i, left + j]
-                out[i, j] = now + np.float32(0.5) * (was - now)
+        m = top + i
+        within = image[m, left:right], own[m, left:right], replaced[m, left:right], strong[m, left:right]
+        halve_row(*within, share[i], out[i])

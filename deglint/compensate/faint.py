@@ -8,8 +8,8 @@ it is above 3/4 x; and nearer than 0, unless it is below 1/4 x. A flash is stron
 there nothing is given back.
 
 Assumes that faint flashes are rare where the NIR shows none: half of these stays. Fails for the widest skirts of
-flashes that the optics blur over several pixels: half a spread or two of them stays. Costs 1 ns a replaced pixel and
-band."""
+flashes that the optics blur over several pixels: half a spread or two of them stays. Costs 2 ns for each band of each
+pixel of a tile that has parts without glint (`python -m benchmarks stages`)."""
 
 from __future__ import annotations
 

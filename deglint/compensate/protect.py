@@ -28,7 +28,6 @@ from .evidence import (
     REACH,
     BoolArray,
     Float64,
-    Places,
     Protection,
     binned,
     clusters,
@@ -38,6 +37,7 @@ from .evidence import (
     score,
     tables,
 )
+from .lasting import MOST_LASTING, lasting, steady
 from .shapes import shapes
 from .things import Things, lifted, put, put_back, things
 
@@ -62,12 +62,6 @@ USUAL_AROUND = 0.9
 """Share of squares of sparkle whose power may be around a thing."""
 MOST_THINGS = 0.05
 """Where more pixels than this share would be things the bands see the same sparkle, whatever their times are."""
-LIT = 8.0
-"""A pixel is lit where it exceeds the level by this many standard deviations of noise."""
-STEADY = 1.25
-"""Factor by which a pixel that is lit may change from one instant to the next and be steady."""
-MOST_LASTING = 0.004
-"""Of the pixels that sparkle lights at the first instant, the share that may stay steady through all of them."""
 BRIGHTEST = 0.9999
 """Share of pixels that are darker than white in every band, where the light is measured by the glint."""
 
@@ -197,10 +191,10 @@ def _middle(parts: Sequence[FloatArray]) -> Any:
 
 def _learn(pairs: Sequence[Pair], valid: Sequence[BoolArray], found: Protection, each: Each) -> Protection:
     """Tables of the chain, without things in the second round, and the threshold."""
-    lasting = _lasting(list(each(partial(_steady, found), pairs, valid)))
-    if lasting > MOST_LASTING:
+    share = lasting(list(each(partial(steady, found), pairs, valid)))
+    if share > MOST_LASTING:
         return Protection(
-            reason=f"sparkle lasts: {100 * lasting:.1f} % of what is lit at first stays as bright at every instant"
+            reason=f"sparkle lasts: {100 * share:.1f} % of what is lit at first stays as bright at every instant"
         )
     white = np.array(found.irradiance)[:, None, None]
     kept, order = list(valid), tuple(range(len(found.bands)))
@@ -225,31 +219,6 @@ def _scored(judged: Protection, pair: Pair) -> tuple[Float64, BoolArray]:
     """S of a look, and what of it passes for things."""
     found = score(*pair, judged)[0]
     return found, clusters(found, USUAL_SUM)
-
-
-def _steady(found: Protection, pair: Pair, valid: BoolArray) -> Places:
-    """How many pixels of a look are lit at the first instant and stay steady for 1, 2, ... of them; and, backwards in
-    time, from the last on."""
-    (raw, level), noise = (part[:, valid] for part in pair), np.array(found.noise)[:, :, None]
-    excess = (raw - level) / np.array(found.irradiance)[:, None]
-    spread = np.sqrt(noise[:, 0] + noise[:, 1] * np.maximum(raw, 0)) / np.array(found.irradiance)[:, None]
-    lit = excess > LIT * spread
-    steady = lit[1:] & lit[:-1] & (excess[1:] < STEADY * excess[:-1]) & (excess[:-1] < STEADY * excess[1:])
-    runs = [
-        1 + np.cumprod(way, axis=0)[:, first].sum(axis=0) for way, first in ((steady, lit[0]), (steady[::-1], lit[-1]))
-    ]
-    return np.bincount(np.concatenate(runs), minlength=len(lit) + 1)
-
-
-def _lasting(runs: Sequence[Places]) -> float:
-    """Share of the flashes seen first, or last, that stay steady through all instants.
-
-    Things do, too, so it is told by those that end one instant before, n, and two, m: flashes grow rarer with every
-    instant by a factor r = n / m, at most, and so n (r + r^2 + ...) of them last.
-    """
-    counts = np.sum(runs, axis=0)
-    ratio = min(counts[-2] / max(counts[-3], 1), 0.95)
-    return float(counts[-2] * ratio / (1 - ratio) / max(counts.sum(), 1))
 
 
 def _around(pairs: Sequence[Pair], kept: Sequence[BoolArray], white: Float64) -> float:

@@ -20,51 +20,47 @@ from .look import core_of, place_in
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Where a block shows glint (None: not asked), how much of the removal and what follows is done in its tile, and
-    how much of anything (None: all of it everywhere); and where less is done, what was there: `SKIRT` pixels around
-    the tile with it, and which tile that is."""
+    """Where a tile shows glint: how much of the removal and what follows is done (None: all of it), and how much of
+    anything (None: the same); and where less is done, what was there, with `SKIRT` pixels around the tile."""
 
+    tile: Tile
+    skirted: Tile
     cells: Cells | None = None
     share: Share | None = None
     quiet: Share | None = None
-    around: Any = None
-    tile: Tile | None = None
-    outer: Tile | None = None
+    was: Any = None
 
     @property
     def own(self) -> Any:
         """The tile's own values."""
-        assert self.tile is not None
-        assert self.outer is not None
-        return self.around[place_in(self.tile, self.outer)]
+        return self.was[place_in(self.tile, self.skirted)]
 
     def opened(self, image: Any, replaced: Any, spreads: Sequence[tuple[int, float]], middle: Tile) -> Any:
         """The tile as an opening leaves it, but for half of what that takes from faint pixels without glint.
 
-        image, replaced : of `middle`, a larger tile
+        image, replaced : of `middle`, a larger tile; the image is worked on itself where nothing follows in the tile
         """
-        assert self.tile is not None
-        assert self.outer is not None
         assert self.share is not None
-        made, here = image[place_in(self.tile, middle)].copy(), place_in(self.outer, middle)
+        made, around = image[place_in(self.tile, middle)], place_in(self.skirted, middle)
+        if self.share.any():
+            made = made.copy()
         if self.quiet is None or ((self.quiet > 0) & (self.share == 0)).any():
-            inner = core_of(self.tile.crop_of(self.outer), self.outer.shape)
-            give_back(image[here], self.around, replaced[here], self.share, spreads, inner, made)
+            inner = core_of(self.tile.crop_of(self.skirted), self.skirted.shape)
+            give_back(image[around], self.was, replaced[around], self.share, spreads, inner, made)
         return made
 
 
 def shown_in(presence: Presence | None, block: Any, tile: Tile, outer: Tile) -> Shown:
-    """Where a block, that of `outer`, shows glint, and what its tile is where it shows none, as far as that is known
-    before anything is done."""
+    """Where the tile of a block, that of `outer`, shows glint, as far as that is known before anything is done."""
+    skirted = tile.grown(SKIRT, outer.row1, outer.col1)
     if presence is None:
-        return Shown()
+        return Shown(tile, skirted)
     cells = presence.cells(block, outer.row0, outer.col0)
     share = cells.share(*tile.window)
     if share is None:
-        return Shown(cells)
+        return Shown(tile, skirted, cells)
     quiet = cells.share(*tile.window, presence.quiet) if presence.quiet else None
-    around = tile.grown(SKIRT, outer.row1, outer.col1)
-    return Shown(cells, share, quiet, block[place_in(around, outer)].copy(), tile, around)
+    return Shown(tile, skirted, cells, share, quiet, block[place_in(skirted, outer)].copy())
 
 
 @dataclass(eq=False)

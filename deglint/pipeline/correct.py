@@ -314,8 +314,9 @@ class Correction:
         if not self.chain.runs:
             return 0
         reach = LEVEL_REACH if self.want_stderr else 0
-        shown = 0 if self.chain.presence is None else self.chain.presence.halo + reach
-        reach = max(reach, SKIRT, max(BESIDE, shown) - self.chain.halo_before)
+        known = self.chain.presence
+        shown, skirt = (0, 0) if known is None else (known.halo + reach, SKIRT)
+        reach = max(reach, skirt, max(BESIDE, shown) - self.chain.halo_before)
         return self.chain.halo_before + max(self.chain.halo_after, self._water_halo, self.chain.protection.halo, reach)
 
     def _near(self, around: Any, known: Any, tile: Tile, outer: Tile) -> npt.NDArray[np.bool_] | None:
