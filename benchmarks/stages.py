@@ -12,7 +12,7 @@ import numpy as np
 from deglint.compensate import Chain, Sample, Setting, State, apply_stages, fit_stages, parse, protect, system_psf
 from deglint.compensate import apply as apply_chain
 from deglint.compensate.codes import decoded, encoded
-from deglint.compensate.faint import give_back
+from deglint.compensate.faint import Spread, give_back
 from deglint.compensate.identify import LEVEL_K
 from deglint.compensate.level import Opened, blurred
 from deglint.compensate.opening import openings
@@ -71,7 +71,7 @@ def giving_back(rng: np.random.Generator, shape: tuple[int, ...]) -> Callable[[]
     own = rng.standard_normal(shape, np.float32)
     replaced = own > LEVEL_K
     image, share = np.where(replaced, np.float32(0), own), np.zeros(shape[1:], np.float32)
-    spreads, whole = [(b, 1.0) for b in range(len(own))], (slice(0, shape[1]), slice(0, shape[2]))
+    spreads, whole = [Spread(b, 1.0) for b in range(len(own))], (slice(0, shape[1]), slice(0, shape[2]))
     out = image.copy()
     return lambda: give_back(image, own, replaced, share, spreads, whole, out)
 

@@ -38,12 +38,15 @@ def sum_cells(band, rows, columns, level, scale, most, steps):  # type: ignore[n
 
 
 @nb.njit(cache=True, nogil=True)
-def mark_row(image, own, replaced, most, out):  # type: ignore[no-untyped-def]
-    """Where a row was replaced for more than so much, and whether it was anywhere."""
+def mark_row(image, own, replaced, limit, out):  # type: ignore[no-untyped-def]
+    """Where a row was replaced for more than its limit, and whether it was anywhere; the limit is that of `halve`."""
     apart()
+    rise, middle, slope, most, share = limit[0], limit[1], limit[2], limit[3], limit[4]
     found = np.uint8(0)
     for j in range(image.size):
-        strong = np.uint8(replaced[j]) & np.uint8(own[j] - image[j] > most)
+        above = max(image[j] - middle, np.float32(0))
+        least = rise * (np.float32(1) + min(above * slope, most)) + share * above
+        strong = np.uint8(replaced[j]) & np.uint8(own[j] - image[j] > least)
         out[j] = strong
         found |= strong
     return found
@@ -60,13 +63,17 @@ def halve_row(image, own, replaced, strong, share, out):  # type: ignore[no-unty
 
 
 @nb.njit(cache=True, nogil=True)
-def halve(image, own, replaced, share, corner, most, around, out):  # type: ignore[no-untyped-def]
+def halve(image, own, replaced, share, corner, limit, around, out):  # type: ignore[no-untyped-def]
     """Put the middle of a block as it is and as it was where it was replaced for at most so much, with nothing beside
-    it that was for more; in the part of it that begins at the corner, where its share is 0."""
+    it that was for more; in the part of it that begins at the corner, where its share is 0.
+
+    limit : how much that is at most, at a level; the level from which on it grows, by what share of itself a unit, and
+    at most; and what share of what the level lies above is added
+    """
     (height, width), (top, left) = image.shape, corner
     row, strong = np.empty(width, np.uint8), np.zeros(image.shape, np.uint8)
     for i in range(height):
-        if mark_row(image[i], own[i], replaced[i], most, row):
+        if mark_row(image[i], own[i], replaced[i], limit, row):
             for j in range(width):
                 if row[j]:
                     strong[max(i - around, 0) : i + around + 1, max(j - around, 0) : j + around + 1] = 1

@@ -16,6 +16,7 @@ import numpy as np
 from ..errors import InputError
 from ..scene import FloatArray
 from .evidence import Protection, protection_from
+from .faint import Spread
 from .identify import IdentifyLevel, IdentifyMedian
 from .match import Matching, apply_match
 from .median import Median
@@ -164,10 +165,10 @@ class Chain:
         return not any(isinstance(stage, Normalise) for stage in self.before)
 
     @property
-    def spreads(self) -> list[tuple[int, float]]:
-        """Bands that are opened before the removal, and the standard deviation of their pixels without glint."""
+    def spreads(self) -> list[Spread]:
+        """How pixels without glint lie about their level, of the bands that are opened before the removal."""
         opened = [stage for stage in self.before if isinstance(stage, IdentifyLevel)]
-        return [pair for stage in opened[-1:] for pair in zip(stage.bands, stage.sigmas, strict=True)]
+        return [spread for stage in opened[-1:] for spread in stage.spreads]
 
     @property
     def halo(self) -> int:

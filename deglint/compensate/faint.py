@@ -5,7 +5,8 @@ instants may be anywhere, it does so where the NIR shows none, too, and most of 
 is the upper tail of noise, or crests that mirror a brighter sky, which are the water's own. Of such a pixel, x above
 the level, the truth is near 0 if it is noise, and nearer to x if it is a crest. Halfway is nearer to it than x, unless
 it is above 3/4 x; and nearer than 0, unless it is below 1/4 x. A flash is stronger, or lies beside what is stronger:
-there nothing is given back.
+there nothing is given back. On bright things an opening sinks further, and takes more for it: what counts as strong
+grows with the level as the threshold of the opening does (`deglint.compensate.identify`).
 
 Assumes that faint flashes are rare where the NIR shows none: half of these stays. Fails for the widest skirts of
 flashes that the optics blur over several pixels: half a spread or two of them stays. Costs 2 ns for each band of each
@@ -14,6 +15,7 @@ pixel of a tile that has parts without glint (`python -m benchmarks stages`)."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,12 +29,35 @@ SKIRT = 2
 """Pixels around a stronger one that may be its skirt."""
 
 
+class Spread(NamedTuple):
+    """How pixels of a band without glint lie about the level that an opening puts in the place of others.
+
+    Attributes
+    ----------
+    band : int
+        0-based.
+    sigma : float
+        Their standard deviation.
+    middle, slope, most : float
+        Level from which on that grows, by what share of itself per unit, and at most.
+    share : float
+        Of what the level lies above that: by so much more glint exceeds it.
+    """
+
+    band: int
+    sigma: float
+    middle: float = 0.0
+    slope: float = 0.0
+    most: float = 0.0
+    share: float = 0.0
+
+
 def give_back(
     image: FloatArray,
     own: FloatArray,
     replaced: npt.NDArray[np.bool_],
     share: Share,
-    spreads: Sequence[tuple[int, float]],
+    spreads: Sequence[Spread],
     within: tuple[slice, slice],
     out: FloatArray,
 ) -> None:
@@ -46,8 +71,8 @@ def give_back(
         Where it was changed; of the same block.
     share : (row, column) float32 ndarray
         Of the block's inner part: how much glint there is; see `deglint.compensate.presence`.
-    spreads : sequence of (int, float)
-        Bands, 0-based, and the standard deviation of their pixels without glint.
+    spreads : sequence of Spread
+        Of the bands that are opened.
     within : (slice, slice)
         Where that part lies in the block.
     out : (band, row, column) ndarray
@@ -57,12 +82,14 @@ def give_back(
     --------
     >>> image, own = np.zeros((1, 1, 9), np.float32), np.zeros((1, 1, 9), np.float32)
     >>> own[0, 0, [1, 5, 6]] = 2, 9, 2
-    >>> give_back(image, own, own > 0, np.zeros((1, 9), np.float32), [(0, 1.0)], (slice(0, 1), slice(0, 9)), image)
+    >>> share, inner = np.zeros((1, 9), np.float32), (slice(0, 1), slice(0, 9))
+    >>> give_back(image, own, own > 0, share, [Spread(0, 1.0)], inner, image)
     >>> image[0, 0].tolist()
     [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     """
     from ._presence_kernels import halve
 
     top, left = (s.start for s in within)
-    for band, spread in spreads:
-        halve(image[band], own[band], replaced[band], share, (top, left), np.float32(FAINT * spread), SKIRT, out[band])
+    for band, sigma, *growth in spreads:
+        limit = np.array([FAINT * sigma, *growth], np.float32)
+        halve(image[band], own[band], replaced[band], share, (top, left), limit, SKIRT, out[band])

@@ -32,6 +32,7 @@ from ..errors import FitError
 from ..remove.levels import mode
 from ..scene import Window
 from .codes import decoded, encoded
+from .faint import Spread
 from .level import Grid, Opened, of_every_band, opened_level, openings_of
 from .noise import growth_by_level
 from .opening import opening_halo
@@ -147,18 +148,23 @@ class IdentifyLevel:
         """Reach of the openings; what the level is blurred with comes on top, and is counted with the sharpening."""
         return opening_halo(self.size, self.detail)
 
+    @property
+    def spreads(self) -> list[Spread]:
+        """How pixels without glint lie about the level, in each of the bands that are looked at."""
+        growths = self.growths or ((0.0, 0.0),) * len(self.bands)
+        each = zip(self.bands, self.sigmas, self.grids, growths, strict=True)
+        return [Spread(band, sigma, middle, *growth, self.share) for band, sigma, (middle, _), growth in each]
+
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
         level = _levels(state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, later=True)
         state.cut()
         limits = np.zeros((len(state.image), LIMITS), np.float32)
-        growths = self.growths or ((0.0, 0.0),) * len(self.bands)
-        each = zip(self.bands, self.offsets, self.sigmas, self.grids, growths, strict=True)
-        for band, offset, sigma, (middle, _unit), (slope, most) in each:
+        for offset, (band, sigma, *growth) in zip(self.offsets, self.spreads, strict=True):
             rise, full = self.k * sigma, float(_as_divided(self.saturation[band], state.units[band]))
             if band in self.left:
                 rise = full = np.inf
-            limits[band] = offset, rise, full, middle, slope, most, self.share
+            limits[band] = offset, rise, full, *growth
         if not isinstance(level, Opened):
             level = of_every_band(level, self.bands, len(state.image))
         state.found(level, limits)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..compensate import Chain, State
-from ..compensate.faint import SKIRT, give_back
+from ..compensate.faint import SKIRT, Spread, give_back
 from ..compensate.presence import Cells, Presence, Share
 from ..remove import GlintModel
 from ..scene import Scene
@@ -35,7 +35,7 @@ class Shown:
         """The tile's own values."""
         return self.was[place_in(self.tile, self.skirted)]
 
-    def opened(self, image: Any, replaced: Any, spreads: Sequence[tuple[int, float]], middle: Tile) -> Any:
+    def opened(self, image: Any, replaced: Any, spreads: Sequence[Spread], middle: Tile) -> Any:
         """The tile as an opening leaves it, but for half of what that takes from faint pixels without glint.
 
         image, replaced : of `middle`, a larger tile; the image is worked on itself where nothing follows in the tile

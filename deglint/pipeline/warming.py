@@ -16,7 +16,7 @@ import numpy as np
 from ..compensate import State
 from ..compensate.chain import Sharpen
 from ..compensate.evidence import BINS, Protection, clusters
-from ..compensate.faint import give_back
+from ..compensate.faint import Spread, give_back
 from ..compensate.identify import IdentifyLevel
 from ..compensate.presence import Presence
 from ..compensate.protect import put_back, things
@@ -71,7 +71,7 @@ def warm_up() -> Iterator[None]:
     state = State.of(sea)
     Presence(0, 1.0, 0.1).cells(sea, 0, 0)
     part, hit = sea[:, 1:9, 1:9].copy(), np.zeros(sea.shape, np.bool_)[:, 1:9, 1:9]
-    give_back(sea[:, 1:9, 1:9], part, hit, np.zeros((8, 8), np.float32), [(0, 1.0)], (slice(0, 8),) * 2, part)
+    give_back(sea[:, 1:9, 1:9], part, hit, np.zeros((8, 8), np.float32), [Spread(0, 1.0)], (slice(0, 8),) * 2, part)
     for stage in stages:
         stage.apply(state)
         yield
