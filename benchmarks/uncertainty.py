@@ -63,7 +63,7 @@ def compare(
         error, se = (parts.after[band] - truth[band]) / level, claimed[i] / level
         replaced = np.zeros_like(parts.where) if parts.replaced is None else parts.replaced[band]
         kept = np.zeros_like(parts.where) if parts.kept is None else parts.kept
-        for name, where in (("clean", ~replaced & ~kept), ("replaced", replaced & ~kept)):
+        for name, where in (("all", ~kept), ("clean", ~replaced & ~kept), ("replaced", replaced & ~kept)):
             if where.sum() >= LEAST:
                 kind = f"{'visible' if band < VISIBLE else 'longer'} {name}"
                 out.setdefault(kind, []).append((error[where], se[where]))
@@ -71,6 +71,7 @@ def compare(
     return both, {k: [ratio(e, s) for e, s in v] for k, v in out.items()}
 
 
+WHOLE = ("visible all", "longer all")
 KINDS = ("visible clean", "visible replaced", "longer clean", "longer replaced")
 WITHIN = 0.2
 """A standard error that is so near to the error is right."""
@@ -97,9 +98,9 @@ def row(name: str, path: Path, compensate: str = "auto", ratios: Ratios | None =
         error, se = found[kind]
         low, high = np.percentile(error / se, [16, 84])
         cells.append(f"{100 * np.sqrt((error**2).mean()):.2f} %, {ratio(error, se):.2f}, {(high - low) / 2:.2f}")
-        if ratios is not None:
-            ratios.setdefault(kind, []).append(ratio(error, se))
-            ratios.setdefault(f"{kind}, single bands", []).extend(single[kind])
+    for kind in (k for k in (*WHOLE, *KINDS) if ratios is not None and k in found):
+        ratios.setdefault(kind, []).append(ratio(*found[kind]))
+        ratios.setdefault(f"{kind}, single bands", []).extend(single[kind])
     return [name, *cells]
 
 
