@@ -55,8 +55,8 @@ def deglinted(path: Path, compensate: str = "auto") -> tuple[Parts, Array, tuple
 def compare(
     parts: Parts, claimed: Array, bands: tuple[int, ...], truth: Array
 ) -> tuple[dict[str, tuple[Array, Array]], Ratios]:
-    """Error and standard error of visible and other bands, clean and replaced, in units of the water's level; and
-    their ratios in single bands."""
+    """Error and standard error of visible and other bands, all pixels, clean and replaced ones, in units of the water's
+    level; and their ratios in single bands."""
     out: dict[str, list[tuple[Array, Array]]] = {}
     for i, band in enumerate(bands):
         level = np.median(truth[band])
@@ -71,7 +71,6 @@ def compare(
     return both, {k: [ratio(e, s) for e, s in v] for k, v in out.items()}
 
 
-WHOLE = ("visible all", "longer all")
 KINDS = ("visible clean", "visible replaced", "longer clean", "longer replaced")
 WITHIN = 0.2
 """A standard error that is so near to the error is right."""
@@ -98,9 +97,10 @@ def row(name: str, path: Path, compensate: str = "auto", ratios: Ratios | None =
         error, se = found[kind]
         low, high = np.percentile(error / se, [16, 84])
         cells.append(f"{100 * np.sqrt((error**2).mean()):.2f} %, {ratio(error, se):.2f}, {(high - low) / 2:.2f}")
-    for kind in (k for k in (*WHOLE, *KINDS) if ratios is not None and k in found):
-        ratios.setdefault(kind, []).append(ratio(*found[kind]))
-        ratios.setdefault(f"{kind}, single bands", []).extend(single[kind])
+    if ratios is not None:
+        for kind, of_all in found.items():
+            ratios.setdefault(kind, []).append(ratio(*of_all))
+            ratios.setdefault(f"{kind}, single bands", []).extend(single[kind])
     return [name, *cells]
 
 

@@ -10,11 +10,13 @@ from scipy.ndimage import maximum_filter
 
 from deglint import fit_scene, open_scene, remove_glint
 from deglint import tiles as tiling
-from deglint.compensate.faint import FAINT, SKIRT, Spread, give_back
+from deglint.compensate.faint import FAINT, SKIRT, give_back
+from deglint.compensate.noise import Spread
 from deglint.physics.presets import preset
 from deglint.pipeline.saved import load_chain, load_model
 from deglint.raster.simulated import write_scene
-from deglint.simulate import Setup, SubmergedObject, simulate
+from deglint.simulate import Setup, simulate
+from deglint.simulate.objects import thesis_array
 
 SIDE, BESIDE = 384, 104
 
@@ -33,7 +35,7 @@ def by_hand(image, own, replaced, share, spreads):
     """The same of a whole block, with SciPy's filter."""
     limits = []
     for band, sigma, middle, slope, most, more in spreads:
-        above = np.maximum(image[band].astype(np.float64) - middle, 0)
+        above = np.maximum(image[band] - middle, 0)
         limits.append(FAINT * sigma * (1 + np.minimum(above * slope, most)) + more * above)
     strong = replaced & (own - image > limits)
     near = np.array([maximum_filter(s, 2 * SKIRT + 1, mode="constant") for s in strong])
@@ -139,17 +141,16 @@ def test_no_band_is_worse_where_there_is_no_glint(rare, tmp_path, monkeypatch):
 
 def test_bright_things_beside_glint_keep_their_brightness(tmp_path, monkeypatch):
     """Squares of 4 m at 5 m depth, through optics that blur them, beside a look into the glint."""
-    middles = [
-        ((SIDE / 2 + 24 + 48 * j) / 4, 8 + 16 * i, r) for i in range(6) for j, r in enumerate((0.02, 0.05, 0.1, 0.2))
-    ]
-    squares = [(((x - 2, y - 2), (x + 2, y - 2), (x + 2, y + 2), (x - 2, y + 2)), r) for x, y, r in middles]
     setup = Setup(sensor=preset("thesis-f30").delayed(0.01), size=(SIDE, SIDE), wind=9.0, sky="cardioidal", patch=0.005,
                   view_zenith=20.0, view_azimuth=(Setup.sun_azimuth + 180) % 360, seed=1,
-                  objects=tuple(SubmergedObject(corners=c, reflectance=r, depth=5.0) for c, r in squares))  # fmt: skip
+                  objects=thesis_array((SIDE, SIDE), 0.25, sides=(16,)))  # fmt: skip
     half = half_of(tmp_path, setup)
     assert (errors_beside(*half, tmp_path) < 1.0).all()
-    monkeypatch.setattr("deglint.compensate.chain.Chain.spreads", property(lambda chain: [
-        Spread(*pair) for pair in zip(chain.before[0].bands, chain.before[0].sigmas, strict=True)]))  # fmt: skip
+
+    def evenly(image, own, replaced, share, spreads, *rest):
+        give_back(image, own, replaced, share, [Spread(*spread[:2]) for spread in spreads], *rest)
+
+    monkeypatch.setattr("deglint.pipeline.compensated.give_back", evenly)
     assert errors_beside(*half, tmp_path).max() > 1.01
 
 

@@ -16,10 +16,10 @@ import numpy as np
 from ..errors import InputError
 from ..scene import FloatArray
 from .evidence import Protection, protection_from
-from .faint import Spread
 from .identify import IdentifyLevel, IdentifyMedian
 from .match import Matching, apply_match
 from .median import Median
+from .noise import Spread
 from .normalise import Normalise
 from .presence import Presence, presence_from
 from .psf import PSF
@@ -168,7 +168,7 @@ class Chain:
     def spreads(self) -> list[Spread]:
         """How pixels without glint lie about their level, of the bands that are opened before the removal."""
         opened = [stage for stage in self.before if isinstance(stage, IdentifyLevel)]
-        return [spread for stage in opened[-1:] for spread in stage.spreads]
+        return opened[-1].spreads if opened else []
 
     @property
     def halo(self) -> int:

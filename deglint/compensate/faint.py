@@ -15,41 +15,18 @@ pixel of a tile that has parts without glint (`python -m benchmarks stages`)."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..scene import FloatArray
+from .noise import Spread
 from .presence import Share
 
 FAINT = 5.0
 """How many standard deviations of pixels without glint above its new value a replaced one may have lain, at most."""
 SKIRT = 2
 """Pixels around a stronger one that may be its skirt."""
-
-
-class Spread(NamedTuple):
-    """How pixels of a band without glint lie about the level that an opening puts in the place of others.
-
-    Attributes
-    ----------
-    band : int
-        0-based.
-    sigma : float
-        Their standard deviation.
-    middle, slope, most : float
-        Level from which on that grows, by what share of itself per unit, and at most.
-    share : float
-        Of what the level lies above that: by so much more glint exceeds it.
-    """
-
-    band: int
-    sigma: float
-    middle: float = 0.0
-    slope: float = 0.0
-    most: float = 0.0
-    share: float = 0.0
 
 
 def give_back(

@@ -32,9 +32,8 @@ from ..errors import FitError
 from ..remove.levels import mode
 from ..scene import Window
 from .codes import decoded, encoded
-from .faint import Spread
 from .level import Grid, Opened, of_every_band, opened_level, openings_of
-from .noise import growth_by_level
+from .noise import Spread, growth_by_level
 from .opening import opening_halo
 from .state import LIMITS, Float32Array, Mask, State
 

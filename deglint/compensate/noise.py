@@ -11,6 +11,7 @@ differences)."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,29 @@ HALF_OF_SQUARES = 0.142652
 """Mean of the smaller half of the squares of a standard normal distribution."""
 EXTREMES = 0.1, 99.9
 """Percentiles of the level that count as its lowest and its highest."""
+
+
+class Spread(NamedTuple):
+    """How pixels of a band without glint lie about the level that an opening puts in the place of others.
+
+    Attributes
+    ----------
+    band : int
+        0-based.
+    sigma : float
+        Their standard deviation.
+    middle, slope, most : float
+        Level from which on that grows, by what share of itself per unit, and at most.
+    share : float
+        Of what the level lies above that: by so much more glint exceeds it.
+    """
+
+    band: int
+    sigma: float
+    middle: float = 0.0
+    slope: float = 0.0
+    most: float = 0.0
+    share: float = 0.0
 
 
 def noise_by_level(rest: Float32Array, level: Float32Array) -> tuple[float, float]:

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..compensate import Chain, State
-from ..compensate.faint import SKIRT, Spread, give_back
+from ..compensate.faint import SKIRT, give_back
+from ..compensate.noise import Spread
 from ..compensate.presence import Cells, Presence, Share
 from ..remove import GlintModel
 from ..scene import Scene

@@ -16,8 +16,9 @@ import numpy as np
 from ..compensate import State
 from ..compensate.chain import Sharpen
 from ..compensate.evidence import BINS, Protection, clusters
-from ..compensate.faint import Spread, give_back
+from ..compensate.faint import give_back
 from ..compensate.identify import IdentifyLevel
+from ..compensate.noise import Spread
 from ..compensate.presence import Presence
 from ..compensate.protect import put_back, things
 from ..compensate.psf import kernel_psf
