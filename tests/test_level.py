@@ -1,8 +1,5 @@
 """The opened level against scipy's morphology and brute force; tiles against the whole; holes and edges."""
 
-import doctest
-import importlib
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -64,11 +61,6 @@ def opening(band, size, shape="square", corners=False):
     low = np.where(np.isinf(low), -np.inf, low)
     found = ndimage.maximum_filter(low, footprint=foot, mode="constant", cval=-np.inf)
     return np.where(np.isinf(found), np.nan, found)
-
-
-@pytest.mark.parametrize("name", ["level", "opening", "codes", "normalise", "identify", "replace", "median", "chain"])
-def test_examples(name):
-    assert doctest.testmod(importlib.import_module(f"deglint.compensate.{name}")).failed == 0
 
 
 @pytest.mark.parametrize("holes", [0.0, 0.1, 0.9])

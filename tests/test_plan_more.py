@@ -1,8 +1,5 @@
 """Beyond one reticle: the best look, a day, a flight line, a wind not exactly known, and the pictures of them."""
 
-import doctest
-import importlib
-import pkgutil
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deglint import plan as room
 from deglint.errors import BandError, InputError
 from deglint.physics import atmosphere, glint
 from deglint.plan import Limits, Mission, reticle
@@ -30,11 +26,6 @@ def between(a, b):
     """Angle between two looks (zenith, azimuth) [degree]."""
     z1, a1, z2, a2 = np.radians([a[0], a[1], b[0], b[1]])
     return np.degrees(np.arccos(np.clip(np.cos(z1) * np.cos(z2) + np.sin(z1) * np.sin(z2) * np.cos(a1 - a2), -1, 1)))
-
-
-@pytest.mark.parametrize("name", [n for _, n, _ in pkgutil.iter_modules(room.__path__, "deglint.plan.")])
-def test_examples_in_docstrings_run(name):
-    assert doctest.testmod(importlib.import_module(name)).failed == 0
 
 
 def test_best_look_is_the_best_of_those_with_a_margin():

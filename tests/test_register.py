@@ -1,6 +1,5 @@
 """The shift between a band and the NIR: against known shifts, a real scene, and the cases that must not be moved."""
 
-import doctest
 from pathlib import Path
 
 import numpy as np
@@ -39,10 +38,6 @@ def pair(seed, shift, optics="thesis", noise=0.3, side=192, swell=0.0):
     band = observe(spectrum, preset(optics), 660.0, factor=4, shift=(-shift[0], -shift[1]))
     draw = noise * nir.std() * rng.normal(size=(2, side, side))
     return band + draw[0], nir + draw[1]
-
-
-def test_examples():
-    assert doctest.testmod(register).failed == 0
 
 
 @pytest.mark.parametrize(("optics", "bias"), [("thesis", 0.02), ("thesis-f30", 0.02), ("micasense", 0.05)])

@@ -85,7 +85,7 @@ def growth_by_level(looks: Sequence[tuple[Float32Array, Float32Array]], middle: 
     >>> level = np.repeat(np.float32([100, 400]), 5000).reshape(100, 100)
     >>> noise = np.random.default_rng(0).normal(0, np.sqrt(level)).astype(np.float32)
     >>> [round(g, 3) for g in growth_by_level([(noise, level)], 100.0)]
-    [0.003, 1.003]
+    [0.003, 1.0]
     """
     squares, place = (np.concatenate(parts) for parts in zip(*(_differences(*look) for look in looks), strict=True))
     fixed, growing = _line(squares, place)
