@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from scipy.stats import norm
 
+from deglint.compensate.chain import Sharpen, apply_stages
 from deglint.compensate.codes import decoded, encoded
 from deglint.compensate.identify import (
     CERTAIN_K,
@@ -23,6 +24,7 @@ from deglint.compensate.identify import (
 )
 from deglint.compensate.normalise import Normalise, fit_normalise, water_level
 from deglint.compensate.opening import rank_opening
+from deglint.compensate.psf import kernel_psf
 from deglint.compensate.replace import ReplaceLevel
 from deglint.compensate.state import State
 from deglint.errors import FitError
@@ -403,3 +405,37 @@ def test_bands_that_are_left_lend_their_outlines():
     found, lost = hits(stage, block), hits(alone, block)
     assert not found[[0, 1, 3, 4]].any()
     assert found[2][disc].mean() < 0.5 * lost[2][disc].mean()
+
+
+@pytest.mark.parametrize("later", ["at once", "in turn", "not replaced"])
+@pytest.mark.parametrize("sharp", [False, True])
+def test_outlines_that_an_opening_has_found_are_kept_by_the_next(later, sharp):
+    """Discs that hold no square, and flashes: the second opening would take the discs, and takes flashes alone."""
+    rng = np.random.default_rng(8)
+    rows, columns = np.mgrid[:120, :120]
+    disc = (rows - 60) ** 2 + (columns - 60) ** 2 < 7.7**2
+    block = (100 + 400 * disc + rng.normal(0, 2, (5, 120, 120))).astype(np.float32)
+    psfs = (kernel_psf([[0, 1, 0], [1, 20, 1], [0, 1, 0]]),) * 5
+    sharpen = [Sharpen(psfs, 1)] if sharp else []
+    first = fitted(block, size=13, detail=13, saturation=(np.inf,) * 5)
+    second = replace(first, size=11, detail=0)
+    state = apply_stages(State.of(block), [*sharpen, first, ReplaceLevel()])
+    assert state.outlined[:, disc].mean() > 0.9
+    assert not state.outlined[:, ~ndimage.binary_dilation(disc, iterations=2)].any()
+
+    flashes = state.image.copy()
+    flashes[2, 20, 30] = flashes[2, 60, 60] = 900  # in open water, and on the disc
+
+    def opened(outlined):
+        left = State.of(flashes)
+        left.outlined = outlined
+        if later == "in turn":
+            left.replaced[...] = False  # as after another stage
+        return apply_stages(left, [second] if later == "not replaced" else [second, ReplaceLevel()])
+
+    kept, lost = opened(state.outlined), opened(None)
+    found, taken = (s.hit if later == "not replaced" else s.replaced for s in (kept, lost))
+    assert found[2, 20, 30]
+    assert taken[:, disc].mean() > 0.9
+    np.testing.assert_array_equal(found, taken & ~state.outlined)
+    np.testing.assert_array_equal(kept.image, np.where(found, lost.image, flashes))

@@ -1,5 +1,7 @@
 """The opened level against scipy's morphology and brute force; tiles against the whole; holes and edges."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -152,7 +154,7 @@ def test_outlines_are_an_octagon_grown_by_a_pixel_under_a_small_square_and_a_dia
 
 def kept(level, outlines, spectrum):
     codes = [np.stack([encoded(b, 0.0, 1.0) for b in block]) for block in (level, outlines)]
-    return Opened(*codes, [(0.0, 1.0)] * len(level), list(spectrum), range(len(level))).level()
+    return Opened(*codes, [(0.0, 1.0)] * len(level), list(spectrum), range(len(level))).level()[0]
 
 
 @settings(max_examples=60)
@@ -195,7 +197,13 @@ def test_details_are_kept_where_two_neighbours_agree(count):
     details = told(rng.gamma(1.0, 3.0, (count, 20, 30)) - 0.5, (0.0, 1.0))
     spectrum = rng.uniform(0.5, 2.0, count)
     found = kept(np.zeros_like(details), details, spectrum)
+    codes = [np.stack([encoded(b, 0.0, 1.0) for b in block]) for block in (np.zeros_like(details), details)]
+    least = rng.uniform(0.5, 3.0, count)
+    of_all = Opened(*codes, [(0.0, 1.0)] * count, list(spectrum), range(count), least=least)
+    again, outlined = of_all.level()
+    np.testing.assert_array_equal(again, found)
     if count < 3:
+        assert outlined is None
         assert not found.any()
         return
     details = np.maximum(details, 0)
@@ -203,6 +211,12 @@ def test_details_are_kept_where_two_neighbours_agree(count):
     for i in range(count):
         wanted = np.minimum(details[i], SLACK * spectrum[i] * most_of_two_neighbours(scaled, i))
         np.testing.assert_allclose(found[i], wanted, rtol=2e-6)
+    np.testing.assert_array_equal(outlined, found > least.astype(np.float32)[:, None, None])
+    assert 0.01 < outlined.mean() < 0.9
+    assert replace(of_all, least=[1e9] * count).level()[1] is None
+    narrow = replace(of_all, levels=codes[0][..., :5], outlines=codes[1][..., :5])
+    for part, whole in zip(narrow.level(), (found, outlined), strict=True):
+        np.testing.assert_array_equal(part, whole[..., :5])
 
 
 def test_a_flash_of_one_band_is_no_detail_and_a_thing_of_all_is():
@@ -241,9 +255,11 @@ def level_of(block, size, case):
     if case.pop("sharp", False):
         block = [richardson_lucy(b, p, iterations=1) for b, p in zip(block, psfs, strict=True)]
     shape = (len(block), *block[0].shape)
-    return opened_level(
-        list(block), shape, size, [GRID] * 4, order=(2, 0, 1, 3), spectrum=(1.0, 0.7, 1.4, 1.1), psfs=psfs, **case
-    )
+    level, outlined = opened_level(
+        list(block), shape, size, [GRID] * 4, order=(2, 0, 1, 3), spectrum=(1.0, 0.7, 1.4, 1.1), psfs=psfs,
+        least=[1.0] * 4, **case,
+    )  # fmt: skip
+    return level, np.zeros(level.shape, np.bool_) if outlined is None else outlined
 
 
 def halo_of(size, case):
@@ -269,17 +285,19 @@ def test_tiles_are_the_whole_to_the_bit(name, data):
     halo = halo_of(size, case)
     top, left = max(r0 - halo, 0), max(c0 - halo, 0)
     tile = level_of(block[:, top : r1 + halo, left : c1 + halo], size, case)
-    np.testing.assert_array_equal(tile[:, r0 - top :, c0 - left :][:, : r1 - r0, : c1 - c0], whole[:, r0:r1, c0:c1])
+    for part, all_of_it in zip(tile, whole, strict=True):
+        inner = part[:, r0 - top :, c0 - left :][:, : r1 - r0, : c1 - c0]
+        np.testing.assert_array_equal(inner, all_of_it[:, r0:r1, c0:c1])
 
 
 def test_a_level_of_one_band_and_of_nothing():
     band = sparkle()
     wanted = rank_opening(told(band), 13, corners=True)
-    np.testing.assert_array_equal(opened_level([band], (1, *band.shape), 13, [GRID])[0], wanted)
-    one = opened_level([band], (1, *band.shape), 13, [GRID], detail=11, order=(0,), spectrum=(1.0,))  # no neighbours
+    np.testing.assert_array_equal(opened_level([band], (1, *band.shape), 13, [GRID])[0][0], wanted)
+    one, _ = opened_level([band], (1, *band.shape), 13, [GRID], detail=11, order=(0,), spectrum=(1.0,))  # no neighbours
     np.testing.assert_array_equal(one[0], wanted)
     nothing = [np.full((8, 8), np.nan, np.float32)] * 3
-    found = opened_level(
+    found, _ = opened_level(
         nothing, (3, 8, 8), 5, [GRID] * 3, detail=3, order=(0, 1, 2), spectrum=(1.0, 1.0, 1.0), psfs=[GREEN] * 3
     )
     assert np.isnan(found).all()

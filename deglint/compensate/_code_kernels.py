@@ -83,18 +83,46 @@ def _put(_typing: Any, out: Any, replaced: Any, _at: Any, _value: Any, _level: A
     return types.void(out, replaced, types.intp, lanes, lanes, lanes, lanes), made
 
 
+def _mark(_typing: Any, out: Any, _at: Any, _values: Any, _limit: Any) -> Any:
+    """Note where values exceed a limit."""
+
+    def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        out, at, values, limit = given
+        marks = ir.VectorType(ir.IntType(8), LANES)
+        spot = pointer(context, builder, signature.args[0], out, at, marks)
+        builder.store(builder.zext(builder.fcmp_ordered(">", values, limit), marks), spot, align=1)
+        return context.get_dummy_value()
+
+    return types.void(out, types.intp, lanes, lanes), made
+
+
+def _unless(_typing: Any, marks: Any, _at: Any, _values: Any) -> Any:
+    """Infinity where there is a mark, and else the values."""
+
+    def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        some = ir.VectorType(ir.IntType(8), LANES)
+        spot = pointer(context, builder, signature.args[0], given[0], given[1], some)
+        free = builder.icmp_unsigned("==", builder.load(spot, align=1), constant(some, 0))
+        return builder.select(free, given[2], constant(FLOATS, float("inf")))
+
+    return lanes(marks, types.intp, lanes), made
+
+
 told: Any = intrinsic(_told)
+unless: Any = intrinsic(_unless)
+mark: Any = intrinsic(_mark)
 put: Any = intrinsic(_put)
 tell: Any = intrinsic(_tell)
 
 
 @nb.njit(cache=True, nogil=True)
-def encode(band, centre, per_unit, out):  # type: ignore[no-untyped-def]
-    """Codes of a band."""
+def encode(numbers, per_row, columns, centre, per_unit, out):  # type: ignore[no-untyped-def]
+    """Codes of a band, of which a row begins so many numbers after the one before."""
     middle, scale = spread(centre), spread(per_unit)
-    for first in range(0, band.size, LANES):
-        p = min(first, band.size - LANES)
-        tell(out, p, load(band, p), middle, scale)
+    for i in range(out.size // columns):
+        for first in range(0, columns, LANES):
+            p = min(first, columns - LANES)
+            tell(out, i * columns + p, load(numbers, i * per_row + p), middle, scale)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -107,10 +135,10 @@ def decode(codes, centre, unit, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def capped(level, detail, before, around, after, factor):  # type: ignore[no-untyped-def]
-    """Add of a detail no more than the factor times the best pair: two before, one on either side, two after."""
+def capped(detail, before, around, after, factor):  # type: ignore[no-untyped-def]
+    """Of a detail no more than the factor times the best pair: two before, one on either side, two after."""
     most = larger(larger(smaller(*before), smaller(*around)), smaller(*after))
-    return plus(level, smaller(times(most, factor), detail))
+    return smaller(times(most, factor), detail)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -129,13 +157,16 @@ def told_row(codes, at, grid, glint, x, to, line, some):  # type: ignore[no-unty
 
 
 @nb.njit(cache=True, nogil=True)
-def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image, level, clean, replaced):  # type: ignore[no-untyped-def]
-    """`deglint.compensate.level.Opened`: the level, where it is wanted, and what is left of an image, if there is one.
+def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image, least, kept, out):  # type: ignore[no-untyped-def]
+    """`deglint.compensate.level.Opened`: the level and outlines, where they are wanted, and what is left of an image.
 
     codes : levels and outlines, (band x row x column); grids : centre and unit; order : bands, of which so many
     agree, up to the last, and then the others; bands : which they are of the image, and of what is written; image :
-    numbers, from band to band, from row to row
+    numbers, from band to band, from row to row; least : of each band, by how much its outline exceeds the level where
+    outlines are told; kept : pixels that are left, if there are any; out : level, image, what was replaced in it,
+    outlines: empty where not wanted
     """
+    level, clean, replaced, outlined = out
     numbers, per_band, per_row = image
     size, wide = codes[0].size // len(grids), min(columns, WIDE)
     x = np.zeros(3 * (len(order) + 4) * wide, np.float32)  # nothing agrees beyond the first and the last band
@@ -153,14 +184,17 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image
                 factor = spread(slack * glint[n])
                 offset, rise, full = (spread(limits[band, 0]), spread(limits[band, 1]), spread(limits[band, 2]))
                 below, slope, most = (spread(-limits[band, 3]), spread(limits[band, 4]), spread(limits[band, 5]))
-                share = spread(limits[band, 6])
+                share, away = spread(limits[band, 6]), spread(least[band])
                 for place in range(0, wide, LANES):
                     p = min(place, wide - LANES)
-                    found = load(x, s + p + 2 * wide + 2 * more)
+                    found, detail = load(x, s + p + 2 * wide + 2 * more), spread(ZERO)
                     if n < last:
                         around = load(x, s + p + wide), load(x, s + p + 3 * wide)
                         before, after = (load(x, s + p), around[0]), (around[1], load(x, s + p + 4 * wide))
-                        found = capped(found, load(x, s + p + 2 * wide + more), before, around, after, factor)
+                        detail = capped(load(x, s + p + 2 * wide + more), before, around, after, factor)
+                        found = plus(found, detail)
+                    if outlined.size:
+                        mark(outlined, to + p, detail, away)
                     above = rises = spread(ZERO)
                     if limits.size:
                         above = larger(plus(found, below), above)
@@ -169,4 +203,7 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image
                     if level.size:
                         store(level, to + p, found)
                     if clean.size:
-                        put(clean, replaced, to + p, load(numbers, beside + p), found, rises, full)
+                        value, end = load(numbers, beside + p), full
+                        if kept.size:
+                            rises, end = unless(kept, to + p, rises), unless(kept, to + p, full)
+                        put(clean, replaced, to + p, value, found, rises, end)

@@ -26,7 +26,7 @@ def encoded(band: Float32Array, centre: float, unit: float) -> Codes:
     Parameters
     ----------
     band : (row, column) float32 ndarray
-        NaN is not valid.
+        NaN is not valid. Rows may lie apart.
     centre, unit : float
         In the unit of the band; unit is positive.
 
@@ -37,12 +37,18 @@ def encoded(band: Float32Array, centre: float, unit: float) -> Codes:
     [[-1024, 0, 1024, 2048, 30579, 32767]]
     """
     from ._code_kernels import LANES, encode
+    from .glance import block
 
-    codes = np.empty(band.shape, np.int16)
-    if band.size < LANES:
-        some = encoded(np.resize(band, LANES), centre, unit) if band.size else codes
+    codes, (rows, columns) = np.empty(band.shape, np.int16), band.shape
+    if columns < LANES or band.flags.c_contiguous:  # as one row
+        columns = rows * columns
+    if columns < LANES:
+        some = encoded(np.resize(band, (1, LANES)), centre, unit) if band.size else codes
         return some.ravel()[: band.size].reshape(band.shape)
-    encode(np.ascontiguousarray(band, np.float32).ravel(), np.float32(centre), np.float32(1.0 / unit), codes.ravel())
+    if columns > band.shape[1]:
+        band = np.ascontiguousarray(band).reshape(1, columns)
+    numbers, _, per_row = block(np.asarray(band, np.float32)[None])
+    encode(numbers, per_row, columns, np.float32(centre), np.float32(1.0 / unit), codes.ravel())
     return codes
 
 

@@ -98,7 +98,8 @@ class IdentifyLevel:
     Attributes
     ----------
     size, detail : int
-        Elements of the openings [pixel]; see `deglint.compensate.level.opened_level`.
+        Elements of the openings [pixel]; see `deglint.compensate.level.opened_level`. Without a detail, outlines that
+        an earlier stage has found are kept.
     order : tuple of int
         Bands by wavelength.
     bands : tuple of int
@@ -156,8 +157,12 @@ class IdentifyLevel:
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
-        level = _levels(state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, later=True)
+        least = [self.k * sigma for sigma in self.sigmas] if self.detail else []
+        level, outlined = _levels(
+            state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, least=least, later=True
+        )
         state.cut()
+        state.kept = None if self.detail else state.outlined
         limits = np.zeros((len(state.image), LIMITS), np.float32)
         for offset, (band, sigma, *growth) in zip(self.offsets, self.spreads, strict=True):
             rise, full = self.k * sigma, float(_as_divided(self.saturation[band], state.units[band]))
@@ -165,7 +170,8 @@ class IdentifyLevel:
                 rise = full = np.inf
             limits[band] = offset, rise, full, *growth
         if not isinstance(level, Opened):
-            level = of_every_band(level, self.bands, len(state.image))
+            level, outlined = of_every_band(level, outlined, self.bands, len(state.image))
+        state.outlined = outlined if self.detail else state.outlined
         state.found(level, limits)
 
 
@@ -259,7 +265,7 @@ def fit_identify_level(
     def above(state: State, mask: Mask) -> list[tuple[Float32Array, tuple[Float32Array, Float32Array]]]:
         rows, columns = wanted = _around(mask)
         at = slice(*rows), slice(*columns)
-        level = _levels(state, chosen, grids, size, 0, order, (), wanted)
+        level, _ = _levels(state, chosen, grids, size, 0, order, (), wanted)
         assert not isinstance(level, Opened)
         image = [np.ascontiguousarray(state.image[b][at]) for b in chosen]
         if not unlike:
@@ -420,9 +426,10 @@ def _grid(values: Sequence[npt.NDArray[np.float32]]) -> Grid:
 
 def _levels(
     state: State, bands: Sequence[int], grids: Sequence[Grid], size: int, detail: int, order: Sequence[int],
-    spectrum: Sequence[float], wanted: Window | None = None, later: bool = False,
-) -> Float32Array | Opened:  # fmt: skip
-    """Opened level of some bands; `order` and `spectrum` are of the scene's bands and of the chosen ones.
+    spectrum: Sequence[float], wanted: Window | None = None, *, least: Sequence[float] = (), later: bool = False,
+) -> tuple[Float32Array | Opened, Mask | None]:  # fmt: skip
+    """Opened level of some bands, and its outlines; `order` and `spectrum` are of the scene's bands and of the chosen
+    ones.
 
     later : the openings will do, of which the level is made
     """
@@ -434,7 +441,7 @@ def _levels(
         (max(a - reach, 0), min(b + reach, n)) for (a, b), n in zip(wanted, state.image.shape[1:], strict=True)
     )
     outer = (top, bottom), (left, right)
-    sharp = state.sharp or (lambda b, _outer: np.ascontiguousarray(state.image[b][top:bottom, left:right]))
+    sharp = state.sharp or (lambda b, _outer: state.image[b][top:bottom, left:right])
     source = (sharp(b, outer) for b in bands)
     within = tuple((a - c, b - c) for (a, b), (c, _) in zip(wanted, outer, strict=True))
     shape = (len(bands), bottom - top, right - left)
@@ -443,10 +450,10 @@ def _levels(
         opened = openings_of(
             source, shape, size, grids, detail=detail, order=some, spectrum=spectrum, within=(within[0], within[1])
         )
-        return replace(opened, bands=tuple(bands))
+        return replace(opened, bands=tuple(bands), least=least), None
     return opened_level(
         source, shape, size, grids, detail=detail, order=some, spectrum=spectrum, psfs=psfs,
-        within=(within[0], within[1]), sound=state.sound,
+        within=(within[0], within[1]), least=least, sound=state.sound,
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from .codes import Codes, encoded
 from .opening import openings
 from .products import by_products, products
 from .psf import PSF
-from .state import LIMITS, Float32Array
+from .state import LIMITS, Float32Array, Mask
 
 Grid = tuple[float, float]
 SMALLEST = 5
@@ -53,6 +53,8 @@ class Opened:
         A detail may be so many times brighter than the fainter of its neighbours.
     bands : sequence of int, optional
         Which bands of an image they are, of which the others are left as they are; all of them by default.
+    least : sequence of float
+        Of each band: what is added is an outline where it exceeds this. Outlines are not told without.
     """
 
     levels: Codes
@@ -62,6 +64,7 @@ class Opened:
     order: Sequence[int]
     slack: float = SLACK
     bands: Sequence[int] | None = None
+    least: Sequence[float] = ()
 
     @property
     def fits(self) -> bool:
@@ -70,24 +73,38 @@ class Opened:
 
         return self.levels.shape[2] >= LANES and self.levels.size > 0
 
-    def level(self) -> Float32Array:
-        """(band, row, column) float32 ndarray; of the bands that the openings are of."""
+    @property
+    def tells(self) -> bool:
+        """Outlines are told, where there are any."""
+        return len(self.least) > 0 and len(self.order) >= 3
+
+    def level(self) -> tuple[Float32Array, Mask | None]:
+        """The level, and where an outline is part of it; of the bands that the openings are of.
+
+        Returns
+        -------
+        level : (band, row, column) float32 ndarray
+        outlined : bool ndarray like level, or None
+            None where there is no outline.
+        """
         if not self.fits:
             return self._narrow()
         found = np.empty(self.levels.shape, np.float32)
-        none = np.empty(0, np.float32)
-        every, nowhere = range(len(found)), np.empty(0, np.bool_)
-        self._agree(every, np.empty((0, LIMITS), np.float32), (none, 0, 0), found.ravel(), none, nowhere)
-        return found
+        none, nowhere = np.empty(0, np.float32), np.empty(0, np.bool_)
+        outlined = np.empty(found.shape, np.bool_) if self.tells else nowhere
+        every, least = range(len(found)), np.array(self.least, np.float32)
+        limits = np.empty((0, LIMITS), np.float32)
+        self._agree(every, limits, (none, 0, 0), least, nowhere, found.ravel(), none, nowhere, outlined.ravel())
+        return found, outlined if outlined.any() else None
 
-    def of_image(self, count: int) -> Float32Array:
-        """The level of an image of so many bands: NaN in those that there are no openings of."""
-        return of_every_band(self.level(), range(count) if self.bands is None else self.bands, count)
+    def of_image(self, count: int) -> tuple[Float32Array, Mask | None]:
+        """The same for an image of so many bands: NaN in those that there are no openings of."""
+        return of_every_band(*self.level(), range(count) if self.bands is None else self.bands, count)
 
     def settled(
-        self, image: Float32Array, limits: Float32Array, wanted: bool
-    ) -> tuple[Float32Array | None, Float32Array, npt.NDArray[np.bool_]]:
-        """The level, where it is wanted, the image with that in place of what exceeds it, and where.
+        self, image: Float32Array, limits: Float32Array, kept: Mask | None, wanted: bool
+    ) -> tuple[Float32Array | None, Float32Array, Mask, Mask | None]:
+        """The level, where it is wanted; the image with that in place of what exceeds it, and where; outlines.
 
         Parameters
         ----------
@@ -95,21 +112,29 @@ class Opened:
             Rows may lie apart; not modified.
         limits : (band, LIMITS) float32 ndarray
             As `deglint.compensate.state.State` has them.
+        kept : bool ndarray like image, optional
+            What is left as it is.
         """
         from .glance import block
 
         level = np.empty(image.shape if wanted else (len(image), 0, 0), np.float32)
         clean, replaced = np.empty(image.shape, np.float32), np.empty(image.shape, np.bool_)
         bands = range(len(image)) if self.bands is None else self.bands
-        self._agree(bands, limits, block(image), level.ravel(), clean.ravel(), replaced.ravel())
+        outlined, least = np.empty(image.shape if self.tells else (len(image), 0, 0), np.bool_), np.zeros(len(image))
+        if self.tells:
+            least[list(bands)] = self.least
+        out = level.ravel(), clean.ravel(), replaced.ravel(), outlined.ravel()
+        kept = np.empty(0, np.bool_) if kept is None else np.ascontiguousarray(kept)
+        self._agree(bands, limits, block(image), least.astype(np.float32), kept.ravel(), *out)
         for b in range(len(image)):
             if b not in bands:  # left as they are
-                level[b], clean[b], replaced[b] = np.nan, image[b], False
-        return level if wanted else None, clean, replaced
+                level[b], clean[b], replaced[b], outlined[b] = np.nan, image[b], False, False
+        return level if wanted else None, clean, replaced, outlined if outlined.any() else None
 
     def _agree(
-        self, bands: Sequence[int], limits: Float32Array, image: tuple[Any, int, int], *out: npt.NDArray[Any]
-    ) -> None:
+        self, bands: Sequence[int], limits: Float32Array, image: tuple[Any, int, int], least: Float32Array, kept: Mask,
+        *out: npt.NDArray[Any],
+    ) -> None:  # fmt: skip
         """Run the compiled function."""
         from ._code_kernels import agree
 
@@ -122,26 +147,34 @@ class Opened:
         agree(
             (self.levels.ravel(), self.outlines.ravel()), np.array(self.grids, np.float32), order, len(some),
             np.array(bands, np.int64), glint, np.float32(self.slack), self.levels.shape[2], limits,
-            (numbers, *image[1:]), *out,
+            (numbers, *image[1:]), least if least.size else np.zeros(max(bands, default=0) + 1, np.float32), kept, out,
         )  # fmt: skip
 
-    def _narrow(self) -> Float32Array:
-        """The level of rows that are too short."""
+    def _narrow(self) -> tuple[Float32Array, Mask | None]:
+        """The same for rows that are too short."""
         from ._code_kernels import LANES
 
         some = ((0, 0), (0, 0), (0, LANES))
         levels, outlines = (np.pad(codes, some) for codes in (self.levels, self.outlines))
         more = replace(self, levels=levels, outlines=outlines)
-        return more.level()[..., : self.levels.shape[2]] if more.fits else np.empty(self.levels.shape, np.float32)
+        if not more.fits:
+            return np.empty(self.levels.shape, np.float32), None
+        (level, outlined), part = more.level(), (..., slice(self.levels.shape[2]))
+        return level[part], None if outlined is None else outlined[part]
 
 
-def of_every_band(level: Float32Array, bands: Sequence[int], count: int) -> Float32Array:
-    """A level of some bands as that of so many: NaN in the others."""
+def of_every_band(
+    level: Float32Array, outlined: Mask | None, bands: Sequence[int], count: int
+) -> tuple[Float32Array, Mask | None]:
+    """A level of some bands, and its outlines, as those of so many: NaN, and none, in the others."""
     if len(level) == count:
-        return level
-    every = np.full((count, *level.shape[1:]), np.nan, np.float32)
+        return level, outlined
+    every, some = np.full((count, *level.shape[1:]), np.nan, np.float32), None
     every[list(bands)] = level
-    return every
+    if outlined is not None:
+        some = np.zeros(every.shape, np.bool_)
+        some[list(bands)] = outlined
+    return every, some
 
 
 def blurred(
@@ -186,9 +219,10 @@ def opened_level(
     spectrum: Sequence[float] = (),
     psfs: Sequence[PSF] | None = None,
     within: Window | None = None,
+    least: Sequence[float] = (),
     sound: bool = False,
-) -> Float32Array:
-    """The level of the water of every band.
+) -> tuple[Float32Array, Mask | None]:
+    """The level of the water of every band, and where an outline of a thing is part of it.
 
     Parameters
     ----------
@@ -212,26 +246,33 @@ def opened_level(
         Blur the level with these: of sharpened bands.
     within : ((row0, row1), (col0, col1)), optional
         Only these rows and columns are wanted.
+    least : sequence of float
+        Of each band: outlines are what other openings exceed that of the square by more than this, where bands agree.
+        They are not told without.
     sound : bool
         Every number is known to be finite, and is not looked at for that.
 
     Returns
     -------
-    (band, row, column) float32 ndarray
+    level : (band, row, column) float32 ndarray
+    outlined : bool ndarray like level, or None
+        None where there is no outline.
     """
     inner = within or ((0, shape[1]), (0, shape[2]))
     reach = max((p.radius for p in psfs or ()), default=0)
     outer = _grown(inner, reach, shape[1:])
     opened = openings_of(bands, shape, size, grids, detail=detail, order=order, spectrum=spectrum, within=outer)
-    level = opened.level()
+    level, outlined = replace(opened, least=least).level()
     del opened
     if psfs is None:
-        return level
+        return level, outlined
     (top, bottom), (left, right) = (_shifted(a, b) for a, b in zip(inner, outer, strict=True))
+    if outlined is not None:
+        outlined = np.ascontiguousarray(outlined[:, top:bottom, left:right])
     out = np.empty((shape[0], bottom - top, right - left), np.float32)
     for i, psf in enumerate(psfs):
         blurred(level[i], psf, ((top, bottom), (left, right)), sound=sound, out=out[i])
-    return out
+    return out, outlined
 
 
 def _grown(window: Window, reach: int, shape: Sequence[int]) -> Window:

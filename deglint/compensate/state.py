@@ -43,6 +43,10 @@ class State:
         What is still to be added to the level, by how much glint exceeds that, and where a band is full; the level of
         water, above which the first two grow, by what share of themselves per unit, and by what share at most; and by
         what share of that height glint must exceed the level more.
+    outlined : (band, row, column) bool ndarray, optional
+        Where an opening has found outlines of things that bands agree upon.
+    kept : (band, row, column) bool ndarray, optional
+        Pixels that are no glint, whatever they exceed: outlines that an earlier opening has found.
     sound : bool
         Every number of the image is known to be finite; stages leave it so.
     lent : bool
@@ -64,6 +68,8 @@ class State:
     limits: Float32Array | None = None
     _hit: Mask | None = None
     _replaced: Mask | None = None
+    outlined: Mask | None = None
+    kept: Mask | None = None
     sound: bool = False
     lent: bool = False
     keep: bool = True
@@ -97,7 +103,8 @@ class State:
     def level(self) -> Float32Array | None:
         """What the bands would be without glint, where that is known, (band, row, column)."""
         if self.opened is not None:
-            self._level, self.opened = self.opened.of_image(len(self.image)), None
+            (self._level, found), self.opened = self.opened.of_image(len(self.image)), None
+            self.outlined = self.outlined if found is None else found
         return self._level
 
     @level.setter
@@ -141,6 +148,8 @@ class State:
             mark(self.image[b], tuple(limits), self.level[b], self._hit[b])
         if self.where is not None:
             self._hit &= self.where
+        if self.kept is not None:
+            self._hit &= ~self.kept
         self.limits = None
 
     def settle(self) -> None:
@@ -149,10 +158,14 @@ class State:
 
         at_once = self.limits is not None and self.where is None and self._replaced is None
         if self.opened is not None and self.opened.fits and at_once:
-            found = self.opened.settled(self.image, self.limits, self.keep)
-            self.level, self.image, self._replaced = found
+            self.level, self.image, self._replaced, outlined = self.opened.settled(
+                self.image, self.limits, self.kept, self.keep
+            )
+            self.outlined = self.outlined if outlined is None else outlined
             self.limits, self.lent = None, False
             return
+        if self.kept is not None:
+            self.mark()
         assert self.level is not None
         if self.limits is None:
             if self._hit is not None:
@@ -190,7 +203,7 @@ class State:
         if self.sharp is not None:
             self.sharp = _moved(self.sharp, rows[0], columns[0])
         self.image, self.lent = self.image[(..., *at)], True
-        for name in ("where", "_level", "water", "_hit", "_replaced"):
+        for name in ("where", "_level", "water", "_hit", "_replaced", "outlined", "kept"):
             value = getattr(self, name)
             if value is not None:
                 setattr(self, name, np.ascontiguousarray(value[(..., *at)]))

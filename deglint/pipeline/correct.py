@@ -365,7 +365,7 @@ class Correction:
         inside, left = self._water_of(clean, inner), State(clean)
         if begun.alone and (inside is None or inside.all()):
             begun.own = None
-        left.sound = state.sound
+        left.sound, left.outlined = state.sound, state.outlined
         state.hand_over()
         del level, clean  # each a tile of memory
         clean, replaced = self._where_shown(left, replaced, begun.shown, tile, middle)
@@ -395,7 +395,8 @@ class Correction:
 
     def _rest(self, state: State, replaced: Any, tile: Tile, middle: Tile) -> tuple[Any, Any]:
         """What removal and the stages after it make of a block, and what has been replaced."""
-        sound, within, clean = state.sound, place_in(tile, middle), state.hand_over()
+        sound, outlined, within = state.sound, state.outlined, place_in(tile, middle)
+        clean = state.hand_over()
         if self.model.fits:
             clean = removed(clean, self.model)
         if not self.chain.after:
@@ -404,7 +405,7 @@ class Correction:
         if state.image is not clean:
             block = clean[within]
         del clean  # the stages cut the image
-        state.sound, state.keep = sound, False
+        state.sound, state.keep, state.outlined = sound, False, outlined
         apply_stages(state, self.chain.after, tile.crop_of(middle))
         clean = state.image if block is None else finish(state, block)
         return clean, state.replaced | replaced

@@ -56,7 +56,7 @@ def saturated_in(scene: Scene, physical: Any, wanted: bool) -> Saturated:
     """Pixels of each band at or above its saturation."""
     counts, places = np.zeros(len(scene.bands), np.int64), None
     for i, band in enumerate(scene.bands):
-        if band.saturation is not None:
+        if band.saturation is not None and not physical[i].max(initial=-np.inf) < band.saturation:  # or is no number
             full = physical[i] >= physical.dtype.type(band.saturation)
             counts[i] = np.count_nonzero(full)
             if wanted and counts[i]:

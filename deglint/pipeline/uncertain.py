@@ -127,12 +127,14 @@ def _trial(work: Correction, sea: Sea, scale: Float32Array, move: Move) -> tuple
     state = apply_stages(State.of(tried), work.chain.before)
     assert state.water is not None
     found = state.water * state.units.astype(np.float32)[:, None, None]
-    clean, replaced = finish(state, tried), state.replaced
+    clean, replaced, outlined = finish(state, tried), state.replaced, state.outlined
     truth, level = sea.level, found
     if work.model.fits:
         clean, truth, level = removed(clean, work.model), apply(truth, work.model), apply(found, work.model)
     if work.chain.after:
-        state = apply_stages(State.own(clean), work.chain.after)
+        state = State.own(clean)
+        state.outlined = outlined
+        apply_stages(state, work.chain.after)
         clean, replaced = finish(state, clean), replaced | state.replaced
     where = sea.usable & np.roll(sea.usable, by, axis=(0, 1))
     trial = Trial(clean - truth, replaced, where, level, clean - level)
