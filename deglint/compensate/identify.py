@@ -157,7 +157,7 @@ class IdentifyLevel:
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
-        least = [self.k * sigma for sigma in self.sigmas] if self.detail else []
+        least = [CERTAIN_K * sigma for sigma in self.sigmas] if self.detail else []
         level, outlined = _levels(
             state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, least=least, later=True
         )
