@@ -89,8 +89,7 @@ def laid(image, level, limits):
 @pytest.mark.parametrize("columns", [16, 31, 255, 257, 600])
 @pytest.mark.parametrize("wanted", [True, False])
 @pytest.mark.parametrize("bands", [(0, 1, 2, 3, 4), (4, 1, 2), (2,)])
-@pytest.mark.parametrize("some", [False, True])
-def test_settled_is_the_level_where_the_image_exceeds_it(columns, wanted, bands, some):
+def test_settled_is_the_level_where_the_image_exceeds_it(columns, wanted, bands):
     rng = np.random.default_rng(columns)
     shape = (len(bands), 7, columns)
     codes = rng.integers(-3000, 3000, (2, *shape)).astype(np.int16)
@@ -103,11 +102,9 @@ def test_settled_is_the_level_where_the_image_exceeds_it(columns, wanted, bands,
     limits[:, 3] = 48, 49, 50, 51, 90
     grids, spectrum = [(50.0 + b, 1.0 + b) for b in bands], [1.0 + b for b in bands]
     opened = Opened(codes[0], codes[1], grids, spectrum, range(len(bands)), bands=bands, least=[2.0] * len(bands))
-    kept = rng.random(view.shape) < 0.3 if some else None
-    level, clean, replaced, outlined = opened.settled(view, limits, kept, wanted)
+    level, clean, replaced, outlined = opened.settled(view, limits, wanted)
     whole, outlines = opened.of_image(5)
     told, hit = laid(view, whole, limits)
-    hit &= True if kept is None else ~kept
     assert (outlined is None) == (outlines is None) == (len(bands) < 3)
     if outlined is not None:
         np.testing.assert_array_equal(outlined, outlines)

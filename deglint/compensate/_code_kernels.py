@@ -96,20 +96,7 @@ def _mark(_typing: Any, out: Any, _at: Any, _values: Any, _limit: Any) -> Any:
     return types.void(out, types.intp, lanes, lanes), made
 
 
-def _unless(_typing: Any, marks: Any, _at: Any, _values: Any) -> Any:
-    """Infinity where there is a mark, and else the values."""
-
-    def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        some = ir.VectorType(ir.IntType(8), LANES)
-        spot = pointer(context, builder, signature.args[0], given[0], given[1], some)
-        free = builder.icmp_unsigned("==", builder.load(spot, align=1), constant(some, 0))
-        return builder.select(free, given[2], constant(FLOATS, float("inf")))
-
-    return lanes(marks, types.intp, lanes), made
-
-
 told: Any = intrinsic(_told)
-unless: Any = intrinsic(_unless)
 mark: Any = intrinsic(_mark)
 put: Any = intrinsic(_put)
 tell: Any = intrinsic(_tell)
@@ -157,14 +144,13 @@ def told_row(codes, at, grid, glint, x, to, line, some):  # type: ignore[no-unty
 
 
 @nb.njit(cache=True, nogil=True)
-def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image, least, kept, out):  # type: ignore[no-untyped-def]
+def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image, least, out):  # type: ignore[no-untyped-def]
     """`deglint.compensate.level.Opened`: the level and outlines, where they are wanted, and what is left of an image.
 
     codes : levels and outlines, (band x row x column); grids : centre and unit; order : bands, of which so many
     agree, up to the last, and then the others; bands : which they are of the image, and of what is written; image :
     numbers, from band to band, from row to row; least : of each band, by how much its outline exceeds the level where
-    outlines are told; kept : pixels that are left, if there are any; out : level, image, what was replaced in it,
-    outlines: empty where not wanted
+    outlines are told; out : level, image, what was replaced in it, outlines: empty where not wanted
     """
     level, clean, replaced, outlined = out
     numbers, per_band, per_row = image
@@ -203,7 +189,4 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image
                     if level.size:
                         store(level, to + p, found)
                     if clean.size:
-                        value, end = load(numbers, beside + p), full
-                        if kept.size:
-                            rises, end = unless(kept, to + p, rises), unless(kept, to + p, full)
-                        put(clean, replaced, to + p, value, found, rises, end)
+                        put(clean, replaced, to + p, load(numbers, beside + p), found, rises, full)

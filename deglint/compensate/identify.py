@@ -32,6 +32,7 @@ from ..errors import FitError
 from ..remove.levels import mode
 from ..scene import Window
 from .codes import decoded, encoded
+from .evidence import grown
 from .level import Grid, Opened, of_every_band, opened_level, openings_of
 from .noise import Spread, growth_by_level
 from .opening import opening_halo
@@ -98,8 +99,7 @@ class IdentifyLevel:
     Attributes
     ----------
     size, detail : int
-        Elements of the openings [pixel]; see `deglint.compensate.level.opened_level`. Without a detail, outlines that
-        an earlier stage has found are kept.
+        Elements of the openings [pixel]; see `deglint.compensate.level.opened_level`.
     order : tuple of int
         Bands by wavelength.
     bands : tuple of int
@@ -157,12 +157,11 @@ class IdentifyLevel:
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
-        least = [CERTAIN_K * sigma for sigma in self.sigmas] if self.detail else []
+        least = [CERTAIN_K * sigma for sigma in self.sigmas]
         level, outlined = _levels(
             state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, least=least, later=True
         )
         state.cut()
-        state.kept = None if self.detail else state.outlined
         limits = np.zeros((len(state.image), LIMITS), np.float32)
         for offset, (band, sigma, *growth) in zip(self.offsets, self.spreads, strict=True):
             rise, full = self.k * sigma, float(_as_divided(self.saturation[band], state.units[band]))
@@ -170,8 +169,8 @@ class IdentifyLevel:
                 rise = full = np.inf
             limits[band] = offset, rise, full, *growth
         if not isinstance(level, Opened):
-            level, outlined = of_every_band(level, outlined, self.bands, len(state.image))
-        state.outlined = outlined if self.detail else state.outlined
+            level = of_every_band(level, self.bands, len(state.image))
+            state.outlined = state.outlined if outlined is None else outlined
         state.found(level, limits)
 
 
@@ -445,15 +444,24 @@ def _levels(
     source = (sharp(b, outer) for b in bands)
     within = tuple((a - c, b - c) for (a, b), (c, _) in zip(wanted, outer, strict=True))
     shape = (len(bands), bottom - top, right - left)
+    known = None if state.outlined is None else grown(state.outlined, 1)[top:bottom, left:right]
     some = [place[b] for b in order if b in place]
     if later and psfs is None:
         opened = openings_of(
-            source, shape, size, grids, detail=detail, order=some, spectrum=spectrum, within=(within[0], within[1])
+            source,
+            shape,
+            size,
+            grids,
+            detail=detail,
+            order=some,
+            spectrum=spectrum,
+            within=(within[0], within[1]),
+            where=known,
         )
         return replace(opened, bands=tuple(bands), least=least), None
     return opened_level(
         source, shape, size, grids, detail=detail, order=some, spectrum=spectrum, psfs=psfs,
-        within=(within[0], within[1]), least=least, sound=state.sound,
+        within=(within[0], within[1]), where=known, least=least, sound=state.sound,
     )  # fmt: skip
 
 

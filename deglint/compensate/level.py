@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from ..scene import Window
 from .codes import Codes, encoded
-from .opening import openings
+from .opening import opening_halo, openings
 from .products import by_products, products
 from .psf import PSF
 from .state import LIMITS, Float32Array, Mask
@@ -31,6 +31,10 @@ SMALLEST = 5
 """Smallest element that tells sparkle from water [pixel]."""
 LARGEST = 13
 """Largest element that is used unasked [pixel]."""
+PIECE = 64
+"""Side of the squares in which outlines are looked for where they are wanted in some pixels only."""
+MOST_PIECES = 0.08
+"""Share of such squares from which on it takes less to look everywhere: each is worked on with its halo."""
 SLACK = 2.0
 """How much brighter, against the sun, a detail may be in one band than in its neighbours."""
 
@@ -54,7 +58,8 @@ class Opened:
     bands : sequence of int, optional
         Which bands of an image they are, of which the others are left as they are; all of them by default.
     least : sequence of float
-        Of each band: what is added is an outline where it exceeds this. Outlines are not told without.
+        Of each band: outlines of things are where what is added exceeds this in half of the bands that are compared,
+        or more: clumps of sparkle seldom do. They are not told without.
     """
 
     levels: Codes
@@ -84,8 +89,8 @@ class Opened:
         Returns
         -------
         level : (band, row, column) float32 ndarray
-        outlined : bool ndarray like level, or None
-            None where there is no outline.
+        outlined : (row, column) bool ndarray, or None
+            None where that is not told.
         """
         if not self.fits:
             return self._narrow()
@@ -94,15 +99,16 @@ class Opened:
         outlined = np.empty(found.shape, np.bool_) if self.tells else nowhere
         every, least = range(len(found)), np.array(self.least, np.float32)
         limits = np.empty((0, LIMITS), np.float32)
-        self._agree(every, limits, (none, 0, 0), least, nowhere, found.ravel(), none, nowhere, outlined.ravel())
-        return found, outlined if outlined.any() else None
+        self._agree(every, limits, (none, 0, 0), least, found.ravel(), none, nowhere, outlined.ravel())
+        return found, self._shared(outlined)
 
     def of_image(self, count: int) -> tuple[Float32Array, Mask | None]:
         """The same for an image of so many bands: NaN in those that there are no openings of."""
-        return of_every_band(*self.level(), range(count) if self.bands is None else self.bands, count)
+        level, outlined = self.level()
+        return of_every_band(level, range(count) if self.bands is None else self.bands, count), outlined
 
     def settled(
-        self, image: Float32Array, limits: Float32Array, kept: Mask | None, wanted: bool
+        self, image: Float32Array, limits: Float32Array, wanted: bool
     ) -> tuple[Float32Array | None, Float32Array, Mask, Mask | None]:
         """The level, where it is wanted; the image with that in place of what exceeds it, and where; outlines.
 
@@ -112,27 +118,24 @@ class Opened:
             Rows may lie apart; not modified.
         limits : (band, LIMITS) float32 ndarray
             As `deglint.compensate.state.State` has them.
-        kept : bool ndarray like image, optional
-            What is left as it is.
         """
         from .glance import block
 
         level = np.empty(image.shape if wanted else (len(image), 0, 0), np.float32)
         clean, replaced = np.empty(image.shape, np.float32), np.empty(image.shape, np.bool_)
         bands = range(len(image)) if self.bands is None else self.bands
-        outlined, least = np.empty(image.shape if self.tells else (len(image), 0, 0), np.bool_), np.zeros(len(image))
+        outlined, least = np.zeros(image.shape if self.tells else (len(image), 0, 0), np.bool_), np.zeros(len(image))
         if self.tells:
             least[list(bands)] = self.least
         out = level.ravel(), clean.ravel(), replaced.ravel(), outlined.ravel()
-        kept = np.empty(0, np.bool_) if kept is None else np.ascontiguousarray(kept)
-        self._agree(bands, limits, block(image), least.astype(np.float32), kept.ravel(), *out)
+        self._agree(bands, limits, block(image), least.astype(np.float32), *out)
         for b in range(len(image)):
             if b not in bands:  # left as they are
-                level[b], clean[b], replaced[b], outlined[b] = np.nan, image[b], False, False
-        return level if wanted else None, clean, replaced, outlined if outlined.any() else None
+                level[b], clean[b], replaced[b] = np.nan, image[b], False
+        return level if wanted else None, clean, replaced, self._shared(outlined)
 
     def _agree(
-        self, bands: Sequence[int], limits: Float32Array, image: tuple[Any, int, int], least: Float32Array, kept: Mask,
+        self, bands: Sequence[int], limits: Float32Array, image: tuple[Any, int, int], least: Float32Array,
         *out: npt.NDArray[Any],
     ) -> None:  # fmt: skip
         """Run the compiled function."""
@@ -147,8 +150,15 @@ class Opened:
         agree(
             (self.levels.ravel(), self.outlines.ravel()), np.array(self.grids, np.float32), order, len(some),
             np.array(bands, np.int64), glint, np.float32(self.slack), self.levels.shape[2], limits,
-            (numbers, *image[1:]), least if least.size else np.zeros(max(bands, default=0) + 1, np.float32), kept, out,
+            (numbers, *image[1:]), least if least.size else np.zeros(max(bands, default=0) + 1, np.float32), out,
         )  # fmt: skip
+
+    def _shared(self, outlined: Mask) -> Mask | None:
+        """What exceeds the level in enough bands."""
+        if not self.tells:
+            return None
+        whole = np.uint8 if len(outlined) < 256 else np.uint16
+        return np.asarray(np.add.reduce(outlined.view(np.uint8), axis=0, dtype=whole) >= (len(self.order) + 1) // 2)
 
     def _narrow(self) -> tuple[Float32Array, Mask | None]:
         """The same for rows that are too short."""
@@ -163,18 +173,13 @@ class Opened:
         return level[part], None if outlined is None else outlined[part]
 
 
-def of_every_band(
-    level: Float32Array, outlined: Mask | None, bands: Sequence[int], count: int
-) -> tuple[Float32Array, Mask | None]:
-    """A level of some bands, and its outlines, as those of so many: NaN, and none, in the others."""
+def of_every_band(level: Float32Array, bands: Sequence[int], count: int) -> Float32Array:
+    """A level of some bands as that of so many: NaN in the others."""
     if len(level) == count:
-        return level, outlined
-    every, some = np.full((count, *level.shape[1:]), np.nan, np.float32), None
+        return level
+    every = np.full((count, *level.shape[1:]), np.nan, np.float32)
     every[list(bands)] = level
-    if outlined is not None:
-        some = np.zeros(every.shape, np.bool_)
-        some[list(bands)] = outlined
-    return every, some
+    return every
 
 
 def blurred(
@@ -200,12 +205,57 @@ def openings_of(
     order: Sequence[int],
     spectrum: Sequence[float],
     within: Window,
+    where: Mask | None = None,
 ) -> Opened:
     """The openings of every band; see `opened_level`."""
+    pieces: list[Window] = []
+    if where is not None:
+        where = where[slice(*within[0]), slice(*within[1])]
+        pieces = _pieces(where) if detail else []
+        detail = detail if pieces else 0
     codes = np.empty((2 if detail else 1, shape[0], *(last - first for first, last in within)), np.int16)
+    everywhere = where is None or pieces == [_whole(where)]
     for i, (band, grid) in enumerate(zip(bands, grids, strict=True)):
-        openings(encoded(band, *grid), size, detail, within=within, out=(codes[0, i], codes[-1, i]))
+        told = encoded(band, *grid)
+        openings(told, size, detail if everywhere else 0, within=within, out=(codes[0, i], codes[-1, i]))
+        if not everywhere and pieces:
+            _outlines(told, size, detail, within, pieces, codes[1, i])
+        if where is not None and pieces:
+            np.copyto(codes[1, i], codes[0, i], where=~where)
     return Opened(codes[0], codes[-1], grids, spectrum, order if detail else ())
+
+
+def _outlines(told: Codes, size: int, detail: int, within: Window, pieces: Sequence[Window], out: Codes) -> None:
+    """The openings beside that of the square in pieces of a window, which are written; told : the band's codes."""
+    (top, _), (left, _) = within
+    for rows, columns in pieces:
+        wanted = (top + rows[0], top + rows[1]), (left + columns[0], left + columns[1])
+        outer = _grown(wanted, opening_halo(size, detail), told.shape)
+        base, found = np.empty((2, rows[1] - rows[0], columns[1] - columns[0]), np.int16)
+        inner = _shifted(wanted[0], outer[0]), _shifted(wanted[1], outer[1])
+        openings(told[slice(*outer[0]), slice(*outer[1])], size, detail, within=inner, out=(base, found))
+        out[slice(*rows), slice(*columns)] = found
+
+
+def _whole(where: Mask) -> Window:
+    return (0, where.shape[0]), (0, where.shape[1])
+
+
+def _pieces(where: Mask) -> list[Window]:
+    """Windows that hold a mask: none, all of it, or squares that lie in a row as one."""
+    if not where.any():
+        return []
+    (_, height), (_, width) = _whole(where)
+    rows, columns = (np.arange(0, n, PIECE) for n in where.shape)
+    some = np.logical_or.reduceat(np.logical_or.reduceat(where, rows, axis=0), columns, axis=1)
+    if some.mean() > MOST_PIECES:
+        return [_whole(where)]
+    found = []
+    for top, line in zip(rows.tolist(), some, strict=True):
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], line, [False]])))
+        for first, last in zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True):
+            found.append(((top, min(top + PIECE, height)), (first * PIECE, min(last * PIECE, width))))
+    return found
 
 
 def opened_level(
@@ -219,6 +269,7 @@ def opened_level(
     spectrum: Sequence[float] = (),
     psfs: Sequence[PSF] | None = None,
     within: Window | None = None,
+    where: Mask | None = None,
     least: Sequence[float] = (),
     sound: bool = False,
 ) -> tuple[Float32Array, Mask | None]:
@@ -246,8 +297,10 @@ def opened_level(
         Blur the level with these: of sharpened bands.
     within : ((row0, row1), (col0, col1)), optional
         Only these rows and columns are wanted.
+    where : (row, column) bool ndarray, optional
+        Where other openings than that of the square count, if not everywhere.
     least : sequence of float
-        Of each band: outlines are what other openings exceed that of the square by more than this, where bands agree.
+        Of each band: outlines are where other openings add more than this to the level of half of the bands or more.
         They are not told without.
     sound : bool
         Every number is known to be finite, and is not looked at for that.
@@ -255,20 +308,22 @@ def opened_level(
     Returns
     -------
     level : (band, row, column) float32 ndarray
-    outlined : bool ndarray like level, or None
-        None where there is no outline.
+    outlined : (row, column) bool ndarray, or None
+        None where that is not told.
     """
     inner = within or ((0, shape[1]), (0, shape[2]))
     reach = max((p.radius for p in psfs or ()), default=0)
     outer = _grown(inner, reach, shape[1:])
-    opened = openings_of(bands, shape, size, grids, detail=detail, order=order, spectrum=spectrum, within=outer)
+    opened = openings_of(
+        bands, shape, size, grids, detail=detail, order=order, spectrum=spectrum, within=outer, where=where
+    )
     level, outlined = replace(opened, least=least).level()
     del opened
     if psfs is None:
         return level, outlined
     (top, bottom), (left, right) = (_shifted(a, b) for a, b in zip(inner, outer, strict=True))
     if outlined is not None:
-        outlined = np.ascontiguousarray(outlined[:, top:bottom, left:right])
+        outlined = outlined[top:bottom, left:right]
     out = np.empty((shape[0], bottom - top, right - left), np.float32)
     for i, psf in enumerate(psfs):
         blurred(level[i], psf, ((top, bottom), (left, right)), sound=sound, out=out[i])

@@ -43,10 +43,8 @@ class State:
         What is still to be added to the level, by how much glint exceeds that, and where a band is full; the level of
         water, above which the first two grow, by what share of themselves per unit, and by what share at most; and by
         what share of that height glint must exceed the level more.
-    outlined : (band, row, column) bool ndarray, optional
-        Where an opening has found outlines of things that bands agree upon.
-    kept : (band, row, column) bool ndarray, optional
-        Pixels that are no glint, whatever they exceed: outlines that an earlier opening has found.
+    outlined : (row, column) bool ndarray, optional
+        Where an opening has found outlines of things: later ones look for them nowhere else.
     sound : bool
         Every number of the image is known to be finite; stages leave it so.
     lent : bool
@@ -69,7 +67,6 @@ class State:
     _hit: Mask | None = None
     _replaced: Mask | None = None
     outlined: Mask | None = None
-    kept: Mask | None = None
     sound: bool = False
     lent: bool = False
     keep: bool = True
@@ -148,8 +145,6 @@ class State:
             mark(self.image[b], tuple(limits), self.level[b], self._hit[b])
         if self.where is not None:
             self._hit &= self.where
-        if self.kept is not None:
-            self._hit &= ~self.kept
         self.limits = None
 
     def settle(self) -> None:
@@ -158,14 +153,10 @@ class State:
 
         at_once = self.limits is not None and self.where is None and self._replaced is None
         if self.opened is not None and self.opened.fits and at_once:
-            self.level, self.image, self._replaced, outlined = self.opened.settled(
-                self.image, self.limits, self.kept, self.keep
-            )
+            self.level, self.image, self._replaced, outlined = self.opened.settled(self.image, self.limits, self.keep)
             self.outlined = self.outlined if outlined is None else outlined
             self.limits, self.lent = None, False
             return
-        if self.kept is not None:
-            self.mark()
         assert self.level is not None
         if self.limits is None:
             if self._hit is not None:
@@ -203,7 +194,7 @@ class State:
         if self.sharp is not None:
             self.sharp = _moved(self.sharp, rows[0], columns[0])
         self.image, self.lent = self.image[(..., *at)], True
-        for name in ("where", "_level", "water", "_hit", "_replaced", "outlined", "kept"):
+        for name in ("where", "_level", "water", "_hit", "_replaced", "outlined"):
             value = getattr(self, name)
             if value is not None:
                 setattr(self, name, np.ascontiguousarray(value[(..., *at)]))

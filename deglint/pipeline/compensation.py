@@ -342,8 +342,6 @@ def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: 
         known = dict(zip(levels[-1].bands, levels[-1].sigmas, strict=True))
         floor = tuple(known.get(b, 0.0) for b in range(len(found.setting.bands)))
         setting = replace(setting, floor=floor, cover=float(np.median(levels[-1].cover)))
-        if levels[-1].detail:  # outlines that were found are kept
-            setting = replace(setting, detail=False)
     with workers(threads) as each:
         images = each(lambda s: np.asarray(apply(s.image, model, out=s.image)), sample.states)
         left = Sample([State(image) for image in images], sample.inside)

@@ -109,16 +109,15 @@ def encode(
         part = slice(top, top + rows)
         asked = None if where is None else where[part]
         for b in bands:
-            below = physical[b, part] < 0
-            if asked is not None:
-                below &= asked
-            outside = None
+            values, outside = physical[b, part], None
             if not in_place:
-                outside = _put(physical[b, part], raw[b, part], asked, scales[b], offsets[b])
-            outside = _off_nodata(raw[b, part], physical[b, part], asked, nodata, outside)
-            counts.negative[b] += np.count_nonzero(below)
-            if flags is not None:
-                flags[part][below] |= marks[0]
+                outside = _put(values, raw[b, part], asked, scales[b], offsets[b])
+            outside = _off_nodata(raw[b, part], values, asked, nodata, outside)
+            if values.size and not values.min() >= 0:  # or some is no number
+                below = values < 0 if asked is None else (values < 0) & asked
+                counts.negative[b] += np.count_nonzero(below)
+                if flags is not None:
+                    flags[part][below] |= marks[0]
             if outside is not None:
                 counts.clipped[b] += np.count_nonzero(outside)
                 if flags is not None:
@@ -131,10 +130,7 @@ def _put(values: FloatArray, raw: npt.NDArray[Any], where: Mask | None, scale: f
     put = values
     if offset != 0 or scale != 1 or raw.dtype != values.dtype:
         put = values.astype(np.float64)
-        if offset != 0:
-            put -= offset
-        if scale != 1:
-            put /= scale
+        _unscale(put, scale, offset)
     if raw.dtype.kind not in "iu":
         good = where
         if may_be_endless(put):
@@ -143,7 +139,9 @@ def _put(values: FloatArray, raw: npt.NDArray[Any], where: Mask | None, scale: f
         return None
     np.rint(put, out=put)
     low, high = _range(raw.dtype)
-    if put.size and low <= put.min() and put.max() <= high:
+    ends = np.array([values.min(initial=np.inf), values.max(initial=-np.inf)], np.float64)
+    _unscale(ends, scale, offset)  # as all numbers between them
+    if low <= np.rint(ends.min()) and np.rint(ends.max()) <= high:
         _store(raw, put, where)
         return None
     good = np.isfinite(put)
@@ -155,6 +153,14 @@ def _put(values: FloatArray, raw: npt.NDArray[Any], where: Mask | None, scale: f
     np.clip(put, low, high, out=put)
     _store(raw, put, good)
     return outside
+
+
+def _unscale(values: FloatArray, scale: float, offset: float) -> None:
+    """Physical values as numbers of the file, in place."""
+    if offset != 0:
+        values -= offset
+    if scale != 1:
+        values /= scale
 
 
 def _store(raw: npt.NDArray[Any], put: npt.NDArray[Any], where: Mask | None) -> None:
