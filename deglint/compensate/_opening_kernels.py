@@ -23,8 +23,6 @@ import numpy as np
 from ._apart import apart
 from ._whole_lanes import BYTES, before, behind, count, least, load, most, negative, store, turn
 
-ROWS = 4
-"""Rows that a step makes at a time, fours: the more, the less often one is loaded, and the more of them are kept."""
 INPUT, ACROSS, DOWN, ACROSS3, ACROSS5, DOWN3, DOWN5, STAR, PATCH, MEDIAN, CORNERS, OUTLINES = range(12)
 """Kinds of steps: rows as they are; the least of all pixels within reach in the row, in the column; of three or five of
 them; of a pixel and the four so far from it; of 2 x 2; the median of 3 x 3, and that or the brightest patch of 2 x 2
@@ -32,12 +30,12 @@ that a pixel is in; the brightest of the other openings."""
 
 
 @nb.njit(cache=True, nogil=True)
-def across(x, at, to, reach, five, long):  # type: ignore[no-untyped-def]
+def across(x, at, to, reach, five, long, rows):  # type: ignore[no-untyped-def]
     """The least of three pixels so far apart, or of five, side by side."""
     apart()
     lanes = count(x)
     by = reach * lanes
-    for u in range(ROWS):
+    for u in range(rows):
         a, b = at[u], at[to + u]
         for j in range(0, long, lanes):
             found = least(least(load(x, a + j - by), load(x, a + j)), load(x, a + j + by))
@@ -47,11 +45,11 @@ def across(x, at, to, reach, five, long):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def down(x, at, to, reach, five, long):  # type: ignore[no-untyped-def]
+def down(x, at, to, reach, five, long, rows):  # type: ignore[no-untyped-def]
     """The least of three pixels so far apart, or of five, in a column."""
     apart()
     lanes = count(x)
-    for u in range(ROWS):
+    for u in range(rows):
         a, b, c, d, e = at[u], at[u + reach], at[u + 2 * reach], at[u], at[u]
         if five:
             d, e = at[u + 3 * reach], at[u + 4 * reach]
@@ -63,11 +61,11 @@ def down(x, at, to, reach, five, long):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def near_across(x, at, to, reach, long):  # type: ignore[no-untyped-def]
+def near_across(x, at, to, reach, long, rows):  # type: ignore[no-untyped-def]
     """The least of all pixels so far to either side, 2 or more; four vectors at a time share most loads."""
     apart()
     lanes = count(x)
-    for u in range(ROWS):
+    for u in range(rows):
         for place in range(0, long, 4 * lanes):
             j = min(place, long - 4 * lanes)
             a, b = at[u] + j - reach * lanes, at[to + u] + j
@@ -92,11 +90,11 @@ def four_ends(x, common, other, before, after, to):  # type: ignore[no-untyped-d
 
 
 @nb.njit(cache=True, nogil=True)
-def near_down(x, at, to, reach, long):  # type: ignore[no-untyped-def]
+def near_down(x, at, to, reach, long, rows):  # type: ignore[no-untyped-def]
     """The same in a column, and four rows at a time."""
     apart()
     lanes, last = count(x), 2 * reach
-    for u in range(0, ROWS, 4):
+    for u in range(0, rows, 4):
         a, b, c, d, e, f = at[u], at[u + 1], at[u + 2], at[u + last + 1], at[u + last + 2], at[u + last + 3]
         one, two, three, four, g, h = at[to + u], at[to + u + 1], at[to + u + 2], at[to + u + 3], at[u + 3], at[u + 4]
         for j in range(0, long, lanes):
@@ -108,11 +106,11 @@ def near_down(x, at, to, reach, long):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def down_three(x, at, to, long):  # type: ignore[no-untyped-def]
+def down_three(x, at, to, long, rows):  # type: ignore[no-untyped-def]
     """The least of three neighbours in a column; two rows at a time share loads."""
     apart()
     lanes = count(x)
-    for u in range(0, ROWS, 2):
+    for u in range(0, rows, 2):
         a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], at[to + u], at[to + u + 1]
         for j in range(0, long, lanes):
             middle = least(load(x, b + j), load(x, c + j))
@@ -121,12 +119,12 @@ def down_three(x, at, to, long):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def star(x, at, to, reach, long):  # type: ignore[no-untyped-def]
+def star(x, at, to, reach, long, rows):  # type: ignore[no-untyped-def]
     """The least of a pixel and the four so far from it along the axes."""
     apart()
     lanes = count(x)
     by = reach * lanes
-    for u in range(ROWS):
+    for u in range(rows):
         a, b, c, out = at[u], at[u + reach], at[u + 2 * reach], at[to + u]
         for j in range(0, long, lanes):
             found = least(least(load(x, a + j), load(x, b + j)), load(x, c + j))
@@ -134,11 +132,11 @@ def star(x, at, to, reach, long):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def star_near(x, at, to, long):  # type: ignore[no-untyped-def]
+def star_near(x, at, to, long, rows):  # type: ignore[no-untyped-def]
     """The same for neighbours; two rows at a time share loads."""
     apart()
     lanes = count(x)
-    for u in range(0, ROWS, 2):
+    for u in range(0, rows, 2):
         a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], at[to + u], at[to + u + 1]
         for j in range(0, long, lanes):
             middle = least(load(x, b + j), load(x, c + j))
@@ -149,11 +147,11 @@ def star_near(x, at, to, long):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def patch(x, at, to, long):  # type: ignore[no-untyped-def]
+def patch(x, at, to, long, rows):  # type: ignore[no-untyped-def]
     """The least of 2 x 2 pixels, of which a pixel is the first."""
     apart()
     lanes = count(x)
-    for u in range(0, ROWS, 2):
+    for u in range(0, rows, 2):
         a, b, c, one, two = at[u], at[u + 1], at[u + 2], at[to + u], at[to + u + 1]
         for j in range(0, long, lanes):
             middle = least(load(x, b + j), load(x, b + j + lanes))
@@ -180,11 +178,11 @@ def median9(low, middle, high):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def median(x, at, patches, to, corners, long):  # type: ignore[no-untyped-def]
+def median(x, at, patches, to, corners, long, rows):  # type: ignore[no-untyped-def]
     """The median of 3 x 3, or with corners the brightest patch if that is more, as a negative."""
     apart()
     lanes = count(x)
-    for u in range(0, ROWS, 2):
+    for u in range(0, rows, 2):
         a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], at[to + u], at[to + u + 1]
         e, f, g = at[patches + u], at[patches + u + 1], at[patches + u + 2]
         left, here = in_order(x, a - lanes, b - lanes, c - lanes, d - lanes), in_order(x, a, b, c, d)
@@ -204,11 +202,11 @@ def median(x, at, patches, to, corners, long):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def outlines(x, at, guide, diamond, to, long):  # type: ignore[no-untyped-def]
+def outlines(x, at, guide, diamond, to, long, rows):  # type: ignore[no-untyped-def]
     """The opening by an octagon, grown by a cross under the guide, or the one by a diamond; all are negatives."""
     apart()
     lanes = count(x)
-    for u in range(ROWS):
+    for u in range(rows):
         up, here, below, under, tilted = at[u], at[u + 1], at[u + 2], at[guide + u], at[diamond + u]
         for j in range(0, long, lanes):
             found = least(load(x, here + j - lanes), load(x, here + j + lanes))
@@ -249,12 +247,12 @@ def given(x, at, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def widen(x, at, to, long, part, last, by):  # type: ignore[no-untyped-def]
+def widen(x, at, to, long, part, last, by, rows):  # type: ignore[no-untyped-def]
     """Beyond the ends of the parts put the next part, and beyond those of the row its first and its last pixel, which
     is in this part and place."""
     apart()
     lanes = count(x)
-    for u in range(ROWS):
+    for u in range(rows):
         row = at[to + u]
         one, end = load(x, row), row + last + part
         for j in range(row - lanes, row - (by + 1) * lanes, -lanes):
@@ -282,28 +280,28 @@ def look(at, to, row, rows, height, newest, slot, first, keep, line):  # type: i
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
-def work(x, at, to, some, kind, reach, long):  # type: ignore[no-untyped-def]
+def work(x, at, to, some, kind, reach, long, rows):  # type: ignore[no-untyped-def]
     """What a step does, but the first; rows of what it looks at are so many places apart in `at`."""
     if kind == STAR and reach == 1:
-        star_near(x, at, to, long)
+        star_near(x, at, to, long, rows)
     elif kind == STAR:
-        star(x, at, to, reach, long)
+        star(x, at, to, reach, long, rows)
     elif kind == ACROSS:
-        near_across(x, at, to, reach, long)
+        near_across(x, at, to, reach, long, rows)
     elif kind == DOWN:
-        near_down(x, at, to, reach, long)
+        near_down(x, at, to, reach, long, rows)
     elif kind in (MEDIAN, CORNERS):
-        median(x, at, some, to, kind == CORNERS, long)
+        median(x, at, some, to, kind == CORNERS, long, rows)
     elif kind == PATCH:
-        patch(x, at, to, long)
+        patch(x, at, to, long, rows)
     elif kind == OUTLINES:
-        outlines(x, at, some, 2 * some, to, long)
+        outlines(x, at, some, 2 * some, to, long, rows)
     elif kind in (ACROSS3, ACROSS5):
-        across(x, at, to, reach, kind == ACROSS5, long)
+        across(x, at, to, reach, kind == ACROSS5, long, rows)
     elif kind == DOWN3 and reach == 1:
-        down_three(x, at, to, long)
+        down_three(x, at, to, long, rows)
     else:
-        down(x, at, to, reach, kind == DOWN5, long)
+        down(x, at, to, reach, kind == DOWN5, long, rows)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -330,32 +328,33 @@ def run(band, steps, corner, level, outline):  # type: ignore[no-untyped-def]
     lanes = count(x)
     long, part, last = length * lanes, (width - 1) // length, (width - 1) % length * lanes
     newest, slot = np.full(len(first), -1), np.full(len(first), -1)
-    some = 3 * ROWS + 4 * steps.reach.max()
+    rows = steps.at_once
+    some = 3 * rows + 4 * steps.reach.max()
     at, to = np.empty(4 * some, np.int64), 3 * some
-    for now in range(0, height + steps.behind.max(), ROWS):
+    for now in range(0, height + steps.behind.max(), rows):
         for n in range(len(first)):
             i, kind, keep = now - steps.behind[n], steps.kind[n], steps.keep[n]
-            if i + ROWS <= 0 or i >= height:
+            if i + rows <= 0 or i >= height:
                 continue
             for k in range(steps.sources[n]):
                 s = steps.source[n, k]
                 look(at, k * some, i - steps.up[n, k], steps.rows[n, k], height, newest[s], slot[s], first[s],
                      steps.keep[s], lines[s])  # fmt: skip
-            newest[n] = i + ROWS - 1
-            slot[n] = slot[n] + ROWS - (keep if slot[n] + ROWS >= keep else 0)
-            for u in range(ROWS):
-                back = slot[n] - ROWS + 1 + u
+            newest[n] = i + rows - 1
+            slot[n] = slot[n] + rows - (keep if slot[n] + rows >= keep else 0)
+            for u in range(rows):
+                back = slot[n] - rows + 1 + u
                 at[to + u] = first[n] + (back if back >= 0 else back + keep) * lines[n]
             if kind == INPUT:
-                for u in range(max(-i, 0), min(ROWS, height - i)):
+                for u in range(max(-i, 0), min(rows, height - i)):
                     taken(band[i + u], x, spare)
                     turned(x, spare, length, at[to + u], lanes, length)
             else:
-                work(x, at, to, some, kind, steps.reach[n], long)
+                work(x, at, to, some, kind, steps.reach[n], long, rows)
             if steps.widen[n]:
-                widen(x, at, to, long, part, last, steps.widen[n])
+                widen(x, at, to, long, part, last, steps.widen[n], rows)
             if n == steps.level or kind == OUTLINES:
                 out = level if n == steps.level else outline
-                for u in range(max(top - i, 0), min(ROWS, top + len(out) - i)):
+                for u in range(max(top - i, 0), min(rows, top + len(out) - i)):
                     turned(x, at[to + u], lanes, spare, length, length)
                     given(x, spare + left, out[i + u - top])

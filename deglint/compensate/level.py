@@ -157,8 +157,10 @@ class Opened:
         """What exceeds the level in enough bands."""
         if not self.tells:
             return None
-        whole = np.uint8 if len(outlined) < 256 else np.uint16
-        return np.asarray(np.add.reduce(outlined.view(np.uint8), axis=0, dtype=whole) >= (len(self.order) + 1) // 2)
+        count = np.zeros(outlined.shape[1:], np.uint8 if len(outlined) < 256 else np.uint16)
+        for band in outlined:
+            count += band
+        return np.asarray(count >= (len(self.order) + 1) // 2)
 
     def _narrow(self) -> tuple[Float32Array, Mask | None]:
         """The same for rows that are too short."""

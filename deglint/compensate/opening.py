@@ -33,6 +33,9 @@ GUIDE = 3
 """Element under whose opening a detail may grow back [pixel]."""
 LONGEST = 9
 """Reach of a line of pixels that is looked at in one step; longer ones are put together."""
+AT_ONCE, NARROW = (4, 8), 800
+"""Rows that a step makes at a time, fours: the more, the less often one is loaded, and the more of them are kept, which
+is to fit into the processor's cache. They are the more up to this width [number]."""
 _NOTHING = np.iinfo(np.int32).max
 
 
@@ -42,7 +45,7 @@ class Steps(NamedTuple):
     kind, reach : (step,), what it does and how far apart the pixels are that it looks at; sources : (step,), how many
     steps it looks at; source, up, rows : (step, source), those, how far above the row they are looked at first, and in
     how many rows; behind : (step,), rows after the input; keep : (step,), rows that are kept; widen : (step,), columns
-    that are repeated beyond the edges; level : the step that is the level
+    that are repeated beyond the edges; level : the step that is the level; at_once : rows that a step makes at a time
     """
 
     kind: Ints
@@ -55,6 +58,7 @@ class Steps(NamedTuple):
     keep: Ints
     widen: Ints
     level: int
+    at_once: int
 
 
 def diamond_of(size: int) -> int:
@@ -149,29 +153,29 @@ class _Plan:
         patch = self.add(PATCH, 1, (low, 0, 1))
         return self.eroded(self.add(CORNERS, 1, (low, 1, 1), (patch, 1, 0)), size, shape)
 
-    def written(self, level: int) -> Steps:
+    def written(self, level: int, at_once: int) -> Steps:
         """What the compiled function takes."""
-        from ._opening_kernels import ACROSS5, DOWN, DOWN3, DOWN5, INPUT, ROWS
+        from ._opening_kernels import ACROSS5, DOWN, DOWN3, DOWN5, INPUT
 
         total = len(self.steps)
         source, up, rows = np.zeros((3, total, 3), np.int64)
-        behind, keep, widen = np.zeros(total, np.int64), np.full(total, ROWS), np.zeros(total, np.int64)
+        behind, keep, widen = np.zeros(total, np.int64), np.full(total, at_once), np.zeros(total, np.int64)
         for n, (kind, reach, looks) in enumerate(self.steps):
             for k, (of, above, below) in enumerate(looks):
-                source[n, k], up[n, k], rows[n, k] = of, above, above + ROWS + below
+                source[n, k], up[n, k], rows[n, k] = of, above, above + at_once + below
                 behind[n] = max(behind[n], behind[of] + below)
                 if kind not in (INPUT, DOWN, DOWN3, DOWN5):
                     widen[of] = max(widen[of], 2 * reach if kind == ACROSS5 else reach)
         for n, (_, _, looks) in enumerate(self.steps):
             for of, above, _ in looks:
-                keep[of] = max(keep[of], behind[n] - behind[of] + ROWS + above)
+                keep[of] = max(keep[of], behind[n] - behind[of] + at_once + above)
         kinds, reach, sources = np.array([(kind, by, len(looks)) for kind, by, looks in self.steps], np.int64).T.copy()
-        return Steps(kinds, reach, sources, source, up, rows, behind, keep, widen, level)
+        return Steps(kinds, reach, sources, source, up, rows, behind, keep, widen, level, at_once)
 
 
 @lru_cache(maxsize=64)
-def _steps(size: int, shape: str, corners: bool, detail: int = 0) -> Steps:
-    """One opening, and the details beside it."""
+def _steps(at_once: int, size: int, shape: str, corners: bool, detail: int = 0) -> Steps:
+    """One opening, and the details beside it, so many rows at a time."""
     from ._opening_kernels import INPUT, OUTLINES
 
     plan = _Plan()
@@ -182,7 +186,7 @@ def _steps(size: int, shape: str, corners: bool, detail: int = 0) -> Steps:
         guide = plan.opened(band, GUIDE, "square", corners=False)
         diamond = plan.opened(band, diamond_of(size), "diamond", corners=True)
         plan.add(OUTLINES, 1, (octagon, 1, 1), (guide, 0, 0), (diamond, 0, 0))
-    return plan.written(base)
+    return plan.written(base, at_once)
 
 
 def rank_opening(band: Float32Array, size: int, *, shape: str = "square", corners: bool = False) -> Float32Array:
@@ -221,7 +225,7 @@ def rank_opening(band: Float32Array, size: int, *, shape: str = "square", corner
     >>> float(rank_opening(sea, 3).max())
     1.0
     """
-    steps = _steps(_odd(size), shape, corners)
+    steps = _steps(_at_once(band), _odd(size), shape, corners)
     missing = np.isnan(band)
     found = np.empty(band.shape, np.int32)
     if band.size:
@@ -258,7 +262,11 @@ def openings(codes: Codes, size: int, detail: int = 0, *, within: Window, out: t
     Cost, one core: 2.2 ns a pixel for 13 and 13, 0.8 ns for the square alone (`python -m benchmarks stages`).
     """
     if codes.size:
-        _run(codes, _steps(_odd(size), "square", True, detail and _odd(detail)), within, out)
+        _run(codes, _steps(_at_once(codes), _odd(size), "square", True, detail and _odd(detail)), within, out)
+
+
+def _at_once(band: npt.NDArray[Any]) -> int:
+    return AT_ONCE[band.shape[1] <= NARROW]
 
 
 def _odd(size: int) -> int:
