@@ -218,6 +218,13 @@ def test_details_are_kept_where_two_neighbours_agree(count):
     narrow = replace(of_all, levels=codes[0][..., :5], outlines=codes[1][..., :5])
     for part, whole in zip(narrow.level(), (found, outlined), strict=True):
         np.testing.assert_array_equal(part, whole[..., :5])
+    where = rng.random(found.shape[1:]) < 0.3
+    where[3:9] = False  # whole rows without
+    some = replace(of_all, where=where)
+    for part, whole in zip(some.level(), (found, outlined), strict=True):
+        np.testing.assert_array_equal(part, np.where(where, whole, 0))
+    for part, whole in zip(replace(narrow, where=where[:, :5]).level(), some.level(), strict=True):
+        np.testing.assert_array_equal(part, whole[..., :5])
 
 
 def test_a_flash_of_one_band_is_no_detail_and_a_thing_of_all_is():

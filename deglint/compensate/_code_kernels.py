@@ -96,7 +96,21 @@ def _mark(_typing: Any, out: Any, _at: Any, _values: Any, _limit: Any) -> Any:
     return types.void(out, types.intp, lanes, lanes), made
 
 
+def _wanted(_typing: Any, where: Any, _at: Any, _values: Any) -> Any:
+    """Values where an array of marks has one; 0 elsewhere."""
+
+    def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        where, at, values = given
+        marks = ir.VectorType(ir.IntType(8), LANES)
+        found = builder.load(pointer(context, builder, signature.args[0], where, at, marks), align=1)
+        here = builder.icmp_signed("!=", found, constant(marks, 0))
+        return builder.select(here, values, constant(FLOATS, 0.0))
+
+    return lanes(where, types.intp, lanes), made
+
+
 told: Any = intrinsic(_told)
+wanted: Any = intrinsic(_wanted)
 mark: Any = intrinsic(_mark)
 put: Any = intrinsic(_put)
 tell: Any = intrinsic(_tell)
@@ -129,43 +143,58 @@ def capped(detail, before, around, after, factor):  # type: ignore[no-untyped-de
 
 
 @nb.njit(cache=True, nogil=True)
-def told_row(codes, at, grid, glint, x, to, line, some):  # type: ignore[no-untyped-def]
-    """A part of a row: the level, by how much outlines exceed it, where there are any, and that in units of glint."""
+def anywhere(where, at, count):  # type: ignore[no-untyped-def]
+    """Whether there is a mark among so many from there on."""
+    found = False
+    for i in range(at, at + count):
+        found |= where[i]
+    return found
+
+
+@nb.njit(cache=True, nogil=True)
+def exceeding(codes, spots, grid, glint, where, x, to, line):  # type: ignore[no-untyped-def]
+    """By how much outlines exceed the level in a part of a row, where they are wanted, and that in units of glint.
+
+    spots : where that part begins in the codes of all bands, and in what there is of one
+    """
     levels, outlines = codes
     middle, unit, per_glint = spread(grid[0]), spread(grid[1]), spread(np.float32(1) / glint)
     for first in range(0, line, LANES):
         p = min(first, line - LANES)
-        level, detail = told(levels, at + p, middle, unit), spread(ZERO)
-        if some:
-            detail = larger(plus(told(outlines, at + p, middle, unit), times(level, spread(MINUS))), spread(ZERO))
-        store(x, to + p, times(detail, per_glint))
-        store(x, to + x.size // 3 + p, detail)
-        store(x, to + x.size // 3 * 2 + p, level)
+        level = told(levels, spots[0] + p, middle, unit)
+        more = plus(told(outlines, spots[0] + p, middle, unit), times(level, spread(MINUS)))
+        more = larger(more, spread(ZERO))
+        if where.size:
+            more = wanted(where, spots[1] + p, more)
+        store(x, to + p, times(more, per_glint))
+        store(x, to + x.size // 2 + p, more)
 
 
 @nb.njit(cache=True, nogil=True)
-def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image, least, out):  # type: ignore[no-untyped-def]
+def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image, least, where, out):  # type: ignore[no-untyped-def]
     """`deglint.compensate.level.Opened`: the level and outlines, where they are wanted, and what is left of an image.
 
     codes : levels and outlines, (band x row x column); grids : centre and unit; order : bands, of which so many
     agree, up to the last, and then the others; bands : which they are of the image, and of what is written; image :
     numbers, from band to band, from row to row; least : of each band, by how much its outline exceeds the level where
-    outlines are told; out : level, image, what was replaced in it, outlines: empty where not wanted
+    outlines are told; where : (row x column), where outlines count, empty for everywhere; out : level, image, what was
+    replaced in it, outlines: empty where not wanted
     """
     level, clean, replaced, outlined = out
     numbers, per_band, per_row = image
     size, wide = codes[0].size // len(grids), min(columns, WIDE)
-    x = np.zeros(3 * (len(order) + 4) * wide, np.float32)  # nothing agrees beyond the first and the last band
-    more = x.size // 3
+    x = np.zeros(2 * (len(order) + 4) * wide, np.float32)  # nothing agrees beyond the first and the last band
+    more = x.size // 2
     for begin in range(0, size, columns):
         for first in range(0, columns, wide):
             at = begin + min(first, columns - wide)
-            for n in range(len(order)):
-                b, some = order[n], n < last
-                told_row(codes, b * size + at, grids[b], glint[n] if some else ONE, x, (n + 2) * wide, wide, some)
+            some = last if not where.size or anywhere(where, at, wide) else 0
+            for n in range(some):
+                b = order[n]
+                exceeding(codes, (b * size + at, at), grids[b], glint[n], where, x, (n + 2) * wide, wide)
             for n in range(len(order)):
                 b, s = order[n], n * wide
-                band = bands[b]
+                band, middle, unit = bands[b], spread(grids[b, 0]), spread(grids[b, 1])
                 to, beside = band * size + at, band * per_band + begin // columns * per_row + at - begin
                 factor = spread(slack * glint[n])
                 offset, rise, full = (spread(limits[band, 0]), spread(limits[band, 1]), spread(limits[band, 2]))
@@ -173,8 +202,8 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image
                 share, away = spread(limits[band, 6]), spread(least[band])
                 for place in range(0, wide, LANES):
                     p = min(place, wide - LANES)
-                    found, detail = load(x, s + p + 2 * wide + 2 * more), spread(ZERO)
-                    if n < last:
+                    found, detail = told(codes[0], b * size + at + p, middle, unit), spread(ZERO)
+                    if n < some:
                         around = load(x, s + p + wide), load(x, s + p + 3 * wide)
                         before, after = (load(x, s + p), around[0]), (around[1], load(x, s + p + 4 * wide))
                         detail = capped(load(x, s + p + 2 * wide + more), before, around, after, factor)

@@ -157,7 +157,7 @@ class IdentifyLevel:
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
-        least = [CERTAIN_K * sigma for sigma in self.sigmas]
+        least = [CERTAIN_K * sigma for sigma in self.sigmas] if state.outlined is None else []  # told once
         level, outlined = _levels(
             state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, least=least, later=True
         )

@@ -60,6 +60,8 @@ class Opened:
     least : sequence of float
         Of each band: outlines of things are where what is added exceeds this in half of the bands that are compared,
         or more: clumps of sparkle seldom do. They are not told without.
+    where : (row, column) bool ndarray, optional
+        Where outlines count, if not everywhere.
     """
 
     levels: Codes
@@ -70,6 +72,7 @@ class Opened:
     slack: float = SLACK
     bands: Sequence[int] | None = None
     least: Sequence[float] = ()
+    where: Mask | None = None
 
     @property
     def fits(self) -> bool:
@@ -150,7 +153,8 @@ class Opened:
         agree(
             (self.levels.ravel(), self.outlines.ravel()), np.array(self.grids, np.float32), order, len(some),
             np.array(bands, np.int64), glint, np.float32(self.slack), self.levels.shape[2], limits,
-            (numbers, *image[1:]), least if least.size else np.zeros(max(bands, default=0) + 1, np.float32), out,
+            (numbers, *image[1:]), least if least.size else np.zeros(max(bands, default=0) + 1, np.float32),
+            np.empty(0, np.bool_) if self.where is None else np.ascontiguousarray(self.where).ravel(), out,
         )  # fmt: skip
 
     def _shared(self, outlined: Mask) -> Mask | None:
@@ -168,7 +172,8 @@ class Opened:
 
         some = ((0, 0), (0, 0), (0, LANES))
         levels, outlines = (np.pad(codes, some) for codes in (self.levels, self.outlines))
-        more = replace(self, levels=levels, outlines=outlines)
+        where = None if self.where is None else np.pad(self.where, some[1:])
+        more = replace(self, levels=levels, outlines=outlines, where=where)
         if not more.fits:
             return np.empty(self.levels.shape, np.float32), None
         (level, outlined), part = more.level(), (..., slice(self.levels.shape[2]))
@@ -222,9 +227,7 @@ def openings_of(
         openings(told, size, detail if everywhere else 0, within=within, out=(codes[0, i], codes[-1, i]))
         if not everywhere and pieces:
             _outlines(told, size, detail, within, pieces, codes[1, i])
-        if where is not None and pieces:
-            np.copyto(codes[1, i], codes[0, i], where=~where)
-    return Opened(codes[0], codes[-1], grids, spectrum, order if detail else ())
+    return Opened(codes[0], codes[-1], grids, spectrum, order if detail else (), where=where if detail else None)
 
 
 def _outlines(told: Codes, size: int, detail: int, within: Window, pieces: Sequence[Window], out: Codes) -> None:
