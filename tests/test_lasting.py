@@ -5,7 +5,7 @@ import pytest
 
 from deglint import fit_scene, open_scene
 from deglint.compensate import evidence, protect
-from deglint.compensate.lasting import lasting, steady
+from deglint.compensate.lasting import MOST_LASTING, lasting, steady
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate
@@ -40,6 +40,16 @@ def test_share_of_sparkle_that_lasts_is_that_of_its_lifetimes(lifetime):
     things = np.zeros(9, np.int64)
     things[8] = 2 * 400
     assert lasting([runs, things]) < found  # what is there at every instant is no sign that sparkle lasts
+
+
+def test_things_that_are_steady_for_a_while_do_not_pass_for_sparkle_that_lasts():
+    """Of those that move, or have flashes beside them, as many are steady for seven instants as for six."""
+    short = 40_000 * 0.12 ** np.arange(-1, 8)
+    short[[0, 8]] = 0, 2
+    things = np.array([0, 0, 300, 250, 200, 150, 120, 140, 800])
+    assert lasting([short.astype(np.int64), things]) < 0.4 * MOST_LASTING
+    few = np.array([0, 8660, 906, 137, 21, 9, 2, 4, 0])  # of fine waves, straight down; no thing among them
+    assert lasting([few]) < 0.1 * MOST_LASTING
 
 
 def test_sparkle_that_lasts_is_found_out_and_nothing_is_protected():
