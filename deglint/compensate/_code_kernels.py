@@ -13,7 +13,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from ._lanes import FLOATS, LANES, constant, lanes, larger, load, plus, pointer, smaller, spread, store, times
+from ._lanes import FLOATS, LANES, constant, if_more, lanes, larger, load, plus, pointer, smaller, spread, store, times
 
 _CODES, _BITS = ir.VectorType(ir.IntType(16), LANES), ir.VectorType(ir.IntType(32), LANES)
 _BITS_OF_ONE = 0x3F800000
@@ -177,14 +177,14 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image
     codes : levels and outlines, (band x row x column); grids : centre and unit; order : bands, of which so many
     agree, up to the last, and then the others; bands : which they are of the image, and of what is written; image :
     numbers, from band to band, from row to row; least : of each band, by how much its outline exceeds the level where
-    outlines are told; where : (row x column), where outlines count, empty for everywhere; out : level, image, what was
-    replaced in it, outlines: empty where not wanted
+    outlines are told: where half of those that agree do; where : (row x column), where outlines count, empty for
+    everywhere; out : level, image, what was replaced in it, outlines (row x column): empty where not wanted
     """
     level, clean, replaced, outlined = out
     numbers, per_band, per_row = image
     size, wide = codes[0].size // len(grids), min(columns, WIDE)
     x = np.zeros(2 * (len(order) + 4) * wide, np.float32)  # nothing agrees beyond the first and the last band
-    more = x.size // 2
+    more, half = x.size // 2, spread(np.float32((last + 1) // 2 - 0.5))
     for begin in range(0, size, columns):
         for first in range(0, columns, wide):
             at = begin + min(first, columns - wide)
@@ -199,7 +199,7 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image
                 factor = spread(slack * glint[n])
                 offset, rise, full = (spread(limits[band, 0]), spread(limits[band, 1]), spread(limits[band, 2]))
                 below, slope, most = (spread(-limits[band, 3]), spread(limits[band, 4]), spread(limits[band, 5]))
-                share, away = spread(limits[band, 6]), spread(least[band])
+                share = spread(limits[band, 6])
                 for place in range(0, wide, LANES):
                     p = min(place, wide - LANES)
                     found, detail = told(codes[0], b * size + at + p, middle, unit), spread(ZERO)
@@ -208,8 +208,7 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image
                         before, after = (load(x, s + p), around[0]), (around[1], load(x, s + p + 4 * wide))
                         detail = capped(load(x, s + p + 2 * wide + more), before, around, after, factor)
                         found = plus(found, detail)
-                    if outlined.size:
-                        mark(outlined, to + p, detail, away)
+                        store(x, s + p + 2 * wide + more, detail)
                     above = rises = spread(ZERO)
                     if limits.size:
                         above = larger(plus(found, below), above)
@@ -219,3 +218,9 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image
                         store(level, to + p, found)
                     if clean.size:
                         put(clean, replaced, to + p, load(numbers, beside + p), found, rises, full)
+            for place in range(0, wide if outlined.size else 0, LANES):
+                p, count = min(place, wide - LANES), spread(ZERO)
+                for n in range(some):
+                    detail, away = load(x, (n + 2) * wide + more + p), spread(least[bands[order[n]]])
+                    count = plus(count, if_more(detail, away, spread(ONE), spread(ZERO)))
+                mark(outlined, at + p, count, half)

@@ -46,6 +46,8 @@ COVER_K = 3.0
 """Standard deviations above the local level that count as glint when cover is told."""
 CERTAIN_K = 5.0
 """The same where noise is to be ruled out: of a normal distribution 3e-7 lie above."""
+OUTLINE_K = 2.0
+"""Standard deviations that outlines add to the level of half of the bands where a second opening looks for them, too."""
 ALIKE = 2.0
 """How many times as far as in the next band a thing stands out of the noise, at most."""
 MOST_COVER_FOR_DETAIL = 0.56
@@ -157,7 +159,7 @@ class IdentifyLevel:
 
     def apply(self, state: State) -> None:
         """Find the level and mark what exceeds it."""
-        least = [CERTAIN_K * sigma for sigma in self.sigmas] if state.outlined is None else []  # told once
+        least = [OUTLINE_K * sigma for sigma in self.sigmas] if state.outlined is None else []  # told once
         level, outlined = _levels(
             state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, least=least, later=True
         )

@@ -99,11 +99,11 @@ class Opened:
             return self._narrow()
         found = np.empty(self.levels.shape, np.float32)
         none, nowhere = np.empty(0, np.float32), np.empty(0, np.bool_)
-        outlined = np.empty(found.shape, np.bool_) if self.tells else nowhere
+        outlined = np.empty(found.shape[1:], np.bool_) if self.tells else nowhere
         every, least = range(len(found)), np.array(self.least, np.float32)
         limits = np.empty((0, LIMITS), np.float32)
         self._agree(every, limits, (none, 0, 0), least, found.ravel(), none, nowhere, outlined.ravel())
-        return found, self._shared(outlined)
+        return found, outlined if self.tells else None
 
     def of_image(self, count: int) -> tuple[Float32Array, Mask | None]:
         """The same for an image of so many bands: NaN in those that there are no openings of."""
@@ -127,7 +127,7 @@ class Opened:
         level = np.empty(image.shape if wanted else (len(image), 0, 0), np.float32)
         clean, replaced = np.empty(image.shape, np.float32), np.empty(image.shape, np.bool_)
         bands = range(len(image)) if self.bands is None else self.bands
-        outlined, least = np.zeros(image.shape if self.tells else (len(image), 0, 0), np.bool_), np.zeros(len(image))
+        outlined, least = np.empty(image.shape[1:] if self.tells else (0, 0), np.bool_), np.zeros(len(image))
         if self.tells:
             least[list(bands)] = self.least
         out = level.ravel(), clean.ravel(), replaced.ravel(), outlined.ravel()
@@ -135,7 +135,7 @@ class Opened:
         for b in range(len(image)):
             if b not in bands:  # left as they are
                 level[b], clean[b], replaced[b] = np.nan, image[b], False
-        return level if wanted else None, clean, replaced, self._shared(outlined)
+        return level if wanted else None, clean, replaced, outlined if self.tells else None
 
     def _agree(
         self, bands: Sequence[int], limits: Float32Array, image: tuple[Any, int, int], least: Float32Array,
@@ -156,15 +156,6 @@ class Opened:
             (numbers, *image[1:]), least if least.size else np.zeros(max(bands, default=0) + 1, np.float32),
             np.empty(0, np.bool_) if self.where is None else np.ascontiguousarray(self.where).ravel(), out,
         )  # fmt: skip
-
-    def _shared(self, outlined: Mask) -> Mask | None:
-        """What exceeds the level in enough bands."""
-        if not self.tells:
-            return None
-        count = np.zeros(outlined.shape[1:], np.uint8 if len(outlined) < 256 else np.uint16)
-        for band in outlined:
-            count += band
-        return np.asarray(count >= (len(self.order) + 1) // 2)
 
     def _narrow(self) -> tuple[Float32Array, Mask | None]:
         """The same for rows that are too short."""
