@@ -47,7 +47,7 @@ COVER_K = 3.0
 CERTAIN_K = 5.0
 """The same where noise is to be ruled out: of a normal distribution 3e-7 lie above."""
 OUTLINE_K = 2.0
-"""Standard deviations that outlines add to the level of half of the bands where a second opening looks for them, too."""
+"""Standard deviations that outlines add to the level, in half of the bands, where a second opening looks for some."""
 ALIKE = 2.0
 """How many times as far as in the next band a thing stands out of the noise, at most."""
 MOST_COVER_FOR_DETAIL = 0.56
