@@ -7,6 +7,7 @@ may come is a result, or one line that says what is wrong; anything else is prin
 from __future__ import annotations
 
 import argparse
+import contextlib
 import io
 import json
 import os
@@ -230,9 +231,17 @@ def serve(directory: Path, seed: int) -> None:
                 said += " <- ".join(frames[:-4:-1])
             left = sorted(p.name for p in (work / "out").iterdir())
             os.chdir(directory)
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        talk.write(json.dumps({"code": code, "said": said, "left": left, "peak": peak}) + "\n")
+        talk.write(json.dumps({"code": code, "said": said, "left": left, "peak": _peak()}) + "\n")
         talk.flush()
+
+
+def _peak() -> float:
+    """Most resident memory of this process [MB]."""
+    status = Path("/proc/self/status")
+    if not status.exists():
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    lines = status.read_text().splitlines()  # ru_maxrss would count what the parent held
+    return float(next(line.split()[1] for line in lines if line.startswith("VmHWM"))) / 1024
 
 
 def verdict(came: dict) -> str:
@@ -285,17 +294,21 @@ def fuzz(directory: Path, seconds: float, seed: int = 1, first: int = 0, most: i
                 wrong = f"ended the process with {worker.wait()}"
             if wrong:
                 tried.findings.append(f"case {number} of seed {seed} {wrong}")
-                worker.kill()
-                worker.wait()
+                _stop(worker)
                 worker = _start(directory, seed)
             number += 1
             tried.inputs += 1
     finally:
-        worker.kill()
-        worker.wait()
-        worker.stdin.close()
-        worker.stdout.close()
+        _stop(worker)
     return tried
+
+
+def _stop(worker: subprocess.Popen) -> None:
+    worker.kill()
+    worker.wait()
+    with contextlib.suppress(BrokenPipeError):
+        worker.stdin.close()
+    worker.stdout.close()
 
 
 def _start(directory: Path, seed: int) -> subprocess.Popen:
