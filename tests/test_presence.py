@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from deglint import correct, fit_scene, open_scene, remove_glint
 from deglint import tiles as tiling
 from deglint.compensate.chain import Chain, chain_from
+from deglint.compensate.glance import block
 from deglint.compensate.presence import BEYOND, CALM, CELL, CLEAR, FAR, MOST, Presence, blend, fit
 from deglint.errors import InputError
 from deglint.physics.presets import preset
@@ -183,6 +184,29 @@ def test_what_is_taken_back_is_so_to_the_bit():
     np.testing.assert_array_equal(made[..., :300], before[..., :300])
     np.testing.assert_array_equal(made[..., 600:], after[..., 600:])
     np.testing.assert_allclose(made[..., 300:600], 0.75 * before[..., 300:600] + 0.25 * after[..., 300:600], atol=1e-6)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_part_of_an_array_is_taken_back_as_a_whole_one_is(dtype):
+    rng = np.random.default_rng(1)
+    after, before = rng.normal(size=(2, 3, 30, 40)).astype(dtype)
+    before[1, 9] = np.nan
+    share = rng.choice(np.float32([0, 0.3, 1]), (30, 40))
+    whole, given, part = after.copy(), after.copy(), np.s_[5:20, 7:30]
+    blend(whole, before, share)
+    mixed = np.where(share == 0, before, np.where(share < 1, before + share * (after - before), after))
+    np.testing.assert_array_equal(whole, mixed.astype(dtype))
+    inner = after[:, *part]
+    blend(inner, before[:, *part], share[part])
+    np.testing.assert_array_equal(inner, whole[:, *part])
+    after[:, *part] = given[:, *part]
+    np.testing.assert_array_equal(after, given)  # nothing around it is touched
+
+
+def test_what_is_to_be_written_to_is_never_a_copy():
+    image = np.zeros((2, 4, 6), np.float32)
+    with pytest.raises(ValueError, match="one piece"):
+        block(image[:, :, ::2], written=True)
 
 
 def test_it_is_saved_and_read_back():

@@ -38,6 +38,13 @@ def sum_cells(band, rows, columns, level, scale, most, steps):  # type: ignore[n
 
 
 @nb.njit(cache=True, nogil=True)
+def row(block, band, i, first, count):  # type: ignore[no-untyped-def]
+    """So many numbers of a row of a Block, from the first that is wanted."""
+    at = block.band * band + block.row * i + first
+    return block.numbers[at : at + count]
+
+
+@nb.njit(cache=True, nogil=True)
 def mark_row(image, own, replaced, limit, out):  # type: ignore[no-untyped-def]
     """Where a row was replaced for more than its limit, and whether it was anywhere; the limit is that of `halve`."""
     apart()
@@ -53,32 +60,83 @@ def mark_row(image, own, replaced, limit, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def halve_row(image, own, replaced, strong, share, out):  # type: ignore[no-untyped-def]
-    """Put the middle of a row as it is and as it was where it was replaced, nothing is strong, and its share is 0."""
+def pass_row(left):  # type: ignore[no-untyped-def]
+    """Of how many more rows a pixel has something strong beside it: one less."""
     apart()
-    for j in range(out.size):
-        faint = np.uint8(replaced[j]) & np.uint8(strong[j] == 0) & np.uint8(share[j] == 0)
-        half = image[j] + np.float32(0.5) * (own[j] - image[j])
-        out[j] = half if faint else out[j]
+    for j in range(left.size):
+        left[j] -= np.uint8(left[j] > 0)
 
 
 @nb.njit(cache=True, nogil=True)
-def halve(image, own, replaced, share, corner, limit, around, out):  # type: ignore[no-untyped-def]
-    """Put the middle of a block as it is and as it was where it was replaced for at most so much, with nothing beside
-    it that was for more; in the part of it that begins at the corner, where its share is 0.
+def note_row(strong, rows, left):  # type: ignore[no-untyped-def]
+    """That many more, where a row is strong or has something beside it that is; its marks begin and end further out."""
+    apart()
+    for k in range(strong.size - left.size + 1):
+        beside = strong[k : k + left.size]
+        for j in range(left.size):
+            left[j] = rows if beside[j] else left[j]
 
-    limit : how much that is at most, at a level; the level from which on it grows, by what share of itself a unit, and
-    at most; and what share of what the level lies above is added
+
+@nb.njit(cache=True, nogil=True)
+def faint_row(replaced, left, calm, out):  # type: ignore[no-untyped-def]
+    """Where a row was replaced, with nothing strong beside it, and is to be looked at."""
+    apart()
+    for j in range(out.size):
+        out[j] = np.uint8(replaced[j]) & np.uint8(left[j] == 0) & np.uint8(calm[j])
+
+
+@nb.njit(cache=True, nogil=True)
+def halve_row(image, own, faint, out):  # type: ignore[no-untyped-def]
+    """The middle of a row as it is and as it was where it is faint, and the row as it is elsewhere."""
+    apart()
+    for j in range(out.size):
+        half = image[j] + np.float32(0.5) * (own[j] - image[j])
+        out[j] = half if faint[j] else image[j]
+
+
+@nb.njit(cache=True, nogil=True)
+def halve(image, own, replaced, calm, shape, corner, bands, limits, around, out):  # type: ignore[no-untyped-def]
+    """A part of a block that begins at the corner, and in it the middle of the block as it is and as it was where it is
+    calm, and was replaced for at most so much, with nothing beside it that was for more.
+
+    image, own, replaced, out : Block, the last of the part; calm : (row, column) bool; shape : (row, column) of the
+    block; limits : (band, 5) of these bands: how much that is at most, at a level; the level from which on it grows, by
+    what share of itself a unit, and at most; and what share of what the level lies above is added
     """
-    (height, width), (top, left) = image.shape, corner
-    row, strong = np.empty(width, np.uint8), np.zeros(image.shape, np.uint8)
-    for i in range(height):
-        if mark_row(image[i], own[i], replaced[i], limit, row):
-            for j in range(width):
-                if row[j]:
-                    strong[max(i - around, 0) : i + around + 1, max(j - around, 0) : j + around + 1] = 1
-    right = left + share.shape[1]
-    for i in range(share.shape[0]):
-        m = top + i
-        within = image[m, left:right], own[m, left:right], replaced[m, left:right], strong[m, left:right]
-        halve_row(*within, share[i], out[i])
+    (height, width), (top, first) = shape, corner
+    rows, columns = calm.shape
+    strong, left = np.zeros(width + 2 * around, np.uint8), np.empty(width, np.uint8)
+    faint, line = np.empty(columns, np.uint8), np.empty(columns, out.numbers.dtype)
+    for n in range(bands.size):
+        b = bands[n]
+        left[:] = 0
+        for i in range(max(top - around, 0), top + rows + around):
+            pass_row(left)
+            if i < height:
+                seen = row(image, b, i, 0, width), row(own, b, i, 0, width), row(replaced, b, i, 0, width)
+                if mark_row(*seen, limits[n], strong[around : around + width]):
+                    note_row(strong, np.uint8(2 * around + 1), left)
+            m = i - around  # all that is beside it has been seen
+            if m >= top:
+                faint_row(row(replaced, b, m, first, columns), left[first : first + columns], calm[m - top], faint)
+                halve_row(row(image, b, m, first, columns), row(own, b, m, first, columns), faint, line)
+                row(out, b, m - top, 0, columns)[:] = line  # which may be the image itself
+
+
+@nb.njit(cache=True, nogil=True)
+def blend_row(made, was, share):  # type: ignore[no-untyped-def]
+    """Take back all but a share of what was made of a row; to the bit where that is 0 or 1."""
+    apart()
+    for j in range(made.size):
+        part = was[j] + share[j] * (made[j] - was[j])
+        part = was[j] if share[j] == 0 else part
+        made[j] = part if share[j] < 1 else made[j]
+
+
+@nb.njit(cache=True, nogil=True)
+def blended(made, was, share, bands):  # type: ignore[no-untyped-def]
+    """The same of a block, band by band; made, was : Block."""
+    columns = share.shape[1]
+    for b in range(bands):
+        for i in range(share.shape[0]):
+            blend_row(row(made, b, i, 0, columns), row(was, b, i, 0, columns), share[i])

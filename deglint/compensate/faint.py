@@ -53,7 +53,7 @@ def give_back(
     within : (slice, slice)
         Where that part lies in the block.
     out : (band, row, column) ndarray
-        Of that part, what is written to: a copy of the inner part of the image, or that part itself.
+        Of that part, what is written to; may be that part of the image itself.
 
     Examples
     --------
@@ -65,8 +65,13 @@ def give_back(
     [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     """
     from ._presence_kernels import halve
+    from .glance import block
 
-    top, left = (s.start for s in within)
-    for band, sigma, *growth in spreads:
-        limit = np.array([FAINT * sigma, *growth], np.float32)
-        halve(image[band], own[band], replaced[band], share, (top, left), limit, SKIRT, out[band])
+    bands, limits = np.array([s.band for s in spreads], np.int64), np.empty((len(spreads), 5), np.float32)
+    for limit, (_, sigma, *growth) in zip(limits, spreads, strict=True):
+        limit[:] = FAINT * sigma, *growth
+    for band in sorted(set(range(len(image))) - set(bands.tolist())):
+        out[band] = image[band][within]
+    seen = block(image), block(own), block(replaced)
+    corner = tuple(s.start for s in within)
+    halve(*seen, share == 0, image.shape[1:], corner, bands, limits, SKIRT, block(out, written=True))

@@ -13,12 +13,12 @@ brightness and bends are told by pairs of bands, not by all of them, and the wid
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from ..scene import FloatArray
 from ._explain_kernels import FLOOR, LEAST, MOST, SPREAD
 from ._glance_kernels import KINDS, Block, Steps
 from ._glance_lanes import GROUPS
@@ -47,8 +47,10 @@ USUAL = 1e-4
 """Chance of a step of sparkle from which it counts when shapes are grouped."""
 
 
-def block(image: FloatArray) -> Block:
+def block(image: npt.NDArray[Any], *, written: bool = False) -> Block:
     """A (band, row, column) array, a part of another one if need be, for the kernels; nothing is copied if it can be.
+
+    What is to be written to can not be copied: rows must be one piece each.
 
     Examples
     --------
@@ -60,13 +62,15 @@ def block(image: FloatArray) -> Block:
     size = image.itemsize
     if image.flags.c_contiguous:
         numbers = image.reshape(-1)
-        numbers.flags.writeable = False
-        return Block(numbers, image[0].size, image.shape[2])
+        numbers.flags.writeable = written
+        return Block(numbers, image.shape[1] * image.shape[2], image.shape[2])
     if image.size == 0 or image.strides[2] != size or min(image.strides) < 0 or any(s % size for s in image.strides):
+        if written:
+            raise ValueError("rows are to be one piece each.")
         image = image.copy()
     band, row = image.strides[0] // size, image.strides[1] // size
     count = sum((n - 1) * s // size for n, s in zip(image.shape, image.strides, strict=True)) + 1
-    return Block(np.lib.stride_tricks.as_strided(image, (max(count, 0),), (size,), writeable=False), band, row)
+    return Block(np.lib.stride_tricks.as_strided(image, (max(count, 0),), (size,), writeable=written), band, row)
 
 
 def steps(protection: Protection) -> Steps:

@@ -239,10 +239,10 @@ def blend(after: FloatArray, before: FloatArray, share: Share) -> None:
     before : (band, row, column) ndarray
     share : (row, column) float32 ndarray
     """
-    part, none = share < 1, share == 0
-    for made, was in zip(after, before, strict=True):
-        np.copyto(made, was + share * (made - was), where=part, casting="same_kind")
-        np.copyto(made, was, where=none, casting="same_kind")
+    from ._presence_kernels import blended
+    from .glance import block
+
+    blended(block(after, written=True), block(before), np.ascontiguousarray(share), len(after))
 
 
 def _summed(values: npt.NDArray[np.float64], side: int) -> npt.NDArray[np.float64]:

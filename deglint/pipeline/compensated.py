@@ -42,12 +42,12 @@ class Shown:
         image, replaced : of `middle`, a larger tile; the image is worked on itself where nothing follows in the tile
         """
         assert self.share is not None
-        made, around = image[place_in(self.tile, middle)], place_in(self.skirted, middle)
-        if self.share.any():
-            made = made.copy()
-        if self.quiet is None or ((self.quiet > 0) & (self.share == 0)).any():
-            inner = core_of(self.tile.crop_of(self.skirted), self.skirted.shape)
-            give_back(image[around], self.was, replaced[around], self.share, spreads, inner, made)
+        here, around, follows = image[place_in(self.tile, middle)], place_in(self.skirted, middle), self.share.any()
+        if self.quiet is not None and not ((self.quiet > 0) & (self.share == 0)).any():
+            return here.copy() if follows else here
+        made = np.empty(here.shape, here.dtype) if follows else here
+        inner = core_of(self.tile.crop_of(self.skirted), self.skirted.shape)
+        give_back(image[around], self.was, replaced[around], self.share, spreads, inner, made)
         return made
 
 

@@ -387,7 +387,7 @@ class Correction:
         if shown.share.any():
             clean, replaced = self._rest(state, before, tile, middle)
             blend(clean, first, shown.share)
-            replaced = (replaced & (shown.share > 0)) | before
+            replaced = before if replaced is before else (replaced & (shown.share > 0)) | before
         if shown.quiet is not None:
             blend(clean, shown.own, shown.quiet)
             replaced = replaced & (shown.quiet > 0)

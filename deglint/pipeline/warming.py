@@ -19,7 +19,7 @@ from ..compensate.evidence import BINS, Protection, clusters
 from ..compensate.faint import give_back
 from ..compensate.identify import IdentifyLevel
 from ..compensate.noise import Spread
-from ..compensate.presence import Presence
+from ..compensate.presence import Presence, blend
 from ..compensate.protect import put_back, things
 from ..compensate.psf import kernel_psf
 from ..compensate.replace import ReplaceLevel
@@ -72,7 +72,9 @@ def warm_up() -> Iterator[None]:
     state = State.of(sea)
     Presence(0, 1.0, 0.1).cells(sea, 0, 0)
     part, hit = sea[:, 1:9, 1:9].copy(), np.zeros(sea.shape, np.bool_)[:, 1:9, 1:9]
-    give_back(sea[:, 1:9, 1:9], part, hit, np.zeros((8, 8), np.float32), [Spread(0, 1.0)], (slice(0, 8),) * 2, part)
+    share = np.zeros((8, 8), np.float32)
+    give_back(sea[:, 1:9, 1:9], part, hit, share, [Spread(0, 1.0)], (slice(0, 8),) * 2, part)
+    blend(part, sea[:, 1:9, 1:9], share)
     for stage in stages:
         stage.apply(state)
         yield
