@@ -12,7 +12,7 @@ from deglint.compensate.median import Median
 from deglint.compensate.opening import opening_halo, openings, rank_opening
 from deglint.compensate.psf import kernel_psf
 from deglint.compensate.replace import ReplaceLevel
-from deglint.raster.convert import FORGOTTEN, all_clear
+from deglint.raster.convert import FORGOTTEN, all_clear, ends
 from deglint.raster.encode import encode
 
 from .test_level import opening, sparkle
@@ -138,10 +138,10 @@ def test_a_block_that_is_lent_is_left_as_it_is(cut, width):
 
 def test_one_look_tells_that_all_is_clear():
     block = np.ones((2, 30, 40), np.float32)
-    assert all_clear(block)
+    assert all_clear(ends(block))
     for odd in (np.nan, np.inf, -np.inf, FORGOTTEN[0], -FORGOTTEN[0]):
         block[1, 3, 7] = odd
-        assert not all_clear(block)
+        assert not all_clear(ends(block))
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.uint8, np.int16])

@@ -17,7 +17,7 @@ from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
 from ..compensate.uncertainty import Parts, Uncertainty, stderr
 from ..masks import WaterRule, near_water, opened, valid_for, water
-from ..raster.convert import all_clear
+from ..raster.convert import all_clear, ends
 from ..raster.encode import encode, relaid
 from ..raster.output import Layout
 from ..readers.areas import Area
@@ -125,16 +125,18 @@ class Correction:
         before = physical[self.changed].copy() if self.want_amount else None
         whole = physical.astype(np.float32) if self.want_stderr else None
         corrected = physical if read.after is None else read.after.clean
+        least = self._least(corrected, raw, read)
+        finite = least is not None and bool(np.isfinite(least).all())
         if raw is None:
-            raw = corrected if all_finite(corrected) else source.read_raw(tile.window)[0]
+            raw = corrected if finite else source.read_raw(tile.window)[0]
         file_valid = self._file_valid(raw, valid)
         raw, lost = relaid(raw, valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
-        if where is None and self._is_output(corrected, raw, read):
+        if where is None and finite and raw.dtype == np.float32:
             raw = corrected
         for bands, place in self._work(tile, physical, read.after, where, tally, flags):
             counts = encode(
                 corrected, raw, bands=bands, scales=source.info.scales, offsets=source.info.offsets,
-                where=place, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
+                where=place, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED), least=least,
             )  # fmt: skip
             tally.negative, tally.clipped = tally.negative + counts.negative, tally.clipped + counts.clipped
             if lost is not None:
@@ -150,10 +152,14 @@ class Correction:
         error = stderr(parts, self.uncertainty, steps=self._steps)
         return Corrected(raw, tally, file_valid, flags, amount, error)
 
-    def _is_output(self, corrected: Any, raw: Any, read: _Read) -> bool:
-        """What compensation has made of a tile can be written as it is: elsewhere it is the input's own, to the bit."""
-        whole = read.after is not None and read.valid is None and corrected.dtype == raw.dtype == np.float32
-        return corrected is raw or (whole and self._plain and all_finite(corrected))
+    def _least(self, corrected: Any, raw: Any, read: _Read) -> npt.NDArray[np.float64] | None:
+        """The least number of each band, NaN where some is not finite, if what compensation has made of a tile can be
+        written as it is where all are: elsewhere it is the input's own, to the bit. Else None."""
+        whole = read.after is not None and read.valid is None and corrected.dtype == np.float32
+        if not (whole and self._plain and (raw is None or raw.dtype == np.float32)):
+            return None
+        found = ends(corrected)
+        return np.where(np.isfinite(found).all(axis=1), found[:, 0], np.nan)
 
     @property
     def _plain(self) -> bool:
@@ -210,14 +216,16 @@ class Correction:
         source = raster_of(self.scene)
         outer = tile.grown(self._halo, self.scene.height, self.scene.width)
         raw, valid = source.read_raw(outer.window)
-        clear = self.chain.runs and valid is None and raw.dtype.kind == "f" and all_clear(raw)
+        found = ends(raw) if self.chain.runs and valid is None and raw.dtype.kind == "f" else None
+        clear = found is not None and all_clear(found)
         physical: Any = source.to_physical(raw, valid, clear=clear)
         after = None
         if self.chain.runs:
             place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
             sound = valid is None and (raw.dtype.kind in "iu" or (clear and physical is raw) or all_finite(physical))
             known = None if sound else self._known(physical[place], None if valid is None else valid[place])
-            saturated = saturated_in(self.scene, physical[place], self.want_flags)
+            found = found if physical is raw else None
+            saturated = saturated_in(self.scene, physical[place], self.want_flags, found)
             near = self._near(physical, known, tile, outer)
             begun = self._begun(physical, tile, outer, sound) if near is None or near.any() else None
             valid = None if valid is None else valid[place]
@@ -408,7 +416,9 @@ class Correction:
         state.sound, state.keep, state.outlined = sound, False, outlined
         apply_stages(state, self.chain.after, tile.crop_of(middle))
         clean = state.image if block is None else finish(state, block)
-        return clean, state.replaced | replaced
+        every = state.replaced
+        every |= replaced
+        return clean, every
 
     def _things(self, begun: Begun, level: Any, tile: Tile) -> Things | None:
         """Small things in the tile that the level has lost; the block's own values are let go."""

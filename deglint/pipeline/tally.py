@@ -52,11 +52,14 @@ class Saturated:
     any_band: npt.NDArray[np.bool_] | None = None
 
 
-def saturated_in(scene: Scene, physical: Any, wanted: bool) -> Saturated:
-    """Pixels of each band at or above its saturation."""
+def saturated_in(scene: Scene, physical: Any, wanted: bool, ends: npt.NDArray[np.float64] | None = None) -> Saturated:
+    """Pixels of each band at or above its saturation; `ends` are those of a larger block, where they are known."""
     counts, places = np.zeros(len(scene.bands), np.int64), None
     for i, band in enumerate(scene.bands):
-        if band.saturation is not None and not physical[i].max(initial=-np.inf) < band.saturation:  # or is no number
+        if band.saturation is None:
+            continue
+        most = physical[i].max(initial=-np.inf) if ends is None else ends[i, 1]
+        if not most < band.saturation:  # or some is no number
             full = physical[i] >= physical.dtype.type(band.saturation)
             counts[i] = np.count_nonzero(full)
             if wanted and counts[i]:

@@ -18,6 +18,7 @@ Valid = npt.NDArray[np.bool_]
 FORGOTTEN = (3.4028e38, 3.40283e38)
 """The largest numbers of float32, which many programs write where there is no data, and do not always say so. In
 float64, and there its own largest number, too."""
+_CLEAR = 1e30  # no number below is infinite, or what stands for no data
 _SLAB = 1 << 17  # values worked on at a time, so that they stay in the processor's cache
 
 
@@ -103,11 +104,24 @@ def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
     return valid
 
 
-def all_clear(array: Raw) -> bool:
-    """Whether one quick pass tells that all numbers of a floating-point array are finite, and none what `FORGOTTEN`
-    says."""
-    with np.errstate(all="ignore"):
-        return not any(may_be_endless(array[at]) for at in _slabs(array))
+def ends(array: Raw) -> npt.NDArray[np.float64]:
+    """The least and the largest number of each band, (band, 2), 0 counted in; NaN where some number is none.
+
+    Examples
+    --------
+    >>> ends(np.array([[[1.0, 2.0]], [[-1.0, np.nan]]])).tolist()
+    [[0.0, 2.0], [nan, nan]]
+    """
+    found = np.zeros((len(array), 2))
+    for band, rows in _slabs(array):
+        values, (least, most) = array[band, rows], found[band]
+        found[band] = np.minimum(values.min(initial=0), least), np.maximum(values.max(initial=0), most)
+    return found
+
+
+def all_clear(found: npt.NDArray[np.float64]) -> bool:
+    """Whether `ends` tell that all numbers of a floating-point array are finite, and none what `FORGOTTEN` says."""
+    return bool((np.abs(found) < _CLEAR).all())
 
 
 def has_infinite(array: Raw) -> bool:
@@ -118,7 +132,7 @@ def has_infinite(array: Raw) -> bool:
 
 def may_be_endless(values: Raw) -> bool:
     """A quick look; NaN and large numbers ask for a second one."""
-    return not (values.max(initial=0) < 1e30 and values.min(initial=0) > -1e30)
+    return not (values.max(initial=0) < _CLEAR and values.min(initial=0) > -_CLEAR)
 
 
 def _is_endless(values: Raw) -> Valid:

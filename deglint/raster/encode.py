@@ -74,6 +74,7 @@ def encode(
     nodata: float | None = None,
     flags: npt.NDArray[np.uint8] | None = None,
     marks: tuple[int, int] = (0, 0),
+    least: npt.NDArray[np.float64] | None = None,
 ) -> Counts:
     """Put corrected values into `raw`, in its type.
 
@@ -93,6 +94,8 @@ def encode(
         Number that says "not valid" in the file: no corrected value is left on it.
     flags : (row, column) uint8 ndarray, optional
         Gets `marks[0]` where a value is negative and `marks[1]` where one is clipped.
+    least : (bands,) float64 ndarray, optional
+        Least value of each band, where that is known: one that is not negative is not looked for.
 
     Returns
     -------
@@ -113,7 +116,8 @@ def encode(
             if not in_place:
                 outside = _put(values, raw[b, part], asked, scales[b], offsets[b])
             outside = _off_nodata(raw[b, part], values, asked, nodata, outside)
-            if values.size and not values.min() >= 0:  # or some is no number
+            lowest = values.min(initial=0) if least is None else least[b]
+            if not lowest >= 0:  # or some is no number
                 below = values < 0 if asked is None else (values < 0) & asked
                 counts.negative[b] += np.count_nonzero(below)
                 if flags is not None:
