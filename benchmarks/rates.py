@@ -42,11 +42,12 @@ BLOCK = 512
 """Side of a file's blocks [pixel]."""
 
 
-def base(place: Path, side: int) -> Path:
-    """A simulated sea of the thesis' sensor at 9 m/s, bands 60 ms apart, as counts."""
-    write_scene(simulate(Setup(sensor=preset("thesis"), size=(side, side), wind=9.0, patch=0.06, sky="cardioidal",
-                               seed=3)), place / "base")  # fmt: skip
-    return place / "base.tif"
+def base(place: Path, side: int, wind: float = 9.0, delay: float = 0.06) -> Path:
+    """A simulated sea of the thesis' sensor, bands so far apart [s], as counts."""
+    setup = Setup(sensor=preset("thesis").delayed(delay), size=(side, side), wind=wind, patch=0.06, sky="cardioidal",
+                  seed=3)  # fmt: skip
+    write_scene(simulate(setup), place / f"base_{wind:g}_{delay:g}")
+    return place / f"base_{wind:g}_{delay:g}.tif"
 
 
 def laid_out(small: Path, target: Path, side: int, dtype: str) -> Path:
@@ -91,8 +92,11 @@ def passed(work: Correction, tiles: list[tiling.Tile], threads: int) -> None:
         pass
 
 
-def of_tiles(path: Path, rounds: int) -> list[list[str]]:
-    """Rows for a table: what, threads, millions of values a second, processor time a value, times the reading."""
+def of_tiles(path: Path, others: dict[str, Path], rounds: int) -> list[list[str]]:
+    """Rows for a table: what, threads, millions of values a second, processor time a value, times the reading.
+
+    others : scenes of the same size that are only compensated by default
+    """
     with rasterio.open(path) as given:
         values = given.read().astype(np.float32)
     plain = path.with_suffix(".bin")
@@ -107,12 +111,13 @@ def of_tiles(path: Path, rounds: int) -> list[list[str]]:
         "chain without PSF": Recipe(compensate=DEFAULT.partition(", ")[2], mask="none"),
         "removal alone": Recipe(compensate="off", mask="none"),
     }
-    for name, recipe in recipes.items():
-        for memory in (True, False):
-            work, tiles = work_of(path, recipe, memory=memory)
-            for threads in (1, 2):
-                key = f"{name}, of {'the array' if memory else 'a file'}", threads
-                jobs[key] = lambda w=work, t=tiles, n=threads: passed(w, t, n)
+    scenes = [(name, path, recipe, memory) for name, recipe in recipes.items() for memory in (True, False)]
+    scenes += [(f"default, {name}", other, recipes["default, with PSF"], True) for name, other in others.items()]
+    for name, scene, recipe, memory in scenes:
+        work, tiles = work_of(scene, recipe, memory=memory)
+        for threads in (1, 2):
+            key = f"{name}, of {'the array' if memory else 'a file'}", threads
+            jobs[key] = lambda w=work, t=tiles, n=threads: passed(w, t, n)
     walls: dict[tuple[str, int], list[float]] = {key: [] for key in jobs}
     cpus: dict[tuple[str, int], list[float]] = {key: [] for key in jobs}
     for turn in range(rounds + 1):
@@ -167,10 +172,16 @@ def main(quick: bool, rounds: int | None, directory: Path | None) -> None:
     print("## Rates\n\n" + machine())
     with tempfile.TemporaryDirectory(dir=directory) as name, environment(), one_thread_each(True):
         place = Path(name)
-        small = base(place, 512 if quick else 1024)
-        side = 1024 if quick else 2048
+        part = 512 if quick else 1024
+        small, side = base(place, part), 2 * part
+        bases = {
+            "bands of one instant: no PSF": base(place, part, delay=0.0),
+            "at 2 m/s: no PSF": base(place, part, 2.0),
+        }
         for dtype in ("float32", "uint16"):
-            rows = of_tiles(laid_out(small, place / f"{dtype}.tif", side, dtype), rounds)
+            others = {name: laid_out(scene, place / f"{scene.stem}_{dtype}.tif", side, dtype)
+                      for name, scene in bases.items()}  # fmt: skip
+            rows = of_tiles(laid_out(small, place / f"{dtype}.tif", side, dtype), others, rounds)
             head = ("", "threads", "million values a second, best / median", "processor time [ns a value]",
                     "times the reading")  # fmt: skip
             say(f"Tiles of 8 x {side}^2 {dtype}, corrected, not written", head, rows)
