@@ -216,15 +216,15 @@ class Correction:
         source = raster_of(self.scene)
         outer = tile.grown(self._halo, self.scene.height, self.scene.width)
         raw, valid = source.read_raw(outer.window)
-        found = ends(raw) if self.chain.runs and valid is None and raw.dtype.kind == "f" else None
+        found = ends(raw) if valid is None and raw.dtype.kind == "f" else None
         clear = found is not None and all_clear(found)
         physical: Any = source.to_physical(raw, valid, clear=clear)
+        clear, found = (clear, found) if physical is raw else (False, None)
         after = None
         if self.chain.runs:
             place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
-            sound = valid is None and (raw.dtype.kind in "iu" or (clear and physical is raw) or all_finite(physical))
+            sound = valid is None and (raw.dtype.kind in "iu" or clear or all_finite(physical))
             known = None if sound else self._known(physical[place], None if valid is None else valid[place])
-            found = found if physical is raw else None
             saturated = saturated_in(self.scene, physical[place], self.want_flags, found)
             near = self._near(physical, known, tile, outer)
             begun = self._begun(physical, tile, outer, sound) if near is None or near.any() else None
@@ -240,8 +240,8 @@ class Correction:
                 own = begun.own
             inside = near if after is None or after.inside is None else after.inside & (True if near is None else near)
         else:
-            own, known, inside = raw, self._known(physical, valid), self._inside(tile, physical)
-            saturated = saturated_in(self.scene, physical, self.want_flags)
+            own, known, inside = raw, None if clear else self._known(physical, valid), self._inside(tile, physical)
+            saturated = saturated_in(self.scene, physical, self.want_flags, found)
         where = known if inside is None else inside if known is None else known & inside
         tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
         tally.usable = tally.total if where is None else int(np.count_nonzero(where))
