@@ -346,7 +346,9 @@ def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: 
         images = each(lambda s: np.asarray(apply(s.image, model, out=s.image)), sample.states)
         left = Sample([State(image) for image in images], sample.inside)
         bands = sorted(f.band for f in model.fits if found.bands is None or f.band in found.bands) or None
-        after = fit_stages(found.after, left, setting, bands=bands, left=found.left_alone, each=each, cuts=None)
+        passed = set(range(len(found.setting.bands))) - {f.band for f in model.fits} - set(model.index_bands)
+        beside = sorted({*found.left_alone, *passed})  # things show in bands that glint was hardly seen in, too
+        after = fit_stages(found.after, left, setting, bands=bands, left=beside, each=each, cuts=None)
     return replace(chain, after=after)
 
 
