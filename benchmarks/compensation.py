@@ -49,6 +49,8 @@ CONDITIONS = (
     Condition("wind09_delay60", 9.0), Condition("wind09_delay60_f30", 9.0, sensor="thesis-f30"),
     Condition("wind12_delay60_sun30", 12.0, sun=30.0),
 )  # fmt: skip
+ROUND = ("wind05_delay60", "wind09_delay60")
+"""Own scenes in which objects of other outlines are tried, too."""
 
 
 def outline(kind: str, right: float, down: float) -> tuple[tuple[float, float], ...]:
@@ -174,7 +176,7 @@ def own(place: Path, quick: bool) -> None:
     seeds = range(1 if quick else 5)
     rows = []
     cases = [(c, p, k, "cardioidal") for p in PATCHES for c in CONDITIONS
-             for k in (("square", "disc", "diamond") if c.name == "wind09_delay60" else ("square",))]  # fmt: skip
+             for k in (("square", "disc", "diamond") if c.name in ROUND else ("square",))]  # fmt: skip
     cases += [(c, PATCHES[0], "square", "harrison-coombes") for c in CONDITIONS]
     for condition, patch, kind, sky in cases[:: 5 if quick else 1]:
         found = [measure(place, setup(condition, s, patch, kind, sky)) for s in seeds]

@@ -1,5 +1,6 @@
 """The benchmarks run and print tables; what they print is looked at by people."""
 
+import json
 import re
 import subprocess
 import sys
@@ -68,6 +69,31 @@ def test_the_model_of_scale_is_a_line_through_what_was_measured(monkeypatch):
     assert "the disk has 1 GB left" in text
     hours = (73 * 2 + 73 * 10980**2 * 4 / 1e6 * 0.03) / 60
     assert f"{hours:.3g} min" in text
+
+
+@pytest.mark.parametrize("kind", ["disc", "diamond"])
+def test_round_things_keep_their_colour_where_removal_leaves_the_blue_bands_alone(tmp_path, monkeypatch, kind):
+    """The NIR explains next to nothing of them, so that removal, and what follows it, do not change them."""
+    monkeypatch.syspath_prepend(str(ROOT))
+    from benchmarks import compensation
+
+    condition = next(c for c in compensation.CONDITIONS if c.name == "wind05_delay60")
+    found = compensation.measure(tmp_path, compensation.setup(condition, 1, 0.005, kind, "cardioidal"))
+    fitted = [fit["band"] for fit in json.loads((tmp_path / "out.tif.json").read_text())["model"]["fits"]]
+    assert min(fitted) > 0
+    assert found.whole < 1.15 * 3.6
+
+
+@pytest.mark.parametrize(("kind", "wind"), [("disc", 5.0), ("diamond", 5.0), ("disc", 9.0)])
+def test_round_things_are_kept_where_bands_see_the_sea_at_one_instant(tmp_path, monkeypatch, kind, wind):
+    """Sparkle has outlines in all of them, too, but no square opening leaves a disc of this width."""
+    monkeypatch.syspath_prepend(str(ROOT))
+    from benchmarks import compensation
+
+    condition = compensation.Condition("", wind, 0.0)
+    found = compensation.measure(tmp_path, compensation.setup(condition, 7, 0.06, kind, "cardioidal"))
+    assert found.deep < 1.15 * 3.9
+    assert found.whole < 6.5
 
 
 @pytest.mark.parametrize(("kind", "patch"), [("square", 0.06), ("square", 0.005), ("disc", 0.06), ("diamond", 0.06)])

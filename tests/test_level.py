@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from deglint.compensate.codes import NOTHING, decoded, encoded
-from deglint.compensate.level import SLACK, Opened, blurred, opened_level
+from deglint.compensate.level import SLACK, Opened, Witness, blurred, opened_level
 from deglint.compensate.opening import diamond_of, elements, opening_halo, openings, rank_opening
 from deglint.compensate.psf import kernel_psf, system_psf
 from deglint.compensate.sharpen import richardson_lucy, sharpen_halo
@@ -227,6 +227,44 @@ def test_details_are_kept_where_two_neighbours_agree(count):
         np.testing.assert_array_equal(part, whole[..., :5])
 
 
+@pytest.mark.parametrize("witness", [0, 3, 7])
+def test_of_a_detail_that_is_left_out_which_a_witness_shows(witness):
+    rng = np.random.default_rng(witness)
+    spectrum = rng.uniform(0.5, 2.0, 8)
+    glint = rng.gamma(0.3, 3.0, (20, 30))
+    details = told(rng.gamma(1.0, 3.0, (8, 20, 30)) + spectrum[:, None, None] * glint, (0.0, 1.0))
+    details[witness] = told(spectrum[witness] * glint, (0.0, 1.0))
+    codes = [np.stack([encoded(b, 0.0, 1.0) for b in block]) for block in (np.zeros_like(details), details)]
+    found, outlined = Opened(
+        *codes, [(0.0, 1.0)] * 8, list(spectrum), range(8), least=[1.0] * 8, witness=witness
+    ).level()
+    scaled = details / spectrum[:, None, None]
+    scaled = np.maximum(scaled - scaled[witness], 0)
+    for i in range(8):
+        wanted = spectrum[i] * np.minimum(scaled[i], SLACK * most_of_two_neighbours(scaled, i))
+        np.testing.assert_allclose(found[i], wanted, rtol=1e-4, atol=1e-5)
+    np.testing.assert_array_equal(outlined, (found > 1).sum(axis=0) >= 4)
+    assert not found[witness].any()
+
+
+def test_with_a_witness_round_things_are_kept_and_sparkle_is_not():
+    """A disc that the last band does not show, beside a round clump of sparkle that all of them show."""
+    rows, columns = np.mgrid[:48, :96]
+    disc, clump = ((rows - 24) ** 2 + (columns - c) ** 2 <= 8**2 for c in (24, 72))
+    noise = np.random.default_rng(0).normal(50, 0.1, (4, 48, 96))
+    block = (noise + 20 * clump + 30 * disc * np.array([1, 1, 1, 0])[:, None, None]).astype(np.float32)
+    witness = Witness(3, [1.0] * 4, 6)
+    given = {"detail": 13, "order": range(4), "spectrum": [1.0] * 4, "least": [1.0] * 4}
+    level, outlined = opened_level(list(block), block.shape, 13, [(50.0, 0.1)] * 4, witness=witness, **given)
+    core = np.hypot(rows - 24, columns - 24) <= 6
+    assert (level[:3, core] > 79).all()
+    assert outlined[core].all()
+    assert (level[:, clump] < 51).all()
+    assert not outlined[clump].any()
+    alone, _ = opened_level(list(block), block.shape, 13, [(50.0, 0.1)] * 4, **given)
+    assert (alone[:3, clump & (np.hypot(rows - 24, columns - 72) <= 6)] > 69).all()
+
+
 def test_a_flash_of_one_band_is_no_detail_and_a_thing_of_all_is():
     alone, everywhere = np.zeros((2, 5, 9, 9), np.float32)
     alone[2, 4, 4] = 5
@@ -254,6 +292,8 @@ def test_blurring_is_convolution_with_what_the_band_was_sharpened_with(psf):
 
 CASES = {
     "plain": {}, "detail": {"detail": 9}, "blurred": {"psfs": True}, "all": {"detail": 11, "psfs": True, "sharp": True},
+    "witness": {"detail": 9, "witness": Witness(1, [12.0] * 4, 4)},
+    "witness, blurred": {"detail": 11, "psfs": True, "witness": Witness(3, [150.0] * 4, 6)},
 }  # fmt: skip
 
 
@@ -275,6 +315,8 @@ def halo_of(size, case):
     out = opening_halo(size, case.get("detail", 0))
     if case.get("psfs"):
         out += GREEN.radius
+    if case.get("witness"):
+        out += case["witness"].reach
     return out + (sharpen_halo(GREEN, 1) if case.get("sharp") else 0)
 
 

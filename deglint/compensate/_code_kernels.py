@@ -136,6 +136,20 @@ def decode(codes, centre, unit, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
+def exceed(codes, at, per_row, levels, columns, grid, limit, shown, share, out):  # type: ignore[no-untyped-def]
+    """Where a part of a band exceeds its level by more than a limit, and a share of what is shown there; the part
+    begins there, and its rows are so far apart."""
+    middle, unit, most, part = spread(grid[0]), spread(grid[1]), spread(limit), spread(-share)
+    for i in range(levels.size // columns):
+        for first in range(0, columns, LANES):
+            p = min(first, columns - LANES)
+            to = i * columns + p
+            under = times(told(levels, to, middle, unit), spread(MINUS))
+            above = plus(told(codes, at + i * per_row + p, middle, unit), under)
+            mark(out, to, plus(above, times(load(shown, to), part)), most)
+
+
+@nb.njit(cache=True, nogil=True)
 def capped(detail, before, around, after, factor):  # type: ignore[no-untyped-def]
     """Of a detail no more than the factor times the best pair: two before, one on either side, two after."""
     most = larger(larger(smaller(*before), smaller(*around)), smaller(*after))
@@ -171,14 +185,39 @@ def exceeding(codes, spots, grid, glint, where, x, to, line):  # type: ignore[no
 
 
 @nb.njit(cache=True, nogil=True)
-def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image, least, where, out):  # type: ignore[no-untyped-def]
+def beyond(x, glint, some, witness, line):  # type: ignore[no-untyped-def]
+    """Take off what is glint, as the witness shows it, of what `exceeding` has found in each band."""
+    more, common = x.size // 2, (witness + 2) * line
+    for first in range(0, line, LANES):
+        p = min(first, line - LANES)
+        shown = times(load(x, common + p), spread(MINUS))
+        for n in range(some):
+            to = (n + 2) * line + p
+            left = larger(plus(load(x, to), shown), spread(ZERO)) if n != witness else spread(ZERO)
+            store(x, to, left)
+            store(x, to + more, times(left, spread(glint[n])))
+
+
+@nb.njit(cache=True, nogil=True)
+def stand_out(codes, spot, grids, order, some, glint, witness, where, x, line):  # type: ignore[no-untyped-def]
+    """`exceeding` in so many bands, but for glint, where there is a witness."""
+    size = codes[0].size // len(grids)
+    for n in range(some):
+        exceeding(codes, (order[n] * size + spot, spot), grids[order[n]], glint[n], where, x, (n + 2) * line, line)
+    if some and witness >= 0:
+        beyond(x, glint, some, witness, line)
+
+
+@nb.njit(cache=True, nogil=True)
+def agree(codes, grids, order, last, bands, glint, slack, columns, limits, witness, image, least, where, out):  # type: ignore[no-untyped-def]
     """`deglint.compensate.level.Opened`: the level and outlines, where they are wanted, and what is left of an image.
 
     codes : levels and outlines, (band x row x column); grids : centre and unit; order : bands, of which so many
-    agree, up to the last, and then the others; bands : which they are of the image, and of what is written; image :
-    numbers, from band to band, from row to row; least : of each band, by how much its outline exceeds the level where
-    outlines are told: where half of those that agree do; where : (row x column), where outlines count, empty for
-    everywhere; out : level, image, what was replaced in it, outlines (row x column): empty where not wanted
+    agree, up to the last, and then the others; witness : which of those shows all glint, -1 for none; bands : which
+    they are of the image, and of what is written; image : numbers, from band to band, from row to row; least : of each
+    band, by how much its outline exceeds the level where outlines are told: where half of those that agree do; where :
+    (row x column), where outlines count, empty for everywhere; out : level, image, what was replaced in it, outlines
+    (row x column): empty where not wanted
     """
     level, clean, replaced, outlined = out
     numbers, per_band, per_row = image
@@ -189,9 +228,7 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, image
         for first in range(0, columns, wide):
             at = begin + min(first, columns - wide)
             some = last if not where.size or anywhere(where, at, wide) else 0
-            for n in range(some):
-                b = order[n]
-                exceeding(codes, (b * size + at, at), grids[b], glint[n], where, x, (n + 2) * wide, wide)
+            stand_out(codes, at, grids, order, some, glint, witness, where, x, wide)
             for n in range(len(order)):
                 b, s = order[n], n * wide
                 band, middle, unit = bands[b], spread(grids[b, 0]), spread(grids[b, 1])

@@ -13,7 +13,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .state import Float32Array
+from ..scene import Window
+from .state import Float32Array, Mask
 
 Codes = npt.NDArray[np.int16]
 NOTHING = np.int16(32767)
@@ -50,6 +51,52 @@ def encoded(band: Float32Array, centre: float, unit: float) -> Codes:
     numbers, _, per_row = block(np.asarray(band, np.float32)[None])
     encode(numbers, per_row, columns, np.float32(centre), np.float32(1.0 / unit), codes.ravel())
     return codes
+
+
+def exceeding(
+    codes: Codes, levels: Codes, within: Window, grid: tuple[float, float], limit: float, shown: Float32Array,
+    share: float,
+) -> Mask:  # fmt: skip
+    """Where a part of a band exceeds its level.
+
+    Parameters
+    ----------
+    codes : (row, column) int16 ndarray
+        Of the band.
+    levels : (row, column) int16 ndarray
+        Of the level in that part.
+    within : ((row0, row1), (col0, col1))
+        Where the part lies in the band.
+    grid : (float, float)
+        Centre and unit of both.
+    limit : float
+        By more than this,
+    shown : (row, column) float32 ndarray
+        and a share of this, in that part.
+    share : float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> band = encoded(np.arange(40, dtype=np.float32).reshape(2, 20), 0.0, 1.0)
+    >>> shown = np.zeros((1, 18), np.float32)
+    >>> shown[0, 10] = 4
+    >>> above = exceeding(band, np.zeros((1, 18), np.int16), ((1, 2), (2, 20)), (0.0, 1.0), 30.5, shown, 0.5)
+    >>> above[0, 7:12].tolist()
+    [False, False, True, False, True]
+    """
+    from ._code_kernels import LANES, exceed
+
+    (top, _), (left, _) = within
+    if levels.size == 0 or levels.shape[1] < LANES:
+        above = decoded(codes[slice(*within[0]), slice(*within[1])], *grid) - decoded(levels, *grid)
+        return np.asarray(above + shown * np.float32(-share) > np.float32(limit))
+    out, per_row = np.empty(levels.shape, np.bool_), codes.shape[1]
+    exceed(
+        codes.ravel(), top * per_row + left, per_row, levels.ravel(), levels.shape[1], np.array(grid, np.float32),
+        np.float32(limit), shown.ravel(), np.float32(share), out.ravel(),
+    )  # fmt: skip
+    return out
 
 
 def decoded(codes: Codes, centre: float, unit: float) -> Float32Array:

@@ -66,7 +66,7 @@ class Setting:
     psfs : tuple of PSF, optional
         Of the bands, where the optics are known.
     detail : bool
-        Bands see the sea at different instants, so that outlines may be told from sparkle.
+        It is known at what instants bands see the sea, so that outlines may be told from sparkle.
     floor : tuple of float, optional
         Least standard deviation of pixels without glint, of each band: what is known of the noise and the steps.
     steps : tuple of float, optional
@@ -75,6 +75,8 @@ class Setting:
         The NIR, where `identify-level` is to tell glint from other bright things.
     cover : float
         Share of glinted pixels in the middlemost band, before any was replaced, where that is known.
+    witness : int, optional
+        The NIR, where bands see the sea at one instant: it shows glint wherever another does.
     """
 
     bands: tuple[Band, ...]
@@ -84,6 +86,7 @@ class Setting:
     steps: tuple[float, ...] | None = None
     nir: int | None = None
     cover: float = 0.0
+    witness: int | None = None
 
     @property
     def saturation(self) -> tuple[float, ...]:
@@ -219,7 +222,7 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, left: A
         return fit_identify_level(
             sample.states, sample.inside, size=size, order=setting.order, saturation=setting.saturation,
             detail=detail, bands=bands, left=left, floor=floor, steps=steps, nir=setting.nir,
-            cover_before=setting.cover, each=each,
+            witness=setting.witness, cover_before=setting.cover, each=each,
         )  # fmt: skip
     if step.name == "replace-bands":
         return ReplaceBands(neighbours([b.wavelength for b in setting.bands]))

@@ -33,7 +33,7 @@ from ..remove.levels import mode
 from ..scene import Window
 from .codes import decoded, encoded
 from .evidence import grown
-from .level import Grid, Opened, of_every_band, opened_level, openings_of
+from .level import Grid, Opened, Witness, of_every_band, opened_level, openings_of
 from .noise import Spread, growth_by_level
 from .opening import opening_halo
 from .state import LIMITS, Float32Array, Mask, State
@@ -125,6 +125,9 @@ class IdentifyLevel:
         Of what the level lies above that centre: by so much more glint exceeds it.
     left : tuple of int
         Bands that are looked at for their outlines alone, and left as they are.
+    witness : int, optional
+        Of these bands the one that shows glint wherever another does, where they see the sea at one instant: outlines
+        count as far as it has none.
     """
 
     name: ClassVar[str] = "identify-level"
@@ -144,11 +147,20 @@ class IdentifyLevel:
     growths: tuple[tuple[float, float], ...] = ()
     share: float = 0.0
     left: tuple[int, ...] = ()
+    witness: int | None = None
 
     @property
     def halo(self) -> int:
         """Reach of the openings; what the level is blurred with comes on top, and is counted with the sharpening."""
-        return opening_halo(self.size, self.detail)
+        return opening_halo(self.size, self.detail) + (0 if self._seen is None else self._seen.reach)
+
+    @property
+    def _seen(self) -> Witness | None:
+        """What the openings are to know of the witness."""
+        if self.witness is None or not self.detail:
+            return None
+        sure = [offset + CERTAIN_K * sigma for offset, sigma in zip(self.offsets, self.sigmas, strict=True)]
+        return Witness(self.bands.index(self.witness), sure, self.size // 2)
 
     @property
     def spreads(self) -> list[Spread]:
@@ -161,7 +173,16 @@ class IdentifyLevel:
         """Find the level and mark what exceeds it."""
         least = [OUTLINE_K * sigma for sigma in self.sigmas] if state.outlined is None else []  # told once
         level, outlined = _levels(
-            state, self.bands, self.grids, self.size, self.detail, self.order, self.spectrum, least=least, later=True
+            state,
+            self.bands,
+            self.grids,
+            self.size,
+            self.detail,
+            self.order,
+            self.spectrum,
+            least=least,
+            later=True,
+            witness=self._seen,
         )
         state.cut()
         limits = np.zeros((len(state.image), LIMITS), np.float32)
@@ -217,6 +238,7 @@ def fit_identify_level(
     floor: Sequence[float] | None = None,
     steps: Sequence[float] | None = None,
     nir: int | None = None,
+    witness: int | None = None,
     cover_before: float = 0.0,
     each: Callable[..., Iterable[Any]] = map,
 ) -> IdentifyLevel:
@@ -229,7 +251,7 @@ def fit_identify_level(
     inside : sequence of (row, column) bool ndarray
         Their pixels of deep water, without the halos.
     size, detail : int
-        Elements [pixel]. The detail is left out above `MOST_COVER_FOR_DETAIL`.
+        Elements [pixel]. The detail is left out above `MOST_COVER_FOR_DETAIL`, but where there is a witness.
     order : sequence of int
         Bands by wavelength.
     saturation : sequence of float
@@ -246,6 +268,9 @@ def fit_identify_level(
         Of the numbers of each band of the scene, where they come in whole steps.
     nir : int, optional
         The NIR, by which glint is told from other bright things, where that is wanted.
+    witness : int, optional
+        Band that shows glint wherever another does, where bands see the sea at one instant; none where it is not one of
+        those that are looked at.
     cover_before : float
         Share of glinted pixels before any was replaced, in the middlemost band, where that is known: the rest is no
         rarer.
@@ -292,7 +317,8 @@ def fit_identify_level(
         places = [chosen.index(b) for b in ranks]
         powers = list(standing_out(away, offsets, sigmas, places, chosen.index(nir)))
     middle, growths = float(np.median(cover)), list[tuple[float, float]]()
-    use, most_cover = detail if middle <= MOST_COVER_FOR_DETAIL else 0, max(middle, cover_before)
+    witness = witness if witness in chosen else None
+    use, most_cover = detail if middle <= MOST_COVER_FOR_DETAIL or witness is not None else 0, max(middle, cover_before)
     told = max(1 - most_cover / MOST_COVER_FOR_NOISE, 0.0)
     if told:
         looks, centres = [[look for _, look in band] for band in seen], [centre for centre, _ in grids]
@@ -300,6 +326,7 @@ def fit_identify_level(
     return IdentifyLevel(
         size, use, ranks, chosen, grids, spectrum, offsets, sigmas, cover, tuple(map(float, saturation)), k,
         powers[0], powers[1], tuple(growths), _share(most_cover), tuple(b for b in chosen if b not in changed),
+        witness,
     )  # fmt: skip
 
 
@@ -345,7 +372,7 @@ def standing_out(
     """
     step = max(away[0].size // MOST, 1)
     z = [(a[::step].astype(np.float64) - o) / s for a, o, s in zip(away, offsets, sigmas, strict=True)]
-    dark = ~(z[nir] > COVER_K)
+    dark = ~(z[nir] > CERTAIN_K)
     glint, things = [0.0] * len(z), [0.0] * len(z)
     for i, band in enumerate(order):
         beside = np.full(z[band].shape, -np.inf)
@@ -428,6 +455,7 @@ def _grid(values: Sequence[npt.NDArray[np.float32]]) -> Grid:
 def _levels(
     state: State, bands: Sequence[int], grids: Sequence[Grid], size: int, detail: int, order: Sequence[int],
     spectrum: Sequence[float], wanted: Window | None = None, *, least: Sequence[float] = (), later: bool = False,
+    witness: Witness | None = None,
 ) -> tuple[Float32Array | Opened, Mask | None]:  # fmt: skip
     """Opened level of some bands, and its outlines; `order` and `spectrum` are of the scene's bands and of the chosen
     ones.
@@ -438,6 +466,7 @@ def _levels(
     psfs = None if state.psfs is None else [state.psfs[b] for b in bands]
     wanted = wanted or state.inner()
     reach = opening_halo(size, detail) + max((p.radius for p in psfs or ()), default=0)
+    reach += 0 if witness is None else witness.reach
     (top, bottom), (left, right) = (
         (max(a - reach, 0), min(b + reach, n)) for (a, b), n in zip(wanted, state.image.shape[1:], strict=True)
     )
@@ -459,11 +488,12 @@ def _levels(
             spectrum=spectrum,
             within=(within[0], within[1]),
             where=known,
+            witness=witness,
         )
         return replace(opened, bands=tuple(bands), least=least), None
     return opened_level(
         source, shape, size, grids, detail=detail, order=some, spectrum=spectrum, psfs=psfs,
-        within=(within[0], within[1]), where=known, least=least, sound=state.sound,
+        within=(within[0], within[1]), where=known, least=least, witness=witness, sound=state.sound,
     )  # fmt: skip
 
 

@@ -5,10 +5,12 @@ these within the element again, is what remains when everything brighter than it
 element is taken away. Of one frame alone nothing tells a glint from a small bright object; where bands see the sea at
 different instants something does: an object is there in all of them. So the openings by an octagon of the same width,
 which follows round outlines and lets more sparkle through, and by a diamond as large as the square, for objects that
-stand on their corners, count only where neighbouring bands agree.
+stand on their corners, count only where neighbouring bands agree. In bands of one instant sparkle is in all of them,
+too, and brightest, against the water, in the NIR, where things under water are not: that is the witness. There they
+count about what is brighter than `BEYOND` times the glint that the witness shows, and less what it shows of them.
 
-Arrays only. Local: a tile with `opening_halo` pixels around it gives what the whole image gives, to the bit. The
-openings themselves, and what they are after, are in `deglint.compensate.opening`."""
+Arrays only. Local: a tile with `opening_halo` pixels around it (and the reach of a witness) gives what the whole image
+gives, to the bit. The openings themselves, and what they are after, are in `deglint.compensate.opening`."""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scene import Window
-from .codes import Codes, encoded
+from .codes import Codes, decoded, encoded, exceeding
+from .evidence import grown
 from .opening import opening_halo, openings
 from .products import by_products, products
 from .psf import PSF
@@ -35,6 +38,8 @@ PIECE = 64
 """Side of the squares in which outlines are looked for where they are wanted in some pixels only."""
 MOST_PIECES = 0.08
 """Share of such squares from which on it takes less to look everywhere: each is worked on with its halo."""
+BEYOND = 4.0
+"""How many times as bright as glint, as a witness shows it, a thing is to be: optics blur it less in other bands."""
 SLACK = 2.0
 """How much brighter, against the sun, a detail may be in one band than in its neighbours."""
 
@@ -62,6 +67,8 @@ class Opened:
         or more: clumps of sparkle seldom do. They are not told without.
     where : (row, column) bool ndarray, optional
         Where outlines count, if not everywhere.
+    witness : int, optional
+        The one that shows glint wherever another does: of their outlines that is glint's which it has, too.
     """
 
     levels: Codes
@@ -73,6 +80,7 @@ class Opened:
     bands: Sequence[int] | None = None
     least: Sequence[float] = ()
     where: Mask | None = None
+    witness: int | None = None
 
     @property
     def fits(self) -> bool:
@@ -153,6 +161,7 @@ class Opened:
         agree(
             (self.levels.ravel(), self.outlines.ravel()), np.array(self.grids, np.float32), order, len(some),
             np.array(bands, np.int64), glint, np.float32(self.slack), self.levels.shape[2], limits,
+            order.tolist().index(self.witness) if self.witness in some else -1,
             (numbers, *image[1:]), least if least.size else np.zeros(max(bands, default=0) + 1, np.float32),
             np.empty(0, np.bool_) if self.where is None else np.ascontiguousarray(self.where).ravel(), out,
         )  # fmt: skip
@@ -193,6 +202,25 @@ def blurred(
     return by_products(band, products(psf), 0, wanted, sound=sound, out=out)
 
 
+@dataclass(frozen=True)
+class Witness:
+    """A band that shows glint wherever another does, as bands of one instant do: outlines of sparkle agree in them.
+
+    Attributes
+    ----------
+    band : int
+        Its place among the bands that are opened.
+    sure : sequence of float
+        Of each of these: what exceeds the level by more is no noise.
+    reach : int
+        Pixels around what stands out in others, and not in this one, in which outlines may count.
+    """
+
+    band: int
+    sure: Sequence[float]
+    reach: int
+
+
 def openings_of(
     bands: Iterable[Float32Array],
     shape: tuple[int, int, int],
@@ -204,21 +232,54 @@ def openings_of(
     spectrum: Sequence[float],
     within: Window,
     where: Mask | None = None,
+    witness: Witness | None = None,
 ) -> Opened:
     """The openings of every band; see `opened_level`."""
-    pieces: list[Window] = []
+    told: Iterable[Codes] = (encoded(band, *grid) for band, grid in zip(bands, grids, strict=True))
+    known, pieces = None, list[Window]()
     if where is not None:
         where = where[slice(*within[0]), slice(*within[1])]
+    elif witness is not None and detail:
+        kept = list(told)
+        told, (known, where) = kept, _without_glint(kept, size, grids, spectrum, within, shape[1:], witness)
+    if where is not None:
         pieces = _pieces(where) if detail else []
         detail = detail if pieces else 0
-    codes = np.empty((2 if detail else 1, shape[0], *(last - first for first, last in within)), np.int16)
+    levels = np.empty((shape[0], *(last - first for first, last in within)), np.int16) if known is None else known
+    outlines = np.empty_like(levels) if detail else levels
     everywhere = where is None or pieces == [_whole(where)]
-    for i, (band, grid) in enumerate(zip(bands, grids, strict=True)):
-        told = encoded(band, *grid)
-        openings(told, size, detail if everywhere else 0, within=within, out=(codes[0, i], codes[-1, i]))
+    for codes, level, outline in zip(told, levels, outlines, strict=True):
+        if known is None or (everywhere and detail):
+            openings(codes, size, detail if everywhere else 0, within=within, out=(level, outline))
         if not everywhere and pieces:
-            _outlines(told, size, detail, within, pieces, codes[1, i])
-    return Opened(codes[0], codes[-1], grids, spectrum, order if detail else (), where=where if detail else None)
+            _outlines(codes, size, detail, within, pieces, outline)
+    if not detail and witness is None:
+        return Opened(levels, levels, grids, spectrum, ())
+    return Opened(
+        levels, outlines, grids, spectrum, order, where=where, witness=None if witness is None else witness.band
+    )
+
+
+def _without_glint(
+    told: Sequence[Codes], size: int, grids: Sequence[Grid], spectrum: Sequence[float], within: Window,
+    shape: Sequence[int], witness: Witness,
+) -> tuple[Codes, Mask]:  # fmt: skip
+    """The openings by a square, and the surroundings of what they lose that is more than glint, as the witness shows
+    it."""
+    wide = _grown(within, witness.reach, shape)
+    levels = np.empty((len(told), *(last - first for first, last in wide)), np.int16)
+    for codes, level in zip(told, levels, strict=True):
+        openings(codes, size, within=wide, out=(level, level))
+    found, b = np.zeros(levels.shape[1:], np.bool_), witness.band
+    seen = decoded(told[b][slice(*wide[0]), slice(*wide[1])], *grids[b]) - decoded(levels[b], *grids[b])
+    shown = np.fmax(seen, np.float32(0))
+    for n, (codes, level) in enumerate(zip(told, levels, strict=True)):
+        if n != b:
+            share = BEYOND * spectrum[n] / spectrum[b]
+            found |= exceeding(codes, level, wide, grids[n], witness.sure[n], shown, share)
+    (top, bottom), (left, right) = (_shifted(a, b) for a, b in zip(within, wide, strict=True))
+    part = slice(top, bottom), slice(left, right)
+    return np.ascontiguousarray(levels[:, *part]), grown(found, witness.reach)[part]
 
 
 def _outlines(told: Codes, size: int, detail: int, within: Window, pieces: Sequence[Window], out: Codes) -> None:
@@ -267,6 +328,7 @@ def opened_level(
     within: Window | None = None,
     where: Mask | None = None,
     least: Sequence[float] = (),
+    witness: Witness | None = None,
     sound: bool = False,
 ) -> tuple[Float32Array, Mask | None]:
     """The level of the water of every band, and where an outline of a thing is part of it.
@@ -283,8 +345,8 @@ def opened_level(
         Of each band the centre and the unit in which its levels are told: those of water and its noise. Levels are
         steps of a thousandth of the unit near the centre, see `deglint.compensate.codes`.
     detail : int
-        Octagon that follows outlines where bands agree [pixel]; 0 for none, nor for a diamond. Only for bands
-        that see the sea at different instants: in bands of one instant sparkle agrees, too.
+        Octagon that follows outlines where bands agree [pixel]; 0 for none, nor for a diamond. In bands of one
+        instant sparkle agrees, too: they need a witness.
     order : sequence of int
         Bands by wavelength.
     spectrum : sequence of float
@@ -298,6 +360,8 @@ def opened_level(
     least : sequence of float
         Of each band: outlines are where other openings add more than this to the level of half of the bands or more.
         They are not told without.
+    witness : Witness, optional
+        Other openings count only about what stands out but in this band, and as far as they do not in it.
     sound : bool
         Every number is known to be finite, and is not looked at for that.
 
@@ -311,7 +375,16 @@ def opened_level(
     reach = max((p.radius for p in psfs or ()), default=0)
     outer = _grown(inner, reach, shape[1:])
     opened = openings_of(
-        bands, shape, size, grids, detail=detail, order=order, spectrum=spectrum, within=outer, where=where
+        bands,
+        shape,
+        size,
+        grids,
+        detail=detail,
+        order=order,
+        spectrum=spectrum,
+        within=outer,
+        where=where,
+        witness=witness,
     )
     level, outlined = replace(opened, least=least).level()
     del opened

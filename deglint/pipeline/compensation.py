@@ -162,7 +162,7 @@ def plan(
         setting = replace(setting, psfs=psfs)
         found = replace(found, setting=setting)
     needs = replace(needs, coherence=alike, offsets=_offsets(scene, nir), optics=optics)
-    setting = replace(setting, detail=alike is not None and not needs.simultaneous)
+    setting = replace(setting, detail=alike is not None, witness=nir if needs.simultaneous else None)
     if wanted is not None:
         stages = tuple(StageNeed(s.name, True, "asked for") for s in wanted if s.name != "remove")
         return replace(found, needs=replace(needs, stages=stages), setting=setting)
@@ -303,7 +303,7 @@ def _protection(seen: Seen, stages: Sequence[Any], found: Plan, threads: int) ->
         return Protection(reason="there is little glint, and not in every band")
     if any((s.units != 1).any() for s in states):
         return Protection(reason="the bands were normalised")
-    if not found.setting.detail:
+    if not found.setting.detail or found.setting.witness is not None:
         return Protection(reason="the bands see the sea at one instant, as sparkle does")
     psfs = found.setting.psfs
     if psfs is not None and min(p.centre for p in psfs) < BLURRED:
@@ -338,6 +338,8 @@ def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: 
     sample = blocks.sample
     levels = [s for s in chain.before if isinstance(s, IdentifyLevel)]
     setting = replace(found.setting, steps=None)  # what removal leaves is no whole number
+    if setting.witness is not None and not levels:  # nothing has told outlines of things from those of sparkle
+        setting = replace(setting, detail=False)
     if levels:
         known = dict(zip(levels[-1].bands, levels[-1].sigmas, strict=True))
         floor = tuple(known.get(b, 0.0) for b in range(len(found.setting.bands)))
