@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deglint import Recipe, correct, fit_scene, open_scene
-from deglint.compensate.identify import ALIKE, standing_out
+from deglint.compensate.identify import ALIKE, COVER_K, standing_out
 from deglint.errors import FitError
 from deglint.needs import CLEAR_GLINT, LITTLE_GLINT, Needs
 from deglint.physics.presets import preset
@@ -105,6 +105,16 @@ def test_what_shows_in_the_nir_or_in_one_band_is_glint_and_what_shows_in_neighbo
     once = 100 * 20**2 / away.shape[1]
     np.testing.assert_allclose(glint, [2 * once, once, once, once], rtol=0.01)
     np.testing.assert_allclose(things, [0, once, once, 0], atol=0.01)
+
+
+def test_chance_in_the_nir_makes_no_glint_of_a_thing():
+    away = noise(4)
+    away[:3, :2000] = 150
+    away[3, :2000] += 1.5  # waves that mirror the sky: many of them exceed 3 there
+    assert (away[3, :2000] > COVER_K).mean() > 0.03
+    glint, things = told(away)
+    np.testing.assert_allclose(glint, 0, atol=1e-9)
+    assert min(things[:3]) > 800
 
 
 def test_a_thing_is_as_bright_as_its_neighbour_shows():
