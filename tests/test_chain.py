@@ -1,6 +1,7 @@
 """Chains: how they are written, what is refused, tiles against the whole, saving to the bit, and doing no harm."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -177,11 +178,12 @@ def test_unknown_saturation_is_no_number_in_the_file():
 # ----------------------------------------------------------------------------------------------------- invariants
 
 
+@pytest.mark.parametrize("witness", [None, 3])
 @pytest.mark.parametrize("text", CHAINS)
 @settings(max_examples=8)
 @given(data=st.data())
-def test_tiles_are_the_whole_to_the_bit(text, data):
-    chain = FITTED[text]
+def test_tiles_are_the_whole_to_the_bit(text, witness, data):
+    chain = FITTED[text, witness]
     shape = data.draw(st.sampled_from([(90, 101), (11, 200), (200, 6)]))
     block = sea(shape, data.draw(st.integers(0, 3)), 0.2, data.draw(st.sampled_from([0.0, 0.05])))
     whole = compensate.apply(block, chain)
@@ -193,7 +195,7 @@ def test_tiles_are_the_whole_to_the_bit(text, data):
     np.testing.assert_array_equal(tile[:, : r1 - r0, : c1 - c0], whole[:, r0:r1, c0:c1])
 
 
-FITTED = {text: fitted(text) for text in CHAINS}
+FITTED = {(t, w): fitted(t, setting=replace(SETTING, witness=w)) for t in CHAINS for w in (None, 3)}
 
 
 @pytest.mark.parametrize("text", CHAINS)
@@ -201,16 +203,16 @@ def test_what_is_not_replaced_is_the_input_and_holes_stay(text):
     block = sea(holes=0.03)
     before = block.copy()
     where = np.random.default_rng(0).random(block.shape[1:]) < 0.7
-    out = compensate.apply(block, FITTED[text], where=where)
+    out = compensate.apply(block, FITTED[text, None], where=where)
     np.testing.assert_array_equal(block, before)
     np.testing.assert_array_equal(out[:, ~where], block[:, ~where])
     np.testing.assert_array_equal(np.isnan(out), np.isnan(block))
-    state = apply_stages(State.of(block, where), FITTED[text].before)
+    state = apply_stages(State.of(block, where), FITTED[text, None].before)
     out = finish(state, block)
     np.testing.assert_array_equal(out[~state.replaced], block[~state.replaced])
-    wide = compensate.apply(block.astype(np.float64), FITTED[text])
+    wide = compensate.apply(block.astype(np.float64), FITTED[text, None])
     assert wide.dtype == np.float64
-    np.testing.assert_allclose(wide, compensate.apply(block, FITTED[text]), rtol=1e-6)
+    np.testing.assert_allclose(wide, compensate.apply(block, FITTED[text, None]), rtol=1e-6)
 
 
 @pytest.mark.parametrize("text", [t for t in CHAINS if "psf-image" not in t])
@@ -258,7 +260,7 @@ def test_band_permutation(text):
 @pytest.mark.parametrize("text", CHAINS)
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (3, 2), (4, 1), (1, 4), (30, 1)])
 def test_small_blocks_and_blocks_of_nothing(text, shape):
-    chain = FITTED[text]
+    chain = FITTED[text, None]
     block = sea(shape)
     assert np.isfinite(compensate.apply(block, chain)).all()
     nothing = np.full((4, *shape), np.nan, np.float32)

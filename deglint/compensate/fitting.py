@@ -193,7 +193,8 @@ def _sharpened_once(step: Step, sample: Sample, setting: Setting) -> list[_Once]
     """Sharpen once what the level is fitted to and what it is then made of, where that asks for it."""
     if step.name != "identify-level" or setting.psfs is None or sample.states[0].sharp is None:
         return []
-    reach = reach_of(step, None) + max(p.radius for p in setting.psfs)
+    beside = 0 if setting.witness is None else int(step.number or ELEMENT) // 2  # that a witness is looked at
+    reach = reach_of(step, None) + max(p.radius for p in setting.psfs) + beside
     return [_Once(s, s.inner(reach)) for s in sample.states]
 
 
