@@ -1,6 +1,7 @@
 """Never worse than doing nothing: every band by default beside the raw one, from looks away from the glint into it.
 
-Grids of objects at 5 m depth, as `compensation` has them, under a cardioidal sky; each scene also without its glint.
+Grids of squares, discs and diamonds at 5 m depth, as `compensation` has them, under a cardioidal sky; each scene also
+without its glint.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ LOOKS = ((60.0, 0.0), (40.0, 0.0), (30.0, 0.0), (20.0, 0.0), (10.0, 0.0), (0.0, 
 DELAYS = (0.0, 0.01, 0.02, 0.06)
 SENSORS = ("thesis", "thesis-f30")
 PATCHES = (0.06, 0.005)
+KINDS = ("square", "disc", "diamond")
 HALF = SIDE // 2
 """Columns with glint, where there is some in the left half alone."""
 BESIDE, INSIDE = 104, 42
@@ -38,7 +40,7 @@ WORSE = 1.01
 
 def scenes(wind: float, look: tuple[float, float], patch: float, seed: int, *, quick: bool) -> Iterator[SimulatedScene]:
     """What sensors with these delays and optics see of one sea."""
-    base = Setup(size=(SIDE, SIDE), wind=wind, sky="cardioidal", patch=patch, seed=seed, objects=objects("square"),
+    base = Setup(size=(SIDE, SIDE), wind=wind, sky="cardioidal", patch=patch, seed=seed, objects=objects(*KINDS),
                  view_zenith=look[0], view_azimuth=(Setup.sun_azimuth + look[1]) % 360)  # fmt: skip
     if quick:
         yield simulate(replace(base, sensor=preset("thesis").delayed(DELAYS[-1])))

@@ -70,13 +70,13 @@ def outline(kind: str, right: float, down: float) -> tuple[tuple[float, float], 
     )
 
 
-def objects(kind: str) -> tuple[SubmergedObject, ...]:
-    """Four columns of objects, one a reflectance, in the right half."""
+def objects(*kinds: str) -> tuple[SubmergedObject, ...]:
+    """Four columns of objects, one a reflectance, in the right half; of several kinds, row by row."""
     across, down = SIDE / 2 / len(REFLECTANCES), 64
-    places = [(SIDE / 2 + (j + 0.5) * across, (i + 0.5) * down, r)
+    places = [(kinds[i % len(kinds)], SIDE / 2 + (j + 0.5) * across, (i + 0.5) * down, r)
               for i in range(SIDE // down) for j, r in enumerate(REFLECTANCES)]  # fmt: skip
     return tuple(
-        SubmergedObject(corners=outline(kind, x * GSD, y * GSD), reflectance=r, depth=5.0) for x, y, r in places
+        SubmergedObject(corners=outline(kind, x * GSD, y * GSD), reflectance=r, depth=5.0) for kind, x, y, r in places
     )
 
 

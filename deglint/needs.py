@@ -28,6 +28,8 @@ FAINTER = 2.0
 """How many times what stands out beyond doubt all glint is taken to add."""
 PSF_COVER = 0.03
 """Share of glinted pixels below which sharpening gains nothing."""
+RARE_COVER = 0.35
+"""Share below which water shows within two pixels less, too, so that a smaller element leaves more of a round thing."""
 HEAVY_COVER = 0.6
 """Share above which a method works, and warns."""
 HIGH_PASS = 9
@@ -75,7 +77,8 @@ class Needs:
     nir : int or None
         The NIR, 0-based, where what is too bright in it is left out of what was looked at.
     glint, things : tuple of float
-        What glint, and what other bright things, add to the variance of each band [of its noise].
+        What glint, and what other bright things, add to the variance of each band [of its noise] above an opened level;
+        where it depends on that whether a band gains, above a level that keeps outlines.
     calm : float
         Share of the sample where the NIR shows no glint, which compensation leaves as it is, or without removal.
     offsets : float or None
@@ -117,6 +120,11 @@ class Needs:
         return tuple(b for b, (g, t) in found if g >= max(LITTLE_GLINT, min(CLEAR_GLINT, t / FAINTER)))
 
     @property
+    def in_doubt(self) -> tuple[int, ...]:
+        """Bands with glint in which other bright things add more, above a level without their outlines."""
+        return tuple(b for b, g in enumerate(self.glint) if g >= LITTLE_GLINT and b not in self.glinted)
+
+    @property
     def smooth(self) -> bool:
         """It was looked for what stands out of the water beside it, and no glint does: the rest is wider than that."""
         return bool(self.glint) and not self.glinted
@@ -134,6 +142,8 @@ class Needs:
             found = (
                 f"an opening of {self.element} pixels" if self.element else f"too small for an opening of {SMALLEST}"
             )
+            if 0 < self.element < element_for(self.smallest):
+                found += f": less than fits, as glint covers less than {RARE_COVER:.0%}"
             out.append(f"{size}: the smallest object to keep is {self.smallest:.3g} pixels wide, {found}")
         if self.coherence is not None:
             said = "at one instant" if self.simultaneous else "at different instants"

@@ -21,6 +21,7 @@ from deglint.compensate.identify import (
     fit_identify_level,
     fit_identify_median,
     lower_spread,
+    standing_out_of_outlines,
 )
 from deglint.compensate.normalise import Normalise, fit_normalise, water_level
 from deglint.compensate.opening import rank_opening
@@ -405,6 +406,28 @@ def test_bands_that_are_left_lend_their_outlines():
     found, lost = hits(stage, block), hits(alone, block)
     assert not found[[0, 1, 3, 4]].any()
     assert found[2][disc].mean() < 0.5 * lost[2][disc].mean()
+
+
+def test_a_thing_whose_outline_is_kept_adds_nothing_that_an_opening_takes():
+    """A disc that holds no square, and flashes that a single band sees; the last band is the NIR."""
+    rng = np.random.default_rng(9)
+    rows, columns = np.mgrid[:200, :200]
+    disc = (rows - 60) ** 2 + (columns - 60) ** 2 < 7.7**2
+    block = (100 + 400 * disc * np.array([1, 1, 1, 0])[:, None, None] + rng.normal(0, 2, (4, 200, 200))).astype(
+        np.float32
+    )
+    block[1, 100:200:20, 100:200:20] += 300
+    options = {"size": 13, "saturation": (np.inf,) * 4, "nir": 3}
+    stage = fitted(block, detail=13, **options)
+    assert max(stage.things[:3]) > 100
+    glint, things = standing_out_of_outlines(stage, [State.of(block)], [all_of(block)], 3)
+    assert max(things) < 0.01
+    far = ~ndimage.binary_dilation(disc, np.ones((3, 3)), iterations=11)
+    assert glint[1] == pytest.approx(25 * 300**2 / stage.sigmas[1] ** 2 / far.sum(), rel=0.04)
+    assert max(glint[0], *glint[2:]) < 0.01
+    without = fitted(block, **options)  # without outlines it is what the fit tells
+    told = standing_out_of_outlines(without, [State.of(block)], [all_of(block)], 3)
+    np.testing.assert_allclose(told, (without.glint, without.things), rtol=1e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize("sharp", [False, True])

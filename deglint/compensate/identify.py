@@ -339,6 +339,49 @@ def _share(cover: float) -> float:
     return OF_THINGS * max(1 - cover / RARE, 0.0)
 
 
+def standing_out_of_outlines(
+    stage: IdentifyLevel, states: Sequence[State], inside: Sequence[Mask], nir: int, *, each: Callable[..., Any] = map
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """`standing_out` of a level that keeps the outlines of things: of those, what an opening takes for glint.
+
+    What is left of such things may stand out in a single band, as glint does. So glint is told an element away from
+    them.
+
+    Parameters
+    ----------
+    stage : IdentifyLevel
+        Fitted to the same blocks.
+    states, inside : sequence of State, sequence of (row, column) bool ndarray
+        As for `fit_identify_level`.
+    nir : int
+        0-based, one of the bands that are looked at.
+    each : callable
+        What works on the blocks.
+    """
+    least = [OUTLINE_K * sigma for sigma in stage.sigmas]
+
+    def above(state: State, mask: Mask) -> tuple[list[Float32Array], list[Float32Array]]:
+        wanted = _around(mask)
+        at, seen = (slice(*wanted[0]), slice(*wanted[1])), stage._seen
+        level, outlined = _levels(
+            state, stage.bands, stage.grids, stage.size, stage.detail, stage.order, stage.spectrum, wanted,
+            least=least, witness=seen,
+        )  # fmt: skip
+        assert not isinstance(level, Opened)
+        some = mask[at] if outlined is None else mask[at] & ~grown(outlined, stage.size)
+        rest = [state.image[b][at] - m for b, m in zip(stage.bands, level, strict=True)]
+        return [r[mask[at]] for r in rest], [r[some] for r in rest]
+
+    places = [stage.bands.index(b) for b in stage.order]
+
+    def told(parts: Iterable[Any]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        away = [np.concatenate(band) for band in zip(*parts, strict=True)]
+        return standing_out(away, stage.offsets, stage.sigmas, places, stage.bands.index(nir))
+
+    everywhere, far = zip(*each(above, states, inside), strict=True)
+    return told(far)[0], told(everywhere)[1]
+
+
 def standing_out(
     away: Sequence[npt.NDArray[np.floating[Any]]],
     offsets: Sequence[float],

@@ -19,7 +19,7 @@ from ..compensate.chain import NO_STAGES
 from ..compensate.estimate import Spectra, estimate_optics, glint_spectra
 from ..compensate.evidence import Protection
 from ..compensate.fitting import reach_of
-from ..compensate.identify import TINY, IdentifyLevel
+from ..compensate.identify import TINY, IdentifyLevel, standing_out_of_outlines
 from ..compensate.level import SMALLEST
 from ..compensate.presence import Presence
 from ..compensate.protect import LEAST_DELAY
@@ -31,6 +31,7 @@ from ..needs import (
     HIGH_PASS,
     LITTLE_GLINT,
     PSF_COVER,
+    RARE_COVER,
     SMALLEST_OBJECT,
     UNKNOWN_OBJECT,
     Needs,
@@ -188,20 +189,41 @@ def _alike(scene: Scene, sample: Sample, nir: int) -> float | None:
     return coherence([s.image for s in sample.states], sample.inside, scene.bands, nir, delayed=delayed)
 
 
-def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int) -> Plan:
-    """The default chain, without what this scene does not need."""
+def _glint_of(found: Plan, sample: Sample, nir: int, threads: int) -> Plan:
+    """What glint the sample has and where it has none; and the element that is enough for it.
+
+    Raises
+    ------
+    FitError
+        Too few pixels to tell.
+    """
     needs, setting = found.needs, found.setting
     assert setting is not None
-    try:
-        with workers(threads) as each:
-            told = replace(setting, nir=nir)
-            (stage,) = fit_stages([Step("identify-level", needs.element)], sample, told, each=each, cuts=None)
-    except FitError as error:
-        return Plan(replace(needs, stages=(StageNeed("opening", False, str(error)),)))
     assert found.blocks is not None
-    cover, (known, calm) = stage.cover, find_presence(found.blocks, needs, told, stage, threads)
-    needs = replace(needs, cover=cover, nir=_if_left_out(found.blocks, nir), glint=stage.glint, things=stage.things)
-    needs, found = replace(needs, calm=calm), replace(found, presence=known)
+    told = replace(setting, nir=nir)
+    with workers(threads) as each:
+        (stage,) = fit_stages([Step("identify-level", needs.element)], sample, told, each=each, cuts=None)
+    known, calm = find_presence(found.blocks, needs, told, stage, threads)
+    needs = replace(needs, cover=stage.cover, nir=_if_left_out(found.blocks, nir), calm=calm)
+    needs = replace(needs, glint=stage.glint, things=stage.things)
+    if float(np.median(stage.cover)) < RARE_COVER and needs.element - 2 >= SMALLEST:
+        needs = replace(needs, element=needs.element - 2)
+    if needs.in_doubt and stage.glint[nir] >= LITTLE_GLINT:
+        with workers(threads) as each:
+            (stage,) = fit_stages([Step("identify-level", needs.element)], sample, told, each=each, cuts=None)
+            glint, things = standing_out_of_outlines(stage, sample.states, sample.inside, nir, each=each)
+        needs = replace(needs, glint=glint, things=things)
+    return replace(found, needs=needs, presence=known)
+
+
+def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int) -> Plan:
+    """The default chain, without what this scene does not need."""
+    try:
+        found = _glint_of(found, sample, nir, threads)
+    except FitError as error:
+        return Plan(replace(found.needs, stages=(StageNeed("opening", False, str(error)),)))
+    needs, setting = found.needs, found.setting
+    assert setting is not None
     most = max(needs.glint)
     if needs.smooth:
         why = f"glint adds at most {most:.2%} to a band's variance of noise (threshold {LITTLE_GLINT:.0%})"
@@ -214,7 +236,7 @@ def _automatic(scene: Scene, found: Plan, sample: Sample, nir: int, threads: int
         needs, setting = replace(needs, optics=optics), replace(setting, psfs=psfs)
         found = replace(found, setting=setting)
     text, stages = [], []
-    middle = float(np.median(cover))
+    middle = float(np.median(needs.cover))
     if setting.psfs is None:
         stages.append(
             StageNeed("psf", False, "the optics are not known: sparkle is cut out less exactly", "a third of the time")
