@@ -150,6 +150,8 @@ def test_bright_things_beside_glint_keep_their_brightness(tmp_path, monkeypatch)
                   objects=thesis_array((SIDE, SIDE), 0.25, sides=(16,)))  # fmt: skip
     half = half_of(tmp_path, setup)
     assert (errors_beside(*half, tmp_path) < 1.0).all()
+    monkeypatch.setattr("deglint.pipeline.compensation.RARE_COVER", 0.0)  # an element into which they only just fit
+    assert (errors_beside(*half, tmp_path) < 1.0).all()
 
     def evenly(image, own, replaced, share, spreads, *rest):
         give_back(image, own, replaced, share, [Spread(*spread[:2]) for spread in spreads], *rest)
