@@ -1,11 +1,13 @@
 """Local RX: published figures, the spectral package, brute force over every ring, and what must not spoil it."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from deglint.errors import InputError
 from detect import local
@@ -89,6 +91,32 @@ def test_published_figures(name, outer, inner, published):
     )
     assert f"{roc_auc_score(truth.ravel(), scores.ravel()):.5f}" == published
     assert (flags == DEFICIENT).all()
+
+
+def test_blas_has_no_threads_of_its_own_meanwhile_and_gets_them_back(monkeypatch):
+    """A ring's matrices are small: threads of BLAS waited for each other, seven times as long as one takes."""
+
+    def counts():
+        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+    def told(*arguments):
+        seen.append(counts())
+        return work(*arguments)
+
+    many = image_of(local.KERNEL_BANDS + 1)
+    local_rx(many, inner=1, outer=3)  # loads what has threads
+    seen, work = [], local._score_cell
+    monkeypatch.setattr(local, "_score_cell", told)
+    with threadpool_limits(2, user_api="blas"):
+        before = counts()
+        with ThreadPoolExecutor(3) as pool:
+            list(pool.map(lambda _: local_rx(many, inner=1, outer=3), range(6)))
+        assert counts() == before
+        assert len(seen) == 6
+        assert all(set(found) == {1} for found in seen)
+        with pytest.raises(InputError):
+            local_rx(many, inner=1, outer=3, mask=np.ones((1, 1), bool))
+        assert counts() == before
 
 
 @pytest.mark.parametrize("bands", [1, 2, 4, 7, 30])
