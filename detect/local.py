@@ -15,9 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -135,34 +134,18 @@ def local_rx(
     if not (np.isfinite(ridge) and ridge >= 0):
         raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
     rule = WindowRule(inner, outer, border, ddof, ridge, size)
-    with _ONE_BLAS_THREAD if len(image) > KERNEL_BANDS else nullcontext():
+    with _blas_threads(len(image)):
         return score_part(image, rule, (0, 0), ((0, size[0]), (0, size[1])), mask, flags=flags, threads=threads)
 
 
-class _OneBlasThread:
-    """BLAS has no threads of its own while anybody is within: a ring's matrices are small, and they would only wait."""
+def _blas_threads(bands: int) -> AbstractContextManager[Any]:
+    """One thread of BLAS where it is called: a ring's matrices are small, and more would wait for each other."""
+    if bands <= KERNEL_BANDS:
+        return nullcontext()
+    import scipy.linalg.lapack  # noqa: F401  what is loaded later has threads again
+    from threadpoolctl import threadpool_limits
 
-    def __init__(self) -> None:
-        self.lock, self.within = Lock(), 0
-        self.limits: Any = None
-
-    def __enter__(self) -> None:
-        import scipy.linalg.lapack  # noqa: F401  what is loaded later has threads again
-        from threadpoolctl import threadpool_limits
-
-        with self.lock:
-            if not self.within:
-                self.limits = threadpool_limits(1, user_api="blas")
-            self.within += 1
-
-    def __exit__(self, *_error: object) -> None:
-        with self.lock:
-            self.within -= 1
-            if not self.within:
-                self.limits.restore_original_limits()
-
-
-_ONE_BLAS_THREAD = _OneBlasThread()
+    return threadpool_limits(1, user_api="blas")
 
 
 def check_window(inner: int, outer: int, border: str, size: tuple[int, int]) -> None:
