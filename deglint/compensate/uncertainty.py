@@ -54,7 +54,7 @@ LEFT = 1.05
 """Glint left in a band that is not corrected, relative to what the reference shows."""
 LEFT_CORRECTED = 0.25
 """The same in a corrected band, times the root of the share of its variance that the references do not explain."""
-FULL_COVER = 0.2
+FULL_COVER = 0.25
 """Share of glinted pixels from which on what the reference shows above its lowest level is all glint."""
 STANDS_OUT = 1.5
 """Below that cover it is noise of the level, save what exceeds its median by this factor."""
