@@ -4,6 +4,7 @@ import gc
 import subprocess
 import sys
 import threading
+from importlib import import_module
 from pathlib import Path
 from zlib import crc32
 
@@ -163,6 +164,18 @@ def test_garbage_is_collected_as_ever_from_the_first_progress_on():
     assert gc.get_threshold() == usual
     assert gc.get_freeze_count() == 0
     assert said == [("fit", 1, 2)]
+
+
+@pytest.mark.parametrize("module", ["deglint.cli", "detect.cli"])
+def test_a_command_ends_without_a_search_for_garbage(module, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["program", "--version"])
+    try:
+        with pytest.raises(SystemExit) as left:
+            import_module(module).main()
+        assert left.value.code == 0
+        assert gc.get_freeze_count() > 1000
+    finally:
+        gc.unfreeze()
 
 
 def test_the_command_loads_no_scipy_that_it_does_not_use(tmp_path):

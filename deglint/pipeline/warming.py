@@ -15,6 +15,7 @@ import numpy as np
 
 from ..compensate import State
 from ..compensate.chain import Sharpen
+from ..compensate.codes import decoded, encoded
 from ..compensate.evidence import BINS, Protection, clusters
 from ..compensate.faint import give_back
 from ..compensate.identify import IdentifyLevel
@@ -71,6 +72,7 @@ def warm_up() -> Iterator[None]:
     stages = Sharpen((psf,) * BANDS, 1), level, ReplaceLevel()
     state = State.of(sea)
     Presence(0, 1.0, 0.1).cells(sea, 0, 0)
+    decoded(encoded(sea[0], 1.0, 0.1), 1.0, 0.1)
     part, hit = sea[:, 1:9, 1:9].copy(), np.zeros(sea.shape, np.bool_)[:, 1:9, 1:9]
     share = np.zeros((8, 8), np.float32)
     give_back(sea[:, 1:9, 1:9], part, hit, share, [Spread(0, 1.0)], (slice(0, 8),) * 2, part)
