@@ -221,7 +221,8 @@ def agree(codes, grids, order, last, bands, glint, slack, columns, limits, witne
     """
     level, clean, replaced, outlined = out
     numbers, per_band, per_row = image
-    size, wide = codes[0].size // len(grids), min(columns, WIDE)
+    size, pieces = codes[0].size // len(grids), -(-columns // WIDE)
+    wide = min(columns, -(-columns // (pieces * LANES)) * LANES)  # alike: the last one overlaps by little
     x = np.zeros(2 * (len(order) + 4) * wide, np.float32)  # nothing agrees beyond the first and the last band
     more, half = x.size // 2, spread(np.float32((last + 1) // 2 - 0.5))
     for begin in range(0, size, columns):

@@ -102,7 +102,7 @@ def by_products(
     part = np.ascontiguousarray(band[top : row + rows + halo], np.float32).view()
     part.flags.writeable = False  # as it may be or not, and there would be compiled code for either
     some, lopsided = not (sound or all_finite(part)), kernels.lopsided
-    wide = min(WIDEST, columns)
+    wide = -(-columns // -(-columns // WIDEST))  # strips that are alike: each is worked on in full
     plan, height = plan_for(wide + 2 * halo, kernels.radius, kernels.taps.shape[2], stages, some, lopsided)
     room = _room(height, plan.pitch)
     room[TAPS, : kernels.taps.size] = kernels.taps.ravel()
