@@ -52,6 +52,20 @@ def test_blurred_sparkle_is_as_wide_as_a_boat_but_not_as_what_is_to_be_kept():
     assert not water(scene, fit_water([scene], ROLES, lost=13))[:, 211:].any()
 
 
+def test_flashes_that_the_nir_alone_has_caught_do_not_make_land_of_clumps():
+    """Bands of different instants: what is bright in the NIR is mostly in no other; within 3 x 3 it is glint."""
+    scene, clumps = sea(glint=0.0), np.zeros((200, 240), bool)
+    rows, columns = np.random.default_rng(7).integers(0, 200, (2, 120))
+    scene[3, rows, columns] += 0.6
+    for place, width in enumerate((3, 4, 5, 6)):
+        clumps[20 * place + 20 : 20 * place + 20 + width, 100 : 100 + width] = True
+    put(scene, clumps, (0.8, 0.8, 0.7, 0.45))
+    for lost, share in ((0, 0), (13, 1)):
+        assert water(scene, fit_water([scene], ROLES, lost=lost))[clumps].mean() == share
+    put(scene, np.indices((200, 240))[1] > 210, LAND, 0.25)
+    assert not water(scene, fit_water([scene], ROLES, lost=13))[:, 211:].any()
+
+
 @pytest.mark.parametrize(("spectrum", "told"), [((0.5, 0.8, 1.0, 0.45), True), (LAND, False)])
 def test_what_is_as_blue_as_dense_glint_is_told(spectrum, told):
     """Calm sea beside something bright and even: it is no water, but may be after all."""

@@ -338,7 +338,7 @@ def _choose_window(
     for window, larger in pairwise(WINDOWS):
         ground = _Ground(looks, valid, roles, window)
         mode, threshold = _threshold(ground, level)
-        like_glint = window < lost and ground.like_water(ground.nir > threshold)
+        like_glint = window < lost and _like_glint(ground, threshold)
         if like_glint:  # blurred or dense, sparkle is wide, but not as wide as what is to be kept
             larger = next((n for n in WINDOWS if n >= lost), larger)
         now, then = (_bright_share(looks, valid, roles, threshold, n) for n in (window, larger))
@@ -352,6 +352,19 @@ def _choose_window(
         if enough and (fine or window == 1 or larger > lost):
             break
     return best
+
+
+def _like_glint(ground: _Ground, threshold: float) -> bool:
+    """Whether what is brighter has the colour of water under glint: as it is, or, single pixels, within 3 x 3.
+
+    A flash that the NIR alone has caught is no colour, and pixels that are bright in the NIR are mostly those.
+    """
+    if ground.like_water(ground.nir > threshold):
+        return True
+    if ground.window > 1:
+        return False
+    wider = _Ground(ground.looks, ground.valid, ground.roles, 3)
+    return wider.like_water(wider.nir > threshold)
 
 
 def _bright_share(
