@@ -13,7 +13,7 @@ BENCHMARKS = {
     "away": ("away", ("quick",)),
     "error": ("error", ("quick",)),
     "targets": ("targets", ("quick",)),
-    "uncertainty": ("uncertainty", ("quick",)),
+    "uncertainty": ("uncertainty", ("quick", "those_that_set")),
     "compensation": ("compensation", ("quick",)),
     "rates": ("rates", ("quick", "rounds", "directory")),
     "plan": ("plan_speed", ("quick", "rounds")),
@@ -57,6 +57,12 @@ def main() -> None:
         "--directory", type=Path, help="rates, scale, workers: where scratch files go; ships: where the scenes lie"
     )
     parser.add_argument("--docs", action="store_true", help="scale: write the picture and the tables of docs/, too")
+    parser.add_argument(
+        "--set",
+        action="store_true",
+        dest="those_that_set",
+        help="uncertainty: the scenes that set its constants",
+    )
     given = parser.parse_args()
     module, options = BENCHMARKS[given.what]
     import_module(f"benchmarks.{module}").main(*(getattr(given, option) for option in options))

@@ -12,21 +12,19 @@ from scipy.stats import norm
 from deglint.compensate.chain import Sharpen, apply_stages
 from deglint.compensate.codes import decoded, encoded
 from deglint.compensate.identify import (
-    CERTAIN_K,
-    COVER_K,
     FEWEST,
     MOST_COVER_FOR_NOISE,
     IdentifyLevel,
     IdentifyMedian,
     fit_identify_level,
     fit_identify_median,
-    lower_spread,
     standing_out_of_outlines,
 )
 from deglint.compensate.normalise import Normalise, fit_normalise, water_level
 from deglint.compensate.opening import rank_opening
 from deglint.compensate.psf import kernel_psf
 from deglint.compensate.replace import ReplaceLevel
+from deglint.compensate.spread import CERTAIN_K, COVER_K, lower_spread
 from deglint.compensate.state import State
 from deglint.errors import FitError
 

@@ -7,8 +7,6 @@ from deglint.masks import fit_water, water
 
 from .test_masks import LAND, ROLES, put, sea, sparkling_sea
 
-pytestmark = pytest.mark.figures
-
 
 def half_sparkling(seed=2):
     """Sparkle in the left half, with some clumps of it 5 to 11 pixels wide, as bright as anything."""

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deglint import Recipe, correct, fit_scene, open_scene
-from deglint.compensate.identify import ALIKE, COVER_K, standing_out
+from deglint.compensate.spread import ALIKE, COVER_K, standing_out
 from deglint.errors import FitError
 from deglint.needs import CLEAR_GLINT, LITTLE_GLINT, Needs
 from deglint.physics.presets import preset

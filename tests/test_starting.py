@@ -17,8 +17,8 @@ from numba.core.dispatcher import Dispatcher
 from deglint import Recipe, correct, fit_scene, open_scene
 from deglint.cli.running import collecting_later
 from deglint.compensate import Chain, Sample, Setting, State, fit_stages, parse
-from deglint.compensate.identify import lower_spread
 from deglint.compensate.psf import system_psf
+from deglint.compensate.spread import lower_spread
 from deglint.pipeline.blocks import aside
 from deglint.pipeline.checksum import begin_checksum, checksum_of
 from deglint.pipeline.warming import warm_up, warming

@@ -7,7 +7,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from deglint import fit_scene, open_scene, remove_glint
-from deglint.compensate.identify import TINY, standing_out
+from deglint.compensate.identify import TINY
+from deglint.compensate.spread import standing_out
 from deglint.compensate.steps import step_of
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene

@@ -23,7 +23,7 @@ _DROPPED = 13
 _NOTHING = 32767
 ZERO, ONE, MINUS = (np.float32(x) for x in (0, 1, -1))
 WIDE = 256
-"""Pixels of all bands that are worked on at a time."""
+"""Most pixels of all bands that are worked on at a time."""
 
 
 def _told(_typing: Any, codes: Any, _index: Any, _centre: Any, _unit: Any) -> Any:

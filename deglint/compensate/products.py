@@ -20,7 +20,7 @@ Float32Array = npt.NDArray[np.float32]
 UNEVEN = 1e-6
 """Sums are taken in pairs where taps differ by no more from either end, of the largest."""
 WIDEST = 1024
-"""Columns that are worked on at a time, so that the rows that are kept stay in the processor's cache."""
+"""Most columns that are worked on at a time, so that the rows that are kept stay in the processor's cache."""
 CACHE_LINE = 64
 """Rows begin with one [byte]: vectors that lie across two are loaded at half the speed."""
 

@@ -1,7 +1,7 @@
 """Steps that numbers come in, where nobody says so: counts that were made physical values and stored as fractions.
 
 The spread of a band's noise decides what is glint. Where noise is a count or two, a median of distances jumps by whole
-steps, and may be nothing at all; `deglint.compensate.identify.lower_spread` makes up for that where the step is
+steps, and may be nothing at all; `deglint.compensate.spread.lower_spread` makes up for that where the step is
 known."""
 
 from __future__ import annotations

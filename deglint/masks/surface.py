@@ -159,7 +159,8 @@ def fit_water(looks: Sequence[FloatArray], roles: Roles, *, lost: int = 0) -> Wa
     a square) removes it, and not land. The square is the smallest for which the next size would change
     little: 1 pixel at coarse pixels, where small boats and piers stay apart from the water; where it is larger, T is
     doubled. Where what is brighter has the colour of water under glint, a square of `lost` pixels must change
-    little: blurred or dense, sparkle is wide itself. The candidate is
+    little: blurred or dense, sparkle is wide itself. (Of single pixels the colour within 3 x 3 counts, too: a flash
+    that the NIR alone has caught has none.) The candidate is
     water if its NIR/visible ratio is that of water (NDWI positive). A second, brighter peak is water as well if
     it has the colour of water under glint.
 
