@@ -23,9 +23,9 @@ import numpy as np
 from ._apart import apart
 from ._whole_lanes import BYTES, before, behind, count, least, load, most, negative, store, turn
 
-INPUT, ACROSS, DOWN, ACROSS3, ACROSS5, DOWN3, DOWN5, STAR, PATCH, MEDIAN, CORNERS, OUTLINES = range(12)
+INPUT, ACROSS, DOWN, ACROSS3, ACROSS5, DOWN3, DOWN5, STAR, SQUARE, MEDIAN, CORNERS, OUTLINES = range(12)
 """Kinds of steps: rows as they are; the least of all pixels within reach in the row, in the column; of three or five of
-them; of a pixel and the four so far from it; of 2 x 2; the median of 3 x 3, and that or the brightest patch of 2 x 2
+them; of a pixel and the four so far from it; of 3 x 3; the median of 3 x 3, and that or the brightest patch of 2 x 2
 that a pixel is in; the brightest of the other openings."""
 
 
@@ -106,19 +106,6 @@ def near_down(x, at, to, reach, long, rows):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def down_three(x, at, to, long, rows):  # type: ignore[no-untyped-def]
-    """The least of three neighbours in a column; two rows at a time share loads."""
-    apart()
-    lanes = count(x)
-    for u in range(0, rows, 2):
-        a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], at[to + u], at[to + u + 1]
-        for j in range(0, long, lanes):
-            middle = least(load(x, b + j), load(x, c + j))
-            store(x, one + j, least(middle, load(x, a + j)))
-            store(x, two + j, least(middle, load(x, d + j)))
-
-
-@nb.njit(cache=True, nogil=True)
 def star(x, at, to, reach, long, rows):  # type: ignore[no-untyped-def]
     """The least of a pixel and the four so far from it along the axes."""
     apart()
@@ -133,72 +120,101 @@ def star(x, at, to, reach, long, rows):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True)
 def star_near(x, at, to, long, rows):  # type: ignore[no-untyped-def]
-    """The same for neighbours; two rows at a time share loads."""
+    """The same for neighbours; four rows at a time share loads, and so do neighbours in a row."""
     apart()
     lanes = count(x)
-    for u in range(0, rows, 2):
-        a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], at[to + u], at[to + u + 1]
+    for u in range(0, rows, 4):
+        a, b, c, d, e, f = at[u], at[u + 1], at[u + 2], at[u + 3], at[u + 4], at[u + 5]
+        one, two, three, four = at[to + u], at[to + u + 1], at[to + u + 2], at[to + u + 3]
+        b_left, c_left, d_left, e_left = load(x, b - lanes), load(x, c - lanes), load(x, d - lanes), load(x, e - lanes)
+        b_here, c_here, d_here, e_here = load(x, b), load(x, c), load(x, d), load(x, e)
         for j in range(0, long, lanes):
-            middle = least(load(x, b + j), load(x, c + j))
-            found = least(load(x, b + j - lanes), load(x, b + j + lanes))
-            store(x, one + j, least(found, least(middle, load(x, a + j))))
-            found = least(load(x, c + j - lanes), load(x, c + j + lanes))
-            store(x, two + j, least(found, least(middle, load(x, d + j))))
+            k = j + lanes
+            b_next, c_next, d_next, e_next = load(x, b + k), load(x, c + k), load(x, d + k), load(x, e + k)
+            bc, cd, de = least(b_here, c_here), least(c_here, d_here), least(d_here, e_here)
+            store(x, one + j, least(least(bc, load(x, a + j)), least(b_left, b_next)))
+            store(x, two + j, least(least(bc, d_here), least(c_left, c_next)))
+            store(x, three + j, least(least(cd, e_here), least(d_left, d_next)))
+            store(x, four + j, least(least(de, load(x, f + j)), least(e_left, e_next)))
+            b_left, c_left, d_left, e_left = b_here, c_here, d_here, e_here
+            b_here, c_here, d_here, e_here = b_next, c_next, d_next, e_next
 
 
 @nb.njit(cache=True, nogil=True)
-def patch(x, at, to, long, rows):  # type: ignore[no-untyped-def]
-    """The least of 2 x 2 pixels, of which a pixel is the first."""
+def square(x, at, to, long, rows):  # type: ignore[no-untyped-def]
+    """The least of 3 x 3 pixels; four rows at a time share loads, and so do neighbours in a row."""
     apart()
     lanes = count(x)
-    for u in range(0, rows, 2):
-        a, b, c, one, two = at[u], at[u + 1], at[u + 2], at[to + u], at[to + u + 1]
+    for u in range(0, rows, 4):
+        a, b, c, d, e, f = at[u], at[u + 1], at[u + 2], at[u + 3], at[u + 4], at[u + 5]
+        one, two, three, four = at[to + u], at[to + u + 1], at[to + u + 2], at[to + u + 3]
+        left = columns_of(x, a - lanes, b - lanes, c - lanes, d - lanes, e - lanes, f - lanes)
+        here = columns_of(x, a, b, c, d, e, f)
         for j in range(0, long, lanes):
-            middle = least(load(x, b + j), load(x, b + j + lanes))
-            store(x, one + j, least(middle, least(load(x, a + j), load(x, a + j + lanes))))
-            store(x, two + j, least(middle, least(load(x, c + j), load(x, c + j + lanes))))
+            k = j + lanes
+            right = columns_of(x, a + k, b + k, c + k, d + k, e + k, f + k)
+            store(x, one + j, least(least(left[0], here[0]), right[0]))
+            store(x, two + j, least(least(left[1], here[1]), right[1]))
+            store(x, three + j, least(least(left[2], here[2]), right[2]))
+            store(x, four + j, least(least(left[3], here[3]), right[3]))
+            left, here = here, right
+
+
+@nb.njit(cache=True, nogil=True)
+def columns_of(x, a, b, c, d, e, f):  # type: ignore[no-untyped-def]
+    """The least of three pixels of a column, four times, each a row further down."""
+    third, fourth = load(x, c), load(x, d)
+    upper, lower = least(load(x, b), third), least(fourth, load(x, e))
+    return least(load(x, a), upper), least(upper, fourth), least(third, lower), least(lower, load(x, f))
 
 
 @nb.njit(cache=True, nogil=True)
 def in_order(x, a, b, c, d):  # type: ignore[no-untyped-def]
-    """Three pixels of a column in order of brightness, and three that begin with the second."""
-    one, four = load(x, a), load(x, d)
-    low, high = least(load(x, b), load(x, c)), most(load(x, b), load(x, c))
-    return (least(one, low), least(most(one, low), high), most(one, high),
-            least(four, low), least(most(four, low), high), most(four, high))  # fmt: skip
+    """Three pixels of a column in order of brightness, three that begin with the second, and the least of each two."""
+    one, two, three, four = load(x, a), load(x, b), load(x, c), load(x, d)
+    low, high, above, below = least(two, three), most(two, three), least(one, two), least(three, four)
+    return ((least(one, low), least(most(one, low), high), most(one, high)),
+            (least(four, low), least(most(four, low), high), most(four, high)), (above, low, below))  # fmt: skip
 
 
 @nb.njit(cache=True, nogil=True)
-def median9(low, middle, high):  # type: ignore[no-untyped-def]
-    """The median of three columns, from the least, the middle and the largest of each."""
-    a = most(most(low[0], low[1]), low[2])
-    b = most(least(middle[0], middle[1]), least(most(middle[0], middle[1]), middle[2]))
-    c = least(least(high[0], high[1]), high[2])
+def middle_of(left, here, right):  # type: ignore[no-untyped-def]
+    """The median of three columns, each the least, the middle and the largest of three pixels."""
+    a = most(most(left[0], here[0]), right[0])
+    b = most(least(left[1], here[1]), least(most(left[1], here[1]), right[1]))
+    c = least(least(left[2], here[2]), right[2])
     return most(least(a, b), least(most(a, b), c))
 
 
 @nb.njit(cache=True, nogil=True)
-def median(x, at, patches, to, corners, long, rows):  # type: ignore[no-untyped-def]
-    """The median of 3 x 3, or with corners the brightest patch if that is more, as a negative."""
+def median(x, at, to, corners, long, rows):  # type: ignore[no-untyped-def]
+    """The median of 3 x 3, or with corners the brightest patch of 2 x 2 in which a pixel is, if that is more, as a
+    negative."""
     apart()
     lanes = count(x)
     for u in range(0, rows, 2):
         a, b, c, d, one, two = at[u], at[u + 1], at[u + 2], at[u + 3], at[to + u], at[to + u + 1]
-        e, f, g = at[patches + u], at[patches + u + 1], at[patches + u + 2]
         left, here = in_order(x, a - lanes, b - lanes, c - lanes, d - lanes), in_order(x, a, b, c, d)
+        before = patches(left[2], here[2])
         for j in range(0, long, lanes):
             k = j + lanes
             right = in_order(x, a + k, b + k, c + k, d + k)
-            first = median9((left[0], here[0], right[0]), (left[1], here[1], right[1]), (left[2], here[2], right[2]))
-            second = median9((left[3], here[3], right[3]), (left[4], here[4], right[4]), (left[5], here[5], right[5]))
+            first, second = middle_of(left[0], here[0], right[0]), middle_of(left[1], here[1], right[1])
             if corners:
-                k = j - lanes
-                common = most(load(x, f + j), load(x, f + k))
-                first = most(first, most(common, most(load(x, e + j), load(x, e + k))))
-                second = most(second, most(common, most(load(x, g + j), load(x, g + k))))
+                after = patches(here[2], right[2])
+                common = most(before[1], after[1])
+                first = most(first, most(common, most(before[0], after[0])))
+                second = most(second, most(common, most(before[2], after[2])))
+                before = after
             store(x, one + j, negative(first))
             store(x, two + j, negative(second))
             left, here = here, right
+
+
+@nb.njit(cache=True, nogil=True)
+def patches(left, right):  # type: ignore[no-untyped-def]
+    """The least of 2 x 2 pixels, three times, from the least of each two in two columns."""
+    return least(left[0], right[0]), least(left[1], right[1]), least(left[2], right[2])
 
 
 @nb.njit(cache=True, nogil=True)
@@ -291,15 +307,13 @@ def work(x, at, to, some, kind, reach, long, rows):  # type: ignore[no-untyped-d
     elif kind == DOWN:
         near_down(x, at, to, reach, long, rows)
     elif kind in (MEDIAN, CORNERS):
-        median(x, at, some, to, kind == CORNERS, long, rows)
-    elif kind == PATCH:
-        patch(x, at, to, long, rows)
+        median(x, at, to, kind == CORNERS, long, rows)
+    elif kind == SQUARE:
+        square(x, at, to, long, rows)
     elif kind == OUTLINES:
         outlines(x, at, some, 2 * some, to, long, rows)
     elif kind in (ACROSS3, ACROSS5):
         across(x, at, to, reach, kind == ACROSS5, long, rows)
-    elif kind == DOWN3 and reach == 1:
-        down_three(x, at, to, long, rows)
     else:
         down(x, at, to, reach, kind == DOWN5, long, rows)
 

@@ -123,7 +123,7 @@ class _Plan:
 
     def eroded(self, source: int, size: int, shape: str) -> int:
         """The steps of an element; those of a line of a few pixels are one."""
-        from ._opening_kernels import ACROSS, ACROSS3, ACROSS5, DOWN, DOWN3, DOWN5, STAR
+        from ._opening_kernels import ACROSS, ACROSS3, ACROSS5, DOWN, DOWN3, DOWN5, SQUARE, STAR
 
         lines: dict[int, list[Sequence[int]]] = {0: [], 1: []}
         for element in elements(size, shape):
@@ -132,6 +132,8 @@ class _Plan:
                 source = self.add(STAR, down[-1], (source, down[-1], down[-1]))
             else:
                 lines[len(down) > 1].append(across if len(across) > 1 else down)
+        if lines[0] == lines[1] == [[-1, 0, 1]]:
+            return self.add(SQUARE, 1, (source, 1, 1))
         for upright, steps in lines.items():
             radius = sum(step[-1] for step in steps)
             if 1 < radius <= LONGEST:
@@ -145,13 +147,10 @@ class _Plan:
 
     def opened(self, source: int, size: int, shape: str, corners: bool) -> int:
         """The steps of an opening."""
-        from ._opening_kernels import CORNERS, MEDIAN, PATCH
+        from ._opening_kernels import CORNERS, MEDIAN
 
         low = self.eroded(source, size, shape)
-        if not corners:
-            return self.eroded(self.add(MEDIAN, 1, (low, 1, 1)), size, shape)
-        patch = self.add(PATCH, 1, (low, 0, 1))
-        return self.eroded(self.add(CORNERS, 1, (low, 1, 1), (patch, 1, 0)), size, shape)
+        return self.eroded(self.add(CORNERS if corners else MEDIAN, 1, (low, 1, 1)), size, shape)
 
     def written(self, level: int, at_once: int) -> Steps:
         """What the compiled function takes."""
