@@ -52,13 +52,12 @@ def opening(band, size, shape="square", corners=False):
     some = np.where(np.isnan(band), np.inf, band).astype(np.float64)
     low = ndimage.minimum_filter(some, footprint=foot, mode="constant", cval=np.inf)
     middle = ndimage.median_filter(low, 3, mode="nearest")
-    if corners:  # squares of 2 x 2 that begin in the image
+    if corners:  # squares of 2 x 2 that lie in the image at least in part
         rows, columns = low.shape
-        wide = np.pad(low, ((0, 1), (0, 1)), constant_values=np.inf)
-        least = np.min([wide[i : i + rows, j : j + columns] for i in (0, 1) for j in (0, 1)], axis=0)
-        wide = np.pad(least, ((1, 0), (1, 0)), constant_values=-np.inf)
-        starts = [wide[i : i + rows, j : j + columns] for i in (0, 1) for j in (0, 1)]
-        middle = np.maximum(middle, np.max(starts, axis=0))
+        wide = np.pad(low, 1, constant_values=np.inf)
+        least = np.min([wide[i : i + rows + 1, j : j + columns + 1] for i in (0, 1) for j in (0, 1)], axis=0)
+        squares = [least[i : i + rows, j : j + columns] for i in (0, 1) for j in (0, 1)]
+        middle = np.maximum(middle, np.max(squares, axis=0))
     low = middle
     low = np.where(np.isinf(low), -np.inf, low)
     found = ndimage.maximum_filter(low, footprint=foot, mode="constant", cval=-np.inf)
