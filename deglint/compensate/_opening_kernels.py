@@ -27,6 +27,8 @@ INPUT, ACROSS, DOWN, ACROSS3, ACROSS5, DOWN3, DOWN5, STAR, SQUARE, MEDIAN, CORNE
 """Kinds of steps: rows as they are; the least of all pixels within reach in the row, in the column; of three or five of
 them; of a pixel and the four so far from it; of 3 x 3; the median of 3 x 3, and that or the brightest patch of 2 x 2
 that a pixel is in; the brightest of the other openings."""
+FEW = 4
+"""Numbers left of a row that are not worth a square."""
 
 
 @nb.njit(cache=True, nogil=True)
@@ -233,15 +235,23 @@ def outlines(x, at, guide, diamond, to, long, rows):  # type: ignore[no-untyped-
 
 @nb.njit(cache=True, nogil=True)
 def turned(x, at, step, to, stride, length):  # type: ignore[no-untyped-def]
-    """A row into parts side by side, or back; rows of squares, which may overlap, in this many places."""
+    """A row into parts side by side, or back; rows of squares, which may overlap, in this many places, and a few one by
+    one."""
     apart()
     lanes = count(x)
-    for first in range(0, length, lanes):
-        j = max(min(first, length - lanes), 0)
+    few = length % lanes if length > lanes and length % lanes <= FEW else 0
+    for first in range(0, length - few, lanes):
+        j = max(min(first, length - few - lanes), 0)
         if stride == lanes:
             turn(x, at + j, step, to + j * lanes, stride)
         else:
             turn(x, at + j * lanes, step, to + j, stride)
+    for j in range(length - few, length):
+        for part in range(lanes):
+            if stride == lanes:
+                x[to + j * lanes + part] = x[at + part * step + j]
+            else:
+                x[to + part * stride + j] = x[at + j * lanes + part]
 
 
 @nb.njit(cache=True, nogil=True)
