@@ -382,3 +382,24 @@ def run(band, steps, corner, level, outline):  # type: ignore[no-untyped-def]
                 for u in range(max(top - i, 0), min(rows, top + len(out) - i)):
                     turned(x, at[to + u], lanes, spare, length, length)
                     given(x, spare + left, out[i + u - top])
+
+
+@nb.njit(cache=True, nogil=True)
+def lay(band, corners, wide, out):  # type: ignore[no-untyped-def]
+    """Squares of a band side by side, row by row."""
+    across = out.shape[1] // wide
+    for k in range(len(corners)):
+        top, left, row, column = corners[k, 0], corners[k, 1], k // across * wide, k % across * wide
+        for i in range(wide):
+            out[row + i, column : column + wide] = band[top + i, left : left + wide]
+
+
+@nb.njit(cache=True, nogil=True)
+def pick(laid, corners, halo, side, out):  # type: ignore[no-untyped-def]
+    """What lies within the halo of each, back to where it belongs."""
+    wide = side + 2 * halo
+    across = laid.shape[1] // wide
+    for k in range(len(corners)):
+        top, left, row, column = corners[k, 0], corners[k, 1], k // across * wide + halo, k % across * wide + halo
+        for i in range(side):
+            out[top + i, left : left + side] = laid[row + i, column : column + side]

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from ..scene import Window
 from .codes import Codes, decoded, encoded, exceeding
 from .evidence import grown
-from .opening import opening_halo, openings
+from .opening import openings, openings_of_pieces
 from .products import by_products, products
 from .psf import PSF
 from .state import LIMITS, Float32Array, Mask
@@ -34,9 +34,9 @@ SMALLEST = 5
 """Smallest element that tells sparkle from water [pixel]."""
 LARGEST = 13
 """Largest element that is used unasked [pixel]."""
-PIECE = 64
+PIECE = 32
 """Side of the squares in which outlines are looked for where they are wanted in some pixels only."""
-MOST_PIECES = 0.08
+MOST_PIECES = 0.2
 """Share of such squares from which on it takes less to look everywhere: each is worked on with its halo."""
 BEYOND = 4.0
 """How many times as bright as glint, as a witness shows it, a thing is to be: optics blur it less in other bands."""
@@ -236,23 +236,23 @@ def openings_of(
 ) -> Opened:
     """The openings of every band; see `opened_level`."""
     told: Iterable[Codes] = (encoded(band, *grid) for band, grid in zip(bands, grids, strict=True))
-    known, pieces = None, list[Window]()
+    known, pieces = None, None
     if where is not None:
         where = where[slice(*within[0]), slice(*within[1])]
     elif witness is not None and detail:
         kept = list(told)
         told, (known, where) = kept, _without_glint(kept, size, grids, spectrum, within, shape[1:], witness)
     if where is not None:
-        pieces = _pieces(where) if detail else []
-        detail = detail if pieces else 0
+        detail = detail if where.any() else 0
+        pieces = _pieces(where) if detail else None
     levels = np.empty((shape[0], *(last - first for first, last in within)), np.int16) if known is None else known
     outlines = np.empty_like(levels) if detail else levels
-    everywhere = where is None or pieces == [_whole(where)]
     for codes, level, outline in zip(told, levels, outlines, strict=True):
-        if known is None or (everywhere and detail):
-            openings(codes, size, detail if everywhere else 0, within=within, out=(level, outline))
-        if not everywhere and pieces:
-            _outlines(codes, size, detail, within, pieces, outline)
+        beside = detail if pieces is None else 0
+        if known is None or beside:
+            openings(codes, size, beside, within=within, out=(level if known is None else None, outline))
+        if pieces is not None:
+            openings_of_pieces(codes, size, detail, pieces, PIECE, within=within, out=outline)
     if not detail and witness is None:
         return Opened(levels, levels, grids, spectrum, ())
     return Opened(
@@ -282,37 +282,15 @@ def _without_glint(
     return np.ascontiguousarray(levels[:, *part]), grown(found, witness.reach)[part]
 
 
-def _outlines(told: Codes, size: int, detail: int, within: Window, pieces: Sequence[Window], out: Codes) -> None:
-    """The openings beside that of the square in pieces of a window, which are written; told : the band's codes."""
-    (top, _), (left, _) = within
-    for rows, columns in pieces:
-        wanted = (top + rows[0], top + rows[1]), (left + columns[0], left + columns[1])
-        outer = _grown(wanted, opening_halo(size, detail), told.shape)
-        base, found = np.empty((2, rows[1] - rows[0], columns[1] - columns[0]), np.int16)
-        inner = _shifted(wanted[0], outer[0]), _shifted(wanted[1], outer[1])
-        openings(told[slice(*outer[0]), slice(*outer[1])], size, detail, within=inner, out=(base, found))
-        out[slice(*rows), slice(*columns)] = found
-
-
-def _whole(where: Mask) -> Window:
-    return (0, where.shape[0]), (0, where.shape[1])
-
-
-def _pieces(where: Mask) -> list[Window]:
-    """Windows that hold a mask: none, all of it, or squares that lie in a row as one."""
-    if not where.any():
-        return []
-    (_, height), (_, width) = _whole(where)
+def _pieces(where: Mask) -> npt.NDArray[np.int64] | None:
+    """First row and column of the squares of `PIECE` that hold a mask; None for where it takes less to look
+    everywhere."""
     rows, columns = (np.arange(0, n, PIECE) for n in where.shape)
     some = np.logical_or.reduceat(np.logical_or.reduceat(where, rows, axis=0), columns, axis=1)
-    if some.mean() > MOST_PIECES:
-        return [_whole(where)]
-    found = []
-    for top, line in zip(rows.tolist(), some, strict=True):
-        ends = np.flatnonzero(np.diff(np.concatenate([[False], line, [False]])))
-        for first, last in zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True):
-            found.append(((top, min(top + PIECE, height)), (first * PIECE, min(last * PIECE, width))))
-    return found
+    if some.mean() > MOST_PIECES or min(where.shape) < PIECE:
+        return None
+    corners = PIECE * np.argwhere(some)
+    return np.minimum(corners, np.array(where.shape) - PIECE)
 
 
 def opened_level(

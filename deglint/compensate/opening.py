@@ -36,6 +36,8 @@ LONGEST = 9
 AT_ONCE, NARROW = (4, 8), 800
 """Rows that a step makes at a time, fours: the more, the less often one is loaded, and the more of them are kept, which
 is to fit into the processor's cache. They are the more up to this width [number]."""
+WIDTH = 1024
+"""At which pieces laid side by side begin another row [pixel], about."""
 _NOTHING = np.iinfo(np.int32).max
 
 
@@ -173,13 +175,13 @@ class _Plan:
 
 
 @lru_cache(maxsize=64)
-def _steps(at_once: int, size: int, shape: str, corners: bool, detail: int = 0) -> Steps:
-    """One opening, and the details beside it, so many rows at a time."""
+def _steps(at_once: int, size: int, shape: str, corners: bool, detail: int = 0, alone: bool = False) -> Steps:
+    """One opening, and the details beside it, or these alone; so many rows at a time."""
     from ._opening_kernels import INPUT, OUTLINES
 
     plan = _Plan()
     band = plan.add(INPUT, 0)
-    base = plan.opened(band, size, shape, corners)
+    base = -1 if alone else plan.opened(band, size, shape, corners)
     if detail:
         octagon = plan.opened(band, detail, "octagon", corners=True)
         guide = plan.opened(band, GUIDE, "square", corners=False)
@@ -238,7 +240,7 @@ def _in_order(values: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
     return bits ^ ((bits >> 31) & np.int32(0x7FFFFFFF))
 
 
-def openings(codes: Codes, size: int, detail: int = 0, *, within: Window, out: tuple[Codes, Codes]) -> None:
+def openings(codes: Codes, size: int, detail: int = 0, *, within: Window, out: tuple[Codes | None, Codes]) -> None:
     """The opening by a square that keeps corners, and the brightest of other openings.
 
     Those are one by an octagon, grown back by one pixel under the opening by a square of 3, and one by a diamond as
@@ -253,15 +255,56 @@ def openings(codes: Codes, size: int, detail: int = 0, *, within: Window, out: t
     within : ((row0, row1), (col0, col1))
         Rows and columns that are wanted.
     out : two (row, column) int16 ndarrays
-        Receive the opening and the others; minus `deglint.compensate.codes.NOTHING` where no pixel within reach is
-        valid.
+        Receive the opening, or None where it is not wanted, and the others; minus `deglint.compensate.codes.NOTHING`
+        where no pixel within reach is valid.
 
     Notes
     -----
     Cost, one core: 2.2 ns a pixel for 13 and 13, 0.8 ns for the square alone (`python -m benchmarks stages`).
     """
     if codes.size:
-        _run(codes, _steps(_at_once(codes), _odd(size), "square", True, detail and _odd(detail)), within, out)
+        level, outline = out
+        steps = _steps(_at_once(codes), _odd(size), "square", True, detail and _odd(detail), level is None)
+        _run(codes, steps, within, (outline if level is None else level, outline))
+
+
+def openings_of_pieces(
+    codes: Codes, size: int, detail: int, corners: npt.NDArray[np.int64], side: int, *, within: Window, out: Codes
+) -> None:
+    """The others in squares of a window alone, which are laid out side by side with what they look at.
+
+    Parameters
+    ----------
+    codes, size, detail, within
+        As for `openings`.
+    corners : (square, 2) int64 ndarray
+        First row and column in the window.
+    side : int
+        Of each square [pixel].
+    out : (row, column) int16 ndarray
+        Receives them in the squares; the rest of the window is left as it is.
+    """
+    from ._opening_kernels import lay, pick
+
+    halo, begin = opening_halo(size, detail), np.array([first for first, _last in within])
+    wide = side + 2 * halo
+    first = corners + begin - halo
+    inside = np.all((first >= 0) & (first + wide <= codes.shape), axis=1)
+    for row, column in (corners[~inside] + begin).tolist():  # at the band's edges, which count
+        top, left = max(row - halo, 0), max(column - halo, 0)
+        inner, (i, j) = ((row - top, row - top + side), (column - left, column - left + side)), (row, column) - begin
+        around, found = codes[top : row + side + halo, left : column + side + halo], np.empty((side, side), np.int16)
+        openings(around, size, detail, within=inner, out=(None, found))
+        out[i : i + side, j : j + side] = found
+    if inside.any():
+        count = int(inside.sum())
+        down = -(-count * wide // WIDTH)
+        across = -(-count // down)
+        laid = np.zeros((down * wide, across * wide), np.int16)
+        found = np.empty_like(laid)
+        lay(codes, first[inside], wide, laid)
+        openings(laid, size, detail, within=((0, laid.shape[0]), (0, laid.shape[1])), out=(None, found))
+        pick(found, corners[inside], halo, side, out)
 
 
 def _at_once(band: npt.NDArray[Any]) -> int:
