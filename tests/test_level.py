@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from deglint.compensate.codes import NOTHING, decoded, encoded
 from deglint.compensate.level import SLACK, Opened, Witness, blurred, opened_level
-from deglint.compensate.opening import diamond_of, elements, opening_halo, openings, rank_opening
+from deglint.compensate.opening import diamond_of, elements, opening_halo, openings, openings_of_pieces, rank_opening
 from deglint.compensate.psf import kernel_psf, system_psf
 from deglint.compensate.sharpen import richardson_lucy, sharpen_halo
 from deglint.errors import InputError
@@ -351,6 +351,26 @@ def test_a_level_of_one_band_and_of_nothing():
         nothing, (3, 8, 8), 5, [GRID] * 3, detail=3, order=(0, 1, 2), spectrum=(1.0, 1.0, 1.0), psfs=[GREEN] * 3
     )
     assert np.isnan(found).all()
+
+
+@pytest.mark.parametrize("count", [1, 7, 60])
+def test_outlines_in_pieces_are_those_of_the_whole(count):
+    """Squares anywhere, at edges and over each other, laid side by side in one row or in several."""
+    codes, rng = encoded(sparkle((230, 310), holes=0.01), *GRID), np.random.default_rng(count)
+    within, side = ((17, 230), (0, 290)), 32
+    level, every = np.empty((2, 213, 290), np.int16)
+    openings(codes, 13, 11, within=within, out=(level, every))
+    alone, found = np.full_like(every, -7), np.full_like(every, -7)
+    openings(codes, 13, 11, within=within, out=(None, alone))
+    np.testing.assert_array_equal(alone, every)
+    corners = np.column_stack([rng.integers(0, n - side, count, endpoint=True) for n in every.shape])
+    corners[0] = np.array(every.shape) - side
+    openings_of_pieces(codes, 13, 11, corners, side, within=within, out=found)
+    wanted = np.full_like(every, -7)
+    for row, column in corners:
+        place = slice(row, row + side), slice(column, column + side)
+        wanted[place] = every[place]
+    np.testing.assert_array_equal(found, wanted)
 
 
 @pytest.mark.parametrize("share", [0.0, 1e-4, 1e-3, 0.3, 1.0])
