@@ -6,6 +6,7 @@ Property tests draw the same examples in every run; HYPOTHESIS_PROFILE=explore l
 import json
 import os
 import signal
+from collections import Counter
 from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # each worker has a processor: threads of BLAS would wait for each other
@@ -25,6 +26,23 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in the background: p
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:  # as under nohup: likewise
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+def pytest_addoption(parser):
+    parser.addoption("--every", type=int, default=1, metavar="N", help="run of each file only every Nth test")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Of each file the first test, and every Nth after it."""
+    step, seen = config.getoption("every"), Counter()
+    chosen, left = [], []
+    for item in items:
+        (left if seen[item.path] % step else chosen).append(item)
+        seen[item.path] += 1
+    if left:
+        config.hook.pytest_deselected(items=left)
+        items[:] = chosen
+
 
 NAMES = ("blue", "green", "red", "nir")
 WATER = np.array([900.0, 700.0, 400.0, 100.0])

@@ -18,8 +18,6 @@ from detect.bench import arrays, floor, kernels, peers, peers_arrays, peers_file
 from detect.bench.processes import ROOT, Run, in_turns, output_of
 from detect.bench.section import Effort
 
-pytestmark = pytest.mark.figures
-
 
 def test_children_are_measured_in_turns_and_failures_told(tmp_path):
     note = f"open({str(tmp_path / 'out.txt')!r}, 'x').close(); open({str(tmp_path / 'log')!r}, 'a').write"

@@ -23,8 +23,6 @@ from detect.roc import Roc, auc_interval, compare
 from detect.rx import detector, rx, score
 from detect.threshold import from_f, p_value
 
-pytestmark = pytest.mark.figures
-
 wide = pytest.mark.skipif(not stress_truth.WIDE, reason="a long double is a double here")
 
 

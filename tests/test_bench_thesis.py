@@ -15,8 +15,6 @@ from deglint.physics.sensor import noise_equivalent_radiance
 from detect.bench import chips, effects, effects_words, measure, roc, roc_words, simulated, thesis, thesis_measure
 from detect.bench.section import Effort, Number, over_seeds
 
-pytestmark = pytest.mark.figures
-
 USUAL = preset("thesis")
 AWAY = (40.0, 0.0)
 SMALL = 64

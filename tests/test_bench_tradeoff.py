@@ -14,8 +14,6 @@ from detect.bench.tradeoff_parts import MEDIANS, Parts, medians, samples
 from detect.report.scatter import scatter
 from detect.report.svg import Axis
 
-pytestmark = pytest.mark.figures
-
 points = st.dictionaries(
     st.text("abcdef", min_size=1, max_size=3),
     st.tuples(st.floats(0.1, 100), st.floats(0.1, 100)),

@@ -10,8 +10,6 @@ from deglint.errors import InputError
 from deglint.physics.imaging import observe, transform
 from deglint.physics.presets import preset
 
-pytestmark = pytest.mark.figures
-
 SCENES = Path(__file__).parents[2] / "shared" / "data" / "simulated"
 BANDS = (480.0, 660.0, 832.5)
 

@@ -18,8 +18,6 @@ from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate
 from deglint.simulate.objects import thesis_array
 
-pytestmark = pytest.mark.figures
-
 SIDE, BESIDE = 384, 104
 
 

@@ -12,8 +12,6 @@ from deglint.simulate import Setup, simulate
 
 from .test_protect import BANDS, NOISE, WATER
 
-pytestmark = pytest.mark.figures
-
 
 def flashes(lifetime, size=256, seed=3):
     """Sparkle that lights each pixel for a while, exponentially distributed [instants], as bright as it is."""

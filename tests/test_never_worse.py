@@ -19,8 +19,6 @@ from deglint.remove.request import harmful
 from deglint.remove.statistics import SamplePlan, gather, merge
 from deglint.simulate import Setup, simulate, thesis_array
 
-pytestmark = pytest.mark.figures
-
 WORSE = 1.01
 SIDE = 160
 

@@ -20,8 +20,6 @@ from deglint.pipeline.saved import load_chain, load_model
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate, thesis_array
 
-pytestmark = pytest.mark.figures
-
 SIDE = 320
 BESIDE = 56
 """From where glint ends: the cell that holds some of it, those about it, and what is interpolated beside them."""

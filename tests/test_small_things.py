@@ -6,8 +6,6 @@ import pytest
 from benchmarks.implants import COLOURS, SIZES, contrast, implant, simulated, survive
 from benchmarks.targets import deglinted
 
-pytestmark = pytest.mark.figures
-
 
 @pytest.fixture(scope="module", params=[5.0, 9.0])
 def sea(request, tmp_path_factory):

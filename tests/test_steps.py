@@ -14,8 +14,6 @@ from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate
 
-pytestmark = pytest.mark.figures
-
 
 @given(
     st.floats(1e-6, 1e3), st.floats(-3, 3), st.floats(0.3, 30), st.integers(0, 999),

@@ -73,7 +73,6 @@ def ring_of(r, c, rows, columns, inner, outer, border):
 
 @pytest.mark.shared
 @pytest.mark.skipif(not SCENES.is_dir(), reason="the labelled scenes do not lie beside the project")
-@pytest.mark.figures
 @pytest.mark.parametrize(
     ("name", "outer", "inner", "published"),
     [("abu-airport-2", 19, 15, "0.98207"), ("abu-urban-1", 11, 5, "0.99691"), ("abu-beach-1", 17, 13, "0.99936")],
