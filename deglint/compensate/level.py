@@ -24,7 +24,7 @@ import numpy.typing as npt
 from ..scene import Window
 from .codes import Codes, decoded, encoded, exceeding
 from .evidence import grown
-from .opening import openings, openings_of_pieces
+from .opening import opening_halo, openings, openings_of_pieces
 from .products import by_products, products
 from .psf import PSF
 from .state import LIMITS, Float32Array, Mask
@@ -36,8 +36,9 @@ LARGEST = 13
 """Largest element that is used unasked [pixel]."""
 PIECE = 32
 """Side of the squares in which outlines are looked for where they are wanted in some pixels only."""
-MOST_PIECES = 0.2
-"""Share of such squares from which on it takes less to look everywhere: each is worked on with its halo."""
+MOST_LOOKED_AT = 0.65
+"""Pixels that such squares look at, halos and all, as a share of all pixels, from which on it takes less to look
+everywhere."""
 BEYOND = 4.0
 """How many times as bright as glint, as a witness shows it, a thing is to be: optics blur it less in other bands."""
 SLACK = 2.0
@@ -244,7 +245,7 @@ def openings_of(
         told, (known, where) = kept, _without_glint(kept, size, grids, spectrum, within, shape[1:], witness)
     if where is not None:
         detail = detail if where.any() else 0
-        pieces = _pieces(where) if detail else None
+        pieces = _pieces(where, opening_halo(size, detail)) if detail else None
     levels = np.empty((shape[0], *(last - first for first, last in within)), np.int16) if known is None else known
     outlines = np.empty_like(levels) if detail else levels
     for codes, level, outline in zip(told, levels, outlines, strict=True):
@@ -282,12 +283,12 @@ def _without_glint(
     return np.ascontiguousarray(levels[:, *part]), grown(found, witness.reach)[part]
 
 
-def _pieces(where: Mask) -> npt.NDArray[np.int64] | None:
+def _pieces(where: Mask, halo: int) -> npt.NDArray[np.int64] | None:
     """First row and column of the squares of `PIECE` that hold a mask; None for where it takes less to look
     everywhere."""
     rows, columns = (np.arange(0, n, PIECE) for n in where.shape)
     some = np.logical_or.reduceat(np.logical_or.reduceat(where, rows, axis=0), columns, axis=1)
-    if some.mean() > MOST_PIECES or min(where.shape) < PIECE:
+    if some.mean() * (1 + 2 * halo / PIECE) ** 2 > MOST_LOOKED_AT or min(where.shape) < PIECE:
         return None
     corners = PIECE * np.argwhere(some)
     return np.minimum(corners, np.array(where.shape) - PIECE)
