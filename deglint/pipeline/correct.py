@@ -137,6 +137,7 @@ class Correction:
             counts = encode(
                 corrected, raw, bands=bands, scales=source.info.scales, offsets=source.info.offsets,
                 where=place, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED), least=least,
+                compiled=self.chain.runs,
             )  # fmt: skip
             tally.negative, tally.clipped = tally.negative + counts.negative, tally.clipped + counts.clipped
             if lost is not None:

@@ -25,6 +25,7 @@ from ..compensate.protect import put_back, things
 from ..compensate.psf import kernel_psf
 from ..compensate.replace import ReplaceLevel
 from ..compensate.shapes import Shapes
+from ..raster.encode import encode
 from ..remove import BandFit, GlintIndex, GlintModel
 from ..remove.model import apply_compiled
 
@@ -90,6 +91,7 @@ def warm_up() -> Iterator[None]:
     yield
     put_back(state.image, np.ones_like(sea), things(sea, np.ones_like(sea), told))
     yield
+    encode(state.image, np.ones(sea.shape, np.uint16), bands=every, scales=ones, offsets=ones, compiled=True)
     fits = (BandFit(0, "", 0, 1.0, None, 1.0, 1),)
     apply_compiled(state.image, GlintModel("multiband", (GlintIndex((1, 2), (0.5, 0.5), 1.0),), fits, ("",) * BANDS))
 

@@ -75,6 +75,7 @@ def encode(
     flags: npt.NDArray[np.uint8] | None = None,
     marks: tuple[int, int] = (0, 0),
     least: npt.NDArray[np.float64] | None = None,
+    compiled: bool = False,
 ) -> Counts:
     """Put corrected values into `raw`, in its type.
 
@@ -96,6 +97,8 @@ def encode(
         Gets `marks[0]` where a value is negative and `marks[1]` where one is clipped.
     least : (bands,) float64 ndarray, optional
         Least value of each band, where that is known: one that is not negative is not looked for.
+    compiled : bool
+        Use compiled code where there is some: three times as fast, for callers that have loaded numba anyway.
 
     Returns
     -------
@@ -106,6 +109,11 @@ def encode(
     Integers are rounded to nearest (ties to even) and saturate at the ends of their type.
     """
     counts = Counts(np.zeros(len(raw), np.int64), np.zeros(len(raw), np.int64))
+    if compiled and flags is None and raw.dtype.kind in "iu" and raw.dtype.itemsize <= 2:
+        for b in bands:
+            found = _put_compiled(physical[b], raw[b], where, scales[b], offsets[b], nodata)
+            counts.negative[b], counts.clipped[b] = found
+        return counts
     in_place = np.shares_memory(raw, physical)
     rows = max(1, _SLAB // max(raw.shape[2], 1))
     for top in range(0, raw.shape[1], rows):
@@ -127,6 +135,24 @@ def encode(
                 if flags is not None:
                     flags[part][outside] |= marks[1]
     return counts
+
+
+def _put_compiled(
+    values: FloatArray, raw: npt.NDArray[Any], where: Mask | None, scale: float, offset: float, nodata: float | None
+) -> tuple[int, int]:
+    """Store a band of small whole numbers; return how many were negative, and how many clipped."""
+    from ._encode_kernels import put
+
+    may = np.empty((0, 0), np.bool_) if where is None else np.ascontiguousarray(where)
+    avoided = float("nan") if nodata is None else float(nodata)
+    found = put(np.ascontiguousarray(values), may, float(scale), float(offset), *_range(raw.dtype), avoided,
+                _beside(avoided, raw.dtype), raw)  # fmt: skip
+    return int(found[0]), int(found[1])
+
+
+def _beside(nodata: float, dtype: np.dtype[Any]) -> float:
+    """The whole number next to the one that says "not valid"."""
+    return nodata + (1 if nodata < np.iinfo(dtype).max else -1)
 
 
 def _put(values: FloatArray, raw: npt.NDArray[Any], where: Mask | None, scale: float, offset: float) -> Mask | None:
@@ -194,7 +220,7 @@ def _off_nodata(
     if raw.dtype.kind == "f":
         raw[hit] = np.nextafter(raw.dtype.type(nodata), raw.dtype.type(np.inf))
         return clipped
-    raw[hit] = int(nodata) + (1 if nodata < np.iinfo(raw.dtype).max else -1)
+    raw[hit] = _beside(int(nodata), raw.dtype)
     return hit if clipped is None else clipped | hit
 
 
