@@ -298,6 +298,32 @@ def test_flags_say_what_was_done_to_each_pixel(sea, write, read, geojson, tmp_pa
     assert sorted(FLAGS) == [1, 2, 4, 8, 16, 32, 64, 128]
 
 
+@pytest.mark.parametrize("compensate", ["off", "identify-level:5, replace-level"])
+@pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (1e-4, -0.1), (3e-4, 0.7)])
+def test_full_numbers_are_counted_whatever_their_scale(sea, write, tmp_path, scale, offset, compensate):
+    raw = sea()
+    full, below = 65535, 65534
+    raw[0, 40, 40:47], raw[1, 7, 7], raw[2, 60, 50:53], raw[3, 40, 40:42] = full, below, full, full
+
+    def describe(dataset):
+        dataset.scales, dataset.offsets = [scale] * 4, [offset] * 4
+
+    recipe = Recipe(method="hedley", sample="0,50,100,30", mask="none", compensate=compensate)
+    result = remove_glint(write(tmp_path / "in.tif", raw, describe=describe), tmp_path / "out.tif", recipe)
+    assert result.sidecar["pixels"]["saturated_before"] == {"blue": 7, "green": 0, "red": 3, "nir": 2}
+
+
+@pytest.mark.parametrize("compensate", ["off", "identify-level:5, replace-level"])
+@pytest.mark.parametrize("full", [0.3, 0.7])  # as float32 a little more, and a little less
+def test_full_numbers_are_counted_as_they_are_rounded(sea, write, tmp_path, full, compensate):
+    raw = (sea() * 1e-5).clip(0, 0.25).astype(np.float32)
+    raw[0, 40, 40:47], raw[1, 7, 7] = full, np.nextafter(np.float32(full), np.float32(0))
+    source = write(tmp_path / "in.tif", raw, describe=lambda d: d.update_tags(FULL_SCALE=str(full)))
+    recipe = Recipe(method="hedley", sample="0,50,100,30", mask="none", compensate=compensate)
+    result = remove_glint(source, tmp_path / "out.tif", recipe)
+    assert result.sidecar["pixels"]["saturated_before"] == {"blue": 7, "green": 0, "red": 0, "nir": 0}
+
+
 def test_the_amount_of_scaled_integers_is_in_physical_units(sea, write, read, tmp_path):
     raw = sea()
     source = write(tmp_path / "in.tif", raw, describe=lambda d: setattr(d, "scales", [1e-4] * 4))

@@ -157,8 +157,8 @@ class Cells:
         shares = _largest(self.shares, around)
         if (shares[above[0] : below[-1] + 1, before[0] : after[-1] + 1] == 1).all():
             return None
-        lines = shares[above] + down[:, None] * (shares[below] - shares[above])
-        found: Share = lines[:, before] + right * (lines[:, after] - lines[:, before])
+        lines = np.ascontiguousarray(shares[:, before] + right * (shares[:, after] - shares[:, before]))
+        found: Share = lines[above] + down[:, None] * (lines[below] - lines[above])
         return found
 
 

@@ -61,7 +61,7 @@ def shown_in(presence: Presence | None, block: Any, tile: Tile, outer: Tile) -> 
     if share is None:
         return Shown(tile, skirted, cells)
     quiet = cells.share(*tile.window, presence.quiet) if presence.quiet else None
-    return Shown(tile, skirted, cells, share, quiet, block[place_in(skirted, outer)].copy())
+    return Shown(tile, skirted, cells, share, quiet, block[place_in(skirted, outer)])
 
 
 @dataclass(eq=False)

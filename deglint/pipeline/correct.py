@@ -220,7 +220,7 @@ class Correction:
         found = ends(raw) if valid is None and raw.dtype.kind == "f" else None
         clear = found is not None and all_clear(found)
         physical: Any = source.to_physical(raw, valid, clear=clear)
-        clear, found = (clear, found) if physical is raw else (False, None)
+        clear, found = (clear, found) if physical is raw else (False, self._ends(raw, valid))
         after = None
         if self.chain.runs:
             place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
@@ -253,6 +253,14 @@ class Correction:
             physical = physical.copy()
         where = None if tally.usable == tally.total else where
         return _Read(own, valid, physical, saturated, after, known, where, tally)
+
+    def _ends(self, raw: Any, valid: Any) -> npt.NDArray[np.float64] | None:
+        """The least and the largest physical value of each band, 0 counted in, of whole numbers that are all valid: by
+        the numbers' own, which takes a tenth of the time."""
+        if valid is not None or raw.dtype.kind not in "iu" or raw.dtype.itemsize > 2:
+            return None
+        found = raster_of(self.scene).to_physical(ends(raw).astype(raw.dtype)[:, None])
+        return np.sort(found[:, 0].astype(np.float64), axis=1)
 
     @staticmethod
     def _touched(replaced: Any, held: Any) -> Any:

@@ -58,9 +58,10 @@ def saturated_in(scene: Scene, physical: Any, wanted: bool, ends: npt.NDArray[np
     for i, band in enumerate(scene.bands):
         if band.saturation is None:
             continue
+        limit = float(physical.dtype.type(band.saturation))  # as a full number is rounded
         most = physical[i].max(initial=-np.inf) if ends is None else ends[i, 1]
-        if not most < band.saturation:  # or some is no number
-            full = physical[i] >= physical.dtype.type(band.saturation)
+        if not most < limit:  # or some is no number
+            full = physical[i] >= limit
             counts[i] = np.count_nonzero(full)
             if wanted and counts[i]:
                 places = full if places is None else places | full
