@@ -40,25 +40,26 @@ def mark(band, limits, level, hit):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def settled(row, limits, may, level, replaced):  # type: ignore[no-untyped-def]
-    """Add the offset to a row of the level, and put that in place of what exceeds it as glint does, or is full."""
+def settled(row, limits, may, level, replaced, out):  # type: ignore[no-untyped-def]
+    """Add the offset to a row of the level, which is put out in place of what exceeds it as glint does, or is full."""
     apart()
     for j in range(row.size):
         level[j], rise = raised(level[j], limits)
         hit = ((row[j] > level[j] + rise) | (row[j] >= limits[2])) & (level[j] - level[j] == ZERO) & may[j]
-        row[j] = level[j] if hit else row[j]
+        out[j] = level[j] if hit else row[j]
         replaced[j] = replaced[j] | hit
 
 
 @nb.njit(cache=True, nogil=True)
-def settle(image, limits, may, level, replaced):  # type: ignore[no-untyped-def]
-    """The same for a block of bands; limits as `deglint.compensate.state.State` has them, may has rows or is empty."""
-    always = np.ones(image.shape[2], np.bool_)
-    for b in range(len(image)):
+def settle(image, limits, may, level, replaced, out):  # type: ignore[no-untyped-def]
+    """The same for a Block of bands; limits as `deglint.compensate.state.State` has them, may has rows or is empty."""
+    bands, rows, columns = out.shape
+    always = np.ones(columns, np.bool_)
+    for b in range(bands):
         own = (limits[b, 0], limits[b, 1], limits[b, 2], limits[b, 3], limits[b, 4], limits[b, 5], limits[b, 6])
-        for i in range(image.shape[1]):
-            here = may[i] if may.size else always
-            settled(image[b, i], own, here, level[b, i], replaced[b, i])
+        for i in range(rows):
+            here, at = may[i] if may.size else always, image.band * b + image.row * i
+            settled(image.numbers[at : at + columns], own, here, level[b, i], replaced[b, i], out[b, i])
 
 
 @nb.njit(cache=True, nogil=True)

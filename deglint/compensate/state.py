@@ -150,6 +150,7 @@ class State:
     def settle(self) -> None:
         """Put the level where there is glint."""
         from ._level_kernels import settle
+        from .glance import block
 
         at_once = self.limits is not None and self.where is None and self._replaced is None
         if self.opened is not None and self.opened.fits and at_once:
@@ -162,10 +163,10 @@ class State:
             if self._hit is not None:
                 self.replace(self._hit, self.level)
             return
-        self.take()
         may = np.empty((0, 0), np.bool_) if self.where is None else self.where
-        settle(self.image, self.limits, may, self.level, self.replaced)
-        self.limits = None
+        clean = np.empty(self.image.shape, np.float32)
+        settle(block(self.image), self.limits, may, self.level, self.replaced, clean)
+        self.image, self.lent, self.limits = clean, False, None
 
     def replace(self, hit: Mask, values: Float32Array) -> None:
         """Put values where there is glint."""

@@ -262,11 +262,6 @@ class Correction:
         found = raster_of(self.scene).to_physical(ends(raw).astype(raw.dtype)[:, None])
         return np.sort(found[:, 0].astype(np.float64), axis=1)
 
-    @staticmethod
-    def _touched(replaced: Any, held: Any) -> Any:
-        """Pixels of a band that differ from the input, or may."""
-        return replaced if held is None else replaced | grown(held, REACH)
-
     def _work(
         self, tile: Tile, physical: Any, after: Compensated | None, where: Any, tally: Tally, flags: Any
     ) -> list[tuple[list[int], Any]]:
@@ -315,15 +310,15 @@ class Correction:
             flags[any_band] |= REPLACED
             if held is not None:
                 flags[held] |= PROTECTED
-            alone = calm if removed else ~any_band
-            if alone is not None:
-                flags[alone] &= np.uint8(0xFF ^ CORRECTED)
+            as_it_was = calm if removed else ~any_band
+            if as_it_was is not None:
+                flags[as_it_was] &= np.uint8(0xFF ^ CORRECTED)
         removed = [b for b in removed if b in changed]
         done: list[tuple[list[int], Any]] = [(removed, where)] if removed else []
-        done += [
-            ([b], place) for b in changed if b not in removed and (place := self._touched(replaced[b], held)).any()
-        ]
-        return done
+        alone = [b for b in changed if b not in removed]
+        beside = grown(held, REACH) if alone and held is not None and held.any() else None
+        touched = ((b, replaced[b] if beside is None else replaced[b] | beside) for b in alone)
+        return done + [([b], place) for b, place in touched if place.any()]
 
     @property
     def _halo(self) -> int:
