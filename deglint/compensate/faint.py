@@ -9,7 +9,7 @@ there nothing is given back. On bright things an opening sinks further, and take
 grows with the level as the threshold of the opening does (`deglint.compensate.identify`).
 
 Assumes that faint flashes are rare where the NIR shows none: half of these stays. Fails for the widest skirts of
-flashes that the optics blur over several pixels: half a spread or two of them stays. Costs 2 ns for each band of each
+flashes that the optics blur over several pixels: half a spread or two of them stays. Costs 1.4 ns for each band of each
 pixel of a tile that has parts without glint (`python -m benchmarks stages`)."""
 
 from __future__ import annotations
