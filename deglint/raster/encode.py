@@ -17,7 +17,7 @@ from .convert import is_valid, may_be_endless
 from .info import same_nodata
 
 Mask = npt.NDArray[np.bool_]
-_SLAB = 1 << 15
+_SLAB = 1 << 16
 """Pixels worked on at a time, so that they stay in the processor's cache."""
 
 

@@ -26,7 +26,7 @@ HALO = 0
 """Pixels around a tile that applying a model looks at."""
 
 FORMAT = 1
-_SLAB = 1 << 15
+_SLAB = 1 << 16
 """Pixels corrected at a time, so that what is computed stays in the processor's cache."""
 
 
