@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..raster.convert import ends
 from ..scene import Scene
+from .look import raster_of
 
 
 @dataclass
@@ -52,14 +54,24 @@ class Saturated:
     any_band: npt.NDArray[np.bool_] | None = None
 
 
-def saturated_in(scene: Scene, physical: Any, wanted: bool, ends: npt.NDArray[np.float64] | None = None) -> Saturated:
-    """Pixels of each band at or above its saturation; `ends` are those of a larger block, where they are known."""
+def largest_in(scene: Scene, raw: Any, valid: Any) -> npt.NDArray[Any] | None:
+    """The largest physical value of each band of small whole numbers that are all valid, 0 counted in, told by the
+    numbers themselves, which are less to read; None where they are not such, or no band has a saturation."""
+    small = raw.dtype.kind in "iu" and raw.dtype.itemsize <= 2
+    if valid is not None or not small or all(band.saturation is None for band in scene.bands):
+        return None
+    found = raster_of(scene).to_physical(ends(raw).astype(raw.dtype)[:, None])
+    return np.asarray(found[:, 0].max(axis=1))
+
+
+def saturated_in(scene: Scene, physical: Any, wanted: bool, largest: npt.NDArray[Any] | None = None) -> Saturated:
+    """Pixels of each band at or above its saturation; `largest` are those of a larger block, where they are known."""
     counts, places = np.zeros(len(scene.bands), np.int64), None
     for i, band in enumerate(scene.bands):
         if band.saturation is None:
             continue
         limit = float(physical.dtype.type(band.saturation))  # as a full number is rounded
-        most = physical[i].max(initial=-np.inf) if ends is None else ends[i, 1]
+        most = physical[i].max(initial=-np.inf) if largest is None else largest[i]
         if not most < limit:  # or some is no number
             full = physical[i] >= limit
             counts[i] = np.count_nonzero(full)

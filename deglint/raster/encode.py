@@ -98,7 +98,7 @@ def encode(
     least : (bands,) float64 ndarray, optional
         Least value of each band, where that is known: one that is not negative is not looked for.
     compiled : bool
-        Use compiled code where there is some: three times as fast, for callers that have loaded numba anyway.
+        Use compiled code where there is some; for callers that have loaded numba anyway.
 
     Returns
     -------
