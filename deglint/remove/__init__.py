@@ -18,15 +18,16 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from ..scene import Band, FloatArray
-from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction
-from .model import HALO, BandFit, GlintIndex, GlintModel, apply
+from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction, wiener
+from .model import BandFit, GlintIndex, GlintModel, apply
 from .regression import REGRESSIONS, glint_error
 from .request import FitRequest, Weighted, harmful, slope_weights, useless
 from .statistics import SamplePlan, SampleStatistics, combine, gather, levels_for, merge
+from .wiener import SampleTile
 
 __all__ = [
-    "HALO", "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "Weighted", "apply", "combine", "fit", "gather", "glint_error", "harmful", "levels_for",
+    "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
+    "SampleStatistics", "SampleTile", "Weighted", "apply", "combine", "fit", "gather", "glint_error", "harmful", "levels_for",
     "merge", "nir_request", "useless",
 ]  # fmt: skip
 
@@ -40,7 +41,8 @@ class Method:
     summary : str
         One line for `--help` and the documentation.
     fit : callable
-        (FitRequest, SampleStatistics or None) -> GlintModel
+        (FitRequest, SampleStatistics or None) -> GlintModel; for methods that look at neighbours,
+        (FitRequest, sequence of SampleTile) -> GlintModel
     plan : callable or None
         FitRequest -> SamplePlan; None where the method needs no sample.
     regresses : bool
@@ -49,6 +51,8 @@ class Method:
         (FitRequest, SampleStatistics) -> what each band is fitted with: its place among the plan's bands, places of the
         references among the variables, their weights, R2. None where nothing is fitted by least squares, so that no
         standard error is known.
+    neighbours : bool
+        True where the method looks at the neighbours of a pixel, and so is fitted to tiles.
     """
 
     summary: str
@@ -56,9 +60,11 @@ class Method:
     plan: Callable[[FitRequest], SamplePlan] | None = None
     regresses: bool = False
     weights: Callable[[FitRequest, SampleStatistics], Iterator[Weighted]] | None = None
+    neighbours: bool = False
 
 
 METHODS: dict[str, Method] = {
+    "wiener": Method("kernels on the NIR and SWIR around each pixel, one level", wiener.fit, neighbours=True),
     "hedley": Method(
         "slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, hedley.plan, True, slope_weights
     ),
@@ -131,12 +137,14 @@ def fit(
     known = tuple(bands) if bands else tuple(Band(f"band {i + 1}") for i in range(len(block)))
     request = nir_request(known, [nir] if isinstance(nir, int) else list(nir), **options)
     chosen = METHODS[method]
-    if chosen.plan is None:
-        return chosen.fit(request, None)
-    plan = chosen.plan(request)
     mask = np.ones(block.shape[1:], np.bool_) if sample is None else np.asarray(sample, np.bool_)
     if mask.shape != block.shape[1:]:
         raise InputError(f"sample has shape {mask.shape}, but the block has {block.shape[1:]} pixels.")
+    if chosen.neighbours:
+        return chosen.fit(request, [SampleTile(block, mask)])
+    if chosen.plan is None:
+        return chosen.fit(request, None)
+    plan = chosen.plan(request)
     return chosen.fit(request, merge([gather(block[list(plan.read_bands)], mask, plan)], plan))
 
 

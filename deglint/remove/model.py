@@ -5,13 +5,15 @@ from every other band a multiple of how far g stands above the level it has with
 
     L'_i = L_i - b_i (g - g0)
 
-They differ only in the index, in the slopes b_i and in the level g0. So one frozen model, one kernel and one set of
-tests serve all of them. Applying a model is local (halo 0): any tiling gives the same bits.
+They differ only in the index, in the slopes b_i and in the level g0. So one frozen model and one set of tests serve all
+of them. Most look at the pixel alone; an index with offsets is a kernel over its neighbours, and then a tile needs
+`GlintModel.halo` more pixels around it. Any tiling gives the same bits.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -21,9 +23,7 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from ..scene import FloatArray
-
-HALO = 0
-"""Pixels around a tile that applying a model looks at."""
+from .reference import ReferenceRule
 
 FORMAT = 1
 _SLAB = 1 << 16
@@ -42,11 +42,19 @@ class GlintIndex:
         One a band.
     level : float
         g0, in the unit of the index.
+    offsets : tuple of (int, int)
+        Row and column at which each band is taken, from the pixel [pixel]; empty where all are taken at the pixel.
     """
 
     bands: tuple[int, ...]
     weights: tuple[float, ...]
     level: float = 0.0
+    offsets: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def reach(self) -> int:
+        """Pixels around a pixel that the index looks at."""
+        return max((max(abs(row), abs(column)) for row, column in self.offsets), default=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +104,11 @@ class GlintModel:
         How the slopes were estimated.
     warnings : tuple of str
         What the user should know about the fit.
+    references : tuple of ReferenceRule
+        Bands that are cleaned of ships, surf and land before they are followed; none for methods of one pixel.
+    level_interval : (float, float, float), optional
+        Of a level that all bands share: the least that leaves every band positive, that which was chosen, and the
+        median of the sample [unit of the index].
     """
 
     method: str
@@ -104,6 +117,13 @@ class GlintModel:
     band_names: tuple[str, ...]
     regression: str | None = None
     warnings: tuple[str, ...] = ()
+    references: tuple[ReferenceRule, ...] = ()
+    level_interval: tuple[float, float, float] | None = None
+
+    @property
+    def halo(self) -> int:
+        """Pixels around a tile that applying the model looks at."""
+        return max((r.halo for r in self.references), default=0) + max((i.reach for i in self.indexes), default=0)
 
     def __str__(self) -> str:
         lines = [f"{self.method}" + (f" ({self.regression} slopes)" if self.regression else "")]
@@ -118,6 +138,9 @@ class GlintModel:
         return "\n".join(lines + [f"  warning: {w}" for w in self.warnings])
 
     def _index_name(self, index: GlintIndex) -> str:
+        if index.offsets:
+            sides = {b: math.isqrt(index.bands.count(b)) for b in dict.fromkeys(index.bands)}
+            return " and ".join(f"{self.band_names[b]} ({n} x {n} pixels)" for b, n in sides.items())
         names = [self.band_names[b] for b in index.bands]
         if len(set(index.weights)) == 1 and abs(sum(index.weights) - 1) < 1e-12:
             return names[0] if len(names) == 1 else f"mean of {', '.join(names)}"
@@ -149,6 +172,8 @@ class GlintModel:
                 band_names=tuple(map(str, data["band_names"])),
                 regression=data["regression"],
                 warnings=tuple(data["warnings"]),
+                references=tuple(ReferenceRule(**r) for r in data.get("references", ())),
+                level_interval=tuple(data["level_interval"]) if data.get("level_interval") else None,
             )
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             if isinstance(error, InputError):
@@ -173,6 +198,7 @@ class GlintModel:
         return replace(
             self,
             indexes=tuple(replace(i, bands=tuple(to[b] for b in i.bands)) for i in self.indexes),
+            references=tuple(replace(r, band=to[r.band]) for r in self.references),
             fits=tuple(replace(f, band=to[f.band]) for f in self.fits),
             band_names=names,
         )
@@ -189,7 +215,11 @@ class GlintModel:
 
 
 def _index_from(data: Mapping[str, Any]) -> GlintIndex:
-    return GlintIndex(tuple(map(int, data["bands"])), tuple(map(float, data["weights"])), float(data["level"]))
+    bands, weights = tuple(map(int, data["bands"])), tuple(map(float, data["weights"]))
+    offsets = tuple((int(row), int(column)) for row, column in data.get("offsets", ()))
+    if offsets and len(offsets) != len(bands):
+        raise ValueError("an index whose offsets are not those of its bands")
+    return GlintIndex(bands, weights, float(data["level"]), offsets)
 
 
 def _fit_from(data: Mapping[str, Any]) -> BandFit:
@@ -217,7 +247,8 @@ def apply(
         NaN where not valid. Not modified.
     model : GlintModel
     where : (row, column) bool ndarray, optional
-        True where pixels are corrected; others are copied bit for bit.
+        True where pixels are corrected; others are copied bit for bit. For a model with references also where these
+        show water.
     out : ndarray like block, optional
         Where to put the result; may be `block` itself.
 
@@ -248,6 +279,10 @@ def apply(
         raise InputError(f"where has shape {where.shape}, but the block has {block.shape[1:]} pixels.")
     if out is None:
         out = np.empty_like(block)
+    if model.halo:
+        from .predict import subtract
+
+        return subtract(block, model, where, out)
     rows = max(1, _SLAB // max(block.shape[2], 1))
     for top in range(0, block.shape[1], rows):
         part = slice(top, top + rows)
@@ -279,7 +314,7 @@ def apply_compiled(block: npt.NDArray[np.float32], model: GlintModel) -> None:
 
 def removed(block: FloatArray, model: GlintModel) -> FloatArray:
     """What `apply` makes of all of a block, which is overwritten where that is faster."""
-    if block.dtype != np.float32 or not block.flags.c_contiguous:
+    if model.halo or block.dtype != np.float32 or not block.flags.c_contiguous:
         return apply(block, model)
     apply_compiled(block, model)
     return block

@@ -1,0 +1,129 @@
+"""Least squares of bands on the neighbourhoods of references: sums by squares of the image, which add up in any order.
+
+The variables are every reference at every offset of a square of `SIDE` pixels, then the bands. One Gram matrix is kept
+for each square of `CELL` pixels of the sample, so that some can be left out in turn. Arrays only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..scene import FloatArray
+from .detrend import detrend
+from .reference import CELL, LEAST_WATER
+
+Float64 = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+SIDE = 5
+"""Side of the largest kernel [pixel]; kernels of 7 pixels were no better on any scene."""
+REACH = SIDE // 2
+RIDGE = 1e-6
+"""Added to the diagonal, in units of its mean, against singular sums; results do not change from 1e-6 to 1e-2."""
+
+
+def offsets(side: int) -> tuple[tuple[int, int], ...]:
+    """(row, column) of every pixel of a centred square.
+
+    >>> offsets(1)
+    ((0, 0),)
+    """
+    half = side // 2
+    return tuple((row, column) for row in range(-half, half + 1) for column in range(-half, half + 1))
+
+
+@dataclass(frozen=True, eq=False)
+class LagGrams:
+    """Gram matrices of [references at every offset | bands], one for each square of the sample.
+
+    Attributes
+    ----------
+    grams : (square, variable, variable) ndarray of float64
+        About the mean of the square.
+    pixels : (square,) ndarray of int
+    references : int
+        How many references there are.
+    """
+
+    grams: Float64
+    pixels: npt.NDArray[np.int64]
+    references: int
+
+    def columns(self, reference: int, side: int) -> list[int]:
+        """Variables of one reference that a kernel of this side uses."""
+        inside = set(offsets(side))
+        return [reference * SIDE**2 + i for i, offset in enumerate(offsets(SIDE)) if offset in inside]
+
+    def band(self, place: int) -> int:
+        """Variable of a band, counted from 0."""
+        return self.references * SIDE**2 + place
+
+    def centre(self, reference: int) -> int:
+        """Variable of a reference at its own pixel."""
+        return reference * SIDE**2 + SIDE**2 // 2
+
+
+def gather(references: Sequence[FloatArray], bands: Sequence[FloatArray], sample: Mask, *, size: int) -> LagGrams:
+    """Sums of one tile.
+
+    Parameters
+    ----------
+    references, bands : sequences of (row, column) ndarray
+    sample : (row, column) ndarray of bool
+        Pixels to learn from, all of them finite.
+    size : int
+        A local mean over squares of this side is subtracted from everything before; 0 for none [pixel].
+    """
+    import cv2
+
+    stack = np.stack([*references, *bands])
+    values = detrend(stack, sample, size) if size else stack.astype(np.float64)
+    values[:, ~sample] = 0.0
+    padded = np.pad(values[: len(references)], ((0, 0), (REACH, REACH), (REACH, REACH)))
+    square = np.ones((SIDE, SIDE), np.uint8)
+    inner = cv2.erode(sample.view(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0).view(np.bool_)
+    grams, pixels = [], []
+    for top in range(0, sample.shape[0], CELL):
+        for left in range(0, sample.shape[1], CELL):
+            mask = inner[top : top + CELL, left : left + CELL]
+            if mask.sum() < LEAST_WATER * CELL**2:
+                continue
+            height, width = mask.shape
+            shifted = [
+                plane[top + REACH + row :, left + REACH + column :][:height, :width][mask]
+                for plane in padded
+                for row, column in offsets(SIDE)
+            ]
+            own = [plane[top : top + height, left : left + width][mask] for plane in values[len(references) :]]
+            variables = np.stack([*shifted, *own])
+            variables -= variables.mean(axis=1, keepdims=True)
+            grams.append(variables @ variables.T)
+            pixels.append(variables.shape[1])
+    count = len(references) * SIDE**2 + len(bands)
+    return LagGrams(np.array(grams).reshape(-1, count, count), np.array(pixels, np.int64), len(references))
+
+
+def merge(parts: Sequence[LagGrams]) -> LagGrams:
+    """The sums of several tiles, in their order."""
+    return LagGrams(
+        np.concatenate([p.grams for p in parts]), np.concatenate([p.pixels for p in parts]), parts[0].references
+    )
+
+
+def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float64:
+    """Coefficients (input, output) of least squares."""
+    power, cross = gram[np.ix_(inputs, inputs)], gram[np.ix_(inputs, outputs)]
+    if len(inputs) == 1:
+        return np.asarray(cross / power) if power[0, 0] > 0 else np.zeros_like(cross)
+    ridge = RIDGE * np.trace(power) / len(power) or 1.0
+    return np.linalg.solve(power + ridge * np.eye(len(power)), cross)
+
+
+def unexplained(gram: Float64, inputs: Sequence[int], outputs: Sequence[int], coefficients: Float64) -> Float64:
+    """Sum of squares of each output that the coefficients leave."""
+    rest = gram[outputs, outputs] - 2 * (coefficients * gram[np.ix_(inputs, outputs)]).sum(axis=0)
+    return np.asarray(rest + (coefficients * (gram[np.ix_(inputs, inputs)] @ coefficients)).sum(axis=0))

@@ -1,0 +1,95 @@
+"""Apply kernels: the glint that a neighbourhood of the references predicts in a band.
+
+Local, and the same bits for any tiling: OpenCV's filters handle the last columns of an image by other instructions, so
+columns are added that are cut off again. Arrays only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from ..scene import FloatArray
+from .model import GlintIndex, GlintModel
+from .reference import clean
+
+Mask = npt.NDArray[np.bool_]
+
+SPARE = 16
+"""Columns that are added: at least as many as OpenCV's filters handle at a time."""
+
+
+def predicted(references: Mapping[int, FloatArray], index: GlintIndex) -> FloatArray:
+    """Weighted sum of the references at the offsets of an index, (row, column); the image is mirrored at its edges.
+
+    Parameters
+    ----------
+    references : mapping of int to (row, column) ndarray
+        By 0-based band, of float32 or float64, finite.
+    index : GlintIndex
+    """
+    import cv2
+
+    total: FloatArray | None = None
+    for band in dict.fromkeys(index.bands):
+        terms = [(o, w) for b, o, w in zip(index.bands, index.offsets, index.weights, strict=True) if b == band]
+        reach = max(max(abs(row), abs(column)) for (row, column), _ in terms)
+        kernel = np.zeros((2 * reach + 1, 2 * reach + 1))
+        for (row, column), weight in terms:
+            kernel[row + reach, column + reach] = weight
+        values = references[band]
+        wide = cv2.copyMakeBorder(values, reach, reach, reach, reach + SPARE, cv2.BORDER_REFLECT_101)
+        kernel = kernel.astype(values.dtype)
+        found = cv2.filter2D(wide, -1, kernel, borderType=cv2.BORDER_CONSTANT)
+        found = found[reach : reach + values.shape[0], reach : reach + values.shape[1]]
+        total = found if total is None else total + found
+    assert total is not None
+    return total
+
+
+def glint(block: FloatArray, model: GlintModel, water: Mask) -> tuple[dict[int, FloatArray], Mask | None]:
+    """Glint in each band that a model of kernels corrects.
+
+    Parameters
+    ----------
+    block : (band, row, column) ndarray
+        Physical values, NaN where not valid; a tile needs `model.halo` more pixels on every side.
+    model : GlintModel
+        With references.
+    water : (row, column) ndarray of bool
+        Where the references show water; NaN and what is not water is replaced by the water around.
+
+    Returns
+    -------
+    glint : dict of int to (row, column) ndarray
+        By 0-based band; never negative, and meaningful only over water.
+    exceeds : (row, column) ndarray of bool, or None
+        Water where a reference exceeds its surroundings by more than glint does, so that the glint around is taken.
+    """
+    references, exceeds = {}, None
+    for rule in model.references:
+        references[rule.band], over = clean(block[rule.band], water, rule)
+        if over is not None:
+            exceeds = over if exceeds is None else exceeds | over
+    out = {}
+    for fit in model.fits:
+        index = model.indexes[fit.index]
+        above = predicted(references, index)
+        above -= above.dtype.type(index.level)
+        np.maximum(above, 0, out=above)
+        above *= above.dtype.type(fit.slope)
+        out[fit.band] = above
+    return out, exceeds
+
+
+def subtract(block: FloatArray, model: GlintModel, where: Mask | None, out: FloatArray) -> FloatArray:
+    """`apply` for a model of kernels: the whole block at once."""
+    water = np.ones(block.shape[1:], np.bool_) if where is None else where
+    found, _ = glint(block, model, water)
+    if out is not block:
+        np.copyto(out, block)
+    for band, amount in found.items():
+        np.subtract(block[band], amount, out=out[band], where=water)
+    return out

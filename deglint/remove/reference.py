@@ -1,0 +1,161 @@
+"""The NIR (or SWIR) that a band follows, with ships, surf and land replaced by the water around them.
+
+A ship is as bright in the NIR as glint, and a band that followed it would lose the ship. Glint is found all over the
+sea with much the same strength. So a pixel that exceeds the mean of the water around it by more than glint does
+anywhere else is not glint, and takes that mean. So do land, nodata, and the mixed pixels along their edge.
+
+Local means are sums of integers, exact in any order: a tile gives the same bits as the whole scene. Arrays only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..scene import FloatArray
+
+Mask = npt.NDArray[np.bool_]
+
+SIZE = 15
+"""Side of the square that local means are taken over [pixel]: several waves, and less than a plume."""
+CELL = 64
+"""Side of the squares that the strength of glint is measured in [pixel]: those with ships are few among them."""
+LEAST_WATER = 0.15
+"""Share of such a square that must be open water for its largest excess to be that of glint."""
+QUARTILE, FACTOR = 25, 2.5
+"""Glint exceeds the water around it by at most so many times the largest excess in the calmest quarter of the squares.
+Ships spoil the busiest squares of a port. A long tail of sparkle is in every square: the largest of a scene is 1.4 to
+2.2 times that of the calmest quarter, for winds of 5 to 12 m/s and pixels of 1 to 10 m."""
+LEAST_PIXELS = 8
+"""Pixels of water that a local mean needs, to say that something exceeds it [pixel]."""
+GRAINS = 65535
+"""Integers that the values of water are counted in, for exact sums; 225 of them stay below 2^31."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceRule:
+    """What exceeds the water around it by more than glint does: plain numbers.
+
+    Attributes
+    ----------
+    band : int
+        0-based band that serves as reference.
+    limit : float
+        Largest excess of glint above the mean of the water around it [unit of the band].
+    least : float
+        No value below this exceeds its surroundings, whatever they are [unit of the band].
+    low, step : float
+        Values are counted in integers (value - low) / step for local means [unit of the band].
+    edge : int
+        Width of the mixed pixels around anything that is not open water [pixel].
+    """
+
+    band: int
+    limit: float
+    least: float
+    low: float
+    step: float
+    edge: int = 1
+
+    @property
+    def halo(self) -> int:
+        """Pixels that `clean` needs around a tile: three local means, and three edges."""
+        return 3 * (SIZE // 2) + 3 * self.edge
+
+
+def fit_reference(looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: int = 1) -> ReferenceRule:
+    """Measure on open water how far glint exceeds its surroundings.
+
+    Parameters
+    ----------
+    looks : iterable of (reference, sample)
+        Each (row, column): values of the band, and True on open water away from shores.
+    band : int
+        0-based band of the reference.
+    edge : int
+        Width of mixed pixels [pixel]; 2 for a band of half the resolution.
+
+    Returns
+    -------
+    ReferenceRule
+    """
+    looks = [(values, sample & np.isfinite(values)) for values, sample in looks]
+    found = [values[sample] for values, sample in looks if sample.any()]
+    low = min((float(v.min()) for v in found), default=0.0)
+    high = max((float(v.max()) for v in found), default=0.0)
+    rule = ReferenceRule(band, np.inf, np.inf, low, (high - low) / GRAINS or 1.0, edge)
+    tops, means = [], []
+    for values, sample in looks:
+        mean, count = _local_mean(values, sample, rule)
+        excess = np.where(sample & (count >= LEAST_PIXELS), values - mean, -np.inf)
+        means.append(float(mean[sample].min(initial=np.inf)))
+        for row in range(0, sample.shape[0], CELL):
+            for column in range(0, sample.shape[1], CELL):
+                cell = slice(row, row + CELL), slice(column, column + CELL)
+                if sample[cell].mean() >= LEAST_WATER:
+                    tops.append(float(excess[cell].max()))
+    if not tops:
+        return rule
+    limit = FACTOR * float(np.percentile(tops, QUARTILE))
+    return ReferenceRule(band, limit, min(means) + limit, low, rule.step, edge)
+
+
+def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
+    """A reference whose every value is that of open water under glint.
+
+    Parameters
+    ----------
+    values : (row, column) ndarray
+        The band of the reference; a tile needs `rule.halo` more pixels on every side. Not modified.
+    water : (row, column) ndarray of bool
+        Water, ships on it included or not.
+    rule : ReferenceRule
+
+    Returns
+    -------
+    values : (row, column) ndarray
+        Those given, with the mean of the water around where there is no open water; 0 where no water is around.
+    exceeds : (row, column) ndarray of bool, or None
+        Water where the band exceeds its surroundings by more than glint does; None where there is none.
+    """
+    water = water & np.isfinite(values)
+    bright = bool((values > rule.least)[water].any())
+    if not bright and water.all():
+        return values, None
+    kept = inner = water & ~_grown(~water, rule.edge)
+    over = None
+    for _ in range(2 if bright else 0):  # again without what exceeded, so that a ship does not raise its own sea
+        mean, count = _local_mean(values, kept, rule)
+        over = inner & (count >= LEAST_PIXELS) & (values > mean + rule.limit)
+        over = _grown(over, rule.edge) & inner
+        kept = inner & ~over
+    out = np.zeros_like(values)
+    for mask in (water, kept):  # narrow water is all edge, and has its own mean
+        mean, count = _local_mean(values, mask, rule)
+        np.copyto(out, mean, where=count > 0, casting="same_kind")
+    np.copyto(out, values, where=kept)
+    return out, over
+
+
+def _local_mean(values: FloatArray, kept: Mask, rule: ReferenceRule) -> tuple[FloatArray, npt.NDArray[np.int32]]:
+    """Mean over the kept pixels in the square around each pixel (`rule.low` for none), and their number."""
+    import cv2
+
+    grains = np.zeros(values.shape, np.uint16)
+    counted = np.clip((values - rule.low) / rule.step, 0, GRAINS)
+    np.copyto(grains, np.rint(counted, out=counted), where=kept, casting="unsafe")
+    options = {"ksize": (SIZE, SIZE), "normalize": False, "borderType": cv2.BORDER_CONSTANT}
+    total = cv2.boxFilter(grains, cv2.CV_32S, **options)
+    count = cv2.boxFilter(kept.view(np.uint8), cv2.CV_32S, **options)
+    mean = total / np.maximum(count, 1) * rule.step + rule.low
+    return mean, np.asarray(count)
+
+
+def _grown(mask: Mask, edge: int) -> Mask:
+    import cv2
+
+    square = np.ones((2 * edge + 1, 2 * edge + 1), np.uint8)
+    return np.asarray(cv2.dilate(mask.view(np.uint8), square)).view(np.bool_)
