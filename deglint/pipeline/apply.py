@@ -121,6 +121,11 @@ class Result:
     sidecar: dict[str, Any]
     warnings: tuple[str, ...]
 
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Names of the bands whose pixels differ from the input's; the others are copied."""
+        return tuple(self.sidecar["pixels"]["changed"])
+
 
 def remove_glint(
     source: str | Path | Sequence[str | Path],
