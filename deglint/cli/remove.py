@@ -9,7 +9,7 @@ import click
 
 from ..pipeline.checksum import begin_checksum
 from .options import METHOD_NAMES, REGRESSION_NAMES, Talk, cluster_of, common, creation_options, names, on_cluster
-from .running import Progress, collecting_later, keep_memory
+from .running import Progress
 
 if TYPE_CHECKING:
     from ..pipeline import Result
@@ -149,12 +149,10 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         raise click.UsageError(
             "--model applies a fit that is there: leave out --method, --sample, --regression and --tolerance."
         )
-    keep_memory()
     begin_checksum(inputs)
     talk = Talk(quiet=given["quiet"])
     try:
-        with collecting_later(talk.progress) as progress:
-            result = _removed(inputs, output, given, talk, progress)
+        result = _removed(inputs, output, given, talk, talk.progress)
     finally:
         talk.clear()
     for note in result.sidecar["notes"]:

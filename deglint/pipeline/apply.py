@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -217,7 +215,6 @@ def _run(
         run = tiling.run if cluster is None else cluster.run
         want = targets.sample is not None
         fitted = fit_scene(scene, recipe, threads=threads, want_sample=want, progress=progress, run=run)
-        _give_back()
     else:
         fitted = given_model(scene, recipe, model, threads, chain)
     if targets.sample and fitted.sample is None:
@@ -247,12 +244,6 @@ def _run(
             said["batch"] = {"request": targets.request, "inputs": checksum.fingerprints(), "outputs": made}
         write_json(scratch, targets.sidecar, said)
     return Result(fitted, tally, said, tuple(said["warnings"]))
-
-
-def _give_back() -> None:
-    """Give the memory that the fit has freed back to the system, where the allocator (glibc's) keeps it."""
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _write_tiles(
