@@ -32,6 +32,7 @@ from ..readers.roles import find_band
 from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
+from ..timing import Reporter
 from .blocks import one_thread_each
 from .checksum import checksum_of, fingerprint
 from .cluster import Cluster, writing_images
@@ -40,6 +41,7 @@ from .compensation import element_of
 from .correct import Correction
 from .fit import Fitted, Progress, fit_scene
 from .following import for_scene, without_moves
+from .log import log_model, log_result, log_scene, log_water
 from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .saved import saved
@@ -196,8 +198,9 @@ def remove_glint(
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
             return _run(
-                scene, recipe or Recipe(), targets, model, chain, threads or tiling.default_threads(), progress, cluster
-            )
+                scene, recipe or Recipe(), targets, model, chain, threads or tiling.default_threads(),
+                progress or Reporter(), cluster,
+            )  # fmt: skip
 
 
 def _run(
@@ -243,6 +246,7 @@ def _run(
             made = {p.name: fingerprint(scratch.file(p)) for p in targets.every() if p != targets.sidecar}
             said["batch"] = {"request": targets.request, "inputs": checksum.fingerprints(), "outputs": made}
         write_json(scratch, targets.sidecar, said)
+    log_result(scene, fitted.model, targets.image, tally, said)
     return Result(fitted, tally, said, tuple(said["warnings"]))
 
 
@@ -366,6 +370,7 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     NoWaterError
         The scene holds no water.
     """
+    log_scene(scene)
     model, chain = for_scene(scene, model, chain or Chain())
     if recipe.compensate == "off":
         model, chain = without_moves(scene, model, chain), Chain()
@@ -379,6 +384,8 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
             if not rule.has_water:
                 raise NoWaterError(rule.reason)
             notes.append(rule.reason)
+    log_water(rule, recipe.mask)
+    log_model(model, notes[:1])
     resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
     numbers = {"water": rule.numbers() if rule else None, "sample": None, "needs": None}
     numbers["compensation"] = chain.numbers()
