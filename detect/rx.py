@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from deglint.checks import checked_keywords
 from deglint.errors import FitError, InputError
 
 from .background import (
@@ -246,6 +247,7 @@ def _by_kernel(flat: npt.NDArray[Any], first: int, detector: Detector, matrix: F
     squared_lengths(flat, first, detector.mean, detector.rest, filled, linear, out)
 
 
+@checked_keywords()
 def rx(
     image: npt.NDArray[Any],
     background: Background | Mask | None = None,

@@ -11,6 +11,7 @@ import pytest
 
 import deglint
 import detect
+from deglint import Recipe
 
 ROOT = Path(__file__).parents[1]
 
@@ -66,3 +67,60 @@ def test_rx_is_called_with_an_array(sea):
     mask[40:] = False
     assert np.isnan(detect.rx(image, mask=mask, nodata=-999)).sum() == mask.size - mask.sum() + 2
     assert detect.rx is importlib.import_module("detect.rx")  # and the module has the rest
+
+
+@pytest.mark.parametrize(
+    ("field", "given", "kept"),
+    [("nir", "NIR1,NIR2", ("NIR1", "NIR2")), ("nir", 8, ("8",)), ("bands", [1, "B3"], ("1", "B3")),
+     ("sample", Path("deep.geojson"), "deep.geojson"), ("mask", (10, 20, 30, 40), "10,20,30,40")],
+)  # fmt: skip
+def test_a_recipe_takes_what_is_plain(field, given, kept):
+    assert getattr(Recipe(**{field: given}), field) == kept
+
+
+ARRAY = np.ones((4, 20, 20), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda _: Recipe(metod="hedley"), "Recipe: there is no argument 'metod'; did you mean 'method'?"),
+        (lambda _: Recipe(method="hedly"), "kutser, nir-subtraction; did you mean 'hedley'?"),
+        (lambda _: Recipe(nir=ARRAY), "names or numbers (from 1) of bands, got an array of shape (4, 20, 20)"),
+        (lambda _: Recipe(nir=True), "names or numbers (from 1) of bands, got True"),
+        (lambda _: Recipe(mask=ARRAY), "Write an array as a raster"),
+        (lambda _: Recipe(floor_percentile="5"), "want a number from 0 to 100, got '5'"),
+        (lambda _: Recipe(compensate=None), "want a text, got None. Give 'auto'"),
+        (lambda s: deglint.fit_scene(s, Recipe(nir="NIR1")), "no band 'NIR1' in"),
+        (lambda s: deglint.fit_scene(s, Recipe(nir=8)), "numbers 1-4: 1 blue (485 nm)"),
+        (lambda s: deglint.fit_scene(s.path), "Open it with deglint.open_scene"),
+        (lambda s: deglint.fit_scene(s, "hedley"), "Make one: deglint.Recipe(method='hedley')"),
+        (lambda s: deglint.examine(s.path), "Open it with deglint.open_scene"),
+        (lambda s: deglint.find_nir(s.path), "Open it with deglint.open_scene"),
+        (lambda s: deglint.correct(s, Recipe()), "fitted: want a Fitted, got a Recipe. Make it with"),
+        (lambda s: deglint.open_scene(s.path, senosr="x"), "did you mean 'sensor'?"),
+        (lambda s: deglint.open_scene(ARRAY), "Arrays go to deglint.fit and deglint.apply"),
+        (lambda s: deglint.open_scene(s.path, nodata="x"), "want a number from -inf to inf, got 'x'"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", flag="f.tif"), "did you mean 'flags'?"),
+        (lambda s: deglint.remove_glint(s.path, ARRAY), "image: want a file name, got an array"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", threads=0), "threads: want a number from 1 to 1024, got 0"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", dtype="unit16"), "did you mean 'uint16'?"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", model="m.json"), "deglint.pipeline.load_model"),
+        (lambda _: deglint.fit("hedley", ARRAY, nir="NIR"), "want 0-based numbers of bands of the array, got 'NIR'"),
+        (lambda _: deglint.fit("hedley", ARRAY, nir=4), "not among the 4 bands (counted from 0)"),
+        (lambda _: deglint.fit("hedley", ARRAY, nir=1, regresion="ols"), "did you mean 'regression'?"),
+        (lambda s: deglint.apply(s.path, None), "block: want a ndarray, got"),
+        (lambda _: deglint.apply(ARRAY, "m.json"), "model: want a GlintModel, got 'm.json'"),
+        (lambda _: detect.rx(ARRAY, maks=None), "rx: there is no argument 'maks'; did you mean 'mask'?"),
+        (lambda _: detect.Recipe(metod="rx"), "did you mean 'method'?"),
+        (lambda s: detect.score_file(s.path, "x.tif", obects="o"), "did you mean 'objects'?"),
+    ],
+)  # fmt: skip
+def test_a_wrong_value_is_named_in_one_line(call, said, sea, write, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = deglint.open_scene(write(tmp_path / "in.tif", sea()))
+    with pytest.raises((deglint.DeglintError, TypeError)) as raised:
+        call(scene)
+    assert said in str(raised.value)
+    assert "\n" not in str(raised.value)
+    assert not (tmp_path / "x.tif").exists()

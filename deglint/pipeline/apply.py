@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .. import tiles as tiling
+from ..checks import as_path, check_choice, check_kind, check_number, checked_keywords, described
 from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
@@ -89,8 +90,8 @@ class Outputs:
     request: str | None = None
 
     def __post_init__(self) -> None:
-        if self.dtype is not None and self.dtype not in DTYPES:
-            raise InputError(f"dtype {self.dtype!r} is not one of {', '.join(DTYPES)}.")
+        if self.dtype is not None:
+            check_choice(self.dtype, list(DTYPES), "dtype")
 
     @property
     def sidecar(self) -> Path:
@@ -127,6 +128,8 @@ class Result:
         return tuple(self.sidecar["pixels"]["changed"])
 
 
+@checked_keywords("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options",
+                  "request")  # fmt: skip
 def remove_glint(
     source: str | Path | Sequence[str | Path],
     image: str | Path,
@@ -185,10 +188,13 @@ def remove_glint(
 
     if "model_file" in outputs:
         outputs["model"] = outputs.pop("model_file")
-    paths: dict[str, Any] = {k: Path(v) if _is_path(k, v) else v for k, v in outputs.items()}
-    targets = Outputs(Path(image), **paths)
-    if threads is not None and threads < 1:
-        raise InputError(f"threads: want at least 1, got {threads}.")
+    paths: dict[str, Any] = {k: Path(as_path(v, k)) if _is_path(k, v) else v for k, v in outputs.items()}
+    targets = Outputs(Path(as_path(image, "image")), **paths)
+    check_kind(recipe or Recipe(), Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
+    if model is not None:
+        check_kind(model, GlintModel, "model", "Read a saved one with deglint.pipeline.load_model.")
+    if threads is not None:
+        check_number(threads, 1, 1024, "threads")
     if len(set(map(os.path.realpath, targets.every()))) < len(targets.every()):
         raise InputError("two outputs have the same name; give each its own.")
     for path in targets.every():
@@ -305,6 +311,7 @@ def _beside(scene: Scene, targets: Outputs, image: Layout, changed: tuple[int, .
     return found
 
 
+@checked_keywords()
 def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask: str | None = None) -> FloatArray:
     """Correct a scene, or a window of it, in memory: what `remove_glint` does to a file.
 
@@ -327,7 +334,12 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     --------
     >>> clean = correct(scene, fit_scene(scene))  # doctest: +SKIP
     """
-    (top, bottom), (left, right) = window or ((0, scene.height), (0, scene.width))
+    check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
+    check_kind(fitted, Fitted, "fitted", "Make it with deglint.fit_scene.")
+    try:
+        (top, bottom), (left, right) = window or ((0, scene.height), (0, scene.width))
+    except (TypeError, ValueError):
+        raise InputError(f"window: want ((row0, row1), (column0, column1)), got {described(window)}.") from None
     if not (0 <= top < bottom <= scene.height and 0 <= left < right <= scene.width):
         raise InputError(f"window {window} is not inside a scene of {scene.height} x {scene.width} pixels.")
     wanted = mask or fitted.recipe.mask

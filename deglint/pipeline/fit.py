@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
+from ..checks import check_kind, checked_keywords
 from ..compensate import Chain, State, apply_stages, finish
 from ..errors import FitError, NoWaterError
 from ..masks import WaterRule, sample_halo
@@ -76,6 +77,7 @@ class Fitted:
     needs: Needs = field(default_factory=Needs)
 
 
+@checked_keywords()
 def fit_scene(
     scene: Scene,
     recipe: Recipe | None = None,
@@ -118,7 +120,9 @@ def fit_scene(
     >>> fitted = fit_scene(open_scene("scene.tif"), Recipe(method="hedley"))  # doctest: +SKIP
     >>> print(fitted.model)  # doctest: +SKIP
     """
+    check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe = recipe or Recipe()
+    check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     threads = threads or default_threads()
     with environment():
         log_scene(scene)

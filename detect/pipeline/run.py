@@ -16,6 +16,7 @@ import numpy.typing as npt
 from rasterio.windows import Window
 
 from deglint import tiles as tiling
+from deglint.checks import checked_keywords
 from deglint.errors import InputError, NoWaterError
 from deglint.pipeline.checksum import checksum_of
 from deglint.pipeline.cluster import Cluster, writing_images
@@ -129,6 +130,7 @@ class Result:
     sidecar: dict[str, Any] = field(repr=False)
 
 
+@checked_keywords("p_value", "flags", "objects", "background", "overwrite", "options")
 def score_file(
     source: str | Path | Sequence[str | Path],
     image: str | Path,
