@@ -24,7 +24,6 @@ import rasterio
 
 import deglint
 from deglint import tiles as tiling
-from deglint.cli.running import keep_memory
 from deglint.physics.presets import preset
 from deglint.pipeline.apply import one_thread_each
 from deglint.pipeline.correct import Correction
@@ -182,7 +181,6 @@ def _spread(values: list[float]) -> str:
 def main(quick: bool, rounds: int | None, directory: Path | None) -> None:
     """Measure and print."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    keep_memory()  # as the commands do
     rounds = rounds or (2 if quick else 5)
     print("## Rates\n\n" + machine())
     with tempfile.TemporaryDirectory(dir=directory) as name, environment(), one_thread_each(True):

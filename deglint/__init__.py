@@ -8,41 +8,72 @@
     fitted = deglint.fit_scene(scene, deglint.Recipe(method="hedley"))
     clean = deglint.correct(scene, fitted)
 
+Bands are counted from 1 where a name or number is what a user writes (`Recipe`, `open_scene`, `find_nir`, the command
+line), and from 0 where they index an array (`fit`, `apply`, `Scene.read`, what `find_nir` returns).
+
+What is decided is logged to "deglint" and loggers below it (`logging`); nothing is printed.
 Names are loaded when they are first used: importing deglint itself costs next to nothing.
 """
 
-from typing import Any
+import logging
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .errors import DeglintError as DeglintError
+    from .pipeline.apply import Result as Result
+    from .pipeline.apply import correct as correct
+    from .pipeline.apply import remove_glint as remove_glint
+    from .pipeline.examine import examine as examine
+    from .pipeline.fit import Fitted as Fitted
+    from .pipeline.fit import fit_scene as fit_scene
+    from .pipeline.recipe import Recipe as Recipe
+    from .readers.opening import open_scene as open_scene
+    from .readers.roles import find_nir as find_nir
+    from .remove import METHODS as METHODS
+    from .remove import GlintModel as GlintModel
+    from .remove import apply as apply
+    from .remove import fit as fit
+    from .scene import Band as Band
+    from .scene import Scene as Scene
 
 __version__ = "0.1.0"
 
 _HOMES = {
-    "open_scene": "readers",
-    "find_nir": "readers",
-    "Band": "scene",
-    "Scene": "scene",
-    "Recipe": "pipeline",
-    "Result": "pipeline",
-    "fit_scene": "pipeline",
-    "remove_glint": "pipeline",
-    "correct": "pipeline.apply",
     "METHODS": "remove",
-    "GlintModel": "remove",
-    "apply": "remove",
-    "fit": "remove",
-    "examine": "pipeline.examine",
+    "Band": "scene",
     "DeglintError": "errors",
+    "Fitted": "pipeline.fit",
+    "GlintModel": "remove",
+    "Recipe": "pipeline.recipe",
+    "Result": "pipeline.apply",
+    "Scene": "scene",
+    "apply": "remove",
+    "correct": "pipeline.apply",
+    "examine": "pipeline.examine",
+    "find_nir": "readers.roles",
+    "fit": "remove",
+    "fit_scene": "pipeline.fit",
+    "open_scene": "readers.opening",
+    "remove_glint": "pipeline.apply",
 }
+"""Where each name lives; type checkers read the imports above, and a test holds the two equal."""
 
-__all__ = ["__version__", *sorted(_HOMES)]
+__all__ = [
+    "METHODS", "Band", "DeglintError", "Fitted", "GlintModel", "Recipe", "Result", "Scene", "__version__", "apply",
+    "correct", "examine", "find_nir", "fit", "fit_scene", "open_scene", "remove_glint",
+]  # fmt: skip
 
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
-def __getattr__(name: str) -> Any:
-    """Load a public name from the room it lives in."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'deglint' has no attribute {name!r}")
-    from importlib import import_module
+if not TYPE_CHECKING:  # a checker that saw it would take any name for one of type Any
 
-    return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+    def __getattr__(name: str) -> object:
+        """Load a public name from the room it lives in."""
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from importlib import import_module
+
+        return getattr(import_module(f".{_HOMES[name]}", __name__), name)
 
 
 def __dir__() -> list[str]:

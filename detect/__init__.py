@@ -1,35 +1,69 @@
 """detect: find what does not belong in an image, and say how well it was found.
 
+    import detect
+
+    scores = detect.rx(image)  # (band, row, column) in, a map of scores out
+    detect.score_file("clean.tif", "scores.tif", detect.Recipe(pfa=1e-4), objects="found.geojson")
+
 Names are loaded when they are first used: importing detect itself costs next to nothing.
 """
 
-from typing import Any
+import logging
+from typing import TYPE_CHECKING
 
 from deglint import __version__
 
-_HOMES: dict[str, str] = {
+if TYPE_CHECKING:
+    from .background import Background as Background
+    from .local import local_rx as local_rx
+    from .objects import Object as Object
+    from .pipeline.recipe import Recipe as Recipe
+    from .pipeline.run import Result as Result
+    from .pipeline.run import score_file as score_file
+    from .roc.curve import Roc as Roc
+    from .rx import residual_rx as residual_rx
+    from .rx import rx as rx
+    from .rx import rx_utd as rx_utd
+    from .rx import subspace_rx as subspace_rx
+    from .rx import utd as utd
+    from .threshold import Tail as Tail
+    from .threshold import Threshold as Threshold
+
+_HOMES = {
     "Background": "background",
     "Object": "objects",
+    "Recipe": "pipeline.recipe",
+    "Result": "pipeline.run",
     "Roc": "roc.curve",
     "Tail": "threshold",
     "Threshold": "threshold",
     "local_rx": "local",
     "residual_rx": "rx",
+    "rx": "rx",
     "rx_utd": "rx",
+    "score_file": "pipeline.run",
     "subspace_rx": "rx",
     "utd": "rx",
 }
+"""Where each name lives; type checkers read the imports above, and a test holds the two equal."""
 
-__all__ = ["__version__", *sorted(_HOMES)]
+__all__ = [
+    "Background", "Object", "Recipe", "Result", "Roc", "Tail", "Threshold", "__version__", "local_rx", "residual_rx",
+    "rx", "rx_utd", "score_file", "subspace_rx", "utd",
+]  # fmt: skip
 
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
-def __getattr__(name: str) -> Any:
-    """Load a public name from the room it lives in."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'detect' has no attribute {name!r}")
-    from importlib import import_module
+if not TYPE_CHECKING:  # a checker that saw it would take any name for one of type Any
 
-    return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+    def __getattr__(name: str) -> object:
+        """Load a public name from the room it lives in."""
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from importlib import import_module
+
+        home = import_module(f".{_HOMES[name]}", __name__)
+        return home if name == "rx" else getattr(home, name)  # the module detect.rx is called like its function
 
 
 def __dir__() -> list[str]:

@@ -24,14 +24,17 @@ Schaum (2007), "Hyperspectral anomaly detection beyond RX", Proc. SPIE 6565, 656
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from deglint.checks import checked_keywords
 from deglint.errors import FitError, InputError
 
 from .background import (
@@ -244,11 +247,13 @@ def _by_kernel(flat: npt.NDArray[Any], first: int, detector: Detector, matrix: F
     squared_lengths(flat, first, detector.mean, detector.rest, filled, linear, out)
 
 
+@checked_keywords()
 def rx(
     image: npt.NDArray[Any],
     background: Background | Mask | None = None,
     *,
     mask: Mask | None = None,
+    nodata: float | None = None,
     covariance: str = "empirical",
     ridge: float = RIDGE,
     threads: int | None = None,
@@ -258,11 +263,14 @@ def rx(
     Parameters
     ----------
     image : (band, row, column) ndarray
-        Any real type, any units: the scores do not depend on them.
+        Any real type, any units: the scores do not depend on them. A pixel that a masked array masks in some band is
+        not valid.
     background : Background or (row, column) bool ndarray, optional
         Fitted before (to another scene, say), or True where the background is; everything valid by default.
     mask : (row, column) bool ndarray, optional
         True where a pixel counts; others are not fitted to, and score NaN.
+    nodata : float, optional
+        Number that means: not valid, in any band. NaN never is.
     covariance, ridge
         As `detect.background.fit`.
     threads : int, optional
@@ -293,7 +301,16 @@ def rx(
     >>> np.unravel_index(scores.argmax(), scores.shape) == (20, 30)
     True
     """
-    return _run("rx", image, background, mask, covariance, ridge, threads)
+    return _run("rx", image, background, _valid(image, as_mask(mask, image), nodata), covariance, ridge, threads)
+
+
+def _valid(image: npt.NDArray[Any], mask: Mask | None, nodata: float | None) -> Mask | None:
+    """The mask without pixels that are not valid in some band."""
+    for bad in (np.ma.getmask(image), None if nodata is None else np.asarray(image) == nodata):
+        if bad is not None and np.any(bad):
+            valid = ~np.any(bad, axis=0)
+            mask = valid if mask is None else mask & valid
+    return mask
 
 
 def utd(image: npt.NDArray[Any], background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
@@ -379,3 +396,13 @@ def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
     out[:, others] = whiten
     out[:, reference] = -whiten @ slopes
     return out
+
+
+class _Callable(ModuleType):
+    """This module, which is called like its main function: `detect.rx` is both."""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Scores:
+        return rx(*args, **kwargs)
+
+
+sys.modules[__name__].__class__ = _Callable

@@ -5,8 +5,9 @@ Property tests draw the same examples in every run; HYPOTHESIS_PROFILE=explore l
 
 import json
 import os
+import re
 import signal
-from collections import Counter
+from collections import Counter, namedtuple
 from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # each worker has a processor: threads of BLAS would wait for each other
@@ -116,18 +117,40 @@ def read():
     return read_raster
 
 
-@pytest.fixture
-def deglint(capfd):
-    """Run the command in this process: deglint("remove", ...) gives its exit code, stdout and stderr."""
-    from collections import namedtuple
+Ran = namedtuple("Ran", "code out err")
 
+
+@pytest.fixture
+def command(capfd):
+    """Turn a program's `run` into a function that runs it in this process: exit code, stdout and stderr.
+
+    Where it fails, `err` begins with the error: what was logged before is left out.
+    """
+
+    def program(run):
+        def call(*arguments):
+            capfd.readouterr()
+            code = run([str(a) for a in arguments])
+            out, err = capfd.readouterr()
+            begins = re.search("^(Error|Usage|Traceback|interrupted)", err, re.MULTILINE) if code else None
+            return Ran(code, out, err[begins.start() :] if begins else err)
+
+        return call
+
+    return program
+
+
+@pytest.fixture
+def deglint(command):
+    """Run the command in this process: deglint("remove", ...) gives its exit code, stdout and stderr."""
     from deglint.cli import run
 
-    Ran = namedtuple("Ran", "code out err")
+    return command(run)
 
-    def call(*arguments):
-        capfd.readouterr()
-        code = run([str(a) for a in arguments])
-        return Ran(code, *capfd.readouterr())
 
-    return call
+@pytest.fixture
+def rxdetect(command):
+    """The same for rxdetect("score", ...)."""
+    from detect.cli import run
+
+    return command(run)

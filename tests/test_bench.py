@@ -67,21 +67,12 @@ def experiments(monkeypatch):
 
 
 @pytest.fixture
-def rxdetect(capfd, tmp_path, monkeypatch):
+def rxdetect(command, tmp_path, monkeypatch):
     """Run the command in this process and in a directory of its own."""
-    from collections import namedtuple
-
     from detect.cli import run
 
-    Ran = namedtuple("Ran", "code out err")
     monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        capfd.readouterr()
-        code = run([str(a) for a in arguments])
-        return Ran(code, *capfd.readouterr())
-
-    return call
+    return command(run)
 
 
 def fail(_effort):

@@ -238,7 +238,7 @@ def test_the_sidecar_says_everything(deglint, sea, write, tmp_path):
         assert fit["n"] > 0
     assert said["pixels"]["total"] == said["pixels"]["corrected"] == 8000
     assert said["skipped"]["water mask"].startswith("not asked for")
-    assert said["skipped"]["nir"] == "glint reference: passed unchanged"
+    assert said["skipped"]["nir"] == "glint reference: copied"
     assert isinstance(said["warnings"], list)
     assert said["seconds"] > 0
     assert said["sample"]["pixels"] == said["model"]["fits"][0]["n"]

@@ -68,7 +68,7 @@ def test_bands_choose_what_is_corrected(deglint, sea, write, read, tmp_path):
     np.testing.assert_array_equal(out[2:], raw[2:])
     assert all((out[b] != raw[b]).any() for b in (0, 1))
     said = json.loads((tmp_path / "out.tif.json").read_text())
-    assert said["skipped"]["red"] == "not among the bands to correct: passed unchanged"
+    assert said["skipped"]["red"] == "not among the bands to correct: copied"
     assert said["recipe"]["nir"] == ["nir"]
 
 

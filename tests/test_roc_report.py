@@ -15,23 +15,6 @@ from detect.roc import Roc, auc_interval, bootstrap, number_objects
 VOID = {"meta", "br", "img", "path", "rect", "circle", "image"}
 
 
-@pytest.fixture
-def rxdetect(capfd):
-    """Run the command in this process: rxdetect("roc", ...) gives its exit code, stdout and stderr."""
-    from collections import namedtuple
-
-    from detect.cli import run
-
-    Ran = namedtuple("Ran", "code out err")
-
-    def call(*arguments):
-        capfd.readouterr()
-        code = run([str(a) for a in arguments])
-        return Ran(code, *capfd.readouterr())
-
-    return call
-
-
 def make_scene(seed=0, shape=(60, 80)):
     """Scores of two detectors and objects 1 to 6 of four pixels by five."""
     rng = np.random.default_rng(seed)

@@ -1,10 +1,8 @@
 """What a fit does not do twice, or at all: work beyond what is looked at, loading what is not needed, sorting again."""
 
-import gc
 import subprocess
 import sys
 import threading
-from importlib import import_module
 from pathlib import Path
 from zlib import crc32
 
@@ -15,7 +13,6 @@ from hypothesis import strategies as st
 from numba.core.dispatcher import Dispatcher
 
 from deglint import Recipe, correct, fit_scene, open_scene
-from deglint.cli.running import collecting_later
 from deglint.compensate import Chain, Sample, Setting, State, fit_stages, parse
 from deglint.compensate.psf import system_psf
 from deglint.compensate.spread import lower_spread
@@ -152,31 +149,6 @@ def test_a_checksum_is_begun_once_and_anew_where_the_file_changed(tmp_path):
 def test_a_command_is_ready_to_read_before_it_loads_numpy(module):
     code = f"import sys, {module}; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_garbage_is_collected_as_ever_from_the_first_progress_on():
-    said, usual = [], gc.get_threshold()
-    with collecting_later(lambda *a: said.append(a)) as progress:
-        assert gc.get_threshold() > usual
-        progress("fit", 1, 2)
-        assert gc.get_threshold() == usual
-    with pytest.raises(KeyError), collecting_later(lambda *_: None):
-        raise KeyError
-    assert gc.get_threshold() == usual
-    assert gc.get_freeze_count() == 0
-    assert said == [("fit", 1, 2)]
-
-
-@pytest.mark.parametrize("module", ["deglint.cli", "detect.cli"])
-def test_a_command_ends_without_a_search_for_garbage(module, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["program", "--version"])
-    try:
-        with pytest.raises(SystemExit) as left:
-            import_module(module).main()
-        assert left.value.code == 0
-        assert gc.get_freeze_count() > 1000
-    finally:
-        gc.unfreeze()
 
 
 def test_the_command_loads_no_scipy_that_it_does_not_use(tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-import sys
+import logging
 import time
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -13,7 +13,11 @@ from typing import Any
 
 import click
 
+from ..timing import TimeLeft, duration
+from .console import Console
 from .running import printable
+
+log = logging.getLogger(__name__)
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -77,12 +81,11 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     table = Path(given["table"]) if given["table"] else None
     if table:
         _check_table(table)
-    watch = _Watch(len(listed), quiet=given["quiet"])
-    try:
-        found = run_batch(order, listed, processes=given["jobs"], threads=given["threads"],
-                          overwrite=given["overwrite"], dry_run=given["dry_run"], say=watch)  # fmt: skip
-    finally:
-        watch.clear()
+    with Console(given) as console:
+        found = run_batch(
+            order, listed, processes=given["jobs"], threads=given["threads"], overwrite=given["overwrite"],
+            dry_run=given["dry_run"], say=_Watch(len(listed), console),
+        )  # fmt: skip
     if table:
         _write_table(table, found)
     if given["as_json"]:
@@ -140,14 +143,13 @@ def _write_table(path: Path, found: list[Any]) -> None:
 
 
 class _Watch:
-    """Says on stderr what happens: a line for each scene that ends; on a terminal, what is under way."""
+    """Logs a line for each scene that ends; on a terminal, shows what is under way and the time that is left."""
 
-    def __init__(self, total: int, *, quiet: bool) -> None:
+    def __init__(self, total: int, console: Console) -> None:
         self._total, self._done, self._failed = total, 0, 0
-        self._quiet = quiet
-        self._bar = not quiet and sys.stderr is not None and sys.stderr.isatty()
+        self._console, self._left = console, TimeLeft()
         self._busy: dict[str, str] = {}
-        self._drawn = 0.0
+        self._drawn, self._said = 0.0, ""
 
     def __call__(self, what: str, about: Any) -> None:
         """Take in what happened."""
@@ -157,27 +159,23 @@ class _Watch:
             name, stage, done, total = about
             self._busy[name] = f" {stage} {100 * done // max(total, 1)} %"
         else:
-            self._busy.pop(about.name, None)
-            self._done += 1
-            self._failed += about.status == "failed"
-            if not self._quiet:
-                self.clear()
-                why = f": {printable(about.reason)}" if about.reason else ""
-                took = f" in {about.seconds:.1f} s" if about.status == "done" else ""
-                click.echo(f"[{self._done}/{self._total}] {printable(about.name)} {about.status}{took}{why}", err=True)
+            self._end(about)
         self._draw()
 
+    def _end(self, about: Any) -> None:
+        self._busy.pop(about.name, None)
+        self._done += 1
+        self._failed += about.status == "failed"
+        left = self._left("scenes", self._done, self._total)
+        self._said = f", {duration(left)} left" if left else ""
+        why = f": {about.reason}" if about.reason else ""
+        took = f" in {about.seconds:.1f} s" if about.status == "done" else ""
+        log.info("[%d/%d] %s %s%s%s", self._done, self._total, about.name, about.status, took, why)
+
     def _draw(self) -> None:
-        if self._bar and self._busy and time.monotonic() - self._drawn > 0.1:
+        if self._busy and time.monotonic() - self._drawn > 0.1:
             self._drawn = time.monotonic()
             each = "; ".join(printable(name) + said for name, said in self._busy.items())
             filled = 20 * self._done // self._total
-            bar = f"[{'#' * filled}{'.' * (20 - filled)}] {self._done}/{self._total}, {self._failed} failed | {each}"
-            sys.stderr.write(f"\r\x1b[K{bar[:110]}")
-            sys.stderr.flush()
-
-    def clear(self) -> None:
-        """Take the progress line away."""
-        if self._bar:
-            sys.stderr.write("\r\x1b[K")
-            sys.stderr.flush()
+            counts = f"{self._done}/{self._total}, {self._failed} failed{self._said}"
+            self._console.draw(f"[{'#' * filled}{'.' * (20 - filled)}] {counts} | {each}")

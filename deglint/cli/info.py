@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import logging
 from typing import Any
 
 import click
 
+from .console import Console
 from .options import common
 
 
@@ -29,7 +31,7 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
     from ..raster.output import plain
     from ..readers import open_scene
 
-    with environment():
+    with Console(given, logging.WARNING), environment():  # the answer itself says what was decided
         scene = open_scene(list(inputs), sensor=given["sensor"], nodata=given["nodata"])
         found = plain(examine(scene, Recipe(nir=given["nir"], sample=sample), threads=given["threads"]))
     if as_json:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import sys
+import logging
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import click
+
+log = logging.getLogger(__name__)
 
 # The keys of deglint.remove.METHODS and REGRESSIONS, which --help must not wait for; a test holds them equal.
 METHOD_NAMES = ("hedley", "lyzenga", "joyce", "multiband", "hochberg", "goodman", "kutser", "nir-subtraction")
@@ -76,7 +78,7 @@ def on_cluster(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @contextlib.contextmanager
-def cluster_of(given: dict[str, Any], talk: Talk) -> Iterator[Any]:
+def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
     """The cluster that the options name, or None; says at the end what memory its workers took."""
     if given["worker_memory"] and given["workers"] is None:
         raise click.UsageError("--worker-memory limits the processes that --workers starts: give that, too.")
@@ -92,35 +94,4 @@ def cluster_of(given: dict[str, Any], talk: Talk) -> Iterator[Any]:
     with connect(given["cluster"], workers=given["workers"], memory=given["worker_memory"] or "auto") as cluster:
         yield cluster
         held = sorted(cluster.memory().values())
-        talk.say(f"{len(held)} workers, each held at most {held[-1] / 1e6:.0f} MB" if held else "no worker was needed")
-
-
-class Talk:
-    """Log and progress on stderr; progress only where stderr is a terminal."""
-
-    def __init__(self, *, quiet: bool) -> None:
-        self.quiet = quiet
-        self._drawn = False
-        self._bar = not quiet and sys.stderr is not None and sys.stderr.isatty()
-
-    def say(self, text: str) -> None:
-        """Write a line to the log."""
-        if not self.quiet:
-            self.clear()
-            click.echo(text, err=True)
-
-    def progress(self, stage: str, done: int, total: int) -> None:
-        """Redraw the progress line."""
-        if self._bar:
-            filled = 30 * done // total
-            sys.stderr.write(f"\r{stage:<8} [{'#' * filled}{'.' * (30 - filled)}] {100 * done // total:3d} %")
-            sys.stderr.flush()
-            self._drawn = True
-            if done == total:
-                self.clear()
-
-    def clear(self) -> None:
-        """Take the progress line away."""
-        if self._drawn:
-            sys.stderr.write("\r" + " " * 50 + "\r")
-            self._drawn = False
+        log.info(f"{len(held)} workers, each held at most {held[-1] / 1e6:.0f} MB" if held else "no worker was needed")

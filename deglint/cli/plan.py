@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
+
+log = logging.getLogger(__name__)
 
 # What --help shows without loading the planner; a test holds them equal to it.
 SENSOR_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
@@ -139,16 +142,16 @@ def plan(**given: Any) -> None:
     """
     from ..plan.missionfile import merged, mission_from
     from . import planning
-    from .options import Talk
+    from .console import Console
 
-    talk = Talk(quiet=given["quiet"])
     mode = planning.mode_of(given)
     mode.check(given)
     tables = merged(_file(given["mission"]), _tables(given))
     mission = mission_from(mode.prepared(given, tables), given["mission"] or "the options")
-    for line in _assumed(given, tables, mission) if mode is not planning.SERVE else []:
-        talk.say(line)
-    mode.run(given, mission, talk)
+    with Console(given) as console:
+        for line in _assumed(given, tables, mission) if mode is not planning.SERVE else []:
+            log.info(line)
+        mode.run(given, mission, console)
 
 
 def _file(path: str | None) -> dict[str, Any]:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+if TYPE_CHECKING:
+    from .console import Console
+
+log = logging.getLogger(__name__)
 Given = dict[str, Any]
 
 
@@ -22,7 +27,7 @@ class Mode:
     kinds : tuple of str
         Endings of files that it writes.
     run : callable
-        Takes the options, the mission and where to talk.
+        Takes the options, the mission and where to show progress.
     prepared : callable
         Takes the options and the tables of a mission; gives the tables to make the mission of.
     """
@@ -61,7 +66,7 @@ def mode_of(given: Given) -> Mode:
     return mode
 
 
-def _reticle(given: Given, mission: Any, _talk: Any) -> None:
+def _reticle(given: Given, mission: Any, _console: Console) -> None:
     from ..plan import reticle
     from ..plan.advice import best_look, quality, sentence
     from ..plan.dataset import summary
@@ -86,7 +91,7 @@ def _reticle(given: Given, mission: Any, _talk: Any) -> None:
     click.echo(sentence(look) + ("" if look is None else f"\n{quality(look)}"))
 
 
-def _sweep(given: Given, mission: Any, talk: Any) -> None:
+def _sweep(given: Given, mission: Any, console: Console) -> None:
     from ..plan.sweep import numbers, plans, table, times
 
     when = times(given["start"], given["end"], given["every"] or 30.0)
@@ -94,7 +99,7 @@ def _sweep(given: Given, mission: Any, talk: Any) -> None:
     for moment, plan in plans(mission, when):
         moments.append(moment)
         found.append(plan)
-        talk.progress("sweep", len(moments), len(when))
+        console.progress("sweep", len(moments), len(when))
 
     def picture() -> bytes:
         from ..plan.charts import day_picture, shown
@@ -117,7 +122,7 @@ def _day(given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**tables, "place": place}
 
 
-def _spread(given: Given, mission: Any, _talk: Any) -> None:
+def _spread(given: Given, mission: Any, _console: Console) -> None:
     from ..plan.uncertainty import numbers, spread, words
 
     within = {"turn": 30.0, **given["wind_within"]}
@@ -132,7 +137,7 @@ def _spread(given: Given, mission: Any, _talk: Any) -> None:
     _finish(given, picture, numbers(found, **within), words(found))
 
 
-def _line(given: Given, mission: Any, _talk: Any) -> None:
+def _line(given: Given, mission: Any, _console: Console) -> None:
     from ..plan.swath import View, flight_line, numbers
 
     across, _, along = given["fov"].lower().partition("x")
@@ -152,10 +157,10 @@ def _line(given: Given, mission: Any, _talk: Any) -> None:
     _finish(given, picture, numbers(mission, found), [found.words()])
 
 
-def _serve(given: Given, mission: Any, talk: Any) -> None:
+def _serve(given: Given, mission: Any, _console: Console) -> None:
     from ..plan.serve import serve
 
-    serve(mission, port=given["port"], say=talk.say, browser=not given["no_browser"])
+    serve(mission, port=given["port"], say=log.info, browser=not given["no_browser"])
 
 
 def _finish(given: Given, picture: Callable[[], bytes], numbers: Mapping[str, Any], lines: list[str]) -> None:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..pipeline.checksum import begin_checksum
-from .options import METHOD_NAMES, REGRESSION_NAMES, Talk, cluster_of, common, creation_options, names, on_cluster
-from .running import Progress, collecting_later, keep_memory
+from .console import Console
+from .options import METHOD_NAMES, REGRESSION_NAMES, cluster_of, common, creation_options, names, on_cluster
+from .running import Progress
 
 if TYPE_CHECKING:
     from ..pipeline import Result
@@ -149,28 +150,14 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         raise click.UsageError(
             "--model applies a fit that is there: leave out --method, --sample, --regression and --tolerance."
         )
-    keep_memory()
     begin_checksum(inputs)
-    talk = Talk(quiet=given["quiet"])
-    try:
-        with collecting_later(talk.progress) as progress:
-            result = _removed(inputs, output, given, talk, progress)
-    finally:
-        talk.clear()
-    for note in result.sidecar["notes"]:
-        talk.say(note)
-    for fit in str(result.fitted.model).splitlines()[0 : 1 + len(result.fitted.model.fits)]:
-        talk.say(fit)
-    for warning in result.warnings:
-        talk.say(f"warning: {warning}")
-    calm = f", {result.tally.calm} without glint as they were," if result.tally.calm else ""
-    talk.say(f"{output}: {result.tally.corrected} of {result.tally.total} pixels corrected{calm} "
-             f"in {result.sidecar['seconds']:.2f} s")  # fmt: skip
+    with Console(given) as console:
+        result = _removed(inputs, output, given, console.progress)
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
 
 
-def _removed(inputs: tuple[str, ...], output: str, given: dict[str, Any], talk: Talk, progress: Progress) -> Result:
+def _removed(inputs: tuple[str, ...], output: str, given: dict[str, Any], progress: Progress) -> Result:
     """Do what the options say."""
     from ..pipeline import Recipe, load_chain, load_model, remove_glint
 
@@ -181,7 +168,7 @@ def _removed(inputs: tuple[str, ...], output: str, given: dict[str, Any], talk: 
         compensate=given["compensate"], smallest_object=given["smallest_object"],
         tolerance=given["tolerance"] or 0.0,
     )  # fmt: skip
-    with cluster_of(given, talk) as cluster:
+    with cluster_of(given) as cluster:
         return remove_glint(
             list(inputs), output, recipe, model=load_model(given["model_in"]) if given["model_in"] else None,
             chain=load_chain(given["model_in"]) if given["model_in"] else None,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import gc
 import os
 import signal
 import sys
@@ -20,9 +19,6 @@ import click
 from ..errors import DeglintError, NoWaterError
 
 Progress = Callable[[str, int, int], None]
-SELDOM = 100_000, 50, 100
-"""Of the objects that Python makes, how many more than it drops start a search for garbage."""
-_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
 
 
 class Commands(click.Group):
@@ -80,48 +76,6 @@ def run(cli: click.Group, program: str, arguments: list[str]) -> int:
             return code
         aside.show()
         return 0
-
-
-def keep_memory() -> None:
-    """Ask the allocator (glibc's, where it is that) to keep what one tile frees for the next.
-
-    Giving pages back and getting new ones costs as much as the work on them. For commands, whose process is their own.
-    """
-    import ctypes
-
-    with contextlib.suppress(OSError, AttributeError):
-        mallopt = ctypes.CDLL(None).mallopt
-        mallopt(_TRIM_THRESHOLD, 512 << 20)
-        mallopt(_MMAP_THRESHOLD, 64 << 20)
-        mallopt(_ARENA_MAX, 1)  # threads of their own arenas give whole pieces of 64 MB back, whatever the threshold
-
-
-@contextlib.contextmanager
-def collecting_later(progress: Progress) -> Iterator[Progress]:
-    """Let Python search for garbage seldom until there is progress to tell.
-
-    What a command loads to start makes hardly any; what is there by then is not searched until the command ends.
-    """
-    usual = gc.get_threshold()
-
-    def told(stage: str, done: int, total: int) -> None:
-        if gc.get_threshold() != usual:
-            gc.freeze()
-            gc.set_threshold(*usual)
-        progress(stage, done, total)
-
-    gc.set_threshold(*SELDOM)
-    try:
-        yield told
-    finally:
-        gc.unfreeze()
-        gc.set_threshold(*usual)
-
-
-def leave(code: int) -> NoReturn:
-    """End the process with this exit code; Python does not search for garbage what goes with the process."""
-    gc.freeze()
-    sys.exit(code)
 
 
 def printable(text: str) -> str:

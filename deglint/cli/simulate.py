@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 from pathlib import Path
 from typing import Any
 
 import click
+
+log = logging.getLogger(__name__)
 
 # What --help shows without loading the simulator; a test holds them equal to it.
 PRESET_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
@@ -67,23 +70,23 @@ def simulate(out: Path, **given: Any) -> None:
     """
     from ..raster.simulated import check_free, write_scene
     from ..simulate import simulate as make
-    from .options import Talk
+    from .console import Console
 
-    talk = Talk(quiet=given["quiet"])
     written = []
     setups = _setups(out, given)
     for name, _setup in setups:
         check_free(name, overwrite=given["overwrite"])
-    for name, setup in setups:
-        scene = make(
-            setup,
-            workers=given["threads"] or os.cpu_count() or 1,
-            keep_surface=given["surface"],
-            progress=lambda done, total: talk.progress("simulate", done, total),
-        )
-        files = write_scene(scene, name, overwrite=given["overwrite"])
-        written += [str(f) for f in files]
-        talk.say(f"{files[0]}: wind {setup.wind:g} m/s, seed {setup.seed}")
+    with Console(given) as console:
+        for name, setup in setups:
+            scene = make(
+                setup,
+                workers=given["threads"] or os.cpu_count() or 1,
+                keep_surface=given["surface"],
+                progress=lambda done, total: console.progress("simulate", done, total),
+            )
+            files = write_scene(scene, name, overwrite=given["overwrite"])
+            written += [str(f) for f in files]
+            log.info("%s: wind %g m/s, seed %d", files[0], setup.wind, setup.seed)
     if given["as_json"]:
         click.echo(json.dumps(written))
 

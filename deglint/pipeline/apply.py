@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .. import tiles as tiling
+from ..checks import as_path, check_choice, check_kind, check_number, checked_keywords, described
 from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
@@ -34,6 +33,7 @@ from ..readers.roles import find_band
 from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
+from ..timing import Reporter
 from .blocks import one_thread_each
 from .checksum import checksum_of, fingerprint
 from .cluster import Cluster, writing_images
@@ -42,6 +42,7 @@ from .compensation import element_of
 from .correct import Correction
 from .fit import Fitted, Progress, fit_scene
 from .following import for_scene, without_moves
+from .log import log_model, log_result, log_scene, log_water
 from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .saved import saved
@@ -89,8 +90,8 @@ class Outputs:
     request: str | None = None
 
     def __post_init__(self) -> None:
-        if self.dtype is not None and self.dtype not in DTYPES:
-            raise InputError(f"dtype {self.dtype!r} is not one of {', '.join(DTYPES)}.")
+        if self.dtype is not None:
+            check_choice(self.dtype, list(DTYPES), "dtype")
 
     @property
     def sidecar(self) -> Path:
@@ -121,7 +122,14 @@ class Result:
     sidecar: dict[str, Any]
     warnings: tuple[str, ...]
 
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Names of the bands whose pixels differ from the input's; the others are copied."""
+        return tuple(self.sidecar["pixels"]["changed"])
 
+
+@checked_keywords("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options",
+                  "request")  # fmt: skip
 def remove_glint(
     source: str | Path | Sequence[str | Path],
     image: str | Path,
@@ -180,10 +188,13 @@ def remove_glint(
 
     if "model_file" in outputs:
         outputs["model"] = outputs.pop("model_file")
-    paths: dict[str, Any] = {k: Path(v) if _is_path(k, v) else v for k, v in outputs.items()}
-    targets = Outputs(Path(image), **paths)
-    if threads is not None and threads < 1:
-        raise InputError(f"threads: want at least 1, got {threads}.")
+    paths: dict[str, Any] = {k: Path(as_path(v, k)) if _is_path(k, v) else v for k, v in outputs.items()}
+    targets = Outputs(Path(as_path(image, "image")), **paths)
+    check_kind(recipe or Recipe(), Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
+    if model is not None:
+        check_kind(model, GlintModel, "model", "Read a saved one with deglint.pipeline.load_model.")
+    if threads is not None:
+        check_number(threads, 1, 1024, "threads")
     if len(set(map(os.path.realpath, targets.every()))) < len(targets.every()):
         raise InputError("two outputs have the same name; give each its own.")
     for path in targets.every():
@@ -193,8 +204,9 @@ def remove_glint(
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
             return _run(
-                scene, recipe or Recipe(), targets, model, chain, threads or tiling.default_threads(), progress, cluster
-            )
+                scene, recipe or Recipe(), targets, model, chain, threads or tiling.default_threads(),
+                progress or Reporter(), cluster,
+            )  # fmt: skip
 
 
 def _run(
@@ -212,7 +224,6 @@ def _run(
         run = tiling.run if cluster is None else cluster.run
         want = targets.sample is not None
         fitted = fit_scene(scene, recipe, threads=threads, want_sample=want, progress=progress, run=run)
-        _give_back()
     else:
         fitted = given_model(scene, recipe, model, threads, chain)
     if targets.sample and fitted.sample is None:
@@ -241,13 +252,8 @@ def _run(
             made = {p.name: fingerprint(scratch.file(p)) for p in targets.every() if p != targets.sidecar}
             said["batch"] = {"request": targets.request, "inputs": checksum.fingerprints(), "outputs": made}
         write_json(scratch, targets.sidecar, said)
+    log_result(scene, fitted.model, targets.image, tally, said)
     return Result(fitted, tally, said, tuple(said["warnings"]))
-
-
-def _give_back() -> None:
-    """Give the memory that the fit has freed back to the system, where the allocator (glibc's) keeps it."""
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _write_tiles(
@@ -305,6 +311,7 @@ def _beside(scene: Scene, targets: Outputs, image: Layout, changed: tuple[int, .
     return found
 
 
+@checked_keywords()
 def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask: str | None = None) -> FloatArray:
     """Correct a scene, or a window of it, in memory: what `remove_glint` does to a file.
 
@@ -327,7 +334,12 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     --------
     >>> clean = correct(scene, fit_scene(scene))  # doctest: +SKIP
     """
-    (top, bottom), (left, right) = window or ((0, scene.height), (0, scene.width))
+    check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
+    check_kind(fitted, Fitted, "fitted", "Make it with deglint.fit_scene.")
+    try:
+        (top, bottom), (left, right) = window or ((0, scene.height), (0, scene.width))
+    except (TypeError, ValueError):
+        raise InputError(f"window: want ((row0, row1), (column0, column1)), got {described(window)}.") from None
     if not (0 <= top < bottom <= scene.height and 0 <= left < right <= scene.width):
         raise InputError(f"window {window} is not inside a scene of {scene.height} x {scene.width} pixels.")
     wanted = mask or fitted.recipe.mask
@@ -370,6 +382,7 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     NoWaterError
         The scene holds no water.
     """
+    log_scene(scene)
     model, chain = for_scene(scene, model, chain or Chain())
     if recipe.compensate == "off":
         model, chain = without_moves(scene, model, chain), Chain()
@@ -383,6 +396,8 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
             if not rule.has_water:
                 raise NoWaterError(rule.reason)
             notes.append(rule.reason)
+    log_water(rule, recipe.mask)
+    log_model(model, notes[:1])
     resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
     numbers = {"water": rule.numbers() if rule else None, "sample": None, "needs": None}
     numbers["compensation"] = chain.numbers()

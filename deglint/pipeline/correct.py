@@ -312,7 +312,10 @@ class Correction:
         alone = [b for b in changed if b not in removed]
         beside = grown(held, REACH) if alone and held is not None and held.any() else None
         touched = ((b, replaced[b] if beside is None else replaced[b] | beside) for b in alone)
-        return done + [([b], place) for b, place in touched if place.any()]
+        rewritten = [(b, place) for b, place in touched if place.any()]
+        for band, place in rewritten:
+            tally.rewritten[band] = np.count_nonzero(place)
+        return done + [([b], place) for b, place in rewritten]
 
     @property
     def _halo(self) -> int:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import tiles as tiling
+from ..checks import check_kind, checked_keywords
 from ..errors import DeglintError
 from ..raster.environment import enter_thread, environment
 from ..scene import Scene
@@ -21,6 +22,7 @@ USEFUL_R2 = 0.3
 """Below this R2 in every visible band a removal that follows the NIR does nothing useful."""
 
 
+@checked_keywords()
 def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None = None) -> dict[str, Any]:
     """Look at a scene and say what is known of it; reads part of a large one.
 
@@ -38,7 +40,9 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         and cover, R2 of each band with the NIR, suggested method with the reason, and notes. What cannot be told is
         None, with the reason among the notes.
     """
+    check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe = recipe or Recipe()
+    check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(nir=8).")
     threads = threads or default_threads()
     out: dict[str, Any] = _header(scene)
     notes: list[str] = list(scene.notes)

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
+from ..checks import check_kind, checked_keywords
 from ..compensate import Chain, State, apply_stages, finish
 from ..errors import FitError, NoWaterError
 from ..masks import WaterRule, sample_halo
@@ -24,6 +25,7 @@ from ..tiles import Tile, default_threads
 from .blocks import Blocks, cleaned, tiles_of
 from .compensation import Plan, element_of, fit_after, fit_before, fit_references, may_open, plan
 from .following import find_moves, moved, moved_halo, with_moves
+from .log import log_model, log_needs, log_nir, log_sample, log_scene, log_water
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
 from .sample import Sampler, sampler_of
@@ -75,6 +77,7 @@ class Fitted:
     needs: Needs = field(default_factory=Needs)
 
 
+@checked_keywords()
 def fit_scene(
     scene: Scene,
     recipe: Recipe | None = None,
@@ -117,10 +120,14 @@ def fit_scene(
     >>> fitted = fit_scene(open_scene("scene.tif"), Recipe(method="hedley"))  # doctest: +SKIP
     >>> print(fitted.model)  # doctest: +SKIP
     """
+    check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe = recipe or Recipe()
+    check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     threads = threads or default_threads()
     with environment():
+        log_scene(scene)
         request, notes = make_request(scene, recipe)
+        log_nir(scene, [b for i in request.indexes for b in i.bands], notes)
         request = replace(request, regression=_regression(recipe))
         sampled = METHODS[_method(recipe)].plan is not None
         wanted = recipe.mask == "auto" or (sampled and recipe.sample == "auto")
@@ -157,9 +164,11 @@ def _fit_look(
         if not look.water.has_water:
             raise NoWaterError(look.water.reason)
         notes.append(look.water.reason)
+    log_water(look.water, recipe.mask)
     given = sampler_of(scene, recipe, look, threads) if recipe.sample != "auto" else None
     reach = 0 if given else _reach(recipe, request, look)
     todo = plan(scene, recipe, request, look, given, reach, threads)
+    log_needs(todo.needs)
     chain, blocks, protection = Chain(), None, None
     if todo.runs:
         chain, blocks, protection = fit_before(scene, recipe, look, todo, threads)
@@ -185,6 +194,7 @@ def _fit_look(
         floor = said.pop("floor_percentile")
         chosen = replace(recipe, method=model.method, regression=model.regression or "auto", floor_percentile=floor)
         numbers["sample"] = said
+    log_model(model, notes[place:])
     if blocks is not None and protection is not None:
         chain = replace(fit_after(recipe, todo, chain, blocks, model, threads), protection=protection.result())
         model = replace(model, warnings=(*model.warnings, *_heavy(todo)))
@@ -317,6 +327,7 @@ def _fit_sampled(
         notes += chosen.pop("notes")
         numbers |= chosen
     box = _union(boxes)
+    log_sample(stats.moments.n, _place(box))
     said = {
         "kind": recipe.sample,
         "pixels": stats.moments.n,

@@ -175,33 +175,14 @@ def _bright(nir: Any, rule: ReferenceRule, where: Mask | None) -> Mask:
 
 
 def remove_following(physical: Any, model: GlintModel, where: Mask | None, planes: Planes) -> None:
-    """Correct a tile in place; bands that follow what is in `planes` do so."""
+    """Correct a tile in place; a band that follows a reference in `planes` follows that, and not the tile's own.
+
+    A reference may itself be corrected (multiband): its own values are, only what the others follow comes from
+    `planes`.
+    """
     count = len(physical)
-    own = {b: physical[b].copy() for b in planes if b < count}
-    for band, nir in planes.items():
-        if band < count:
-            physical[band] = nir
-    plain = [f for f in model.fits if max(model.indexes[f.index].bands) < count]
-    if plain:
-        used = sorted({f.index for f in plain})
-        kept = GlintModel(
-            model.method,
-            tuple(model.indexes[k] for k in used),
-            tuple(replace(f, index=used.index(f.index)) for f in plain),
-            model.band_names[:count],
-        )
-        apply(physical, kept, where=where, out=physical)
-    for fit in model.fits:
-        index = model.indexes[fit.index]
-        if max(index.bands) < count:
-            continue
-        pair = np.stack([physical[fit.band], planes[index.bands[0]]])
-        alone = GlintModel(
-            model.method,
-            (replace(index, bands=(1,)),),
-            (replace(fit, band=0, index=0),),
-            (fit.name, model.band_names[index.bands[0]]),
-        )
-        physical[fit.band] = apply(pair, alone, where=where)[0]
-    for band, nir in own.items():
-        physical[band] = nir
+    place = {band: count + i for i, band in enumerate(planes)}
+    indexes = (replace(x, bands=tuple(place.get(b, b) for b in x.bands)) for x in model.indexes)
+    names = (*model.band_names[:count], *(model.band_names[b] for b in planes))
+    block = np.stack([*physical, *planes.values()])
+    physical[:] = apply(block, replace(model, indexes=tuple(indexes), band_names=names), where=where, out=block)[:count]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
+from numbers import Integral
+from typing import Any
 
 import numpy as np
 
+from ..checks import check_choice, check_kind, check_number, checked_keywords, described
 from ..compensate import parse
 from ..errors import InputError
-from ..readers.roles import explain_nir, find_band, find_nir
-from ..remove import METHODS, FitRequest, nir_request
+from ..readers.roles import explain_nir, find_band, find_nir, split_wanted
+from ..remove import METHODS, REGRESSIONS, FitRequest, nir_request
 from ..scene import Scene
 
 
@@ -22,13 +26,13 @@ class Recipe:
     method : str
         "auto" or a key of `deglint.remove.METHODS`.
     nir : tuple of str
-        NIR bands by name or 1-based number; deduced where empty.
+        NIR bands by name or 1-based number; deduced where empty. One name or number may stand alone.
     nir_use : {"auto", "mean", "best", "set"}
         How to use several NIR bands; auto: by set where the bands of a sensor are taken in sets, else their mean.
     bands : tuple of str
-        Bands to correct, by name or 1-based number; all shorter than the NIR where empty.
+        Bands to correct, likewise; all shorter than the NIR where empty.
     sample : str
-        "auto", "all", a window "column,row,width,height" or a GeoJSON file.
+        "auto", "all", a window "column,row,width,height" [pixel] or a GeoJSON file.
     mask : str
         "auto" (water found in the scene), "none", or a raster, GeoJSON file or window of what to correct.
     regression : str
@@ -61,8 +65,17 @@ class Recipe:
     tolerance: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.method != "auto" and self.method not in METHODS:
-            raise InputError(f"method {self.method!r} is not one of auto, {', '.join(METHODS)}.")
+        for name in ("nir", "bands"):
+            object.__setattr__(self, name, band_names(getattr(self, name), name))
+        for name, words in (("sample", "'auto', 'all'"), ("mask", "'auto', 'none'")):
+            object.__setattr__(self, name, area_name(getattr(self, name), name, words))
+        check_choice(self.method, ["auto", *METHODS], "method")
+        check_choice(self.regression, ["auto", *REGRESSIONS], "regression")
+        check_choice(self.nir_use, ["auto", "mean", "best", "set"], "nir_use")
+        check_number(self.floor_percentile, 0, 100, "floor_percentile")
+        check_number(self.rrs_factor, 1e-6, 1e6, "rrs_factor")
+        check_kind(self.compensate, str, "compensate", "Give 'auto', 'thesis', 'off' or a chain of stages.")
+        check_kind(self.smallest_object, str, "smallest_object", "Give a width such as '4m' or '16px'.")
         if self.floor_percentile and self.method not in ("hedley", "multiband"):
             raise InputError(
                 f"a floor percentile is for methods hedley and multiband, got {self.method}: name --method hedley."
@@ -72,8 +85,6 @@ class Recipe:
         if self.rrs_factor != float(np.pi) and self.method != "goodman":
             raise InputError(f"the rrs factor is for method goodman, got method {self.method}.")
         self._check_tolerance()
-        if self.nir_use not in ("auto", "mean", "best", "set"):
-            raise InputError(f"nir_use {self.nir_use!r} is not one of auto, mean, best, set.")
         if self.smallest_object and self.compensate != "auto":
             raise InputError(
                 f"--smallest-object is for the automatic compensation, got --compensate {self.compensate}: "
@@ -96,6 +107,39 @@ class Recipe:
                 f"{self.regression} looks at a part of the sample however large it is: leave out --tolerance, or take "
                 "--regression ols or detrended."
             )
+
+
+Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-assign]
+
+
+def band_names(value: Any, field: str) -> tuple[str, ...]:
+    """Bands as a user gives them: names and 1-based numbers, several in one text or one a value.
+
+    Examples
+    --------
+    >>> band_names("NIR1, NIR2", "nir"), band_names(8, "nir"), band_names(["B8", 9], "nir")
+    (('NIR1', 'NIR2'), ('8',), ('B8', '9'))
+    """
+    values = [value] if isinstance(value, (str, Integral)) else value
+    if not isinstance(values, (list, tuple)) or not all(
+        isinstance(v, (str, Integral)) and not isinstance(v, bool) for v in values
+    ):
+        raise InputError(f"{field}: want names or numbers (from 1) of bands, got {described(value)}.")
+    return tuple(map(str, split_wanted([v if isinstance(v, str) else int(v) for v in values])))
+
+
+def area_name(value: Any, field: str, words: str) -> str:
+    """A word, the name of a file, or a window of four numbers, as text."""
+    if isinstance(value, (list, tuple)) and len(value) == 4 and all(isinstance(v, Integral) for v in value):
+        return ",".join(map(str, value))
+    if isinstance(value, os.PathLike):
+        value = os.fspath(value)
+    if isinstance(value, str) and value:
+        return value
+    raise InputError(
+        f"{field}: want {words}, a file, or a window 'column,row,width,height', got {described(value)}. "
+        "Write an array as a raster of the scene's size, and name that."
+    )
 
 
 def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, list[str]]:

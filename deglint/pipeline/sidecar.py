@@ -36,7 +36,7 @@ def sidecar(
         "recipe": resolved(fitted),
         "model": asdict(fitted.model),
         **fitted.numbers,
-        "skipped": skipped(fitted, names) | _not_looked_at(tally),
+        "skipped": skipped(fitted, names, tally) | _not_looked_at(tally),
         "pixels": {
             "total": tally.total,
             "nodata": None if tally.copied else tally.nodata,
@@ -44,6 +44,7 @@ def sidecar(
             "corrected": tally.corrected,
             "without_glint": tally.calm,
             "protected": tally.protected,
+            "changed": changed(fitted, names, tally),
             "replaced": dict(zip(names, tally.replaced, strict=True)),
             "negative_after": dict(zip(names, tally.negative, strict=True)),
             "saturated_before": None if tally.copied else dict(zip(names, tally.saturated, strict=True)),
@@ -80,7 +81,14 @@ def resolved(fitted: Fitted) -> dict[str, Any]:
     return recipe
 
 
-def skipped(fitted: Fitted, names: Sequence[str]) -> dict[str, str]:
+def changed(fitted: Fitted, names: Sequence[str], tally: Tally) -> dict[str, int]:
+    """Pixels of each band that differ from the input, at most; bands that are copied are not named."""
+    removed = {f.band for f in fitted.model.fits}
+    counts = [tally.corrected if i in removed else int(tally.rewritten[i]) for i in range(len(names))]
+    return {name: n for name, n in zip(names, counts, strict=True) if n}
+
+
+def skipped(fitted: Fitted, names: Sequence[str], tally: Tally) -> dict[str, str]:
     """What was not done, and why."""
     out = {}
     if fitted.recipe.mask == "none":
@@ -95,7 +103,9 @@ def skipped(fitted: Fitted, names: Sequence[str]) -> dict[str, str]:
         if i not in corrected:
             why = "glint reference" if i in fitted.model.index_bands else "not among the bands to correct"
             why = alone.get(name, why)
-            out[name] = f"{why}: passed unchanged"
+            copied = not tally.rewritten[i]
+            done = "copied" if copied else f"no glint removed, {tally.rewritten[i]} pixels replaced by compensation"
+            out[name] = f"{why}: {done}"
     return out
 
 

@@ -12,12 +12,14 @@ from ..raster.convert import ends
 from ..scene import Scene
 from .look import raster_of
 
+_PER_BAND = ("replaced", "rewritten", "negative", "clipped", "saturated")
+
 
 @dataclass
 class Tally:
     """Pixels of the whole run; bands in scene order. What was `copied` was not looked at: only its total is known; what
     was `passed` lies in tiles that hold nothing to correct, and was not compensated; what is `calm` is water where no
-    glint is, and as it was."""
+    glint is, and as it was; `rewritten` counts pixels of bands without a removal that compensation changed."""
 
     bands: int
     total: int = 0
@@ -30,19 +32,20 @@ class Tally:
     passed: int = 0
     calm: int = 0
     replaced: npt.NDArray[np.int64] = field(init=False)
+    rewritten: npt.NDArray[np.int64] = field(init=False)
     negative: npt.NDArray[np.int64] = field(init=False)
     clipped: npt.NDArray[np.int64] = field(init=False)
     saturated: npt.NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
-        for name in ("replaced", "negative", "clipped", "saturated"):
+        for name in _PER_BAND:
             setattr(self, name, np.zeros(self.bands, np.int64))
 
     def add(self, other: Tally) -> None:
         """Add a tile's counts."""
         counts = ("total", "nodata", "not_water", "usable", "corrected", "protected", "passed", "calm")
         self.copied |= other.copied
-        for name in (*counts, "replaced", "negative", "clipped", "saturated"):
+        for name in (*counts, *_PER_BAND):
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
 

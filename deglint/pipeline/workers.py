@@ -7,6 +7,7 @@ batch is stopped, or dies itself, the workers clean up and end.
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import signal
 import threading
@@ -21,6 +22,7 @@ from .apply import remove_glint
 from .jobs import DONE, FAILED, NO_WATER, Job, Outcome, Say, outcome
 from .order import Order
 
+log = logging.getLogger(__name__)
 PATIENCE = 10.0
 """How long a worker may take to clean up when it is stopped [s]."""
 _EVERY = 0.2
@@ -78,7 +80,8 @@ def _start(order: Order, request: str, threads: int) -> _Worker:
 
     context = get_context("spawn")  # a fork would take locks of this process's threads with it
     ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs, order, request, threads), daemon=False)
+    talks = log.isEnabledFor(logging.DEBUG)
+    process = context.Process(target=_serve, args=(theirs, order, request, threads, talks), daemon=False)
     process.start()
     theirs.close()
     return _Worker(process, ours)
@@ -100,7 +103,10 @@ def _hear(worker: _Worker, job: Job, say: Say) -> Outcome | None:
     if what == "end":
         done: Outcome = about
         return done
-    say(what, (job.scene.name, *about))
+    if what == "log":
+        log.log(about[0], "%s: %s", job.scene.name, about[1])
+    else:
+        say(what, (job.scene.name, *about))
     return None
 
 
@@ -120,8 +126,23 @@ def _stop(workers: list[_Worker]) -> None:
         worker.line.close()
 
 
-def _serve(line: Any, order: Order, request: str, threads: int) -> None:
-    """A worker's life: take jobs until there are no more, or the batch is gone."""
+class _Forward(logging.Handler):
+    """Sends what a worker logs to the batch."""
+
+    def __init__(self, line: Any) -> None:
+        super().__init__(logging.INFO)
+        self._line = line
+
+    def emit(self, record: logging.LogRecord) -> None:
+        with contextlib.suppress(OSError):
+            self._line.send(("log", (record.levelno, record.getMessage())))
+
+
+def _serve(line: Any, order: Order, request: str, threads: int, talks: bool) -> None:
+    """A worker's life: take jobs until there are no more, or the batch is gone; it sends its log if it `talks`."""
+    if talks:
+        logging.getLogger("deglint").setLevel(logging.INFO)
+        logging.getLogger("deglint").addHandler(_Forward(line))
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupt)
     threading.Thread(target=_watch_parent, daemon=True).start()

@@ -6,6 +6,7 @@ system is never asked about them.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections import Counter
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from .. import sensors
+from ..checks import as_path, check_number, checked_keywords
 from ..errors import BandError, InputError
 from ..raster import RasterInfo, RasterSource
 from ..raster.info import describe, open_dataset
@@ -32,6 +34,7 @@ _SENTINEL2 = re.compile(r"b0\d|b0?8a")
 _NOT_NAMES = ("gray", "undefined", "palette", "alpha")
 
 
+@checked_keywords()
 def open_scene(
     path: Path | Sequence[Path],
     *,
@@ -77,7 +80,9 @@ def open_scene(
     >>> find_nir(scene)  # doctest: +SKIP
     (6,)
     """
-    paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
+    paths = [as_path(p, "path") for p in (path if isinstance(path, (list, tuple)) else [path])]
+    if nodata is not None and nodata == nodata:  # NaN is allowed
+        check_number(nodata, -math.inf, math.inf, "nodata")
     if not paths:
         raise InputError("want at least one file to open, got none")
     notes: list[str] = []

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ..checks import check_kind
 from ..errors import BandError
 from ..scene import Scene
 from ..sensors import normalise
@@ -48,6 +49,7 @@ def find_nir(scene: Scene, wanted: Wanted | None = None) -> tuple[int, ...]:
     BandError
         None can be deduced, or a band asked for is not there; the message lists the bands.
     """
+    check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     return _choose(scene, wanted)[0]
 
 

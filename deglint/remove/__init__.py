@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..checks import check_choice, checked_keywords, described
 from ..errors import InputError
 from ..scene import Band, FloatArray
 from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction, wiener
@@ -82,6 +83,7 @@ METHODS: dict[str, Method] = {
 }
 
 
+@checked_keywords("regression", "floor_percentile", "rrs_factor", "correct", "use")
 def fit(
     method: str,
     block: FloatArray,
@@ -132,10 +134,12 @@ def fit(
         raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
     if block.dtype not in (np.float32, np.float64):
         block = block.astype(np.result_type(block.dtype, np.float32))
-    if method not in METHODS:
-        raise InputError(f"method {method!r} is not one of {', '.join(METHODS)}.")
+    check_choice(method, list(METHODS), "method")
+    references = np.atleast_1d(nir).tolist()
+    if not all(isinstance(n, int) for n in references):
+        raise InputError(f"nir: want 0-based numbers of bands of the array, got {described(nir)}.")
     known = tuple(bands) if bands else tuple(Band(f"band {i + 1}") for i in range(len(block)))
-    request = nir_request(known, [nir] if isinstance(nir, int) else list(nir), **options)
+    request = nir_request(known, references, **options)
     chosen = METHODS[method]
     mask = np.ones(block.shape[1:], np.bool_) if sample is None else np.asarray(sample, np.bool_)
     if mask.shape != block.shape[1:]:

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..checks import check_kind
 from ..errors import InputError
 from ..scene import FloatArray
 from .reference import ReferenceRule
@@ -268,6 +269,8 @@ def apply(
     >>> apply(np.array([[[10.0]], [[4.0]]]), model)[0, 0, 0]
     np.float64(9.0)
     """
+    check_kind(block, np.ndarray, "block", "Read a scene with scene.read(), or give it to deglint.correct.")
+    check_kind(model, GlintModel, "model", "Make one with deglint.fit; deglint.correct takes what fit_scene gives.")
     if block.ndim != 3 or block.shape[0] != len(model.band_names):
         raise InputError(
             f"the model is for {len(model.band_names)} bands ({', '.join(model.band_names)}), "

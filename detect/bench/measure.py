@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .. import background, rx
+from .. import background
 from ..roc import Roc
+from ..rx import detector, score
 from .section import Number
 
 Float64 = npt.NDArray[np.float64]
@@ -63,7 +64,7 @@ def rx_scores(image: npt.NDArray[Any], sample: Mask, covariance: str = "empirica
     """Squared Mahalanobis distance of every pixel from the pixels of a sample, over all bands."""
     image = np.asarray(image, np.float64)
     found = background.fit(image, mask=sample, covariance=covariance, threads=1)
-    return np.asarray(rx.score(image, rx.detector("rx", found)), np.float64)
+    return np.asarray(score(image, detector("rx", found)), np.float64)
 
 
 def curves(scores: Float64, kinds: npt.NDArray[np.integer[Any]], numbers: Sequence[int]) -> list[Roc]:

@@ -118,7 +118,7 @@ def ran(case: Case, effort: Effort, *, warm: bool) -> Ran:
     out = effort.directory / "skipping-out.tif"
 
     def work(recipe: Recipe) -> Callable[[], Any]:
-        options = {"threads": 1, "overwrite": True, "nodata": 0.0 if case.nodata else None}
+        options: dict[str, Any] = {"threads": 1, "overwrite": True, "nodata": 0.0 if case.nodata else None}
         return lambda: remove_glint(source, out, recipe, **options)
 
     try:

@@ -33,7 +33,7 @@ def cli() -> None:
 
 def main() -> NoReturn:
     """Run the command and leave with its exit code: 0 done, 1 failed, 2 usage, 3 nothing to score."""
-    running.leave(run(sys.argv[1:]))
+    sys.exit(run(sys.argv[1:]))
 
 
 def run(arguments: list[str]) -> int:

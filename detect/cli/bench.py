@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import shlex
 import tempfile
 import time
@@ -10,14 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from deglint.cli.options import Talk, names
-from deglint.cli.running import printable
+from deglint.cli.console import Console
+from deglint.cli.options import names
 
 from ..bench import EXPERIMENTS
 
 if TYPE_CHECKING:
     from ..bench.collect import Collected
 
+log = logging.getLogger(__name__)
 SEEDS = {True: 2, False: 5}
 """Scenes of each kind, quick and not."""
 
@@ -79,10 +81,9 @@ def bench(out: str, **given: Any) -> None:
     for target in targets:
         check_target(target, overwrite=given["overwrite"])
     docs = _docs(given)
-    talk = Talk(quiet=given["quiet"])
     start, load = time.perf_counter(), load_now()
-    tell = _Progress(talk, len(wanted))
-    try:
+    with Console(given) as console:
+        tell = _Progress(console, len(wanted))
         with tempfile.TemporaryDirectory(prefix="rxdetect-", dir=_scratch(given["scratch"])) as place:
             seeds = given["seeds"] or SEEDS[given["quick"]]
             effort = Effort(given["quick"], seeds, Path(place), cores(), given["peers"])
@@ -93,11 +94,9 @@ def bench(out: str, **given: Any) -> None:
             write_json(scratch, targets[1], as_json(found, made))
         if docs is not None and not found.failed:
             _write_docs(docs, found, made)
-    finally:
-        talk.clear()
-    talk.say(f"{targets[0]} and {targets[1]}: written in {time.perf_counter() - start:.0f} s")
-    if docs is not None:
-        talk.say(f"{docs}: {'left as it was: an experiment failed' if found.failed else 'remade'}")
+        log.info("%s and %s: written in %.0f s", *targets, time.perf_counter() - start)
+        if docs is not None:
+            log.info("%s: %s", docs, "left as it was: an experiment failed" if found.failed else "remade")
     if given["verbose"] > 1:
         for trace in found.traces.values():
             click.echo(trace, err=True)
@@ -108,20 +107,19 @@ def bench(out: str, **given: Any) -> None:
 class _Progress:
     """A line for each experiment."""
 
-    def __init__(self, talk: Talk, total: int) -> None:
-        self._talk, self._total, self._done = talk, total, 0
+    def __init__(self, console: Console, total: int) -> None:
+        self._console, self._total, self._done = console, total, 0
 
     def before(self, name: str) -> None:
         """It starts."""
-        self._talk.progress(name, self._done, self._total)
+        self._console.progress(name, self._done, self._total)
 
     def after(self, name: str, seconds: float, failure: str) -> None:
         """It ended."""
         self._done += 1
-        self._talk.say(f"{name:<10} {seconds:7.1f} s")
+        log.info("%-10s %7.1f s", name, seconds)
         if failure:
-            self._talk.clear()
-            click.echo(f"Error: {name} failed: {printable(failure)}", err=True)
+            log.error("%s failed: %s", name, failure)
 
 
 def _wanted(only: tuple[str, ...]) -> list[str]:

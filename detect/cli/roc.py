@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import shlex
 import time
 from pathlib import Path
@@ -10,7 +11,9 @@ from typing import Any
 
 import click
 
-from deglint.cli.options import Talk
+from deglint.cli.console import Console
+
+log = logging.getLogger(__name__)
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -67,28 +70,24 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     for target in (report, beside):
         if target is not None:
             check_target(target, overwrite=given["overwrite"])
-    talk = Talk(quiet=given["quiet"])
     request = Request(
         scores=scores, truth=truth, mask=given["mask"], pfa_max=given["pfa_max"], draws=given["draws"],
         seed=given["seed"], block=given["block"], per_object=given["per_object"], lower=given["lower"],
         connected=given["connected"],
     )  # fmt: skip
     start = time.perf_counter()
-    try:
-        with environment():
-            found = evaluate(request, talk.progress)
-            made = provenance(request, _command(scores, truth, given), time.perf_counter() - start)
-            numbers = plain(found.numbers | {"made": made})
-            if report is not None and beside is not None:
-                with Scratch() as scratch:
-                    write_text(scratch, report, page(found, made))
-                    write_json(scratch, beside, numbers)
-    finally:
-        talk.clear()
-    for note in numbers["notes"]:
-        talk.say(f"note: {note}")
-    if report is not None:
-        talk.say(f"{report} and {beside}: written in {time.perf_counter() - start:.2f} s")
+    with Console(given) as console, environment():
+        found = evaluate(request, console.progress)
+        made = provenance(request, _command(scores, truth, given), time.perf_counter() - start)
+        numbers = plain(found.numbers | {"made": made})
+        if report is not None and beside is not None:
+            with Scratch() as scratch:
+                write_text(scratch, report, page(found, made))
+                write_json(scratch, beside, numbers)
+        for note in numbers["notes"]:
+            log.info("note: %s", note)
+        if report is not None:
+            log.info("%s and %s: written in %.2f s", report, beside, time.perf_counter() - start)
     if given["as_json"]:
         click.echo(json.dumps(numbers, indent=2))
     elif not given["quiet"]:

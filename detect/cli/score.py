@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from deglint.cli.options import Talk, cluster_of, common, creation_options, names, on_cluster
-from deglint.cli.running import collecting_later, keep_memory
+from deglint.cli.console import Console
+from deglint.cli.options import cluster_of, common, creation_options, names, on_cluster
 from deglint.pipeline.checksum import begin_checksum
 
 # The keys of detect.pipeline.recipe's tables, which --help must not wait for; a test holds them equal.
@@ -160,32 +160,17 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     rxdetect score scene.tif scores.tif --background sea.geojson --save-background sea.json
     rxdetect score other.tif scores2.tif --background sea.json
     """  # fmt: skip
-    keep_memory()
     begin_checksum(inputs)
-    talk = Talk(quiet=given["quiet"])
     fields = ("method", "window", "border", "covariance", "ridge", "background", "bands", "nir", "drop", "mask", "pfa",
               "threshold", "min_size", "merge_distance")  # fmt: skip
-    try:
-        with collecting_later(talk.progress) as progress, cluster_of(given, talk) as cluster:
-            from ..pipeline import Recipe, score_file
+    with Console(given) as console, cluster_of(given) as cluster:
+        from ..pipeline import Recipe, score_file
 
-            result = score_file(
-                list(inputs), output, Recipe(**{name: given[name] for name in fields}),
-                sensor=given["sensor"], nodata=given["nodata"], threads=given["threads"], cluster=cluster,
-                progress=progress, p_value=given["p_value"], flags=given["flags"], objects=given["objects"],
-                background=given["save_background"], overwrite=given["overwrite"], options=given["options"],
-            )  # fmt: skip
-    finally:
-        talk.clear()
-    said = result.sidecar
-    for note in said["notes"]:
-        talk.say(note)
-    if result.threshold is not None:
-        talk.say(str(result.threshold))
-    for warning in said["warnings"]:
-        talk.say(f"warning: {warning}")
-    marked = "" if result.objects is None else f", {result.objects} objects"
-    tally = result.tally
-    talk.say(f"{output}: {tally.scored} of {tally.total} pixels scored{marked} in {said['seconds']:.2f} s")
+        result = score_file(
+            list(inputs), output, Recipe(**{name: given[name] for name in fields}),
+            sensor=given["sensor"], nodata=given["nodata"], threads=given["threads"], cluster=cluster,
+            progress=console.progress, p_value=given["p_value"], flags=given["flags"], objects=given["objects"],
+            background=given["save_background"], overwrite=given["overwrite"], options=given["options"],
+        )  # fmt: skip
     if given["as_json"]:
-        click.echo(json.dumps(said, indent=2))
+        click.echo(json.dumps(result.sidecar, indent=2))

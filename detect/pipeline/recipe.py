@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from deglint.checks import checked_keywords
 from deglint.errors import InputError
 
 from ..background import COVARIANCES, RIDGE, check_rule
@@ -98,6 +99,9 @@ class Recipe:
             )
         if self.background:
             raise InputError("local takes the ring around each pixel as its background: leave out --background.")
+
+
+Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-assign]
 
 
 @dataclass(frozen=True)

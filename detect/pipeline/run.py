@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import time
 from collections.abc import Iterator, Sequence
@@ -15,15 +16,18 @@ import numpy.typing as npt
 from rasterio.windows import Window
 
 from deglint import tiles as tiling
+from deglint.checks import checked_keywords
 from deglint.errors import InputError, NoWaterError
 from deglint.pipeline.checksum import checksum_of
 from deglint.pipeline.cluster import Cluster, writing_images
+from deglint.pipeline.log import log_scene
 from deglint.pipeline.look import core_of, raster_of
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, check_image, check_target, plain, write_json, write_text
 from deglint.scene import Scene
 from deglint.tiles import LARGEST, Tile, default_threads
+from deglint.timing import Reporter
 
 from .. import objects as marking
 from .. import threshold as cutting
@@ -36,6 +40,7 @@ from .plan import KEPT, Kept, Plan, Progress, Read, both, make_plan, read
 from .recipe import NO_LAW, Outputs, Recipe
 from .sidecar import describe, notes_on, warnings_of
 
+log = logging.getLogger(__name__)
 _SPARSE = 1 / 64
 """Share of the pixels up to which a list of those detected takes less memory than the whole scene."""
 
@@ -125,6 +130,7 @@ class Result:
     sidecar: dict[str, Any] = field(repr=False)
 
 
+@checked_keywords("p_value", "flags", "objects", "background", "overwrite", "options")
 def score_file(
     source: str | Path | Sequence[str | Path],
     image: str | Path,
@@ -181,7 +187,7 @@ def score_file(
     with environment(), _one_blas_thread():
         scene = open_scene(source, sensor=sensor, nodata=nodata)
         with raster_of(scene):
-            return _run(scene, recipe, targets, threads or default_threads(), progress, cluster)
+            return _run(scene, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
 
 
 def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> None:
@@ -218,13 +224,19 @@ def _run(
         if os.path.realpath(path) in inputs:
             raise InputError(f"{path} is the input, and would be lost. Give that output another name.")
     checksum = checksum_of(raster_of(scene).info.paths)
+    log_scene(scene)
     plan = make_plan(scene, recipe, threads, progress)
+    for note in plan.notes:
+        log.info("%s", note)
     kept = Kept(KEPT if raster_of(scene).info.compression else 0)  # to read again what is not compressed is as quick
     background = None
     if plan.rule is None:
         background = plan.given or (
             fit_background(plan, reader=kept.read) if cluster is None else fit_background(plan, cluster.run)
         )
+    notes = notes_on(plan, background)
+    for note in notes:
+        log.info("%s", note)
     ready = detector(recipe.method, background, drop=recipe.drop, nir=plan.nir) if background else None
     law = _law(recipe, ready, background, len(plan.bands))
     with Scratch() as scratch:
@@ -242,7 +254,7 @@ def _run(
             {
                 **describe(plan, targets, background, threshold, tally, checksum),
                 "objects": found,
-                "notes": [*scene.notes, *plan.notes, *notes_on(plan, background)],
+                "notes": [*scene.notes, *plan.notes, *notes],
                 "warnings": warnings_of(plan, background, threshold, tally),
                 "seconds": round(time.perf_counter() - begun, 3),
             }
@@ -250,7 +262,20 @@ def _run(
         if cluster:
             said["cluster"] = cluster.numbers()
         write_json(scratch, targets.sidecar, said)
+    _log_result(targets, tally, threshold, found, said)
     return Result(tally, background, threshold, found, said)
+
+
+def _log_result(
+    targets: Outputs, tally: Tally, threshold: Threshold | None, found: int | None, said: dict[str, Any]
+) -> None:
+    if threshold is not None:
+        log.info("%s", threshold)
+    for warning in said["warnings"]:
+        log.warning("%s", warning)
+    marked = "" if found is None else f", {found} objects"
+    log.info("%s: %d of %d pixels scored%s in %.2f s", targets.image, tally.scored, tally.total, marked,
+             said["seconds"])  # fmt: skip
 
 
 def fit_background(plan: Plan, run: tiling.Run = tiling.run, reader: Read = read) -> Background:

@@ -1,28 +1,14 @@
 """`rxdetect score`, from file to file: scores, thresholds, objects, masks, backgrounds, and what it refuses."""
 
 import json
-from collections import namedtuple
 
 import numpy as np
 import pytest
 import rasterio
 
 from detect import background, local, rx, threshold
-from detect.cli import run
 from detect.cli import score as command
 from detect.pipeline import Recipe, flags, plan, recipe, score_file
-
-Ran = namedtuple("Ran", "code out err")
-
-
-@pytest.fixture
-def rxdetect(capfd):
-    def call(*arguments):
-        capfd.readouterr()
-        code = run([str(a) for a in arguments])
-        return Ran(code, *capfd.readouterr())
-
-    return call
 
 
 @pytest.fixture

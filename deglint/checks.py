@@ -1,0 +1,125 @@
+"""What a public function says of an argument that it cannot use: which, what is wanted, what was given, in one line."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import os
+from collections.abc import Callable
+from functools import wraps
+from numbers import Real
+from typing import Any, ParamSpec, TypeVar
+
+from .errors import InputError
+
+Args = ParamSpec("Args")
+Result = TypeVar("Result")
+
+
+def nearest(word: str, known: list[str]) -> str:
+    """ "; did you mean X?" where a known word is like this one, else nothing.
+
+    Examples
+    --------
+    >>> nearest("hedly", ["hedley", "joyce"]), nearest("magic", ["hedley", "joyce"])
+    ("; did you mean 'hedley'?", '')
+    """
+    found = difflib.get_close_matches(word.lower(), known, 1, 0.6)
+    return f"; did you mean {found[0]!r}?" if found else ""
+
+
+def checked_keywords(*more: str) -> Callable[[Callable[Args, Result]], Callable[Args, Result]]:
+    """Decorator: a keyword that a function does not take is a TypeError that names the nearest one.
+
+    Parameters
+    ----------
+    *more : str
+        What the function takes by ** beside its own parameters.
+    """
+
+    def decorate(function: Callable[Args, Result]) -> Callable[Args, Result]:
+        own = [p for p in inspect.signature(function).parameters.values() if p.name != "self"]
+        known = [p.name for p in own if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)] + list(more)
+        name = function.__qualname__.removesuffix(".__init__")
+
+        @wraps(function)
+        def call(*args: Args.args, **kwargs: Args.kwargs) -> Result:
+            for word in kwargs:
+                if word not in known:
+                    hint = nearest(word, known) or f"; it takes {', '.join(known)}."
+                    raise TypeError(f"{name}: there is no argument {word!r}{hint}")
+            return function(*args, **kwargs)
+
+        return call
+
+    return decorate
+
+
+def described(value: Any) -> str:
+    """A value for a message: short, and an array by its shape.
+
+    Examples
+    --------
+    >>> described("a.tif"), described(7), described([1] * 99)
+    ("'a.tif'", '7', 'a list of 99')
+    """
+    if hasattr(value, "shape") and hasattr(value, "dtype"):
+        return f"an array of shape {tuple(value.shape)}"
+    if isinstance(value, (list, tuple, dict, set)) and len(value) > 4:
+        return f"a {type(value).__name__} of {len(value)}"
+    if isinstance(value, (str, int, float, list, tuple, os.PathLike)) or value is None:
+        return f"{value!r:.80}"
+    return f"a {type(value).__name__}"
+
+
+def as_path(value: Any, name: str) -> str:
+    """A path or GDAL name as text.
+
+    Raises
+    ------
+    InputError
+        Something else.
+    """
+    if isinstance(value, str) and value:
+        return value
+    if isinstance(value, os.PathLike) and isinstance(path := os.fspath(value), str):
+        return path
+    hint = " Arrays go to deglint.fit and deglint.apply." if hasattr(value, "dtype") else ""
+    raise InputError(f"{name}: want a file name, got {described(value)}.{hint}")
+
+
+def check_kind(value: Any, kind: type, name: str, remedy: str) -> None:
+    """Refuse a value that is of another kind.
+
+    Raises
+    ------
+    InputError
+        With the `remedy`.
+    """
+    if not isinstance(value, kind):
+        raise InputError(f"{name}: want a {'text' if kind is str else kind.__name__}, got {described(value)}. {remedy}")
+
+
+def check_choice(value: Any, known: list[str], name: str) -> None:
+    """Refuse a word that is not one of those known.
+
+    Raises
+    ------
+    InputError
+        Names the nearest, and all.
+    """
+    if not isinstance(value, str) or value not in known:
+        hint = nearest(value, known) if isinstance(value, str) else ""
+        raise InputError(f"{name} {described(value)} is not one of {', '.join(known)}{hint or '.'}")
+
+
+def check_number(value: Any, low: float, high: float, name: str) -> None:
+    """Refuse what is no number from `low` to `high`.
+
+    Raises
+    ------
+    InputError
+        Names the range.
+    """
+    if not isinstance(value, Real) or isinstance(value, bool) or not low <= float(value) <= high:
+        raise InputError(f"{name}: want a number from {low:g} to {high:g}, got {described(value)}.")

@@ -1,0 +1,89 @@
+"""What a command says on stderr: log lines, and on a terminal a progress line with the time that is left.
+
+The library logs to "deglint", "detect" and loggers below them, and installs no handler. A command installs this one for
+as long as it runs; scripts and notebooks install their own.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+from types import TracebackType
+from typing import Any, Self
+
+import click
+
+from ..timing import Reporter, TimeLeft, duration
+from .running import printable
+
+LOGGERS = ("deglint", "detect")
+LEVEL_NAMES = {logging.WARNING: "warning: ", logging.ERROR: "Error: "}
+"""What a line of these levels begins with."""
+WIDEST = 110
+"""Longest progress line [character]."""
+
+
+class Console(logging.Handler):
+    """Handler of the project's loggers, installed while it is entered.
+
+    Parameters
+    ----------
+    given : mapping
+        The command's options: "verbose" (how often -v is given) and "quiet".
+    level : int
+        Lowest level that is shown with neither -v nor -q.
+    """
+
+    def __init__(self, given: dict[str, Any], level: int = logging.INFO) -> None:
+        super().__init__()
+        quiet, verbose = given.get("quiet", False), given.get("verbose", 0)
+        self._shown = logging.ERROR if quiet else logging.DEBUG if verbose else level
+        self._before: list[int] = []
+        self._drawn = False
+        self._left, self._report = TimeLeft(), Reporter()
+        self._bar = not quiet and sys.stderr is not None and sys.stderr.isatty()
+
+    def __enter__(self) -> Self:
+        for logger in map(logging.getLogger, LOGGERS):
+            self._before.append(logger.level)
+            logger.addHandler(self)
+            logger.setLevel(self._shown)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.clear()
+        for logger in map(logging.getLogger, LOGGERS):
+            logger.removeHandler(self)
+            logger.setLevel(self._before.pop(0))
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a line, in place of the progress line."""
+        self.clear()
+        click.echo(LEVEL_NAMES.get(record.levelno, "") + printable(record.getMessage()), err=True)
+
+    def progress(self, stage: str, done: int, total: int) -> None:
+        """Redraw the progress line on a terminal; elsewhere log a line now and then."""
+        if not self._bar:
+            self._report(stage, done, total)
+            return
+        left, filled = self._left(stage, done, total), 30 * done // total
+        said = "" if left is None else f", {duration(left)} left"
+        self.draw(f"{stage:<8} [{'#' * filled}{'.' * (30 - filled)}] {100 * done // total:3d} %{said}")
+        if done == total:
+            self.clear()
+
+    def draw(self, line: str) -> None:
+        """Draw a progress line, where stderr is a terminal."""
+        if self._bar:
+            sys.stderr.write(f"\r\x1b[K{line[:WIDEST]}")
+            sys.stderr.flush()
+            self._drawn = True
+
+    def clear(self) -> None:
+        """Take the progress line away."""
+        if self._drawn:
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
+            self._drawn = False

@@ -1,0 +1,99 @@
+"""What the pipeline logs while it decides: one short line for each decision (INFO), and why (DEBUG).
+
+The same decisions stand in full in `Fitted.notes` and in the sidecar.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..masks import WaterRule
+from ..scene import Scene
+
+if TYPE_CHECKING:
+    from ..needs import Needs
+    from ..remove import GlintModel
+    from .tally import Tally
+
+log = logging.getLogger("deglint.pipeline")
+
+
+def why(lines: Sequence[str]) -> None:
+    """Reasons, shown by -v."""
+    for line in lines:
+        log.debug("  %s", line)
+
+
+def log_scene(scene: Scene) -> None:
+    """What was opened: size, sensor, band delays."""
+    sensor = f", sensor {scene.sensor}" if scene.sensor else ""
+    log.info("%s: %d bands, %d x %d pixels%s", scene.path, len(scene.bands), scene.width, scene.height, sensor)
+    times = [b.time_offset for b in scene.bands if b.time_offset is not None]
+    if len(times) > 1:
+        source = f"known for {scene.sensor}" if scene.sensor else "read from file"
+        log.info("band delays %s: up to %.0f ms", source, 1e3 * (max(times) - min(times)))
+    why(scene.notes)
+
+
+def log_nir(scene: Scene, bands: Sequence[int], notes: Sequence[str]) -> None:
+    """Which bands show the glint."""
+    log.info("NIR: %s", ", ".join(_band(scene, b) for b in bands))
+    why(notes)
+
+
+def log_water(rule: WaterRule | None, mask: str) -> None:
+    """What is corrected."""
+    if rule is not None and rule.has_water:
+        log.info("water: %.0f %% of the pixels that were looked at", 100 * rule.water_fraction)
+        why([rule.reason])
+    elif mask == "none":
+        log.info("mask: none, every valid pixel is corrected")
+    elif mask != "auto":
+        log.info("mask: %s", mask)
+
+
+def log_needs(needs: Needs) -> None:
+    """Which stages of compensation run, and what the scene is measured to need."""
+    stages = [s.stage for s in needs.stages if s.runs]
+    skipped = next((f" ({s.why})" for s in needs.stages if not s.runs), "")
+    log.info("compensation: %s", ", ".join(stages) if stages else f"none{skipped}")
+    why(needs.lines())
+
+
+def log_sample(pixels: int, place: str) -> None:
+    """What the method was fitted to."""
+    log.info("sample: %d pixels, %s", pixels, place)
+
+
+def log_model(model: GlintModel, notes: Sequence[str]) -> None:
+    """Method, bands, and what to be careful of."""
+    bands = ", ".join(f.name for f in model.fits) or "none"
+    log.info("method: %s; bands to correct: %s", model.method, bands)
+    why([*notes, *str(replace(model, warnings=())).splitlines()[1:]])
+    for warning in model.warnings:
+        log.warning("%s", warning)
+
+
+def log_result(scene: Scene, model: GlintModel, image: Path, tally: Tally, said: Mapping[str, Any]) -> None:
+    """What became of each band and of the pixels; `said` is the sidecar."""
+    changed = said["pixels"]["changed"]
+    copied = [n for n in scene.names if n not in changed]
+    parts = [f"corrected: {', '.join(changed)}"] if changed else []
+    parts += [f"copied: {', '.join(copied)}"] if copied else []
+    log.info("bands %s", "; ".join(parts))
+    for warning in said["warnings"][len(model.warnings) :]:  # the model's were logged when it was fitted
+        log.warning("%s", warning)
+    calm = f", {tally.calm} without glint as they were," if tally.calm else ""
+    seconds = said["seconds"]
+    log.info("%s: %d of %d pixels corrected%s in %.2f s", image, tally.corrected, tally.total, calm, seconds)
+
+
+def _band(scene: Scene, index: int) -> str:
+    band = scene.bands[index]
+    wavelength = f" ({band.wavelength:g} nm)" if band.wavelength else ""
+    number = f"band {index + 1}"
+    return f"{number}{wavelength}" if band.name.casefold() == number else f"{number} {band.name}{wavelength}"

@@ -1,0 +1,63 @@
+"""How long a stage will still take, from the rate of the tiles that are finished; and progress as log lines."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+EVERY = 30.0
+"""Least time between two log lines on progress [s]: a stage that takes less needs none."""
+log = logging.getLogger(__name__)
+
+
+class TimeLeft:
+    """Time left of a stage: what remains, at the mean rate since the stage's first report.
+
+    Examples
+    --------
+    >>> left = TimeLeft()
+    >>> left("correct", 1, 10, now=0.0), left("correct", 4, 10, now=6.0)
+    (None, 12.0)
+    """
+
+    def __init__(self) -> None:
+        self._stage = ""
+        self._first = (0, 0.0)
+
+    def __call__(self, stage: str, done: int, total: int, *, now: float | None = None) -> float | None:
+        """Seconds, or None at a stage's first report."""
+        now = time.monotonic() if now is None else now
+        if stage != self._stage or done < self._first[0]:
+            self._stage, self._first = stage, (done, now)
+        finished, since = done - self._first[0], now - self._first[1]
+        return since / finished * (total - done) if finished else None
+
+
+class Reporter:
+    """A progress function that logs at most every `EVERY` seconds, the first time that long after a stage began."""
+
+    def __init__(self) -> None:
+        self._left = TimeLeft()
+        self._stage, self._said = "", 0.0
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Take in that `done` of `total` tiles are finished."""
+        now, left = time.monotonic(), self._left(stage, done, total)
+        if stage != self._stage or done == total:
+            self._stage, self._said = stage, now
+        elif left is not None and now - self._said >= EVERY:
+            self._said = now
+            log.info("%s: %d %%, %s left", stage, 100 * done // total, duration(left))
+
+
+def duration(seconds: float) -> str:
+    """A time for people.
+
+    Examples
+    --------
+    >>> duration(4.4), duration(200), duration(9000)
+    ('4 s', '3 min', '2.5 h')
+    """
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5970 else f"{seconds / 3600:.1f} h"

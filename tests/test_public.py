@@ -1,0 +1,126 @@
+"""The public names: what type checkers see of them, and what they say of a wrong value."""
+
+import ast
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import deglint
+import detect
+from deglint import Recipe
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.mark.parametrize("package", [deglint, detect])
+def test_checkers_are_shown_the_names_that_are_loaded(package):
+    tree = ast.parse(Path(package.__file__).read_text(encoding="utf-8"))
+    shown = {
+        f"{alias.asname}": node.module
+        for block in tree.body
+        if isinstance(block, ast.If)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom) and node.level == 1
+        for alias in node.names
+    }
+    assert shown == package._HOMES
+    assert sorted([*shown, "__version__"], key=str.casefold) == sorted(package.__all__, key=str.casefold)
+    assert Path(package.__file__).with_name("py.typed").exists()
+    for name, home in shown.items():
+        assert getattr(package, name) is not None, name
+        assert hasattr(importlib.import_module(f"{package.__name__}.{home}"), name)
+
+
+def test_mypy_knows_signatures_and_misspelt_names(tmp_path):
+    pytest.importorskip("mypy")
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import deglint, detect\n"
+        "reveal_type(deglint.open_scene)\n"
+        "reveal_type(detect.rx)\n"
+        "deglint.remove_glint('a.tif', 'b.tif', deglint.Recipe(metod='hedley'))\n"
+        "deglint.opne_scene\n"
+    )
+    call = [sys.executable, "-m", "mypy", "--follow-imports=silent", str(script)]
+    said = subprocess.run(call, capture_output=True, text=True, check=False, cwd=ROOT).stdout
+    assert "-> deglint.scene.Scene" in said
+    assert 'note: Revealed type is "def (image: numpy.ndarray' in said
+    assert 'Unexpected keyword argument "metod"' in said
+    assert 'has no attribute "opne_scene"' in said
+
+
+def test_rx_is_called_with_an_array(sea):
+    image = sea(dtype="float32")
+    image[:, 20, 30] *= 3
+    scores = detect.rx(image)
+    assert scores.shape == image.shape[1:]
+    assert np.unravel_index(scores.argmax(), scores.shape) == (20, 30)
+    image[1, 5, 6] = -999
+    image[2, 8, 9] = np.nan
+    for left in (detect.rx(image, nodata=-999), detect.rx(np.ma.masked_equal(image, -999))):
+        assert np.argwhere(np.isnan(left)).tolist() == [[5, 6], [8, 9]]
+    mask = np.ones(scores.shape, np.bool_)
+    mask[40:] = False
+    assert np.isnan(detect.rx(image, mask=mask, nodata=-999)).sum() == mask.size - mask.sum() + 2
+    assert detect.rx is importlib.import_module("detect.rx")  # and the module has the rest
+
+
+@pytest.mark.parametrize(
+    ("field", "given", "kept"),
+    [("nir", "NIR1,NIR2", ("NIR1", "NIR2")), ("nir", 8, ("8",)), ("bands", [1, "B3"], ("1", "B3")),
+     ("sample", Path("deep.geojson"), "deep.geojson"), ("mask", (10, 20, 30, 40), "10,20,30,40")],
+)  # fmt: skip
+def test_a_recipe_takes_what_is_plain(field, given, kept):
+    assert getattr(Recipe(**{field: given}), field) == kept
+
+
+ARRAY = np.ones((4, 20, 20), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda _: Recipe(metod="hedley"), "Recipe: there is no argument 'metod'; did you mean 'method'?"),
+        (lambda _: Recipe(method="hedly"), "kutser, nir-subtraction; did you mean 'hedley'?"),
+        (lambda _: Recipe(nir=ARRAY), "names or numbers (from 1) of bands, got an array of shape (4, 20, 20)"),
+        (lambda _: Recipe(nir=True), "names or numbers (from 1) of bands, got True"),
+        (lambda _: Recipe(mask=ARRAY), "Write an array as a raster"),
+        (lambda _: Recipe(floor_percentile="5"), "want a number from 0 to 100, got '5'"),
+        (lambda _: Recipe(compensate=None), "want a text, got None. Give 'auto'"),
+        (lambda s: deglint.fit_scene(s, Recipe(nir="NIR1")), "no band 'NIR1' in"),
+        (lambda s: deglint.fit_scene(s, Recipe(nir=8)), "numbers 1-4: 1 blue (485 nm)"),
+        (lambda s: deglint.fit_scene(s.path), "Open it with deglint.open_scene"),
+        (lambda s: deglint.fit_scene(s, "hedley"), "Make one: deglint.Recipe(method='hedley')"),
+        (lambda s: deglint.examine(s.path), "Open it with deglint.open_scene"),
+        (lambda s: deglint.find_nir(s.path), "Open it with deglint.open_scene"),
+        (lambda s: deglint.correct(s, Recipe()), "fitted: want a Fitted, got a Recipe. Make it with"),
+        (lambda s: deglint.open_scene(s.path, senosr="x"), "did you mean 'sensor'?"),
+        (lambda s: deglint.open_scene(ARRAY), "Arrays go to deglint.fit and deglint.apply"),
+        (lambda s: deglint.open_scene(s.path, nodata="x"), "want a number from -inf to inf, got 'x'"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", flag="f.tif"), "did you mean 'flags'?"),
+        (lambda s: deglint.remove_glint(s.path, ARRAY), "image: want a file name, got an array"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", threads=0), "threads: want a number from 1 to 1024, got 0"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", dtype="unit16"), "did you mean 'uint16'?"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", model="m.json"), "deglint.pipeline.load_model"),
+        (lambda _: deglint.fit("hedley", ARRAY, nir="NIR"), "want 0-based numbers of bands of the array, got 'NIR'"),
+        (lambda _: deglint.fit("hedley", ARRAY, nir=4), "not among the 4 bands (counted from 0)"),
+        (lambda _: deglint.fit("hedley", ARRAY, nir=1, regresion="ols"), "did you mean 'regression'?"),
+        (lambda s: deglint.apply(s.path, None), "block: want a ndarray, got"),
+        (lambda _: deglint.apply(ARRAY, "m.json"), "model: want a GlintModel, got 'm.json'"),
+        (lambda _: detect.rx(ARRAY, maks=None), "rx: there is no argument 'maks'; did you mean 'mask'?"),
+        (lambda _: detect.Recipe(metod="rx"), "did you mean 'method'?"),
+        (lambda s: detect.score_file(s.path, "x.tif", obects="o"), "did you mean 'objects'?"),
+    ],
+)  # fmt: skip
+def test_a_wrong_value_is_named_in_one_line(call, said, sea, write, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = deglint.open_scene(write(tmp_path / "in.tif", sea()))
+    with pytest.raises((deglint.DeglintError, TypeError)) as raised:
+        call(scene)
+    assert said in str(raised.value)
+    assert "\n" not in str(raised.value)
+    assert not (tmp_path / "x.tif").exists()
