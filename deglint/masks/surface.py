@@ -26,9 +26,9 @@ are boats and piers at coarse pixels and not glint, which is everywhere in the s
 TAIL = 3.0
 """The NIR of water ends within this many times the distance from its median to its 99th percentile. Brightness of
 glint falls off exponentially: four in a million pixels lie beyond."""
-MAX_SHEET = 8.0
-"""Glint and haze lift whole areas by up to this many times the difference between the visible and the NIR of water;
-clouds are brighter."""
+DARKEST, MAX_SHEET = 10, 8.0
+"""Glint and haze lift whole areas above the darkest tenth of the water by up to 8 times the difference between its
+visible and its NIR; clouds are brighter."""
 LEAST_WATER = 25
 """Water has at least this many pixels, in squares of 5 x 5 [pixel]: less is shadow or a dark roof."""
 COMPACT = 0.7
@@ -425,11 +425,13 @@ def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: 
     last = nir.size - 1 - int(np.argmax(won[::-1]))
     if won[last] <= 0:
         return None
-    water = nir[: last + 1]
+    few = last // DARKEST + 1
+    darkest = float(np.median(contrast[:few]))
+    sheet = float(np.median(nir[:few])) + MAX_SHEET * abs(darkest)
+    alone, highest = last == nir.size - 1, float(nir[last])  # nothing else is in view
+    water = nir[: max(int(np.searchsorted(nir[: last + 1], sheet, "right")), 1)]
     level, end = (float(p) for p in np.percentile(water, (50, 99)))
-    darkest = float(np.median(contrast[: last // 4 + 1]))
-    sheet, tail = level + MAX_SHEET * abs(darkest), level + TAIL * (end - level)
-    alone, highest = last == nir.size - 1, float(water[-1])  # nothing else is in view
+    tail = level + TAIL * (end - level)
     if sparkle:
         threshold = sheet if alone else min(highest, sheet)
     elif alone:
