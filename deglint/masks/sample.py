@@ -249,7 +249,7 @@ def _grains(looks: Sequence[FloatArray], masks: Sequence[BoolArray], rule: Water
         return np.concatenate([b[band][m] for b, m in zip(looks, masks, strict=True)])
 
     middles = [_spread(over_water(band))[0] for band in rule.roles.visible]
-    weights = tuple(1.0 / m if m > 0 else 1.0 / rule.visible_level for m in middles)
+    weights = tuple(1.0 / m if m > 0 else 1.0 / rule.contrast for m in middles)
     sums = [_visible_sum(b, rule.roles, weights)[m] for b, m in zip(looks, masks, strict=True)]
     nir, nir_range = _spread(over_water(rule.roles.nir))
     visible, visible_range = _spread(np.concatenate(sums))

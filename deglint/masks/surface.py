@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,31 +14,35 @@ from ..errors import BandError, InputError
 from ..scene import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
+Votes = npt.NDArray[np.int8]
 
-MAX_RATIO, MAX_RATIO_RED = 0.9, 1.1
-"""NIR over visible (green or blue; red alone) at and above which the darkest thing in view is not taken for
-water. Under glint water has 0.2 to 0.8 in green; soil, plants and towns have 1 to 6, clouds about 1."""
-SURE_RATIO = 0.6
-"""Between this and the limit it is water only if red is no brighter than green (not turbid, but glint)."""
-SLICK_SHARE = 0.03
-"""A second, brighter common ground of the colour of water under glint counts as water from this share on."""
-MIN_JUMP = 0.6
-"""What is not water is brighter in the NIR than water by at least this many dark visible levels."""
-MAX_GLINT = 3.0
-"""A threshold above this many visible levels would miss land: sparkle must be opened away first."""
+GLINT_SIZE = 5.0
+"""Width of the widest patches that glint makes in the image of a fine sensor [m]: facets of waves, blurred."""
 WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)
 """Sides of the opening that are tried, smallest first [pixel]."""
-MAX_LOSS, MAX_LOSS_SHARE = 0.003, 0.03
-"""An opening is large enough when the next size takes no more than this from the bright pixels (share of all
-pixels; share of the bright ones): sparkle is lost to an opening, land is not. Sizes up to the width of what may be lost
-in sparkle are worth it for the share of the bright ones: few pixels may be the brightest of all."""
-SPARKLE_MARGIN = 2.0
-"""Where there is sparkle the threshold is raised by this factor: what it leaves of itself in the opened NIR lies within
-1.5 thresholds (2.4 at most) in scenes of 2 to 12 m/s, land at ten and more."""
+WIDEST, RARE = 13, 2e-3
+"""The same where the size of a pixel is not known [pixel], and the share of isolated bright pixels below which they
+are boats and piers at coarse pixels and not glint, which is everywhere in the sea."""
+TAIL = 3.0
+"""The NIR of water ends within this many times the distance from its median to its 99th percentile. Brightness of
+glint falls off exponentially: four in a million pixels lie beyond."""
+DARKEST, MAX_SHEET = 10, 8.0
+"""Glint and haze lift whole areas above the darkest tenth of the water by up to 8 times the difference between its
+visible and its NIR; clouds are brighter."""
+LEAST_WATER = 25
+"""Water has at least this many pixels, in squares of 5 x 5 [pixel]: less is shadow or a dark roof."""
+COMPACT = 0.7
+"""Brown water has the colours of a town in units of radiance, but of a town less than this lies in such squares."""
+BEYOND = 1.2
+"""The gap between water and land is sought up to this many times the distance from the median of the water's NIR to
+where as many pixels have the colour of water as have not."""
+FLAT, INTO_GAP = 2.0, 0.25
+"""The gap is where the density of the NIR is at most so many times the least; the threshold lies nearer to water, as
+ships, piers and mixed pixels fill the rest."""
 ENOUGH_TO_RANK = 100_000
-"""Values that a percentile is told by; of more, every k-th."""
-BIN = 0.05
-"""Bins of the histogram of log NIR; it is smoothed by a Gaussian of two bins."""
+"""Values that a percentile is determined from; of more, every k-th."""
+BINS = 64
+"""Bins of the histogram in which the gap between water and land is sought."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,30 +81,26 @@ class WaterRule:
     ----------
     roles : Roles
     threshold : float
-        Not water where the opened NIR is above this.
+        Not water where the NIR is above this over a whole square of `window` pixels.
     window : int
-        Side of the square opening [pixel]: 1 at coarse pixels, larger where there is sparkle to pass over.
-    nir_level, visible_level : float
-        Usual NIR of the water, and dark level of the first visible band (10th percentile of the look).
-    ratio : float
-        NIR over visible of the darkest common ground (NaN: nothing to judge).
+        Side of that square [pixel]: 1 at coarse pixels, larger where glint is resolved into bright patches.
+    nir_level : float
+        Median NIR of the water (NaN: no water).
+    contrast : float
+        Visible minus NIR of the darkest water (NaN: no water). It does not depend on an offset that all bands share.
     water_fraction : float
         Share of water among the valid pixels of the look, 0..1.
     pixels : int
         Valid pixels of the look.
-    bright_ratio : float
-        NIR over visible of what is brighter than water, opened (NaN: nothing is).
     """
 
     roles: Roles
-    threshold: float
-    window: int
-    nir_level: float
-    visible_level: float
-    ratio: float
-    water_fraction: float
-    pixels: int
-    bright_ratio: float = np.nan
+    threshold: float = -np.inf
+    window: int = 1
+    nir_level: float = np.nan
+    contrast: float = np.nan
+    water_fraction: float = 0.0
+    pixels: int = 0
 
     @property
     def halo(self) -> int:
@@ -124,22 +124,18 @@ class WaterRule:
     def reason(self) -> str:
         """What was decided, in one line, fit for a log or a NoWaterError."""
         if not self.pixels:
-            return "no valid pixel to look at for water. Check --nodata, or widen --mask."
-        if not self.visible_level > 0:
-            return "no water can be found: the visible band is nowhere above 0. Check the bands, or pass --mask."
+            return "no valid pixel to look at for water. Check --nodata."
         if not self.has_water:
             return (
-                f"no water: the darkest ground in view has NIR/visible {self.ratio:.2f}, water has less than "
-                f"{_max_ratio(self.roles):.1f}. Check which band is the NIR and that no band has an "
-                "offset, or pass --mask."
+                "no water: nowhere is the visible brighter than the NIR over a dark, even area. Check which band is "
+                "the NIR (--nir); to correct all pixels, pass --mask none; to say what is water, pass --mask FILE."
             )
-        share = 100 * self.water_fraction
-        said = f"{share:.2f} % of {self.pixels} pixels are water: NIR <= {self.threshold:.6g}"
-        if self.water_fraction > 1 - SLICK_SHARE or not self.bright_ratio < _max_ratio(self.roles):
-            return said
+        if self.all_water:
+            return f"all of {self.pixels} pixels are water"
+        wide = f" over {self.window} x {self.window} pixels" if self.window > 1 else ""
         return (
-            f"{said}; the rest is as blue as water under dense glint, or cloud (NIR/visible {self.bright_ratio:.2f}): "
-            "--mask none takes it for water, too"
+            f"{100 * self.water_fraction:.2f} % of {self.pixels} pixels are water; the rest is land, ships, clouds or "
+            f"surf: NIR above {self.threshold:.6g}{wide}"
         )
 
     def numbers(self) -> dict[str, Any]:
@@ -147,32 +143,25 @@ class WaterRule:
         return {**asdict(self), "halo": self.halo, "all_water": self.all_water, "reason": self.reason}
 
 
-def fit_water(looks: Sequence[FloatArray], roles: Roles, *, lost: int = 0) -> WaterRule:
-    """Decide from some blocks of a scene how to tell water from land, clouds, foam and boats.
+def fit_water(looks: Sequence[FloatArray], roles: Roles, *, pixel: float | None = None) -> WaterRule:
+    """Decide from some blocks of a scene how to tell water from land, clouds, foam and ships.
 
-    Water is the darkest common ground in the NIR: the histogram of log(NIR + level / 5), with `level` the
-    dark level of the visible, gives its mode m and the foot where it ends, and
+    Water absorbs the NIR, so that it is darker there than in the visible, with glint or without: the sign of the NDWI.
+    The sign does not change with the unit or with an offset that all bands share, but it is noisy: roofs and shadows
+    have it, and some water has not. So it votes for a threshold of the NIR: the one that parts the two signs with
+    the fewest errors, moved into the gap beside it that the fewest pixels lie in.
 
-    .. math:: T = max(foot, m + 0.6 level)
-
-    Glint is bright in the NIR too, but at fine pixels it is sparkle: an opening (minimum, then maximum over
-    a square) removes it, and not land. The square is the smallest for which the next size would change
-    little: 1 pixel at coarse pixels, where small boats and piers stay apart from the water; where it is larger, T is
-    doubled. Where what is brighter has the colour of water under glint, a square of `lost` pixels must change
-    little: blurred or dense, sparkle is wide itself. (Of single pixels the colour within 3 x 3 counts, too: a flash
-    that the NIR alone has caught has none.) The candidate is
-    water if its NIR/visible ratio is that of water (NDWI positive). A second, brighter peak is water as well if
-    it has the colour of water under glint.
+    At fine pixels glint is sparkle, as bright as land: not water is only what is bright over a whole square. Its side
+    is the smallest that leaves no isolated bright pixels of the colour of glint, up to the size of glint's patches.
 
     Parameters
     ----------
     looks : sequence of (band, row, column) ndarray
-        Blocks that stand for the scene, or the whole scene [any unit]; NaN is not valid. Pixels that are 0 in
-        NIR and visible are not counted (undeclared nodata).
+        Blocks that stand for the scene, or the whole scene [any unit]; NaN is not valid.
     roles : Roles
         Which band is what.
-    lost : int
-        Side of the squares up to which bright things pass for sparkle where there is some [pixel].
+    pixel : float, optional
+        Side of a pixel on the ground [m].
 
     Returns
     -------
@@ -186,13 +175,6 @@ def fit_water(looks: Sequence[FloatArray], roles: Roles, *, lost: int = 0) -> Wa
     InputError
         No blocks, or not three-dimensional.
 
-    Notes
-    -----
-    Assumes that glint does not lift whole coarse pixels above three times the dark visible level, and that the
-    look shows what the scene holds. Thin cloud over a good part of the scene passes for glint; and beside land, dense
-    glint that ends within the scene may pass for land. Cost: 50 ns per
-    pixel of the look, up to 300 where there is sparkle.
-
     References
     ----------
     McFeeters, S. K. (1996), "The use of the Normalized Difference Water Index (NDWI) in the delineation of
@@ -205,21 +187,26 @@ def fit_water(looks: Sequence[FloatArray], roles: Roles, *, lost: int = 0) -> Wa
     True
     """
     _check_looks(looks, roles)
-    visible = roles.visible[0]
-    valid = [valid_for(b, roles) & ((b[roles.nir] != 0) | (b[visible] != 0)) for b in looks]
-    pixels = int(sum(v.sum() for v in valid))
-    level = _positive_level(np.concatenate([b[visible][v] for b, v in zip(looks, valid, strict=True)]))
-    rule = WaterRule(roles, np.inf, 1, np.nan, level, np.nan, 0.0, pixels)
-    if level <= 0:
-        return rule
-    window, mode, threshold, bright = _choose_window(looks, valid, roles, level, lost)
-    if window > 1:
-        threshold *= SPARKLE_MARGIN
-        bright = _bright_share(looks, valid, roles, threshold, window)
-    ground = _Ground(looks, valid, roles, window)
-    ratio, beyond = (ground.ratio(chosen) for chosen in (ground.nir <= threshold, ground.nir > threshold))
-    rule = replace(rule, threshold=threshold, window=window, nir_level=mode, ratio=ratio, bright_ratio=beyond)
-    return replace(rule, water_fraction=1.0 - bright) if ground.like_water(ground.nir <= threshold) else rule
+    view = _View(looks, [valid_for(b, roles) & _not_empty(b, roles) for b in looks], roles)
+    nothing = WaterRule(roles, pixels=view.pixels)
+    widest = WIDEST if pixel is None else _widest(pixel)
+    for brown in (False, True) if view.pixels else ():
+        for window in WINDOWS:
+            votes = view.votes(window, brown=brown)
+            found = _threshold(view.nir(window), view.contrast, view.flat(votes), sparkle=window > 1)
+            if found is None or window >= widest:
+                break
+            if pixel is None and view.sparkle(found.threshold, window, widest, votes) <= RARE:
+                break
+            if pixel is not None and not view.sparkle(found.threshold, window, widest, None):
+                break
+        if found is None:
+            continue
+        solid = view.brighter(found.threshold, window)
+        if view.is_water(solid, votes, COMPACT if brown else 0.0):
+            other = sum(int(s.sum()) for s in solid)
+            return replace(nothing, window=window, water_fraction=1.0 - other / view.pixels, **found._asdict())
+    return nothing
 
 
 def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> BoolArray:
@@ -303,10 +290,6 @@ def _check_looks(looks: Sequence[FloatArray], roles: Roles) -> None:
         roles.check(len(block))
 
 
-def _max_ratio(roles: Roles) -> float:
-    return MAX_RATIO_RED if roles.visible == (roles.red,) else MAX_RATIO
-
-
 def valid_for(block: FloatArray | Sequence[FloatArray], roles: Roles) -> BoolArray:
     """Pixels where every band in use is finite."""
     valid = np.isfinite(block[roles.nir])
@@ -320,150 +303,158 @@ def thinned(values: FloatArray) -> FloatArray:
     return values[:: 1 + values.size // ENOUGH_TO_RANK]
 
 
-def _positive_level(values: FloatArray) -> float:
-    """Dark but positive level of a band: the 10th percentile, else a higher one, else 0."""
-    levels = np.percentile(thinned(values), (10, 50, 90)) if values.size else ()
-    return float(next((p for p in levels if p > 0), 0.0))
-
-
 def _square(size: int) -> npt.NDArray[np.uint8]:
     return np.ones((size, size), np.uint8)
 
 
-def _choose_window(
-    looks: Sequence[FloatArray], valid: Sequence[BoolArray], roles: Roles, level: float, lost: int
-) -> tuple[int, float, float, float]:
-    """Smallest opening that leaves no sparkle: (window, mode, threshold, share of bright pixels)."""
-    best: tuple[int, float, float, float] = (1, np.nan, np.inf, 0.0)
-    best_rank, enough = (True, True, np.inf), False
-    for window, larger in pairwise(WINDOWS):
-        ground = _Ground(looks, valid, roles, window)
-        mode, threshold = _threshold(ground, level)
-        like_glint = window < lost and _like_glint(ground, threshold)
-        if like_glint:  # blurred or dense, sparkle is wide, but not as wide as what is to be kept
-            larger = next((n for n in WINDOWS if n >= lost), larger)
-        now, then = (_bright_share(looks, valid, roles, threshold, n) for n in (window, larger))
-        fine, well = (now - then <= max(least, MAX_LOSS_SHARE * now) for least in (0, MAX_LOSS))
-        doubtful = threshold > MAX_GLINT * level or (like_glint and not well)
-        # where a single pixel is not large enough there is sparkle, and it is not the answer
-        rank = (doubtful, window == 1, now - then)
-        enough = enough or (well and not doubtful)
-        if enough or rank < best_rank:
-            best, best_rank = (window, mode, threshold, now), rank
-        if enough and (fine or window == 1 or larger > lost):
-            break
-    return best
+def _widest(pixel: float) -> int:
+    """Widest window that glint may need [pixel]."""
+    return next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
 
 
-def _like_glint(ground: _Ground, threshold: float) -> bool:
-    """Whether what is brighter has the colour of water under glint: as it is, or, single pixels, within 3 x 3.
-
-    A flash that the NIR alone has caught is no colour, and pixels that are bright in the NIR are mostly those.
-    """
-    if ground.like_water(ground.nir > threshold):
-        return True
-    if ground.window > 1:
-        return False
-    wider = _Ground(ground.looks, ground.valid, ground.roles, 3)
-    return wider.like_water(wider.nir > threshold)
+def _not_empty(block: FloatArray, roles: Roles) -> BoolArray:
+    """Where NIR and visible are not both 0, as they are outside of what was seen."""
+    return np.asarray((block[roles.nir] != 0) | (block[roles.visible[0]] != 0))
 
 
-def _bright_share(
-    looks: Sequence[FloatArray], valid: Sequence[BoolArray], roles: Roles, threshold: float, window: int
-) -> float:
-    """Share of valid pixels that are not water."""
-    found = (opened(b[roles.nir] > threshold, ~v, window) for b, v in zip(looks, valid, strict=True))
-    return sum(int(f.sum()) for f in found) / sum(int(v.sum()) for v in valid)
+class _Found(NamedTuple):
+    threshold: float
+    nir_level: float
+    contrast: float
 
 
-class _Ground:
-    """Valid pixels of the looks, flat, after a local minimum over a square; bands are taken when asked for."""
+class _View:
+    """The blocks in which water is sought, and which of their pixels are valid."""
 
-    def __init__(self, looks: Sequence[FloatArray], valid: Sequence[BoolArray], roles: Roles, window: int):
-        self.looks, self.valid, self.roles, self.window = looks, valid, roles, window
-        self.nir = self.band(roles.nir)
+    def __init__(self, blocks: Sequence[FloatArray], valid: Sequence[BoolArray], roles: Roles) -> None:
+        kept = [(b, v) for b, v in zip(blocks, valid, strict=True) if v.any()]
+        self.blocks, self.valid, self.roles = [b for b, _ in kept], [v for _, v in kept], roles
+        self.pixels = int(sum(v.sum() for v in self.valid))
 
-    def band(self, index: int) -> FloatArray:
-        """One band, flat."""
-        low = [_eroded(b[index], v, self.window) for b, v in zip(self.looks, self.valid, strict=True)]
-        return np.concatenate(low)
+    def flat(self, arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+        """Some of the valid pixels of all blocks, the same ones of every array."""
+        return thinned(np.concatenate([a[v] for a, v in zip(arrays, self.valid, strict=True)]))
 
-    def ratio(self, chosen: BoolArray) -> float:
-        """Median NIR over median visible."""
-        if not chosen.any():
-            return np.nan
-        visible = float(np.median(thinned(self.band(self.roles.visible[0])[chosen])))
-        return float(np.median(thinned(self.nir[chosen]))) / visible if visible > 0 else np.inf
+    @cached_property
+    def contrast(self) -> FloatArray:
+        """Visible minus NIR."""
+        visible = self.roles.visible[0]
+        return self.flat([b[visible] - b[self.roles.nir] for b in self.blocks])
 
-    def like_water(self, chosen: BoolArray) -> bool:
-        """Whether the colour is that of water, with or without glint."""
-        ratio = self.ratio(chosen)
-        if not ratio < _max_ratio(self.roles):
-            return False
-        if ratio < SURE_RATIO or self.roles.red is None or self.roles.green is None:
-            return True
-        red, green = (np.median(self.band(b)[chosen]) for b in (self.roles.red, self.roles.green))
-        return bool(red <= green)
+    def nir(self, window: int) -> FloatArray:
+        """NIR without what is bright and smaller than a window."""
+        nir = [b[self.roles.nir] for b in self.blocks]
+        return self.flat(
+            nir if window == 1 else [_opened_band(b, v, window) for b, v in zip(nir, self.valid, strict=True)]
+        )
+
+    def votes(self, window: int, *, brown: bool) -> list[Votes]:
+        """What the colour says of each pixel: 1 water, -1 not water, 0 either.
+
+        Water has less NIR than visible. Soil and towns, too, where bands are radiances, and then red is above green,
+        as in brown water. Means over a square are compared: bands that are not simultaneous catch sparkle at different
+        places.
+        """
+        roles = self.roles
+        found = []
+        for block, valid in zip(self.blocks, self.valid, strict=True):
+            like = _summed(block[roles.visible[0]] - block[roles.nir], valid, window) > 0
+            votes = np.where(like, np.int8(1), np.int8(-1))
+            if not brown and roles.red is not None and roles.green is not None:
+                votes[like & (_summed(block[roles.red] - block[roles.green], valid, window) > 0)] = 0
+            found.append(votes)
+        return found
+
+    def brighter(self, threshold: float, window: int) -> list[BoolArray]:
+        """Where the NIR is above a threshold all over a window."""
+        nir = self.roles.nir
+        return [opened(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
+
+    def sparkle(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> float:
+        """Share of the sea where a window leaves bright pixels far from what the widest window leaves.
+
+        Where votes are given, only bright pixels of the colour of water under glint.
+        """
+        solid, left = self.brighter(threshold, widest), self.brighter(threshold, window)
+        apart = [b & ~_near(o, widest) for b, o in zip(left, solid, strict=True)]
+        if votes is not None:
+            apart = [a & (v > 0) for a, v in zip(apart, votes, strict=True)]
+        return sum(int(a.sum()) for a in apart) / max(self.pixels - sum(int(o.sum()) for o in solid), 1)
+
+    def is_water(self, solid: Sequence[BoolArray], votes: Sequence[Votes], compact: float) -> bool:
+        """Whether the rest has mostly the colour of water and lies together, a share `compact` of it in squares.
+
+        Where compactness is asked for, something must have voted against water, too.
+        """
+        found = alike = together = 0
+        side = min(5, *(n for v in self.valid for n in v.shape))
+        for o, vote, v in zip(solid, votes, self.valid, strict=True):
+            like = v & ~o & (vote > 0)
+            found, alike = found + int((v & ~o).sum()), alike + int(like.sum())
+            together += int(opened(like, ~v, side).sum())
+        enough = 2 * alike > found and together >= max(min(LEAST_WATER, side * side), compact * found)
+        return enough and (not compact or any((o & (a < 0)).any() for o, a in zip(solid, votes, strict=True)))
 
 
-def _eroded(band: FloatArray, valid: BoolArray, window: int) -> FloatArray:
-    """Local minimum over a square, of the valid pixels, flat."""
-    if window == 1:
-        return band[valid]
+def _summed(values: FloatArray, valid: BoolArray, side: int) -> FloatArray:
+    """Sum of the valid values of a square."""
+    values = np.where(valid, values, 0)
+    if side == 1:
+        return values
     import cv2
 
-    filled = np.where(valid, band, band.dtype.type(np.inf))
-    low = np.asarray(cv2.erode(filled, _square(window)), band.dtype)
-    return low[valid]
+    summed = cv2.boxFilter(values, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(summed, values.dtype)
 
 
-def _threshold(ground: _Ground, level: float) -> tuple[float, float]:
-    """Mode of the water in the eroded NIR, and the value above which it is not water.
+def _opened_band(band: FloatArray, valid: BoolArray, window: int) -> FloatArray:
+    """A band without what is brighter than its surroundings and smaller than a square; what is missing is neutral."""
+    import cv2
 
-    Water may come in several common brightnesses (tiles of a wide swath, a slick): as long as the next one
-    has the colour of water under glint, it is water too.
-    """
-    x = np.log(np.maximum(ground.nir / level, -0.19) + 0.2)
-    density, edges = _histogram(x)
-    centres = (edges[:-1] + edges[1:]) / 2
-    mode, foot = _peak_and_foot(density, 0) or (0, len(density) - 1)
-    last = mode
-    while following := _peak_and_foot(density, foot):
-        peak, end = following
-        chosen = (x > edges[foot]) & (x <= edges[end + 1])
-        if np.exp(centres[peak]) - 0.2 > MAX_GLINT or chosen.mean() < SLICK_SHARE:
-            break
-        if not ground.like_water(chosen):
-            break
-        last, foot = peak, end
-    start, highest, limit = ((float(np.exp(centres[i])) - 0.2) * level for i in (mode, last, foot))
-    return start, max(limit, highest + MIN_JUMP * level)
+    square = _square(window)
+    low = cv2.erode(np.where(valid, band, band.dtype.type(np.inf)), square)
+    return np.asarray(cv2.dilate(np.where(valid, low, band.dtype.type(-np.inf)), square), band.dtype)
 
 
-def _histogram(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Smoothed histogram of log NIR, and the edges of its bins."""
-    start = float(np.log(0.01)) - 6 * BIN
-    bins = int((float(x.max()) - start) / BIN) + 8
-    counts, edges = np.histogram(x, bins, (start, start + bins * BIN))
-    kernel = np.exp(-0.5 * (np.arange(-6, 7) / 2) ** 2)
-    return np.convolve(counts, kernel / kernel.sum(), "same"), edges
-
-
-def _peak_and_foot(density: FloatArray, start: int) -> tuple[int, int] | None:
-    """Bins of the first common peak from `start` on, and of the foot to its right.
-
-    Common: at least 3 % as high as the highest. The foot is where the density falls under 2 % of the peak, or
-    under 30 % in a valley from which it rises threefold.
-    """
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(density, 6), 13).max(axis=1)
-    peaks = np.flatnonzero((density == around) & (density >= 0.03 * density.max()))
-    peaks = peaks[peaks >= start]
-    if not peaks.size:
+def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: bool) -> _Found | None:
+    """The threshold that parts the votes with the fewest errors, moved into the gap; None where no water wins."""
+    order = np.argsort(nir, kind="stable")
+    nir, contrast, votes = nir[order], contrast[order], votes[order]
+    won = np.cumsum(votes, dtype=np.int64)
+    won[:-1][nir[:-1] == nir[1:]] = -1  # equal values are not parted
+    last = nir.size - 1 - int(np.argmax(won[::-1]))
+    if won[last] <= 0:
         return None
-    peak = int(peaks[0])
-    after = np.maximum.accumulate(density[::-1])[::-1]
-    valley = (density < 0.3 * density[peak]) & (after > 3 * density)
-    valley &= np.append(density[:-1] <= density[1:], True)
-    low = np.flatnonzero(valley | (density < 0.02 * density[peak]))
-    low = low[low > peak]
-    return peak, int(low[0]) if low.size else len(density) - 1
+    few = last // DARKEST + 1
+    darkest = float(np.median(contrast[:few]))
+    sheet = float(np.median(nir[:few])) + MAX_SHEET * abs(darkest)
+    alone, highest = last == nir.size - 1, float(nir[last])  # nothing else is in view
+    water = nir[: max(int(np.searchsorted(nir[: last + 1], sheet, "right")), 1)]
+    level, end = (float(p) for p in np.percentile(water, (50, 99)))
+    tail = level + TAIL * (end - level)
+    if sparkle:
+        threshold = sheet if alone else min(highest, sheet)
+    elif alone:
+        threshold = min(tail, sheet)
+    else:
+        limit = min(level + BEYOND * (highest - level), sheet, tail, float(nir[-1]))
+        threshold = _foot(nir, level, end, limit)
+    return _Found(threshold, level, darkest)
+
+
+def _foot(nir: FloatArray, level: float, low: float, high: float) -> float:
+    """A little into the flat of the density of the NIR between two values, beyond the foot of the water's peak."""
+    if not high > low:
+        return high
+    counts, edges = np.histogram(nir, BINS, (level, high))
+    kernel = np.exp(-0.5 * (np.arange(-4, 5) / 2) ** 2)
+    density = np.convolve(np.pad(counts, 4, "edge"), kernel / kernel.sum(), "valid")
+    first = int(np.searchsorted(edges[1:], low))
+    flat = edges[1:][first:][density[first:] <= FLAT * density[first:].min()]
+    return float(flat[0] + INTO_GAP * (flat[-1] - flat[0]))
+
+
+def _near(mask: BoolArray, side: int) -> BoolArray:
+    import cv2
+
+    return np.asarray(cv2.dilate(mask.view(np.uint8), _square(2 * side + 1)).view(np.bool_))

@@ -38,7 +38,6 @@ from .blocks import one_thread_each
 from .checksum import checksum_of, fingerprint
 from .cluster import Cluster, writing_images
 from .compensated import changed_bands
-from .compensation import element_of
 from .correct import Correction
 from .fit import Fitted, Progress, fit_scene
 from .following import for_scene, without_moves
@@ -390,7 +389,7 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     rule: WaterRule | None = None
     bands: tuple[int, ...] = ()
     if recipe.mask == "auto":
-        look = look_at(scene, model.index_bands[0], threads, wanted=True, lost=element_of(scene, recipe))
+        look = look_at(scene, model.index_bands[0], threads, wanted=True)
         rule, bands = look.water, role_bands(look.roles)
         if rule is not None:
             if not rule.has_water:

@@ -13,7 +13,6 @@ from ..errors import DeglintError
 from ..raster.environment import enter_thread, environment
 from ..scene import Scene
 from ..tiles import Tile, default_threads
-from .compensation import element_of
 from .fit import fit_scene
 from .look import look_at, raster_of
 from .recipe import Recipe, make_request
@@ -54,8 +53,8 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
             request, said = make_request(scene, recipe)
             notes += [n for n in said if n not in notes]
             out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
-            nir, lost = request.indexes[0].bands[0], element_of(scene, recipe)
-            look = look_at(scene, nir, threads, wanted=True, lost=lost)
+            nir = request.indexes[0].bands[0]
+            look = look_at(scene, nir, threads, wanted=True)
             out |= _validity(scene, look.tiles, nir, threads)
             if look.water is not None:
                 out["water_fraction"] = look.water.water_fraction

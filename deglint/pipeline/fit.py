@@ -23,7 +23,7 @@ from ..remove.multiband import PERCENTILE, references
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
 from .blocks import Blocks, cleaned, tiles_of
-from .compensation import Plan, element_of, fit_after, fit_before, fit_references, may_open, plan
+from .compensation import Plan, fit_after, fit_before, fit_references, may_open, plan
 from .following import find_moves, moved, moved_halo, with_moves
 from .log import log_model, log_needs, log_nir, log_sample, log_scene, log_water
 from .look import Look, core_of, looks, role_bands
@@ -131,9 +131,9 @@ def fit_scene(
         request = replace(request, regression=_regression(recipe))
         sampled = METHODS[_method(recipe)].plan is not None
         wanted = recipe.mask == "auto" or (sampled and recipe.sample == "auto")
-        nir, lost = request.indexes[0].bands[0], element_of(scene, recipe)
+        nir = request.indexes[0].bands[0]
         with warming(may_open(scene, recipe)):
-            for look in looks(scene, nir, threads, wanted=wanted, lost=lost):
+            for look in looks(scene, nir, threads, wanted=wanted):
                 try:
                     fitted = _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress, run)
                     if look.whole or recipe.sample != "auto" or not short_of(fitted.numbers):

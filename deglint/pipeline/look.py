@@ -14,6 +14,7 @@ from ..errors import NoWaterError
 from ..masks import Roles, WaterRule, fit_water
 from ..raster import RasterSource
 from ..raster.environment import enter_thread
+from ..readers.optics import pixel_size
 from ..readers.roles import band_roles
 from ..scene import Scene
 from ..tiles import Tile
@@ -52,11 +53,8 @@ class Look:
     whole: bool
 
 
-def looks(scene: Scene, nir: int, threads: int, *, wanted: bool, lost: int = 0) -> Iterator[Look]:
-    """Look at more and more of the scene, the last time at all of it, and say what is water, where that is `wanted`.
-
-    Bright things that are `lost` pixels wide and less pass for sparkle where there is some.
-    """
+def looks(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Look]:
+    """Look at more and more of the scene, the last time at all of it, and say what is water, where that is `wanted`."""
     found = band_roles(scene)
     roles = Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir})
     total = scene.height * scene.width
@@ -65,7 +63,7 @@ def looks(scene: Scene, nir: int, threads: int, *, wanted: bool, lost: int = 0) 
         chosen = _everywhere(scene, nir, threads) if last else _lattice(scene, pixels)
         rule = None
         if wanted and roles.visible and chosen:
-            rule = fit_water(read_looks(scene, chosen, roles, threads), _compact(roles), lost=lost)
+            rule = fit_water(read_looks(scene, chosen, roles, threads), _compact(roles), pixel=pixel_size(scene))
         elif not chosen:
             raise NoWaterError(f"{scene.path} holds no valid pixel in band {scene.bands[nir].name}. Check --nodata.")
         yield Look(tuple(chosen), roles, rule, last)
@@ -105,9 +103,9 @@ def _moved(inner: Tile, outer: Tile) -> tuple[int, int, int, int]:
     return inner.row0 + outer.row0, inner.row1 + outer.row0, inner.col0 + outer.col0, inner.col1 + outer.col0
 
 
-def look_at(scene: Scene, nir: int, threads: int, *, wanted: bool, lost: int = 0) -> Look:
+def look_at(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Look:
     """The first look that finds water, where that is `wanted`; else the last."""
-    for look in looks(scene, nir, threads, wanted=wanted, lost=lost):
+    for look in looks(scene, nir, threads, wanted=wanted):
         if look.water is None or look.water.has_water:
             break
     return look
