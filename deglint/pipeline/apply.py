@@ -18,24 +18,15 @@ from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
-from ..raster.output import (
-    Layout,
-    Scratch,
-    check_image,
-    check_target,
-    copied_whole,
-    plain,
-    write_bytes,
-    write_json,
-    write_text,
-)
+from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, write_json, write_text
+from ..raster.targets import Reads, check_image, check_targets, check_unread
 from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
 from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from .blocks import one_thread_each
-from .checksum import checksum_of, fingerprint
+from .checksum import Checksum, fingerprint
 from .cluster import Cluster, writing_images
 from .compensated import changed_bands
 from .compensation import element_of
@@ -74,6 +65,9 @@ class Outputs:
         GDAL creation options.
     request : str, optional
         What a batch calls this work; the sidecar then says it, and what the outputs are like, to know them again.
+    reads : sequence of paths
+        Files that were read for this work beside the scene and what the recipe names, such as a saved model: no output
+        may replace them.
     """
 
     image: Path
@@ -87,6 +81,7 @@ class Outputs:
     dtype: str | None = None
     options: Mapping[str, str] = field(default_factory=dict)
     request: str | None = None
+    reads: Sequence[str | Path] = ()
 
     def __post_init__(self) -> None:
         if self.dtype is not None and self.dtype not in DTYPES:
@@ -161,7 +156,7 @@ def remove_glint(
         Workers that pass over the tiles in place of threads (`deglint.pipeline.cluster.connect`); they must see the
         input and the output's directory. The result is the same to the bit.
     **outputs
-        flags, amount, stderr, sample, model_file, picture, overwrite, dtype, options: see `Outputs`.
+        flags, amount, stderr, sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`.
 
     Returns
     -------
@@ -184,17 +179,17 @@ def remove_glint(
     targets = Outputs(Path(image), **paths)
     if threads is not None and threads < 1:
         raise InputError(f"threads: want at least 1, got {threads}.")
-    if len(set(map(os.path.realpath, targets.every()))) < len(targets.every()):
-        raise InputError("two outputs have the same name; give each its own.")
-    for path in targets.every():
-        check_target(path, overwrite=targets.overwrite)
     check_image(targets.image)
+    recipe = recipe or Recipe()
     with environment():
+        given = [source] if isinstance(source, (str, os.PathLike)) else list(source)
+        named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": sensor or ""}
+        reads: Reads = {"the input": given, **{k: [v] for k, v in named.items()}, "an input": targets.reads}
+        check_targets(targets.every(), reads, overwrite=targets.overwrite)
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
-            return _run(
-                scene, recipe or Recipe(), targets, model, chain, threads or tiling.default_threads(), progress, cluster
-            )
+            check_unread(targets.every(), {"the input": set(raster_of(scene).info.paths) - set(map(str, given))})
+            return _run(scene, recipe, targets, model, chain, threads or tiling.default_threads(), progress, cluster)
 
 
 def _run(
@@ -202,11 +197,7 @@ def _run(
     progress: Progress | None, cluster: Cluster | None,
 ) -> Result:  # fmt: skip
     begun = time.perf_counter()
-    inputs = {os.path.realpath(p) for p in raster_of(scene).info.paths}
-    for path in targets.every()[1:]:  # the image itself may replace its input, once it is whole
-        if os.path.realpath(path) in inputs:
-            raise InputError(f"{path} is the input, and would be lost. Give that output another name.")
-    checksum = checksum_of(raster_of(scene).info.paths)
+    checksum = Checksum(raster_of(scene).info.paths)
     area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "--mask")
     if model is None:
         run = tiling.run if cluster is None else cluster.run
