@@ -179,13 +179,13 @@ def remove_glint(
     targets = Outputs(Path(image), **paths)
     if threads is not None and threads < 1:
         raise InputError(f"threads: want at least 1, got {threads}.")
-    check_image(targets.image)
     recipe = recipe or Recipe()
     with environment():
         given = [source] if isinstance(source, (str, os.PathLike)) else list(source)
         named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": sensor or ""}
         reads: Reads = {"the input": given, **{k: [v] for k, v in named.items()}, "an input": targets.reads}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
+        check_image(targets.image)
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
             check_unread(targets.every(), {"the input": set(raster_of(scene).info.paths) - set(map(str, given))})

@@ -74,7 +74,8 @@ def check_unread(targets: Sequence[Path], reads: Reads) -> None:
     for target in targets:
         for path in (target, *_companions(target)):  # an image that is replaced takes its old companions with it
             if found := held.get(identity(path)):
-                raise InputError(f"{path} {found}, and would be written over. Give that output another name.")
+                lost = "it would be written over, and would be lost"
+                raise InputError(f"{path} {found}: {lost}. Give that output another name.")
         if (whose := beside.get(identity(target))) is not None:
             raise InputError(f"{target} would be read as a part of {whose}. Give that output another name.")
 

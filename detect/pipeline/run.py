@@ -184,6 +184,7 @@ def score_file(
         reads: Reads = {"the input": given, "--background": [recipe.background], "--mask": [recipe.mask],
                  "--sensor": [sensor or ""]}  # fmt: skip
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
+        check_image(targets.image)
         scene = open_scene(source, sensor=sensor, nodata=nodata)
         with raster_of(scene):
             check_unread(targets.every(), {"the input": set(raster_of(scene).info.paths) - set(map(str, given))})
@@ -199,7 +200,6 @@ def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> Non
         raise InputError(f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx.")
     if targets.background and recipe.method == "local":
         raise InputError("local has a background for every pixel, none to save. Leave out --save-background.")
-    check_image(targets.image)
 
 
 @contextmanager
