@@ -265,7 +265,8 @@ def _write_tiles(
                       fitted.chain, only)  # fmt: skip
     if targets.stderr:
         at_once = max(at_once // 2, 1)
-        work = with_stderr(work, everything, fitted.recipe.nir, at_once)
+        learnt_from = tiling.tiles(scene.height, scene.width, (tiling.COMPACT, tiling.COMPACT))  # whatever the blocks
+        work = with_stderr(work, learnt_from, fitted.recipe.nir, at_once)
         fitted.numbers["uncertainty"] = work.uncertainty.numbers() if work.uncertainty else None
     tally = Tally(len(scene.bands))
     if work.copies and copied_whole(scratch, image, targets.image):
