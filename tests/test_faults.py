@@ -188,28 +188,6 @@ def test_outputs_that_cannot_be_written(deglint, sea, write, tmp_path, monkeypat
     assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "sub"]
 
 
-def test_output_onto_the_input_needs_overwrite_and_works(deglint, sea, write, read, tmp_path):
-    source = write(tmp_path / "in.tif", sea(300, 300))
-    untouched = Path(source).read_bytes()
-    assert "exists already" in deglint("remove", source, source, *RUN).err
-    assert Path(source).read_bytes() == untouched
-    assert deglint("remove", source, tmp_path / "out.tif", *RUN).code == 0
-    assert deglint("remove", source, source, *RUN, "--overwrite", "--picture", tmp_path / "p.png").code == 0
-    np.testing.assert_array_equal(read(source), read(tmp_path / "out.tif"))
-
-
-@pytest.mark.parametrize("option", ["--flags", "--amount", "--save-model", "--picture", "--save-sample"])
-def test_nothing_but_the_image_may_replace_the_input(deglint, sea, write, tmp_path, option):
-    source = write(tmp_path / "in.tif", sea())
-    untouched = Path(source).read_bytes()
-    (tmp_path / "link.tif").symlink_to(source)
-    for name in (source, tmp_path / "link.tif"):
-        ran = deglint("remove", source, tmp_path / "out.tif", *RUN, "--overwrite", option, name)
-        assert ran.code == 1
-        assert "is the input" in ran.err
-    assert Path(source).read_bytes() == untouched
-
-
 def test_a_disk_that_is_too_small_is_known_before_the_work(refused, sea, write, tmp_path, monkeypatch):
     class Full:
         f_bavail, f_frsize = 10, 1024

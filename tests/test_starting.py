@@ -17,7 +17,7 @@ from deglint.compensate import Chain, Sample, Setting, State, fit_stages, parse
 from deglint.compensate.psf import system_psf
 from deglint.compensate.spread import lower_spread
 from deglint.pipeline.blocks import aside
-from deglint.pipeline.checksum import begin_checksum, checksum_of
+from deglint.pipeline.checksum import Checksum, begin_checksum
 from deglint.pipeline.warming import warm_up, warming
 from deglint.remove.levels import mode, quantile
 from deglint.scene import Band
@@ -135,14 +135,14 @@ def test_a_checksum_is_begun_once_and_anew_where_the_file_changed(tmp_path):
     file = tmp_path / "scene.tif"
     file.write_bytes(b"a" * 5_000_000)
     begin_checksum([str(file)])
-    first = checksum_of([str(file)])
+    first = Checksum([str(file)])
     assert first.result() == [{"path": str(file), "bytes": 5_000_000, "crc32": f"{crc32(b'a' * 5_000_000):08x}"}]
-    assert checksum_of([str(file)]) is not first
+    assert Checksum([str(file)]) is not first
     begin_checksum([str(file)])
     file.write_bytes(b"b")
-    assert checksum_of([str(file)]).result()[0]["crc32"] == f"{crc32(b'b'):08x}"
+    assert Checksum([str(file)]).result()[0]["crc32"] == f"{crc32(b'b'):08x}"
     begin_checksum([str(tmp_path)])
-    assert checksum_of([str(tmp_path)]).result() == [{"path": str(tmp_path), "bytes": None, "crc32": None}]
+    assert Checksum([str(tmp_path)]).result() == [{"path": str(tmp_path), "bytes": None, "crc32": None}]
 
 
 @pytest.mark.parametrize("module", ["deglint.cli.remove", "detect.cli.score"])

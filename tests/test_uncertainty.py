@@ -301,3 +301,28 @@ def test_one_band_and_gaps_in_the_level():
     found = stderr(part, told)
     assert found.shape == (1, 40, 50)
     assert np.array_equal(np.isnan(found[0]), ~part.where)
+
+
+def test_standard_errors_do_not_depend_on_the_blocks_of_the_file(simulated, read, tmp_path, monkeypatch):
+    """Trials are made of tiles of their own; tiles of the run follow the file's blocks."""
+    import rasterio
+
+    monkeypatch.setattr("deglint.tiles.COMPACT", 64)
+    monkeypatch.setattr("deglint.tiles.HELD", 1 << 16)
+    source, found = simulated["calm"][0], []
+    for blocks in ({"tiled": True, "blockxsize": 64, "blockysize": 64}, {"tiled": False, "blockysize": 16},
+                   {"tiled": True, "blockxsize": 96, "blockysize": 96}):  # fmt: skip
+        path, out = tmp_path / f"{len(found)}.tif", tmp_path / f"e{len(found)}.tif"
+        with rasterio.open(source) as a:
+            profile = {k: v for k, v in a.profile.items() if "block" not in k and k != "tiled"}
+            with rasterio.open(path, "w", **(profile | blocks)) as b:
+                b.write(a.read())
+                b.scales, b.descriptions = a.scales, a.descriptions
+                b.update_tags(**a.tags())
+                for i in a.indexes:
+                    b.update_tags(i, **a.tags(i))
+        remove_glint(path, tmp_path / f"o{len(found)}.tif", Recipe(mask="none"), stderr=out, threads=1)
+        found.append(read(out))
+    assert np.isfinite(found[0]).any()
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0], found[2])

@@ -76,15 +76,17 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     from ..pipeline.order import read_order
     from ..readers.scenes import list_scenes
 
-    order = read_order(recipe)
+    order, read = read_order(recipe), [recipe, *scenes]
     listed = list_scenes(scenes, order.assets)
     table = Path(given["table"]) if given["table"] else None
     if table:
-        _check_table(table)
+        _check_table(
+            table, [*read, *(p for scene in listed for p in scene.paths), order.recipe.sample, order.recipe.mask]
+        )
     with Console(given) as console:
         found = run_batch(
             order, listed, processes=given["jobs"], threads=given["threads"], overwrite=given["overwrite"],
-            dry_run=given["dry_run"], say=_Watch(len(listed), console),
+            dry_run=given["dry_run"], say=_Watch(len(listed), console), reads=read,
         )  # fmt: skip
     if table:
         _write_table(table, found)
@@ -117,12 +119,12 @@ def _columns() -> list[str]:
     return [f.name for f in fields(Outcome)]
 
 
-def _check_table(path: Path) -> None:
+def _check_table(path: Path, reads: list[str]) -> None:
     """Refuse a table that would replace anything but an older table."""
     from ..errors import WriteError
-    from ..raster.output import check_target
+    from ..raster.targets import check_targets
 
-    check_target(path, overwrite=True)
+    check_targets([path], {"an input": reads}, overwrite=True)
     if path.exists():
         head = ",".join(_columns()).encode()
         with path.open("rb") as file:
@@ -138,7 +140,7 @@ def _write_table(path: Path, found: list[Any]) -> None:
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(_columns())
     rows.writerows([["" if v is None else v for v in asdict(o).values()] for o in found])
-    with Scratch() as scratch:
+    with Scratch(overwrite=True) as scratch:
         write_text(scratch, path, text.getvalue())
 
 

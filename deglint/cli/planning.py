@@ -38,9 +38,10 @@ class Mode:
 
     def check(self, given: Given) -> None:
         """Refuse outputs that could not be written before anything is worked out."""
-        from ..raster.planned import check_targets
+        from ..raster.planned import check_plan
 
-        check_targets(given["outs"], self.kinds, overwrite=given["overwrite"])
+        reads = {"the mission": [given["mission"] or ""], "--place": [given["place"] or ""]}
+        check_plan(given["outs"], self.kinds, reads, overwrite=given["overwrite"])
 
 
 def mode_of(given: Given) -> Mode:

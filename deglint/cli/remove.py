@@ -177,5 +177,5 @@ def _removed(inputs: tuple[str, ...], output: str, given: dict[str, Any], progre
             flags=given["flags"], amount=given["amount"], stderr=given["stderr"],
             sample=given["save_sample"],
             model_file=given["save_model"], picture=given["picture"], overwrite=given["overwrite"],
-            dtype=given["dtype"], options=given["options"],
+            dtype=given["dtype"], options=given["options"], reads=[given["model_in"]] if given["model_in"] else [],
         )  # fmt: skip

@@ -86,7 +86,7 @@ def printable(text: str) -> str:
 def _explained(error: BaseException) -> tuple[int, str]:
     """Exit code and line for an error."""
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
-        return 130, "interrupted: nothing was written."
+        return 130, _interrupted()
     if isinstance(error, DeglintError):
         return (3 if isinstance(error, NoWaterError) else 1), "Error: " + printable(" ".join(str(error).splitlines()))
     if isinstance(error, MemoryError):
@@ -97,6 +97,15 @@ def _explained(error: BaseException) -> tuple[int, str]:
         return 1, f"Error: cannot write to standard output: {error.strerror}."  # a file's trouble is told by who wrote
     line = (str(error).splitlines() or [""])[0]
     return 1, f"Error: {type(error).__name__}: {printable(line)} (a fault of deglint's own; -vv shows where)"
+
+
+def _interrupted() -> str:
+    """What there is after an interruption; only a command that writes has loaded what knows."""
+    moved = getattr(sys.modules.get("deglint.raster.scratch"), "MOVED", [])
+    if not moved:
+        return "interrupted: nothing was written."
+    others = " and others" if len(moved) > 1 else ""
+    return f"interrupted; {len(moved)} outputs were written and are whole: {printable(str(moved[0]))}{others}."
 
 
 def _verbosity(arguments: list[str]) -> int:

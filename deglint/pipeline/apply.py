@@ -17,17 +17,8 @@ from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
-from ..raster.output import (
-    Layout,
-    Scratch,
-    check_image,
-    check_target,
-    copied_whole,
-    plain,
-    write_bytes,
-    write_json,
-    write_text,
-)
+from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, write_json, write_text
+from ..raster.targets import Reads, check_image, check_targets, check_unread
 from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
 from ..remove import GlintModel
@@ -35,7 +26,7 @@ from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from ..timing import Reporter
 from .blocks import one_thread_each
-from .checksum import checksum_of, fingerprint
+from .checksum import Checksum, fingerprint
 from .cluster import Cluster, writing_images
 from .compensated import changed_bands
 from .correct import Correction
@@ -74,6 +65,9 @@ class Outputs:
         GDAL creation options.
     request : str, optional
         What a batch calls this work; the sidecar then says it, and what the outputs are like, to know them again.
+    reads : sequence of paths
+        Files that were read for this work beside the scene and what the recipe names, such as a saved model: no output
+        may replace them.
     """
 
     image: Path
@@ -87,6 +81,7 @@ class Outputs:
     dtype: str | None = None
     options: Mapping[str, str] = field(default_factory=dict)
     request: str | None = None
+    reads: Sequence[str | Path] = ()
 
     def __post_init__(self) -> None:
         if self.dtype is not None:
@@ -168,7 +163,7 @@ def remove_glint(
         Workers that pass over the tiles in place of threads (`deglint.pipeline.cluster.connect`); they must see the
         input and the output's directory. The result is the same to the bit.
     **outputs
-        flags, amount, stderr, sample, model_file, picture, overwrite, dtype, options: see `Outputs`.
+        flags, amount, stderr, sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`.
 
     Returns
     -------
@@ -189,23 +184,31 @@ def remove_glint(
         outputs["model"] = outputs.pop("model_file")
     paths: dict[str, Any] = {k: Path(as_path(v, k)) if _is_path(k, v) else v for k, v in outputs.items()}
     targets = Outputs(Path(as_path(image, "image")), **paths)
-    check_kind(recipe or Recipe(), Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
+    recipe = recipe or Recipe()
+    check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     if model is not None:
         check_kind(model, GlintModel, "model", "Read a saved one with deglint.pipeline.load_model.")
     if threads is not None:
         check_number(threads, 1, 1024, "threads")
-    if len(set(map(os.path.realpath, targets.every()))) < len(targets.every()):
-        raise InputError("two outputs have the same name; give each its own.")
-    for path in targets.every():
-        check_target(path, overwrite=targets.overwrite)
-    check_image(targets.image)
     with environment():
+        given = [source] if isinstance(source, (str, os.PathLike)) else list(source)
+        named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": sensor or ""}
+        reads: Reads = {"the input": given, **{k: [v] for k, v in named.items()}, "an input": targets.reads}
+        check_targets(targets.every(), reads, overwrite=targets.overwrite)
+        check_image(targets.image)
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
+            check_unread(targets.every(), {"the input": set(raster_of(scene).info.paths) - set(map(str, given))})
             return _run(
-                scene, recipe or Recipe(), targets, model, chain, threads or tiling.default_threads(),
-                progress or Reporter(), cluster,
-            )  # fmt: skip
+                scene,
+                recipe,
+                targets,
+                model,
+                chain,
+                threads or tiling.default_threads(),
+                progress or Reporter(),
+                cluster,
+            )
 
 
 def _run(
@@ -213,11 +216,7 @@ def _run(
     progress: Progress | None, cluster: Cluster | None,
 ) -> Result:  # fmt: skip
     begun = time.perf_counter()
-    inputs = {os.path.realpath(p) for p in raster_of(scene).info.paths}
-    for path in targets.every()[1:]:  # the image itself may replace its input, once it is whole
-        if os.path.realpath(path) in inputs:
-            raise InputError(f"{path} is the input, and would be lost. Give that output another name.")
-    checksum = checksum_of(raster_of(scene).info.paths)
+    checksum = Checksum(raster_of(scene).info.paths)
     area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "--mask")
     if model is None:
         run = tiling.run if cluster is None else cluster.run
@@ -279,7 +278,8 @@ def _write_tiles(
                       fitted.chain, only)  # fmt: skip
     if targets.stderr:
         at_once = max(at_once // 2, 1)
-        work = with_stderr(work, everything, fitted.recipe.nir, at_once)
+        learnt_from = tiling.tiles(scene.height, scene.width, (tiling.COMPACT, tiling.COMPACT))  # whatever the blocks
+        work = with_stderr(work, learnt_from, fitted.recipe.nir, at_once)
         fitted.numbers["uncertainty"] = work.uncertainty.numbers() if work.uncertainty else None
     tally = Tally(len(scene.bands))
     if work.copies and copied_whole(scratch, image, targets.image):

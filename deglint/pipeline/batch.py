@@ -11,8 +11,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from ..errors import InputError, WriteError
-from ..raster.output import check_target
-from ..raster.scratch import claimed, clear_scratch, real
+from ..raster.scratch import claimed
+from ..raster.targets import check_target
 from ..readers.scenes import ListedScene
 from .jobs import FAILED, TODO, Job, Outcome, Say, jobs_of, outcome, state_of
 from .order import Order
@@ -21,7 +21,7 @@ from .workers import run_jobs
 
 def run_batch(
     order: Order, scenes: Sequence[ListedScene], *, processes: int = 1, threads: int | None = None,
-    overwrite: bool = False, dry_run: bool = False, say: Say | None = None,
+    overwrite: bool = False, dry_run: bool = False, say: Say | None = None, reads: Sequence[str] = (),
 ) -> list[Outcome]:  # fmt: skip
     """Take the glint off many scenes.
 
@@ -40,6 +40,8 @@ def run_batch(
         Only say what would be done.
     say : callable, optional
         Told what happens.
+    reads : sequence of str
+        Files that were read for this batch, such as its recipe and its lists: no output may replace them.
 
     Returns
     -------
@@ -53,7 +55,7 @@ def run_batch(
     """
     if processes < 1:
         raise InputError(f"jobs: want at least 1, got {processes}.")
-    jobs, request = jobs_of(order, scenes), order.request()
+    jobs, request = jobs_of(order, scenes, reads), order.request()
     tell = say or (lambda _what, _about: None)
     with ExitStack() as stack:
         if not dry_run:
@@ -73,9 +75,6 @@ def run_batch(
                 continue
             found[i] = outcome(job, status, why, time.perf_counter() - begun)
             tell("end", found[i])
-        for job, _again in todo.values():
-            for path in job.every():
-                clear_scratch(path)
         found |= run_jobs(todo, order, request, processes, threads, tell)
     return [found[i] for i in range(len(jobs))]
 
@@ -85,4 +84,4 @@ def _prepare(directory: Path) -> None:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise WriteError(f"the directory {directory} cannot be made: {error.strerror}. Choose another.") from error
-    check_target(real(directory) / "x.tif", overwrite=True)
+    check_target(directory / "x.tif", overwrite=True)

@@ -1,4 +1,7 @@
-"""Checksums of files, on a thread of their own; nothing but Python's own library is loaded for them."""
+"""Fingerprints of inputs: of every file behind a name its size, time and checksum, computed on a thread of its own.
+
+Nothing but Python's own library is loaded before the files behind a name are asked for.
+"""
 
 from __future__ import annotations
 
@@ -14,20 +17,47 @@ from ..errors import ReadError
 
 _CHUNK = 4 << 20
 """Bytes read at a time: a piece should take as long as Python lets another thread work before it asks."""
-_AHEAD: dict[tuple[str, ...], Checksum] = {}
+_AHEAD: dict[str, _Ahead] = {}
 """Begun by a command, and not yet asked for."""
+_ASIDE = (".aux.xml", ".ovr")
+"""Endings of files that viewers write beside a raster when they show it: what is read of them is read at the start."""
+Stamp = tuple[int, int, int, int]
+
+
+class _Ahead:
+    """The fingerprint of a file, begun before it is known what lies behind it."""
+
+    def __init__(self, path: str) -> None:
+        self.before, self.found = _stamp(path), dict[str, Any]()
+        self._path = path
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    def _work(self) -> None:
+        self.found = fingerprint(self._path)
+
+    def result(self) -> dict[str, Any]:
+        self._thread.join()
+        return self.found
 
 
 class Checksum:
-    """CRC-32 of the input files' bytes, computed on a thread of its own while the work goes on.
+    """CRC-32 of the bytes of all files behind some names, computed on a thread of its own while the work goes on.
 
     Names that are not local files (/vsis3/, zip://) have none.
+
+    Parameters
+    ----------
+    names : sequence of str
+        GDAL names; the files behind them are those of `deglint.raster.files.files_behind`.
     """
 
-    def __init__(self, paths: Sequence[str]) -> None:
-        self._paths = tuple(paths)
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = tuple(names)
         self._found: list[dict[str, Any]] = []
-        self._before = [_stamp(path) for path in self._paths]
+        ahead = {name: known for name in self._names if (known := _AHEAD.pop(name, None)) is not None}
+        self._before = {path: _stamp(path) for path in behind(self._names)}
+        self._ahead = {name: known for name, known in ahead.items() if known.before == self._before.get(name)}
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
@@ -50,24 +80,45 @@ class Checksum:
         return self._found
 
     def changed(self) -> str | None:
-        """A file that was changed since this was begun."""
-        both = zip(self._paths, self._before, strict=True)
-        return next((path for path, before in both if _stamp(path) != before), None)
+        """A file that was changed, came or went since this was begun."""
+        crcs = {file["path"]: file["crc32"] for file in self._found}
+        after = {path: _stamp(path) for path in behind(self._names)}
+        for path in {**self._before, **after}:
+            if path.endswith(_ASIDE):
+                continue
+            one, two = self._before.get(path), after.get(path)
+            if one is None or two is None or one[:3] != two[:3]:
+                if one != two or (path in self._before) != (path in after):
+                    return path
+            elif one != two and fingerprint(path)["crc32"] != crcs.get(path):
+                return path  # its time was set back
+        return None
 
     def _work(self) -> None:
-        self._found = [{"path": path, **fingerprint(path)} for path in self._paths]
+        found = []
+        for path in self._before:
+            known = self._ahead.get(path)
+            found.append({"path": path, **(fingerprint(path) if known is None else known.result())})
+        self._found = found
 
 
 def begin_checksum(paths: Sequence[str]) -> None:
     """Begin on files that are about to be read: a command's modules take a while to load."""
-    if all(_stamp(path) for path in paths):
-        _AHEAD[tuple(paths)] = Checksum(paths)
+    for path in paths:
+        if _stamp(path):
+            _AHEAD[path] = _Ahead(path)
 
 
-def checksum_of(paths: Sequence[str]) -> Checksum:
-    """What was begun on these files, or a new one."""
-    found = _AHEAD.pop(tuple(paths), None)
-    return Checksum(paths) if found is None or found.changed() else found
+def behind(names: Sequence[str]) -> tuple[str, ...]:
+    """All files behind some names; what cannot be read stands for itself."""
+    from ..raster.files import files_behind
+
+    return files_behind(names)
+
+
+def fingerprints(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """`fingerprint` of every file behind some names."""
+    return {path: fingerprint(path) for path in behind(names)}
 
 
 def fingerprint(path: str | Path) -> dict[str, Any]:
@@ -82,6 +133,12 @@ def fingerprint(path: str | Path) -> dict[str, Any]:
     return {"bytes": None, "crc32": None, "modified_ns": None}
 
 
+def are_as(names: Sequence[str], said: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Whether the files behind some names are those, and as those, that `Checksum.fingerprints` listed, by name."""
+    files = behind(names)
+    return set(files) == set(said) and all(is_as(path, said[path]) for path in files)
+
+
 def is_as(path: str | Path, said: Mapping[str, Any]) -> bool:
     """Whether a file is the one that `fingerprint` said this of: read only where size or time do not tell."""
     stamp = _stamp(path)
@@ -92,10 +149,12 @@ def is_as(path: str | Path, said: Mapping[str, Any]) -> bool:
     return stamp[1] == said.get("modified_ns") or fingerprint(path)["crc32"] == said.get("crc32")
 
 
-def _stamp(path: str | Path) -> tuple[int, int] | None:
-    """Size and time of the last change of a local file."""
+def _stamp(path: str | Path) -> Stamp | None:
+    """Size, time of the last change of the content, number, and time of any change of a local file."""
     try:
         found = Path(path).stat()
     except (OSError, ValueError):
         return None
-    return (found.st_size, found.st_mtime_ns) if stat.S_ISREG(found.st_mode) else None
+    if not stat.S_ISREG(found.st_mode):
+        return None
+    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_ctime_ns

@@ -20,13 +20,13 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Any
 
 from ..errors import DeglintError, InputError, WriteError
 from ..raster.environment import environment
 from ..raster.output import Layout, Scratch, writing
 from ..raster.parts import Part, write_part, writing_parts
+from ..raster.scratch import beside
 from ..tiles import Combine, Run, Tile, hull, rows_of
 from ..tiles import run as run_on_threads
 
@@ -107,8 +107,8 @@ class Cluster:
         `layouts` has what the images are like, by the names of the results' fields.
         """
         try:
-            place = target.resolve().parent
-            folder = Path(mkdtemp(prefix=f".{target.name[:100]}.", suffix=".parts", dir=place))
+            folder = beside(target, "parts")
+            folder.mkdir(mode=0o700)
         except OSError as error:
             raise WriteError(f"cannot write beside {target}: {error.strerror or error}.") from error
         try:

@@ -5,7 +5,6 @@ What was made before is known again by the recipe and by the checksums of input 
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,9 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DeglintError, InputError
+from ..raster.environment import environment
+from ..raster.targets import check_unread
 from ..readers.scenes import ListedScene
 from ..readers.text import read_json
-from .checksum import is_as
+from .checksum import are_as, is_as
 from .order import EXTRAS, Order
 
 TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
@@ -72,13 +73,13 @@ Say = Callable[[str, Any], None]
 """say("begin", name), say("progress", (name, stage, done, total)), say("end", Outcome)."""
 
 
-def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
-    """The work on each scene.
+def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = ()) -> list[Job]:
+    """The work on each scene; `reads` are files that were read beside the scenes and what the recipe names.
 
     Raises
     ------
     InputError
-        Two scenes would be written to one file, or a scene would be written over.
+        Two scenes would be written to one file, or a file that is read would be written over.
     """
     jobs = []
     for scene in scenes:
@@ -94,11 +95,11 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
                 f"several scenes would be written to {twice}: {them[:300]}. Give them names of their own, in a CSV "
                 "with columns path and name."
             )
-    made = {os.path.join(os.path.realpath(order.directory), name) for name in names}  # noqa: PTH118
-    for job in jobs:
-        for path in job.scene.paths:
-            if os.path.realpath(path) in made:
-                raise InputError(f"{path} is a scene, and would be written over. Give another [output] directory.")
+    there = [p for job in jobs for p in job.every() if p.exists()]  # what is not there yet can be no file that is read
+    if there:
+        named = [order.recipe.sample, order.recipe.mask, order.sensor or "", *reads]
+        with environment():
+            check_unread(there, {"a scene": [p for job in jobs for p in job.scene.paths], "an input": named})
     return jobs
 
 
@@ -118,7 +119,9 @@ def state_of(job: Job, request: str) -> tuple[str, str]:
         return FAILED, f"{job.sidecar} exists and is no sidecar of deglint"
     if batch.get("request") != request:
         return FAILED, f"{job.image} was made by another recipe"
-    if not all(p in inputs and is_as(p, inputs[p]) for p in job.scene.paths):
+    with environment():
+        same = are_as(job.scene.paths, inputs)
+    if not same:
         return FAILED, f"{job.image} was made of another state of the scene"
     if len(there) < len(job.every()):
         return TODO, "was stopped while it was moved into place"

@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..readers.scenes import checked_name
 from ..readers.text import read_text
 from .apply import DTYPES
-from .checksum import fingerprint
+from .checksum import fingerprints
 from .recipe import Recipe
 
 MOST_BYTES = 1 << 20
@@ -69,7 +69,8 @@ class Order:
     def request(self) -> str:
         """A checksum of all that the result depends on but the scene: the same order, the same text."""
         named = {k: getattr(self.recipe, k) for k in ("sample", "mask")}
-        files = {k: fingerprint(v)["crc32"] for k, v in named.items() if v not in ("auto", "all", "none")}
+        read = {k: fingerprints([v]) for k, v in named.items() if v not in ("auto", "all", "none")}
+        files = {k: {path: found["crc32"] for path, found in files.items()} for k, files in read.items()}
         said = asdict(self) | {"directory": "", "files": files, "nodata": repr(self.nodata)}
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 

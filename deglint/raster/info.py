@@ -19,6 +19,7 @@ import numpy as np
 
 from ..errors import InputError, ReadError
 from .convert import physical_dtype
+from .files import check_after, check_before
 from .limits import check_size
 
 Tags = Mapping[str, Mapping[str, str]]
@@ -27,7 +28,7 @@ Tags = Mapping[str, Mapping[str, str]]
 _DERIVED_NAMESPACES = frozenset({"IMAGE_STRUCTURE", "DERIVED_SUBDATASETS", "SUBDATASETS", "COLOR_PROFILE"})
 _MOST_BLOCKS = 20_000
 """Blocks of a file that are looked up one by one."""
-_REMOTE = re.compile(
+REMOTE = re.compile(
     r"(https?|ftp|s3|gs|az|oss|swift|hdfs)://|/vsi(curl|s3|gs|az|adls|oss|swift|webhdfs)", re.IGNORECASE
 )
 _opening = threading.Lock()  # warnings.catch_warnings is not safe for threads
@@ -144,11 +145,12 @@ def open_dataset(path: str) -> Any:
     ReadError
         No such file, or not a raster that GDAL can read.
     InputError
-        It declares more than `deglint.raster.limits` allow.
+        It declares more than `deglint.raster.limits` allow, or leads to files that `deglint.raster.files` does not.
     """
     import rasterio
     from rasterio.errors import RasterioError
 
+    check_before(path)
     try:
         with unplaced():
             dataset = rasterio.open(path, sharing=False)
@@ -156,6 +158,7 @@ def open_dataset(path: str) -> Any:
         raise ReadError(_why_not_opened(path, error)) from error
     try:
         check_size(dataset, path)
+        check_after(dataset, path)
     except BaseException:
         dataset.close()
         raise
@@ -175,7 +178,7 @@ def _why_not_opened(path: str, error: Exception) -> str:
 
 def remedy(path: str) -> str:
     """What may be wrong with a file that cannot be read, and what to do."""
-    if _REMOTE.match(path):
+    if REMOTE.match(path):
         return (
             "The server cannot be reached or is too slow, or the file is damaged: try again, or wait longer for it "
             "(GDAL_HTTP_LOW_SPEED_TIME, GDAL_HTTP_MAX_RETRY in the environment)."

@@ -25,14 +25,10 @@ import numpy.typing as npt
 from ..errors import InputError, ReadError, WriteError
 from ..scene import Window
 from .info import RasterInfo, block_places, one_line, open_dataset, unplaced
-from .scratch import Scratch, real
+from .scratch import Scratch
 
 BLOCK = 512
 """Side of the output's blocks [pixel] where the input's do not serve."""
-OTHER_FORMATS = frozenset(
-    (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")
-)
-"""Endings of files that a GeoTIFF should not be called."""
 _SIDES = (64, 128, 256, BLOCK)
 
 
@@ -88,42 +84,6 @@ def _block_side(tile: int, size: int, own: int) -> int:
     if whole:
         return next((side for side in _SIDES if side >= size), BLOCK)
     return next((side for side in _SIDES[::-1] if tile % side == 0), 16)
-
-
-def check_target(path: Path, *, overwrite: bool = False) -> None:
-    """Refuse an output that cannot, or should not, be written; nothing is touched.
-
-    Raises
-    ------
-    WriteError
-        It exists, or its directory is missing or not writable.
-    """
-    if re.match(r"/vsi|[A-Za-z][\w+.-]+:/", str(path)):
-        raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
-    if path.is_dir():
-        raise WriteError(f"{path} is a directory; name a file in it, such as {path / 'out.tif'}.")
-    directory = real(path).parent
-    if not directory.is_dir():
-        raise WriteError(f"the directory {directory} does not exist. Make it first: mkdir -p {directory}")
-    if not os.access(directory, os.W_OK | os.X_OK):
-        raise WriteError(f"no permission to write in {directory}. Choose another place for {path.name}.")
-    if path.exists() and not path.is_file():
-        raise WriteError(f"{path} is not a regular file, and would be replaced by one. Name another output.")
-    if path.exists() and not overwrite:
-        raise WriteError(f"{path} exists already. Give --overwrite to replace it, or another name.")
-
-
-def check_image(path: Path) -> None:
-    """Refuse the name of another format for a GeoTIFF.
-
-    Raises
-    ------
-    WriteError
-    """
-    if path.suffix.lower() in OTHER_FORMATS:
-        raise WriteError(
-            f"{path} would hold a GeoTIFF, not what its name says. Name it {path.with_suffix('.tif').name}."
-        )
 
 
 class RasterWriter:

@@ -14,28 +14,29 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError, WriteError
+from .targets import Reads, check_targets
 
 Plan = Any
 """What `deglint.plan.reticle` returns; that room is not imported before it is needed here."""
 KINDS = (".png", ".json", ".nc", ".tif")
 
 
-def check_targets(targets: Sequence[Path], kinds: Sequence[str] = KINDS, *, overwrite: bool = False) -> None:
-    """Refuse names that could not be written, before the work is done.
+def check_plan(
+    targets: Sequence[Path], kinds: Sequence[str] = KINDS, reads: Reads | None = None, *, overwrite: bool = False
+) -> None:
+    """Refuse names that could not be written, before the work is done; what is read is as in `check_targets`.
 
     Raises
     ------
     InputError
-        The ending is none of those known.
+        The ending is none of those known, two are one file, or a file that is read would be replaced.
     WriteError
         It exists and is not to be replaced, or its directory cannot be written to.
     """
-    from .output import check_target
-
     for target in targets:
         if _kind(target) not in kinds:
             raise InputError(f"{target} must end in one of {', '.join(kinds)}, which says what to write.")
-        check_target(target, overwrite=overwrite)
+    check_targets(targets, reads, overwrite=overwrite)
 
 
 def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
@@ -52,19 +53,19 @@ def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes]
     Raises
     ------
     InputError, WriteError
-        See `check_targets`; or xarray is missing for NetCDF.
+        See `check_plan`; or xarray is missing for NetCDF.
     """
     from ..plan import dataset
     from .output import Scratch, write_bytes, write_text
 
-    check_targets(targets, overwrite=overwrite)
+    check_plan(targets, overwrite=overwrite)
     writers: Mapping[str, Callable[[Scratch, Path], None]] = {
         ".png": lambda scratch, target: write_bytes(scratch, target, picture()),
         ".json": lambda scratch, target: write_text(scratch, target, _compact(dataset.document(plan))),
         ".nc": lambda scratch, target: _netcdf(dataset.dataset(plan), scratch.add(target)),
         ".tif": lambda scratch, target: _geotiff(plan, scratch.add(target)),
     }
-    with Scratch() as scratch:
+    with Scratch(overwrite=overwrite) as scratch:
         for target in targets:
             try:
                 writers[_kind(target)](scratch, target)
@@ -78,8 +79,8 @@ def write_numbers(targets: Mapping[Path, bytes | Mapping[str, Any]], *, overwrit
     """Write pictures (bytes) and numbers (for JSON) together, or none of them."""
     from .output import Scratch, write_bytes, write_json
 
-    check_targets(list(targets), (".png", ".json"), overwrite=overwrite)
-    with Scratch() as scratch:
+    check_plan(list(targets), (".png", ".json"), overwrite=overwrite)
+    with Scratch(overwrite=overwrite) as scratch:
         for target, data in targets.items():
             if isinstance(data, bytes):
                 write_bytes(scratch, target, data)

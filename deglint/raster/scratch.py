@@ -1,7 +1,8 @@
 """Files that come into being together, or not at all, whoever else writes beside them.
 
-A run writes into scratch files in the directory of its outputs and moves them into place when all are whole. Runs that
-end at the same time move one after the other, so that an image and its sidecar are always of one run.
+A run writes into scratch files in the directory of its outputs and moves them into place when all are whole. While they
+are moved, signals wait; what fails is undone. Runs that end at the same time move one after the other, so that an image
+and its sidecar are always of one run. What runs that were killed left beside an output goes with the next run of it.
 """
 
 from __future__ import annotations
@@ -9,20 +10,25 @@ from __future__ import annotations
 import contextlib
 import glob
 import os
+import platform
 import re
 import secrets
-from collections.abc import Iterator
+import signal
+import threading
+import zlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..errors import WriteError
+from .local import COMPANIONS, real
 
-_COMPANIONS = (".aux.xml", ".msk", ".ovr")
-"""What GDAL may put beside a raster."""
-
-
-def real(path: Path) -> Path:
-    """The file that a name stands for, symbolic links followed; it need not exist."""
-    return Path(os.path.realpath(path))
+MOVED: list[Path] = []
+"""Outputs that this process has moved into place: what a command that is interrupted later has written all the same."""
+_HELD = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGXCPU")
+"""Signals that wait while files are moved."""
+_LONGEST = 180
+"""Bytes of an output's name that its scratch keeps: what is added has to fit into the 255 that systems allow."""
 
 
 class Scratch:
@@ -30,6 +36,11 @@ class Scratch:
 
     Use as a context manager: leaving the block normally moves every file into place, leaving it by an error removes
     them all. The first file added is moved last: where it stands, the others do too.
+
+    Parameters
+    ----------
+    overwrite : bool
+        Replace files that are there by then.
     """
 
     def __init__(self, *, overwrite: bool = True) -> None:
@@ -41,8 +52,8 @@ class Scratch:
 
     def add(self, target: Path) -> Path:
         """Name of a scratch file beside `target`."""
-        place = real(target)
-        scratch = place.with_name(f".{place.name[:200]}.{secrets.token_hex(4)}.part{place.suffix[:8]}")
+        clear_scratch(target)
+        scratch = beside(target, "part")
         self._files.append((scratch, target))
         return scratch
 
@@ -53,37 +64,129 @@ class Scratch:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
-                self._commit()
+                with signals_held():
+                    self._commit()
         finally:
             for scratch, _target in self._files:
-                for ending in ("", *_COMPANIONS):
+                for ending in ("", *COMPANIONS):
                     _discard(Path(f"{scratch}{ending}"))
 
     def _commit(self) -> None:
         umask = os.umask(0)
         os.umask(umask)
-        try:
-            with _one_at_a_time({real(target).parent for _scratch, target in self._files}):
-                self._refuse_what_came_between()
-                for scratch, target in reversed(self._files):
-                    if not scratch.exists():
-                        continue
-                    scratch.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
-                    for ending in _COMPANIONS:  # of an old file: they do not hold for the new one
-                        _discard(Path(f"{real(target)}{ending}"))
-                    scratch.replace(real(target))
-        except OSError as error:
-            if isinstance(error, WriteError):
-                raise
-            raise WriteError(f"cannot move the result into place: {error}") from error
+        move = _Move([(scratch, real(target)) for scratch, target in reversed(self._files)])
+        with _one_at_a_time({real(target).parent for _scratch, target in self._files}):
+            for scratch, target in self._files:
+                if not self._overwrite and os.path.lexists(target):
+                    raise WriteError(
+                        f"{target} was made by another run meanwhile, and stays. Give --overwrite to replace it."
+                    )
+                if not scratch.exists():
+                    raise WriteError(
+                        f"cannot write {target}: what was written for it, {scratch.name}, was taken away meanwhile. "
+                        "Nothing was changed; run again."
+                    )
+            move.all(umask)
+        MOVED.extend(target for _scratch, target in self._files)
 
-    def _refuse_what_came_between(self) -> None:
-        """Without leave to overwrite, a file that another run put there while this one worked stays."""
-        for _scratch, target in () if self._overwrite else self._files:
-            if target.exists():
-                raise WriteError(
-                    f"{target} was made by another run meanwhile, and stays. Give --overwrite to replace it."
-                )
+
+class _Move:
+    """Several files moved into place, or none: what was there before is kept until all are."""
+
+    def __init__(self, files: Sequence[tuple[Path, Path]]) -> None:
+        self._files = files
+        self._kept: dict[Path, Path] = {}
+        self._done: list[Path] = []
+
+    def all(self, umask: int) -> None:
+        """Move them.
+
+        Raises
+        ------
+        WriteError
+            The system refuses; everything is as it was, or the message says what is not.
+        """
+        try:
+            for scratch, target in self._files:
+                scratch.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
+            for _scratch, target in self._files:
+                self._keep(target)
+            for scratch, target in self._files:
+                self._done.append(target)
+                scratch.replace(target)
+        except BaseException as error:
+            left = self._undo()
+            if not isinstance(error, OSError):
+                raise
+            said = f"{error.strerror or error}: {error.filename2 or error.filename or self._files[-1][1]}"
+            after = "Nothing was changed" if not left else "Not put back: " + "; ".join(left)
+            raise WriteError(f"cannot move the result into place: {said}. {after}.") from error
+        for _scratch, target in self._files:  # companions of old files do not hold for the new ones
+            for ending in COMPANIONS:
+                _discard(Path(f"{target}{ending}"))
+        for kept in self._kept.values():
+            _discard(kept)
+
+    def _keep(self, target: Path) -> None:
+        """A second name for what is there."""
+        if not target.exists():
+            return
+        kept = beside(target, "old")
+        try:
+            os.link(target, kept)
+        except OSError:  # a file system without links: the name itself is taken
+            target.rename(kept)
+            self._done.append(target)
+        self._kept[target] = kept
+
+    def _undo(self) -> list[str]:
+        """Put back what was there; says what cannot be."""
+        left = []
+        for target in dict.fromkeys(self._done[::-1]):
+            kept = self._kept.get(target)
+            try:
+                if kept is None:
+                    target.unlink(missing_ok=True)
+                elif not (target.exists() and target.samefile(kept)):
+                    _put_back(kept, target)
+            except OSError:
+                left.append(f"{target}" + (f", whose old content is {kept}" if kept else ", which is new"))
+                self._kept.pop(target, None)
+        for kept in self._kept.values():
+            _discard(kept)
+        return left
+
+
+def _put_back(kept: Path, target: Path) -> None:
+    try:
+        kept.replace(target)
+    except OSError:  # renaming is what fails; linking may not
+        target.unlink(missing_ok=True)
+        os.link(kept, target)
+
+
+@contextlib.contextmanager
+def signals_held() -> Iterator[None]:
+    """Let signals wait until the block is left; then they do what they would have done.
+
+    Only the main thread may say so, and only there an interruption is raised.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before: dict[int, Any] = {}
+    try:
+        for name in _HELD:
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) not in (signal.SIG_IGN, None):
+                before[number] = signal.signal(number, lambda which, _frame: came.append(which))
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in dict.fromkeys(came):
+            signal.raise_signal(number)
 
 
 @contextlib.contextmanager
@@ -133,14 +236,58 @@ def claimed(directory: Path) -> Iterator[None]:
         os.close(file)
 
 
-def clear_scratch(target: Path) -> None:
-    """Remove what runs that were killed left beside an output; only for one whose directory is claimed."""
+def beside(target: Path, ending: str) -> Path:
+    """A new hidden name beside an output, which tells the process that it is of."""
     place = real(target)
-    name = re.compile(rf"\.{re.escape(place.name[:200])}\.[0-9a-f]{{8}}\.part{re.escape(place.suffix[:8])}(\.\w+)*")
+    token = f"{_machine():08x}-{os.getpid()}-{secrets.token_hex(4)}"
+    return place.with_name(f"{_head(place)}{token}.{ending}{place.suffix[:8]}")
+
+
+def clear_scratch(target: Path) -> None:
+    """Remove what runs of this machine that are no more left beside an output.
+
+    What was there before an output was moved, and is there no more, comes back.
+    """
+    place = real(target)
+    # names without machine and process are those of versions before 0.2
+    name = re.compile(re.escape(_head(place)) + r"(?:([0-9a-f]{8})-(\d+)-)?[0-9a-f]{8}\.(part|parts|old)(\.\w+)*")
     with contextlib.suppress(OSError):
-        for path in place.parent.glob(f".{glob.escape(place.name[:200])}.*"):
-            if name.fullmatch(path.name):
+        for path in place.parent.glob(f"{glob.escape(_head(place))}*"):
+            found = name.fullmatch(path.name)
+            if found is None or (found[1] and (int(found[1], 16) != _machine() or _alive(int(found[2])))):
+                continue
+            if found[3] == "old" and not place.exists():
+                path.rename(place)
+            elif path.is_dir():
+                for part in path.iterdir():
+                    _discard(part)
+                path.rmdir()
+            else:
                 _discard(path)
+
+
+def _head(place: Path) -> str:
+    """How names of an output's scratch begin."""
+    return f".{os.fsdecode(os.fsencode(place.name)[:_LONGEST])}."
+
+
+def _machine() -> int:
+    """A number for this machine and, where there are containers, the one in which its processes have their numbers."""
+    try:
+        space = Path("/proc/self/ns/pid").stat().st_ino
+    except OSError:
+        space = 0
+    return zlib.crc32(f"{platform.node()} {space}".encode())
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 def _discard(path: Path) -> None:

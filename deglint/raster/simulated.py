@@ -66,14 +66,14 @@ def write_scene(
     WriteError
         A file exists and is not to be replaced, or cannot be written; then none is.
     """
-    from .output import Scratch, check_target
+    from .output import Scratch
+    from .targets import check_targets
 
     base = _base(stem)
     layers = layers_of(scene) if truth else {"": layers_of(scene)[""]}
     targets = {part: base.with_name(f"{base.name}{part}.tif") for part in layers}
     sidecar = base.with_name(f"{base.name}.json")
-    for target in (*targets.values(), sidecar):
-        check_target(target, overwrite=overwrite)
+    check_targets([*targets.values(), sidecar], overwrite=overwrite)
     with Scratch(overwrite=overwrite) as scratch:
         try:
             for part, layer in layers.items():
@@ -93,11 +93,10 @@ def check_free(stem: str | Path, *, overwrite: bool = False) -> None:
     WriteError
         The scene exists and is not to be replaced, or its directory cannot be written to.
     """
-    from .output import check_target
+    from .targets import check_targets
 
     base = _base(stem)
-    for suffix in (".tif", ".json"):
-        check_target(base.with_name(base.name + suffix), overwrite=overwrite)
+    check_targets([base.with_name(base.name + suffix) for suffix in (".tif", ".json")], overwrite=overwrite)
 
 
 def _base(stem: str | Path) -> Path:

@@ -67,7 +67,8 @@ def bench(out: str, **given: Any) -> None:
     rxdetect bench report.html --only thesis,peers --seeds 3
     rxdetect bench compare OLD.json NEW.json          # what got better or worse; --help says more
     """  # fmt: skip
-    from deglint.raster.output import Scratch, check_target, write_json, write_text
+    from deglint.raster.output import Scratch, write_json, write_text
+    from deglint.raster.targets import check_targets
 
     from ..bench.collect import as_json, collect
     from ..bench.machine import cores, load_now, provenance
@@ -78,8 +79,7 @@ def bench(out: str, **given: Any) -> None:
     targets = Path(out), Path(given["json_file"] or f"{out}.json")
     if targets[0] == targets[1]:
         raise click.UsageError(f"OUT.html and --json are both {out}: name two files.")
-    for target in targets:
-        check_target(target, overwrite=given["overwrite"])
+    check_targets(targets, {"the interpreter": [given["peers"]]}, overwrite=given["overwrite"])
     docs = _docs(given)
     start, load = time.perf_counter(), load_now()
     with Console(given) as console:
@@ -135,7 +135,7 @@ def _wanted(only: tuple[str, ...]) -> list[str]:
 
 def _scratch(directory: str | None) -> str | None:
     """The directory for scratch files, if it is one that can be written to."""
-    from deglint.raster.output import check_target
+    from deglint.raster.targets import check_target
 
     if directory is not None:
         check_target(Path(directory) / "scratch", overwrite=True)
@@ -144,7 +144,7 @@ def _scratch(directory: str | None) -> str | None:
 
 def _docs(given: dict[str, Any]) -> Path | None:
     """The documentation's page, if it is to be remade and can be."""
-    from deglint.raster.output import check_target
+    from deglint.raster.targets import check_target
 
     from ..bench.markdown import PAGE
 
@@ -165,7 +165,7 @@ def _write_docs(page: Path, found: Collected, made: dict[str, Any]) -> None:
 
     files = pages(found, made, page.read_text(encoding="utf-8") if page.exists() else EMPTY)
     (page.parent / FOLDER).mkdir(exist_ok=True)
-    with Scratch() as scratch:
+    with Scratch(overwrite=True) as scratch:
         for name, text in files.items():
             write_text(scratch, page.parent / name, text)
     for left in stale(page.parent, files):

@@ -59,7 +59,8 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     rxdetect roc global.tif local.tif truth.tif --per-object --report roc.html
     """  # fmt: skip
     from deglint.raster.environment import environment
-    from deglint.raster.output import Scratch, check_target, plain, write_json, write_text
+    from deglint.raster.output import Scratch, plain, write_json, write_text
+    from deglint.raster.targets import check_targets
 
     from ..report import Request, evaluate, page
     from ..report.provenance import provenance
@@ -67,9 +68,9 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
 
     report = None if given["report"] is None else Path(given["report"])
     beside = None if report is None else Path(f"{report}.json")
-    for target in (report, beside):
-        if target is not None:
-            check_target(target, overwrite=given["overwrite"])
+    reads = {"a SCORES file": scores, "TRUTH": [truth], "--mask": [given["mask"] or ""]}
+    with environment():
+        check_targets([p for p in (report, beside) if p is not None], reads, overwrite=given["overwrite"])
     request = Request(
         scores=scores, truth=truth, mask=given["mask"], pfa_max=given["pfa_max"], draws=given["draws"],
         seed=given["seed"], block=given["block"], per_object=given["per_object"], lower=given["lower"],
@@ -81,7 +82,7 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
         made = provenance(request, _command(scores, truth, given), time.perf_counter() - start)
         numbers = plain(found.numbers | {"made": made})
         if report is not None and beside is not None:
-            with Scratch() as scratch:
+            with Scratch(overwrite=given["overwrite"]) as scratch:
                 write_text(scratch, report, page(found, made))
                 write_json(scratch, beside, numbers)
         for note in numbers["notes"]:

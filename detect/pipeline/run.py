@@ -18,13 +18,14 @@ from rasterio.windows import Window
 from deglint import tiles as tiling
 from deglint.checks import checked_keywords
 from deglint.errors import InputError, NoWaterError
-from deglint.pipeline.checksum import checksum_of
+from deglint.pipeline.checksum import Checksum
 from deglint.pipeline.cluster import Cluster, writing_images
 from deglint.pipeline.log import log_scene
 from deglint.pipeline.look import core_of, raster_of
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
-from deglint.raster.output import Layout, Scratch, check_image, check_target, plain, write_json, write_text
+from deglint.raster.output import Layout, Scratch, plain, write_json, write_text
+from deglint.raster.targets import Reads, check_image, check_targets, check_unread
 from deglint.scene import Scene
 from deglint.tiles import LARGEST, Tile, default_threads
 from deglint.timing import Reporter
@@ -185,8 +186,14 @@ def score_file(
     targets = Outputs(Path(image), **paths)
     _check_targets(recipe, targets, threads)
     with environment(), _one_blas_thread():
+        given = [source] if isinstance(source, (str, os.PathLike)) else list(source)
+        reads: Reads = {"the input": given, "--background": [recipe.background], "--mask": [recipe.mask],
+                 "--sensor": [sensor or ""]}  # fmt: skip
+        check_targets(targets.every(), reads, overwrite=targets.overwrite)
+        check_image(targets.image)
         scene = open_scene(source, sensor=sensor, nodata=nodata)
         with raster_of(scene):
+            check_unread(targets.every(), {"the input": set(raster_of(scene).info.paths) - set(map(str, given))})
             return _run(scene, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
 
 
@@ -199,11 +206,6 @@ def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> Non
         raise InputError(f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx.")
     if targets.background and recipe.method == "local":
         raise InputError("local has a background for every pixel, none to save. Leave out --save-background.")
-    if len(set(map(os.path.realpath, targets.every()))) < len(targets.every()):
-        raise InputError("two outputs have the same name; give each its own.")
-    for path in targets.every():
-        check_target(path, overwrite=targets.overwrite)
-    check_image(targets.image)
 
 
 @contextmanager
@@ -219,11 +221,7 @@ def _run(
     scene: Scene, recipe: Recipe, targets: Outputs, threads: int, progress: Progress | None, cluster: Cluster | None
 ) -> Result:
     begun = time.perf_counter()
-    inputs = {os.path.realpath(p) for p in raster_of(scene).info.paths}
-    for path in targets.every():
-        if os.path.realpath(path) in inputs:
-            raise InputError(f"{path} is the input, and would be lost. Give that output another name.")
-    checksum = checksum_of(raster_of(scene).info.paths)
+    checksum = Checksum(raster_of(scene).info.paths)
     log_scene(scene)
     plan = make_plan(scene, recipe, threads, progress)
     for note in plan.notes:
@@ -239,7 +237,7 @@ def _run(
         log.info("%s", note)
     ready = detector(recipe.method, background, drop=recipe.drop, nir=plan.nir) if background else None
     law = _law(recipe, ready, background, len(plan.bands))
-    with Scratch() as scratch:
+    with Scratch(overwrite=targets.overwrite) as scratch:
         work = _scoring(plan, targets, ready, law, read if cluster else kept.last)
         tally, tail = _write_tiles(scratch, work, targets, cluster, progress)
         if not tally.scored:

@@ -1,0 +1,110 @@
+"""The files behind a name: all that GDAL reads when it opens a raster, sources of VRTs at any depth among them.
+
+One walk serves three purposes: outputs never replace a file that is read (`deglint.raster.targets`), an input is known
+again by all of its files (`deglint.pipeline.checksum`), and a raster from somebody else reads nothing outside its own
+folder.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, ReadError
+from .local import COMPANIONS, check_kind, check_place, folder_of, identity, is_odd, is_there, local
+from .vrt import Walk, is_vrt, references_of
+
+_PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
+
+
+def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
+    """Every file that is read where these names are: the names themselves first, then what belongs to them.
+
+    Parameters
+    ----------
+    names : iterable of str or Path
+        GDAL names, folders, text files. Names of no file ("auto", "0,0,10,10") stand for none.
+
+    Returns
+    -------
+    tuple of str
+        Names of files, each once. Of a file in an archive, the archive is there, too. What cannot be opened stands for
+        itself.
+    """
+    given = list(map(str, names))
+    found = {identity(name): name for name in given[::-1]}
+    for name in given:
+        files = local(name)
+        if not name.lower().endswith(_PLAIN_TEXT):
+            files += _of_raster(name)
+        for file in files:
+            found.setdefault(identity(file), file)
+    own = set(given)
+    return (*dict.fromkeys(given), *(file for file in found.values() if file not in own))
+
+
+def _of_raster(name: str) -> Iterator[str]:
+    """What GDAL says it reads, and the sources of VRTs."""
+    from .info import REMOTE, open_dataset
+
+    if REMOTE.match(name):
+        return  # all of it lies there
+    try:
+        with open_dataset(name) as dataset:
+            files, nested = list(dataset.files), _walk_of(dataset, name)
+    except (InputError, ReadError):
+        return
+    yield from files
+    for file in files:
+        yield from local(file)
+    for file in nested.found:
+        yield file
+        yield from local(file)
+        stem = os.path.splitext(file)[0]  # noqa: PTH122  (sources are not opened: there may be ten thousand)
+        yield from filter(is_there, [*(f"{file}{ending}" for ending in COMPANIONS), f"{stem}.hdr", f"{file}.hdr"])
+
+
+def check_before(name: str) -> None:
+    """Refuse a raster that must not even be opened: a pipe, or a VRT that reads where it may not, or too much.
+
+    Raises
+    ------
+    ReadError, InputError
+    """
+    check_kind(name)
+    if is_vrt(name):
+        Walk(folder_of(name)).start(name)
+
+
+def check_after(dataset: Any, name: str) -> None:
+    """Refuse an open raster whose header leads to files outside of its own folder.
+
+    Raises
+    ------
+    InputError
+    """
+    if dataset.driver == "VRT":
+        if not is_vrt(name):  # one that lies on a server, or in an archive
+            _walk_of(dataset, name)
+        return
+    if dataset.driver.startswith("SENTINEL2") or is_odd(name):
+        return  # parts of a product lie in the folders above; archives and servers hold no other names
+    folder = os.path.dirname(os.path.abspath(name))  # noqa: PTH100, PTH120  (links beside the raster are its owner's)
+    for file in dataset.files:
+        beside = os.path.abspath(file).startswith(os.path.join(folder, ""))  # noqa: PTH100, PTH118
+        if not (beside or file.startswith("/vsi") or file.endswith(COMPANIONS)):
+            check_place(file, folder, name)
+
+
+def _walk_of(dataset: Any, name: str) -> Walk:
+    """The sources of an open dataset; none where it is no VRT."""
+    walk = Walk(folder_of(dataset.files[0] if dataset.files else name))
+    if dataset.driver == "VRT":
+        if is_vrt(name):
+            walk.start(name)
+        else:
+            text = dataset.tags(ns="xml:VRT").get("xml:VRT", "")
+            walk.follow(references_of(text, walk.folder, name), 1)
+    return walk

@@ -1,0 +1,117 @@
+"""Names of files of this machine, as GDAL spells them: what kind of file they are, and where they may lie."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from pathlib import Path
+
+from ..errors import InputError, ReadError
+
+TRUST = "DEGLINT_VRT_SOURCES"
+"""Environment variable: folders, or "any", that VRTs may read from beside their own folder."""
+COMPANIONS = (".aux.xml", ".msk", ".ovr")
+"""What GDAL may put beside a raster, and reads with it."""
+_PREFIX = re.compile(r"[A-Za-z][\w+.-]+:")
+_ODD = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
+
+
+def real(path: str | Path) -> Path:
+    """The file that a name stands for, symbolic links followed; it need not exist."""
+    return Path(os.path.realpath(path))
+
+
+def check_kind(path: str | Path) -> None:
+    """Refuse what is neither a file nor a folder: reading it may never end.
+
+    Raises
+    ------
+    ReadError
+    """
+    kind = "a pipe" if str(path).lower().startswith("/vsistdin") else _odd(path)
+    if kind:
+        raise ReadError(f"{path} is {kind}, which cannot be read as a file. Save what comes from it, and name that.")
+
+
+def _odd(path: str | Path) -> str:
+    try:
+        return _ODD.get(stat.S_IFMT(os.stat(path).st_mode), "")  # noqa: PTH116  (what cannot be a Path raises here)
+    except (OSError, ValueError):
+        return ""
+
+
+def identity(path: str | Path) -> tuple[int, int] | str:
+    """What two names of one file have in common: device and inode, or where it does not exist the resolved name."""
+    try:
+        found = os.stat(path)  # noqa: PTH116  (names that cannot be a Path raise here, too)
+    except (OSError, ValueError):
+        try:
+            return os.path.realpath(path)
+        except (OSError, ValueError):
+            return str(path)
+    return found.st_dev, found.st_ino
+
+
+def is_odd(name: str) -> bool:
+    """Whether a GDAL name is more than the name of a file."""
+    return name.startswith("/vsi") or "://" in name or bool(_PREFIX.match(name)) or name.lstrip().startswith("<")
+
+
+def local(name: str) -> list[str]:
+    """The files of this machine that a GDAL name stands for, or lies in."""
+    if is_there(name):
+        return [name]
+    if len(name) > 4096 or not is_odd(name):
+        return []
+    bare = re.sub(r"^(/vsi[a-z0-9_]+/)+", "/", name.split("?")[0], flags=re.IGNORECASE)
+    bare = re.sub(r"^[A-Za-z][\w+.-]*://", "", bare).replace("!", "/").replace("{", "").replace("}", "")
+    pieces = [bare, bare.lstrip("/"), *re.split(r'[":,]', bare)]
+    found = []
+    for piece in dict.fromkeys(pieces):
+        place = Path(piece) if piece.strip("/ ") else None
+        while place is not None and not is_there(str(place)):
+            place = place.parent if place.parent != place and len(place.parts) > 1 else None
+        if place is not None and place.is_file():
+            found.append(str(place))
+    return list(dict.fromkeys(found))
+
+
+def is_there(name: str) -> bool:
+    """Whether there is a file, folder or link of this name."""
+    try:
+        return os.path.lexists(name)
+    except (OSError, ValueError):
+        return False
+
+
+def folder_of(name: str) -> str:
+    """The folder of a raster, as a name without links; of what lies in archives or on servers as GDAL spells it."""
+    if name.lstrip().startswith("<"):
+        return os.path.realpath(".")
+    if is_there(name):
+        return os.path.realpath(name if Path(name).is_dir() else Path(name).parent)
+    return os.path.dirname(name)  # noqa: PTH120
+
+
+def check_place(file: str, folder: str, name: str) -> None:
+    """Refuse a file outside of a folder, and of those that are trusted."""
+    where = os.path.realpath(file)
+    for allowed in (folder, *trusted()):
+        if allowed == "any" or where.startswith(os.path.join(os.path.realpath(allowed), "")):  # noqa: PTH118
+            return
+    refuse(file, folder, name)
+
+
+def refuse(file: str, folder: str, name: str = "a VRT") -> None:
+    """Say that a raster leads to a file that it may not read, and how to allow it."""
+    named = os.path.dirname(os.path.realpath(file)) if not is_odd(file) else "any"  # noqa: PTH120
+    raise InputError(
+        f"{name} in {folder or '.'} reads {file[:200]!r}, which is not in that folder. If you trust it, allow it: "
+        f"set the environment variable {TRUST}={named} (folders with {os.pathsep!r} between them, or any)."
+    )
+
+
+def trusted() -> list[str]:
+    """The folders that the environment allows."""
+    return [t for t in os.environ.get(TRUST, "").split(os.pathsep) if t]

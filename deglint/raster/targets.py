@@ -1,0 +1,122 @@
+"""Where outputs may go: nothing that is read is replaced, and nothing that is there without leave.
+
+One guard for every command. Files are compared by device and inode, so that links, other spellings and VRTs over the
+same file do not matter; names of files that do not exist are compared as the system resolves them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from ..errors import InputError, WriteError
+from .files import files_behind
+from .local import COMPANIONS, identity, real
+
+OTHER_FORMATS = frozenset(
+    (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")
+)
+"""Endings of files that a GeoTIFF should not be called."""
+Reads = Mapping[str, Iterable[str | Path]]
+"""Names of what a run reads, by what the user calls it: "the input", "--mask"."""
+
+
+def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwrite: bool = False) -> None:
+    """Refuse outputs that cannot, or should not, be written, before anything is touched.
+
+    Parameters
+    ----------
+    targets : sequence of Path
+        Every file that a run writes.
+    reads : mapping of str to names
+        Everything that it reads; what stands for no file ("auto") is left out. All files behind each name count
+        (`deglint.raster.files.files_behind`).
+    overwrite : bool
+        Files that exist may be replaced, but never one that is read.
+
+    Raises
+    ------
+    InputError
+        Two outputs are one file, or an output is a file that is read.
+    WriteError
+        It exists, or its directory is missing or not writable.
+    """
+    check_apart(targets)
+    check_unread(targets, reads or {})
+    for target in targets:
+        check_target(target, overwrite=overwrite)
+
+
+def check_apart(targets: Sequence[Path]) -> None:
+    """Refuse outputs of which one is another, or lies where GDAL would read it as part of another."""
+    taken: dict[tuple[int, int] | str, Path] = {}
+    for target in targets:
+        if identity(target) in taken:
+            raise InputError(f"two outputs have the same name, {target}; give each its own.")
+        taken[identity(target)] = target
+    for target in targets:
+        for companion in _companions(target):
+            if (other := taken.get(identity(companion))) is not None:
+                raise InputError(f"{other} would be read as a part of {target}. Give that output another name.")
+
+
+def check_unread(targets: Sequence[Path], reads: Reads) -> None:
+    """Refuse outputs that would replace a file which is read, or would be read with one."""
+    held: dict[tuple[int, int] | str, str] = {}
+    beside: dict[tuple[int, int] | str, str] = {}
+    for what, names in reads.items():
+        given = [str(name) for name in names]
+        for file in files_behind(given):
+            held.setdefault(identity(file), f"is {what}" if file in given else f"is read with {what}")
+            beside |= {identity(companion): file for companion in _companions(Path(file))}
+    for target in targets:
+        for path in (target, *_companions(target)):  # an image that is replaced takes its old companions with it
+            if found := held.get(identity(path)):
+                lost = "it would be written over, and would be lost"
+                raise InputError(f"{path} {found}: {lost}. Give that output another name.")
+        if (whose := beside.get(identity(target))) is not None:
+            raise InputError(f"{target} would be read as a part of {whose}. Give that output another name.")
+
+
+def _companions(path: Path) -> list[Path]:
+    return [Path(f"{path}{ending}") for ending in COMPANIONS]
+
+
+def check_target(path: Path, *, overwrite: bool = False) -> None:
+    """Refuse one output that cannot be written; what a run reads is not looked at, see `check_targets`.
+
+    Raises
+    ------
+    WriteError
+        It exists, or its directory is missing or not writable.
+    """
+    if str(path) == "-":
+        raise WriteError("- is no file: outputs do not go to standard output. Name a file.")
+    if re.match(r"/vsi|[A-Za-z][\w+.-]+:/", str(path)):
+        raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
+    if path.is_dir():
+        raise WriteError(f"{path} is a directory; name a file in it, such as {path / 'out.tif'}.")
+    directory = real(path).parent
+    if not directory.is_dir():
+        raise WriteError(f"the directory {directory} does not exist. Make it first: mkdir -p {directory}")
+    if not os.access(directory, os.W_OK | os.X_OK):
+        raise WriteError(f"no permission to write in {directory}. Choose another place for {path.name}.")
+    if path.exists() and not path.is_file():
+        raise WriteError(f"{path} is not a regular file, and would be replaced by one. Name another output.")
+    if path.exists() and not overwrite:
+        raise WriteError(f"{path} exists already. Give --overwrite to replace it, or another name.")
+
+
+def check_image(path: Path) -> None:
+    """Refuse the name of another format for a GeoTIFF.
+
+    Raises
+    ------
+    WriteError
+    """
+    if path.suffix.lower() in OTHER_FORMATS:
+        raise WriteError(
+            f"{path} would hold a GeoTIFF, not what its name says. Name it {path.with_suffix('.tif').name}."
+        )

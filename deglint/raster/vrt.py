@@ -1,0 +1,224 @@
+"""The sources of VRTs, at any depth: read from their XML before GDAL opens them, for GDAL 3.10 has no setting for it.
+
+A VRT from somebody else must read nothing outside its own folder, nothing on a server, and not the same thing without
+end.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from ..errors import InputError, ReadError
+from .local import check_kind, check_place, is_odd, local, refuse, trusted
+
+MOST_READS = 100_000
+"""Sources that may be read for one band, where that is more than four times the files there are: nested mosaics
+multiply."""
+MOST_DEPTH = 32
+"""VRTs in VRTs."""
+MOST_VRT_BYTES = 64 << 20
+_IN_ARCHIVES = re.compile(r"/vsi(zip|tar|gzip|7z|rar)/", re.IGNORECASE)
+_ANYWHERE = {"sourcefilename", "sourcedataset", "dempath"}
+_NESTED = "<vrtdataset"
+_TOO_DEEP = f"VRTs lie in VRTs more than {MOST_DEPTH} deep. Make one raster of it: gdal_translate."
+
+
+@dataclass(frozen=True)
+class _Reference:
+    """A source of a VRT: its name, which band of it, and for which band (0: all)."""
+
+    name: str
+    band: int
+    of: int
+
+
+@dataclass
+class Walk:
+    """A walk through the sources of a VRT, which checks each and counts what reading a band comes to."""
+
+    folder: str
+    found: dict[str, None] = field(default_factory=dict)
+    _reads: dict[tuple[str, int], int] = field(default_factory=dict)
+    _open: list[str] = field(default_factory=list)
+
+    def start(self, name: str) -> None:
+        """Walk from a local VRT."""
+        references = _parsed(name, _stamp(name))
+        self._open.append(_key(name))
+        self.follow(references, 1)
+        for band in sorted({r.of for r in references}):
+            reads = self._count(references, band)
+            if reads > MOST_READS and reads > 4 * len(self.found):
+                raise InputError(
+                    f"{name} reads {reads:,} sources for a band, most of them again and again; allowed are "
+                    f"{MOST_READS:,}. Make one raster of it first: gdal_translate."
+                )
+
+    def follow(self, references: tuple[_Reference, ...], depth: int) -> None:
+        """Check sources, and those of the VRTs among them."""
+        if depth > MOST_DEPTH:
+            raise InputError(_TOO_DEEP)
+        for reference in references:
+            name = reference.name
+            if name in self.found:
+                continue
+            self.found[name] = None
+            self._check(name)
+            for inner in _inner(name):
+                self.follow(inner, depth + 1)
+
+    def _check(self, name: str) -> None:
+        check_kind(name)
+        if name.lower().startswith(("vrt://", _NESTED)):
+            return  # what it names is checked
+        if "any" in trusted():
+            return
+        if name.startswith("/vsi") and os.path.normpath(name).startswith(self.folder.rstrip("/") + "/"):
+            return  # beside the VRT on its server, or in its archive
+        inside = local(name)
+        elsewhere = not inside or (name.startswith("/vsi") and not _IN_ARCHIVES.match(name))
+        if is_odd(name) and not Path(name).exists() and elsewhere:
+            refuse(name, self.folder)
+        for file in inside or [name]:
+            check_place(file, self.folder, "a VRT")
+
+    def _count(self, references: tuple[_Reference, ...], band: int) -> int:
+        """Sources that are read for one band, those of nested VRTs instead of these."""
+        return sum(self._of(r) for r in references if r.of in (band, 0) or not band)
+
+    def _of(self, reference: _Reference) -> int:
+        key = reference.name, reference.band
+        if key not in self._reads:
+            nested = _inner(reference.name)
+            if not nested:
+                self._reads[key] = 1
+            elif _key(reference.name) in self._open:
+                return 0  # it holds itself; GDAL stops there
+            else:
+                if len(self._open) > MOST_DEPTH:
+                    raise InputError(_TOO_DEEP)
+                self._open.append(_key(reference.name))
+                self._reads[key] = sum(self._count(inner, reference.band) for inner in nested)
+                self._open.pop()
+        return self._reads[key]
+
+
+def _inner(name: str) -> list[tuple[_Reference, ...]]:
+    """The sources of a source that is itself a VRT."""
+    if name.lower().startswith(_NESTED):
+        return [references_of(name, "", "a VRT")]
+    if name.lower().startswith("vrt://"):
+        return [(_Reference(name[6:].partition("?")[0], 0, 0),)]
+    return [_parsed(name, _stamp(name))] if is_vrt(name) else []
+
+
+def _key(name: str) -> str:
+    return name if name.lower().startswith((_NESTED, "vrt://")) else os.path.realpath(name)
+
+
+def _stamp(name: str) -> tuple[int, int, int]:
+    found = Path(name).stat()
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def is_vrt(name: str) -> bool:
+    """Whether GDAL would take a local file for a VRT: it looks for the word in the first kilobyte."""
+    try:
+        if not Path(name).is_file():
+            return False
+        with Path(name).open("rb") as file:
+            return b"<VRTDataset" in file.read(4096)
+    except (OSError, ValueError):
+        return False
+
+
+@lru_cache(maxsize=256)
+def _parsed(name: str, stamp: tuple[int, int, int]) -> tuple[_Reference, ...]:
+    """The sources of a local VRT, read once a state of it."""
+    if stamp[1] > MOST_VRT_BYTES:
+        raise InputError(f"{name} is a VRT of {stamp[1] >> 20} MB; allowed are {MOST_VRT_BYTES >> 20} MB.")
+    try:
+        text = Path(name).read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise ReadError(f"cannot read {name}: {error.strerror}.") from error
+    return references_of(text, str(Path(name).parent), name)
+
+
+def references_of(text: str, folder: str, name: str) -> tuple[_Reference, ...]:
+    """The sources that the XML of a VRT names.
+
+    It is refused where it may say something else to GDAL's parser than to this one: entities, or XML that is not whole.
+    """
+    try:
+        if "<!DOCTYPE" in text or "<!ENTITY" in text:
+            raise ValueError("it declares entities")
+        start = text.index("<VRTDataset")
+        root = ET.fromstring(text[start:].rstrip("\0 \n\r\t"))
+    except (ValueError, ET.ParseError, RecursionError) as error:
+        raise ReadError(f"cannot read {name[:200]}: its XML is damaged ({error}). Make the VRT again.") from error
+    found: list[_Reference] = []
+    number = 0
+    for element in root:
+        band = 0
+        if _tag(element) == "vrtrasterband":
+            number += 1
+            band = _number(_attribute(element, "band"), number)
+        found += _in_element(element, folder, band)
+    return tuple(found)
+
+
+def _in_element(top: ET.Element, folder: str, band: int) -> Iterator[_Reference]:
+    """The sources in an element of a VRT and in all below it."""
+    for element in top.iter():
+        of = 1
+        for child in element:
+            if _tag(child) == "sourceband":
+                of = _number("".join(child.itertext()).rpartition(",")[2], 0)
+        for child in [element] if element is top else []:
+            yield from _named(child, folder, band, of)
+        for child in element:
+            yield from _named(child, folder, band, of)
+
+
+def _named(element: ET.Element, folder: str, band: int, of: int) -> Iterator[_Reference]:
+    tag, text = _tag(element), "".join(element.itertext())
+    key = (_attribute(element, "name") or _attribute(element, "key")).lower()
+    named = tag in ("argument", "mdi") and ("filename" in key or key in ("x_dataset", "y_dataset"))
+    if not (named or tag in _ANYWHERE):
+        return
+    flags = [_attribute(element, "relativetovrt")] + [c.text or "" for c in element if _tag(c) == "relativetovrt"]
+    if any(_number(flag, 0) for flag in flags):
+        yield _Reference(_beside(text.strip(), folder), of, band)
+    else:
+        yield _Reference(text.strip(), of, band)
+
+
+def _beside(name: str, folder: str) -> str:
+    """A name that starts from a VRT's folder, as GDAL makes it."""
+    if name.lower().startswith("vrt://"):
+        return "vrt://" + _beside(name[6:], folder)
+    quoted = re.fullmatch(r'([A-Za-z][\w+.-]+:)("?)([^":]*)("?)(:.*)?', name)
+    if quoted and not (Path(folder) / name).exists():
+        head, first, file, last, tail = quoted.groups()
+        return f"{head}{first}{os.path.join(folder, file)}{last}{tail or ''}"  # noqa: PTH118
+    return os.path.join(folder, name)  # noqa: PTH118  (a GDAL name stays one)
+
+
+def _tag(element: ET.Element) -> str:
+    return str(element.tag).rpartition("}")[2].rpartition(":")[2].lower()
+
+
+def _attribute(element: ET.Element, name: str) -> str:
+    """GDAL does not mind the case of names."""
+    return next((v for k, v in element.attrib.items() if k.lower() == name), "")
+
+
+def _number(text: str, otherwise: int) -> int:
+    found = re.match(r"\s*(\d{1,9})", text)
+    return int(found[1]) if found else otherwise

@@ -1,0 +1,191 @@
+"""Several outputs move together: an error in the middle is undone, a signal waits, what was killed is cleared."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from deglint.errors import WriteError
+from deglint.raster import scratch as room
+from deglint.raster.scratch import Scratch, clear_scratch
+
+RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+OUTPUTS = ("out.tif", "out.tif.json", "f.tif", "m.json")
+
+
+@pytest.fixture
+def old(tmp_path):
+    """Old outputs with companions."""
+    for name in (*OUTPUTS, "out.tif.aux.xml", "out.tif.msk"):
+        (tmp_path / name).write_bytes(b"old")
+    return lambda: {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.name != "in.tif"}
+
+
+@pytest.mark.parametrize(("lasting", "link"), [(False, True), (True, True), (False, False)])
+@pytest.mark.parametrize("failing", range(1, 5))
+def test_an_error_between_two_moves_is_undone(deglint, sea, write, tmp_path, monkeypatch, old, failing, lasting, link):
+    source, before, calls, whole = write(tmp_path / "in.tif", sea()), old(), [], Path.replace
+
+    def replace(self, target):
+        calls.append(target)
+        if len(calls) == failing or (lasting and len(calls) > failing):
+            raise OSError(5, "Input/output error", str(self), None, str(target))
+        return whole(self, target)
+
+    def no_link(*_):
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(Path, "replace", replace)
+    if not link:
+        monkeypatch.setattr(os, "link", no_link)
+    ran = deglint("remove", source, tmp_path / "out.tif", *RUN, "--overwrite", "--flags", tmp_path / "f.tif",
+                  "--save-model", tmp_path / "m.json", "-q")  # fmt: skip
+    assert ran.code == 1
+    assert "cannot move the result into place: Input/output error" in ran.err
+    assert "Nothing was changed" in ran.err
+    assert old() == before
+
+
+def test_new_outputs_are_taken_away_again(deglint, sea, write, tmp_path, monkeypatch):
+    source, whole = write(tmp_path / "in.tif", sea()), Path.replace
+
+    def replace(self, target):
+        if target.name == "out.tif":
+            raise OSError(5, "Input/output error")
+        return whole(self, target)
+
+    monkeypatch.setattr(Path, "replace", replace)
+    assert deglint("remove", source, tmp_path / "out.tif", *RUN, "-q").code == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["in.tif"]
+
+
+def test_what_cannot_be_put_back_is_said(tmp_path, monkeypatch, old):
+    def replace(self, target):
+        raise OSError(5, "Input/output error")
+
+    def unlink(self, missing_ok=False):
+        raise OSError(30, "Read-only file system")
+
+    whole = Path.replace
+
+    def second(self, target):
+        whole(self, target)
+        monkeypatch.setattr(Path, "replace", replace)
+        monkeypatch.setattr(Path, "unlink", unlink)
+        raise OSError(5, "Input/output error")
+
+    def write_both():
+        with Scratch() as scratch:
+            for name in ("out.tif", "f.tif"):
+                scratch.add(tmp_path / name).write_text("new")
+            monkeypatch.setattr(Path, "replace", second)
+
+    with pytest.raises(WriteError, match=r"Not put back: .*f.tif, whose old content is .*\.old"):
+        write_both()
+
+
+@pytest.mark.parametrize("failing", range(1, 3))
+def test_companions_go_last(tmp_path, monkeypatch, old, failing):
+    seen, whole = [], Path.replace
+
+    def replace(self, target):
+        seen.append({p.name for p in tmp_path.iterdir()} >= {"out.tif.aux.xml", "out.tif.msk"})
+        return whole(self, target)
+
+    monkeypatch.setattr(Path, "replace", replace)
+    with Scratch() as scratch:
+        for name in ("out.tif", "f.tif"):
+            scratch.add(tmp_path / name).write_text("new")
+    assert seen == [True, True]
+    assert set(old()) == set(OUTPUTS)
+
+
+INTERRUPTED = """
+    import os, signal, sys
+    from pathlib import Path
+    whole, calls = Path.replace, []
+    def replace(self, target):
+        calls.append(target)
+        if len(calls) == int(sys.argv[1]):
+            os.kill(os.getpid(), int(sys.argv[2]))
+        return whole(self, target)
+    Path.replace = replace
+    from deglint.cli import run
+    sys.exit(run(sys.argv[3:]))
+"""
+
+
+@pytest.mark.parametrize(("at", "how"), [(1, signal.SIGINT), (2, signal.SIGTERM)])
+def test_a_signal_waits_until_all_are_moved(sea, write, tmp_path, old, at, how):
+    """Then the message says what was written."""
+    source = write(tmp_path / "in.tif", sea())
+    call = [sys.executable, "-c", textwrap.dedent(INTERRUPTED), str(at), str(int(how)), "remove", source,
+            str(tmp_path / "out.tif"), *RUN, "--overwrite", "--flags", str(tmp_path / "f.tif"), "-q"]  # fmt: skip
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert done.returncode == 130
+    assert done.stderr == f"interrupted; 3 outputs were written and are whole: {tmp_path / 'out.tif'} and others.\n"
+    left = old()
+    assert set(left) == set(OUTPUTS)
+    assert b"old" not in (left["out.tif"], left["f.tif"])
+    assert json.loads(left["out.tif.json"])["output"] == str(tmp_path / "out.tif")
+
+
+def test_a_killed_move_is_cleared_by_the_next_run(tmp_path, sea, write, deglint):
+    source = write(tmp_path / "in.tif", sea())
+    (tmp_path / "out.tif").write_bytes(b"old")
+    call = [sys.executable, "-c", textwrap.dedent(INTERRUPTED), "2", "9", "remove", source, str(tmp_path / "out.tif"),
+            *RUN, "--overwrite", "-q"]  # fmt: skip
+    subprocess.run(call, capture_output=True, text=True, check=False)
+    assert (tmp_path / "out.tif").read_bytes() == b"old"
+    assert len([p for p in tmp_path.iterdir() if p.name.startswith(".")]) > 1
+    assert deglint("remove", source, tmp_path / "out.tif", *RUN, "--overwrite", "-q").code == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif", "out.tif.json"]
+
+
+def test_scratch_of_runs_that_live_or_are_elsewhere_stays(tmp_path, monkeypatch):
+    machine = f"{room._machine():08x}"
+    names = {
+        "dead": f".out.tif.{machine}-999999999-00000000.part.tif",
+        "alive": f".out.tif.{machine}-{os.getpid()}-00000000.part.tif",
+        "elsewhere": ".out.tif.00000000-999999999-00000000.part.tif",
+        "of another": f".x.out.tif.{machine}-999999999-00000000.part.tif",
+        "the user's": ".out.tif.bak",
+    }
+    for name in names.values():
+        (tmp_path / name).write_text("half")
+    clear_scratch(tmp_path / "out.tif")
+    assert {p.name for p in tmp_path.iterdir()} == set(names.values()) - {names["dead"]}
+
+
+def test_what_was_taken_by_a_killed_move_comes_back(tmp_path):
+    """On a file system without links the old file has another name while outputs are moved."""
+    (tmp_path / f".out.tif.{room._machine():08x}-999999999-00000000.old.tif").write_text("old")
+    clear_scratch(tmp_path / "out.tif")
+    assert (tmp_path / "out.tif").read_text() == "old"
+
+
+@pytest.mark.parametrize("which", ["out.tif", "f.tif", "out.tif.json"])
+def test_a_scratch_file_that_vanished_is_an_error(deglint, sea, write, tmp_path, monkeypatch, old, which):
+    source, before, commit = write(tmp_path / "in.tif", sea()), old(), Scratch._commit
+
+    def vanish(self):
+        self.file(tmp_path / which).unlink()
+        commit(self)
+
+    monkeypatch.setattr(Scratch, "_commit", vanish)
+    ran = deglint("remove", source, tmp_path / "out.tif", *RUN, "--overwrite", "--flags", tmp_path / "f.tif", "-q")
+    assert ran.code == 1
+    assert "was taken away meanwhile. Nothing was changed" in ran.err
+    assert old() == before
+
+
+def test_a_long_name_of_many_bytes_has_scratch(tmp_path):
+    target = tmp_path / ("ü" * 120 + ".tif")
+    with Scratch() as scratch:
+        scratch.add(target).write_text("new")
+    assert target.read_text() == "new"
