@@ -26,7 +26,6 @@ from .pipeline import Fitted, Recipe, fit_scene
 from .pipeline.apply import DTYPES, given_model, marking
 from .pipeline.chunks import Nothing, over_tiles
 from .pipeline.correct import Correction
-from .pipeline.surroundings import Around
 from .raster.output import Layout
 from .readers.areas import open_area
 from .readers.arrays import open_array
@@ -207,10 +206,9 @@ def _correction(scene: Scene, fitted: Fitted, dtype: str | None) -> Correction:
     area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "mask")
     rule, bands = None if area else fitted.water, fitted.water_bands
     bare = replace(scene, source=Nothing())
-    beside = Around(bare, rule, bands[rule.roles.nir]) if rule and rule.halo and not fitted.chain.runs else None
     layout = Layout(info, tuple(range(info.count)), out.name, nodata)
     only = tuple(find_band(scene, b) for b in recipe.bands)
-    return Correction(bare, fitted.model, False, False, layout, area, rule, bands, beside, fitted.chain, only)
+    return Correction(bare, fitted.model, False, False, layout, area, rule, bands, fitted.chain, only)
 
 
 def _recipe(recipe: Recipe | str) -> Recipe:

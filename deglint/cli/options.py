@@ -12,7 +12,7 @@ import click
 log = logging.getLogger(__name__)
 
 # The keys of deglint.remove.METHODS and REGRESSIONS, which --help must not wait for; a test holds them equal.
-METHOD_NAMES = ("hedley", "lyzenga", "joyce", "multiband", "hochberg", "goodman", "kutser", "nir-subtraction")
+METHOD_NAMES = ("wiener", "hedley", "lyzenga", "joyce", "multiband", "hochberg", "goodman", "kutser", "nir-subtraction")
 REGRESSION_NAMES = ("ols", "detrended", "huber", "theil-sen")
 
 

@@ -23,8 +23,6 @@ from .noise import Spread
 from .normalise import Normalise
 from .presence import Presence, presence_from
 from .psf import PSF
-from .reference import ReferenceRule
-from .register import Move
 from .replace import ReplaceBands, ReplaceLevel
 from .sharpen import richardson_lucy, sharpen_halo
 from .state import State
@@ -136,10 +134,6 @@ class Chain:
         Before and after the removal.
     text : str
         How it is written.
-    references : tuple of (int, ReferenceRule)
-        0-based NIR bands that the removal is not to follow where they stand out from the water around, and how far.
-    moves : tuple of Move
-        NIR bands that are moved for a band to follow.
     protection : Protection
         How small things are told from sparkle, and put back.
     presence : Presence, optional
@@ -149,8 +143,6 @@ class Chain:
     before: tuple[Stage, ...] = ()
     after: tuple[Stage, ...] = ()
     text: str = ""
-    references: tuple[tuple[int, ReferenceRule], ...] = ()
-    moves: tuple[Move, ...] = ()
     protection: Protection = field(default_factory=lambda: Protection(reason=NO_STAGES))
     presence: Presence | None = None
 
@@ -191,8 +183,6 @@ class Chain:
             "chain": self.text,
             "before": [_plain(s) for s in self.before],
             "after": [_plain(s) for s in self.after],
-            "references": [{"band": band, **asdict(rule)} for band, rule in self.references],
-            "moves": [asdict(m) for m in self.moves],
             "protection": self.protection.numbers(),
             "presence": None if self.presence is None else self.presence.numbers(),
         }
@@ -384,12 +374,11 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
     """
     try:
         before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
-        rules = [dict(r) for r in data["references"]]
-        references = tuple((int(r.pop("band")), ReferenceRule(**r)) for r in rules)
-        moves = tuple(Move(**m) for m in data["moves"])
+        if data.get("references") or data.get("moves"):
+            raise InputError("a saved model of an earlier version, whose NIR is moved: fit and save it again.")
         protection, told = protection_from(data["protection"]), data.get("presence")
         presence = presence_from(told) if told else None
-        return Chain(before, after, str(data["chain"]), references, moves, protection, presence)
+        return Chain(before, after, str(data["chain"]), protection, presence)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved compensation ({error}); fit and save it again.") from error
 

@@ -9,10 +9,10 @@ Thresholds come from the scene, because its unit is not known (digital numbers, 
 room reads no files, keeps no state, and never changes a pixel.
 """
 
-from .sample import SampleRule, deep_water, describe, fit_sample, sample_halo
+from .sample import SampleRule, away_from_shore, deep_water, describe, fit_sample, sample_halo
 from .surface import Roles, WaterRule, brightness, fit_water, near_water, opened, valid_for, water
 
 __all__ = [
-    "Roles", "SampleRule", "WaterRule", "brightness", "deep_water", "describe", "fit_sample", "fit_water", "near_water",
-    "opened", "sample_halo", "valid_for", "water",
+    "Roles", "SampleRule", "WaterRule", "away_from_shore", "brightness", "deep_water", "describe", "fit_sample",
+    "fit_water", "near_water", "opened", "sample_halo", "valid_for", "water",
 ]  # fmt: skip

@@ -27,6 +27,9 @@ BIMODAL = 0.8
 """Otsu's separability above which water is taken to be of two kinds (a normal distribution has 0.64)."""
 MANY = 50_000
 """Squares overlap, so this many of them tell all about the rest."""
+SHORE = 9
+"""Side of the square of water that a pixel lies in, away from shores, ships, piers, and pixels that they share with
+water [pixel]."""
 CLEANING = 7
 """Side of the opening that makes the sample compact [pixel]."""
 REMEDY = "Pass --sample with a piece of deep water, or widen --mask."
@@ -120,6 +123,21 @@ class _Local(NamedTuple):
         """Visible variance that the NIR does not explain."""
         explained = self.covariance**2 / np.maximum(self.variance, 1e-9)
         return np.maximum(self.visible - explained, 0.0)
+
+
+def away_from_shore(mask: BoolArray) -> BoolArray:
+    """The part of a mask of water that lies in squares of water of `SHORE` pixels.
+
+    Examples
+    --------
+    >>> lake = np.zeros((20, 20), bool)
+    >>> lake[2:14, 2:14] = lake[16:, :4] = True
+    >>> int(away_from_shore(lake).sum())
+    144
+    """
+    import cv2
+
+    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, _square(SHORE))).view(np.bool_)
 
 
 def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:

@@ -31,13 +31,11 @@ from .cluster import Cluster, writing_images
 from .compensated import changed_bands
 from .correct import Correction
 from .fit import Fitted, Progress, fit_scene
-from .following import for_scene, without_moves
 from .log import log_model, log_result, log_scene, log_water
 from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .saved import saved
 from .sidecar import sidecar
-from .surroundings import Surroundings
 from .tally import Tally
 from .uncertain import with_stderr
 
@@ -123,7 +121,7 @@ class Result:
 
 
 @checked_keywords("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options",
-                  "request")  # fmt: skip
+                  "request", "reads")  # fmt: skip
 def remove_glint(
     source: str | Path | Sequence[str | Path],
     image: str | Path,
@@ -263,18 +261,14 @@ def _write_tiles(
     dtype = np.dtype(targets.dtype) if targets.dtype else info.dtype
     nodata, masked = marking(scene, dtype)
     shape = tile_shape_of(scene)
-    if fitted.chain.runs:
-        shape = tiling.compact(shape, block_of(scene), len(scene.bands), fitted.chain.halo)
+    halo = fitted.chain.halo if fitted.chain.runs else fitted.model.halo
+    if halo:
+        shape = tiling.compact(shape, block_of(scene), len(scene.bands), halo)
     image = Layout(info, every, dtype.name, nodata, targets.options, masked=masked, tile=shape)
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, len(scene.bands) * (CHAIN_COPIES if fitted.chain.runs else 1))
     rule, bands = None if area else fitted.water, fitted.water_bands
-    beyond = (
-        Surroundings(scene, rule, bands[rule.roles.nir], everything)
-        if rule and rule.halo and not fitted.chain.runs
-        else None
-    )
-    work = Correction(scene, fitted.model, bool(targets.flags), bool(targets.amount), image, area, rule, bands, beyond,
+    work = Correction(scene, fitted.model, bool(targets.flags), bool(targets.amount), image, area, rule, bands,
                       fitted.chain, only)  # fmt: skip
     if targets.stderr:
         at_once = max(at_once // 2, 1)
@@ -345,15 +339,10 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
     rule = fitted.water if wanted == "auto" else None
     everything = tiling.tiles(scene.height, scene.width, tile_shape_of(scene))
-    beyond = None
-    if rule is not None and rule.halo and not fitted.chain.runs:
-        beyond = Surroundings(scene, rule, fitted.water_bands[rule.roles.nir], everything)
     info = raster_of(scene).info
     layout = Layout(info, tuple(range(len(scene.bands))), info.dtype.name, info.nodata, {})
     only = tuple(find_band(scene, b) for b in fitted.recipe.bands)
-    work = Correction(
-        scene, fitted.model, False, False, layout, area, rule, fitted.water_bands, beyond, fitted.chain, only
-    )
+    work = Correction(scene, fitted.model, False, False, layout, area, rule, fitted.water_bands, fitted.chain, only)
     out = None
     with environment():
         for tile in everything:
@@ -382,9 +371,13 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
         The scene holds no water.
     """
     log_scene(scene)
-    model, chain = for_scene(scene, model, chain or Chain())
-    if recipe.compensate == "off":
-        model, chain = without_moves(scene, model, chain), Chain()
+    chain = chain if chain is not None and recipe.compensate != "off" else Chain()
+    if chain.runs and [n.casefold() for n in model.band_names] != [n.casefold() for n in scene.names]:
+        raise InputError(
+            f"the compensation was fitted to bands {', '.join(model.band_names)} in this order; the scene has "
+            f"{', '.join(scene.names)}. Fit it to a scene like this one."
+        )
+    model = model.for_bands(scene.names)
     notes = [f"model {model.method}, fitted before"]
     rule: WaterRule | None = None
     bands: tuple[int, ...] = ()

@@ -18,9 +18,9 @@ from ..masks import water
 from ..raster.environment import enter_thread
 from ..scene import FloatArray, Scene
 from ..tiles import Tile
-from .look import LOOK_PIXELS, LOOK_SIDE, Look, core_of, role_bands
+from .look import Look, core_of, role_bands
 from .recipe import Recipe
-from .sample import Sampler, tiles_over
+from .sample import Sampler
 
 Mask = npt.NDArray[np.bool_]
 Result = TypeVar("Result")
@@ -155,19 +155,3 @@ def one_thread_each(wanted: bool) -> Iterator[None]:
         yield
     finally:
         cv2.setNumThreads(before)
-
-
-def tiles_of(scene: Scene, sampler: Sampler) -> list[Tile]:
-    """So many tiles of a sample as a look may hold; the same ones however the file is stored."""
-    if sampler.bounds is None:
-        return some(sampler.tiles)
-    return some(tiles_over(scene, sampler.bounds, (LOOK_SIDE, LOOK_SIDE)))
-
-
-def some(tiles: Sequence[Tile]) -> list[Tile]:
-    """So many of the tiles as a look may hold."""
-    return (
-        list(tiles)
-        if sum(t.shape[0] * t.shape[1] for t in tiles) <= 2 * LOOK_PIXELS
-        else tiling.spread(tiles, LOOK_PIXELS)
-    )

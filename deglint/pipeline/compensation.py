@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .. import tiles as tiling
 from ..compensate import THESIS, Chain, Sample, Setting, State, Step, finish, fit_stages, parse, protect, system_psf
 from ..compensate.chain import NO_STAGES
 from ..compensate.estimate import Spectra, estimate_optics, glint_spectra
@@ -24,7 +23,6 @@ from ..compensate.level import SMALLEST
 from ..compensate.presence import Presence
 from ..compensate.protect import LEAST_DELAY
 from ..compensate.psf import PSF
-from ..compensate.reference import SIZE, ReferenceRule, fit_reference
 from ..compensate.steps import step_of
 from ..errors import FitError, InputError
 from ..needs import (
@@ -39,16 +37,14 @@ from ..needs import (
     coherence,
     element_for,
 )
-from ..raster.environment import enter_thread
 from ..readers.optics import optics_of, pixel_size
 from ..remove import FitRequest, GlintModel, apply
 from ..scene import Scene
-from ..tiles import Tile
-from .blocks import Blocks, aside, inside, read_blocks, some, tiles_of, workers
+from .blocks import Blocks, aside, inside, read_blocks, workers
 from .calm import find_presence
-from .look import Look, core_of, raster_of
+from .look import Look, raster_of
 from .recipe import Recipe
-from .sample import Sampler
+from .sample import Sampler, some, tiles_of
 
 Mask = npt.NDArray[np.bool_]
 Seen = tuple[list[Any], list[State], list[Mask], list[tuple[slice, slice]]]
@@ -133,7 +129,7 @@ def plan(
     pixel = pixel_size(scene)
     smallest = smallest_object(recipe.smallest_object, pixel)
     needs = Needs(pixel, smallest, element_for(smallest))
-    if recipe.compensate == "off":
+    if recipe.compensate == "off" or recipe.method == "wiener":
         return Plan(needs)
     wanted = (
         None if recipe.compensate == "auto" else parse(THESIS if recipe.compensate == "thesis" else recipe.compensate)
@@ -374,35 +370,6 @@ def fit_after(recipe: Recipe, found: Plan, chain: Chain, blocks: Blocks, model: 
         beside = sorted({*found.left_alone, *passed})  # things show in bands that glint was hardly seen in, too
         after = fit_stages(found.after, left, setting, bands=bands, left=beside, each=each, cuts=None)
     return replace(chain, after=after)
-
-
-def fit_references(
-    scene: Scene, model: GlintModel, sampler: Sampler, look: Look, threads: int
-) -> tuple[tuple[int, ReferenceRule], ...]:
-    """How far the NIR of glint stands out from the water around, over the sample; what exceeds it is not followed."""
-    bands = [b for b in model.index_bands if b < len(scene.bands)]
-    columns = sorted({*bands, *sampler.bands})
-    halo = max(sampler.halo, SIZE // 2)
-
-    def work(tile: Tile) -> tuple[Any, Mask]:
-        outer = tile.grown(halo, scene.height, scene.width)
-        block = scene.source.read(outer.window, columns)
-        mask = np.asarray(sampler.mask(block, columns, outer))
-        core = np.zeros_like(mask)
-        core[core_of(tile.crop_of(outer), outer.shape)] = True
-        return block[[columns.index(b) for b in bands]], mask & core
-
-    tiles = tiles_of(scene, sampler)
-    looks = [p for _t, p in tiling.run(tiles, work, threads=threads, start=enter_thread)]
-    water_nir = look.water.threshold if look.water is not None and look.water.window == 1 else np.inf
-    found = []
-    for i, band in enumerate(bands):
-        most = water_nir if look.water is not None and band == look.roles.nir else np.inf
-        try:
-            found.append((band, fit_reference([(b[i], m) for b, m in looks], most=most)))
-        except FitError:  # too little water in one piece to tell: every pixel follows its own NIR
-            continue
-    return tuple(found)
 
 
 def halo_of(steps: Sequence[Step], psfs: tuple[PSF, ...] | None) -> int:

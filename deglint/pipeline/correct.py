@@ -16,19 +16,18 @@ from ..compensate.protect import Things, lifted, put, things
 from ..compensate.sharpen import all_finite
 from ..compensate.uncertainty import REACH as LEVEL_REACH
 from ..compensate.uncertainty import Parts, Uncertainty, stderr
-from ..masks import WaterRule, near_water, opened, valid_for, water
+from ..masks import WaterRule, near_water, water
 from ..raster.convert import all_clear, ends
 from ..raster.encode import encode, relaid
 from ..raster.output import Layout
 from ..readers.areas import Area
 from ..remove import GlintModel, apply
 from ..remove.model import removed
+from ..remove.predict import glint
 from ..scene import Scene
 from ..tiles import Tile
 from .compensated import Begun, Compensated, Shown, changed_bands, shown_in
-from .following import moved_halo, nir_to_follow, remove_following
 from .look import core_of, place_in, raster_of
-from .surroundings import Around, Surroundings
 from .tally import Saturated, Tally, largest_in, saturated_in
 
 FLAGS = {
@@ -72,6 +71,8 @@ class _Read:
     known: npt.NDArray[np.bool_] | None
     where: npt.NDArray[np.bool_] | None
     tally: Tally
+    glint: dict[int, Any]  # by band, where the removal looks at neighbours
+    exceeds: npt.NDArray[np.bool_] | None  # water whose reference exceeds its surroundings by more than glint does
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,6 @@ class Correction:
     area: Area | None
     water: WaterRule | None
     water_bands: tuple[int, ...]
-    surroundings: Surroundings | Around | None
     chain: Chain = field(default_factory=Chain)
     only: tuple[int, ...] = ()
     want_stderr: bool = False
@@ -100,16 +100,11 @@ class Correction:
     @property
     def reach(self) -> int:
         """Pixels around a tile that may be looked at."""
-        beyond = max((rule.halo for _, rule in self.chain.references), default=0) + moved_halo(self.chain)
-        return max(self._halo, self._water_halo, beyond)
+        return self._halo
 
     def on(self, scene: Scene) -> Correction:
         """The same for another source of the scene's pixels."""
-        beside = self.surroundings
-        if beside is not None:
-            assert isinstance(beside, Around)
-            beside = replace(beside, scene=scene)
-        return replace(self, scene=scene, surroundings=beside)
+        return replace(self, scene=scene)
 
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and bring it into the output's type."""
@@ -133,7 +128,7 @@ class Correction:
         raw, lost = relaid(raw, valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
         if where is None and finite and raw.dtype == np.float32:
             raw = corrected
-        for bands, place in self._work(tile, physical, read.after, where, tally, flags):
+        for bands, place in self._work(read, flags):
             counts = encode(
                 corrected, raw, bands=bands, scales=source.info.scales, offsets=source.info.offsets,
                 where=place, nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED), least=least,
@@ -206,7 +201,7 @@ class Correction:
     def physical(self, tile: Tile) -> npt.NDArray[Any]:
         """Read a tile and correct it: physical values of all bands."""
         read = self._read(tile, True)
-        self._work(tile, read.physical, read.after, read.where, read.tally, None)
+        self._work(read, None)
         return read.physical
 
     def _read(self, tile: Tile, keep: bool) -> _Read:
@@ -223,7 +218,7 @@ class Correction:
         if physical is not raw:
             clear, found = False, None
         largest = largest_in(self.scene, raw, valid) if found is None else found[:, 1]
-        after = None
+        after, exceeds, predicted = None, None, dict[int, Any]()
         if self.chain.runs:
             place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
             sound = valid is None and (raw.dtype.kind in "iu" or clear or all_finite(physical))
@@ -243,7 +238,21 @@ class Correction:
                 own = begun.own
             inside = near if after is None or after.inside is None else after.inside & (True if near is None else near)
         else:
-            own, known, inside = raw, None if clear else self._known(physical, valid), self._inside(tile, physical)
+            place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
+            around = self._water_in(outer, physical)
+            if self.model.halo:
+                found_glint, exceeds = glint(
+                    physical, self.model, np.ones(outer.shape, np.bool_) if around is None else around
+                )
+                predicted = {band: amount[place[1:]] for band, amount in found_glint.items()}
+                exceeds = None if exceeds is None else exceeds[place[1:]]
+            inside = None if around is None else around[place[1:]]
+            if outer != tile:
+                own, valid = np.ascontiguousarray(raw[place]), None if valid is None else valid[place]
+                physical = np.ascontiguousarray(physical[place])
+            else:
+                own = raw
+            known = None if clear else self._known(physical, valid)
             saturated = saturated_in(self.scene, physical, self.want_flags, largest)
         where = known if inside is None else inside if known is None else known & inside
         tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1])
@@ -254,26 +263,19 @@ class Correction:
         if physical is not None and not physical.flags.writeable:
             physical = physical.copy()
         where = None if tally.usable == tally.total else where
-        return _Read(own, valid, physical, saturated, after, known, where, tally)
+        return _Read(own, valid, physical, saturated, after, known, where, tally, predicted, exceeds)
 
-    def _work(
-        self, tile: Tile, physical: Any, after: Compensated | None, where: Any, tally: Tally, flags: Any
-    ) -> list[tuple[list[int], Any]]:
-        """Correct `physical`, where it is given; which bands changed, and where (None: everywhere)."""
-        removed = [f.band for f in self.model.fits]
-        usable = tally.usable
-        if not usable or not (removed or after):
+    def _work(self, read: _Read, flags: Any) -> list[tuple[list[int], Any]]:
+        """Correct `read.physical`, where there is one; which bands changed, and where (None: everywhere)."""
+        removed, physical, after, where, tally = self.changed, read.physical, read.after, read.where, read.tally
+        if not tally.usable or not (removed or after):
             return []
         if after is None:
-            if self.chain.references or self.chain.moves:
-                planes, aside = nir_to_follow(self.scene, self.chain, tile, physical, where)
-                remove_following(physical, self.model, where, planes)
-                tally.protected = int(np.count_nonzero(aside))
-                if flags is not None:
-                    flags[aside] |= PROTECTED
+            if read.glint:
+                self._subtract(read, flags)
             else:
                 apply(physical, self.model, where=where, out=physical)
-            tally.corrected = usable
+            tally.corrected = tally.usable
             return [(removed, where)]
         done = self._done(after, where, tally, flags)
         for bands, place in done if physical is not None else ():
@@ -317,11 +319,31 @@ class Correction:
             tally.rewritten[band] = np.count_nonzero(place)
         return done + [([b], place) for b, place in rewritten]
 
+    def _subtract(self, read: _Read, flags: Any) -> None:
+        """Take the predicted glint off the tile; ships and surf, that lose that of the water around, are flagged."""
+        for band, amount in read.glint.items():
+            np.subtract(
+                read.physical[band], amount, out=read.physical[band], where=True if read.where is None else read.where
+            )
+        if read.exceeds is not None:
+            beside = read.exceeds if read.where is None else read.exceeds & read.where
+            read.tally.protected = int(np.count_nonzero(beside))
+            if flags is not None:
+                flags[beside] |= PROTECTED
+
+    def _water_in(self, outer: Tile, physical: Any) -> npt.NDArray[np.bool_] | None:
+        """Where a tile with its halo is to be corrected; None for everywhere."""
+        if self.area is not None:
+            return self.area.read(outer.window)
+        if self.water is None:
+            return None
+        return np.asarray(water([physical[b] for b in self.water_bands], self.water))
+
     @property
     def _halo(self) -> int:
         """Pixels around a tile that are read with it."""
         if not self.chain.runs:
-            return 0
+            return self.model.halo + self._water_halo
         reach = LEVEL_REACH if self.want_stderr else 0
         known = self.chain.presence
         shown, skirt = (0, 0) if known is None else (known.halo + reach, SKIRT)
@@ -466,29 +488,11 @@ class Correction:
         """Where every index can be computed; None where it can everywhere."""
         if valid is None and raster_of(self.scene).info.dtype.kind in "iu":
             return None
-        bands = sorted({*self.model.index_bands, *(m.nir for m in self.chain.moves)})
-        bands = [b for b in bands if b < len(physical)]
+        bands = self.model.index_bands
         finite = np.isfinite(physical[bands[0]])
         for band in bands[1:]:
             finite &= np.isfinite(physical[band])
         return None if finite.all() else finite
-
-    def _inside(self, tile: Tile, physical: Any) -> npt.NDArray[np.bool_] | None:
-        """Where correction is wanted; None for everywhere."""
-        if self.area is not None:
-            return self.area.read(tile.window)
-        if self.water is None:
-            return None
-        bands = [physical[b] for b in self.water_bands]
-        if self.surroundings is None:
-            return water(bands, self.water)
-        inside = valid_for(bands, self.water.roles)
-        around = self.surroundings.around(tile, bands[self.water.roles.nir])
-        if around is None:
-            return inside
-        found = opened(*around, self.water.window)
-        outer = tile.grown(self.water.halo, self.scene.height, self.scene.width)
-        return inside & ~found[core_of(tile.crop_of(outer), found.shape)]
 
     def _flags(self, known: Any, where: Any, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
         flags = np.full(shape, NOT_WATER, np.uint8)

@@ -17,30 +17,25 @@ from ..errors import FitError, NoWaterError
 from ..masks import WaterRule, sample_halo
 from ..needs import HEAVY_COVER, Needs
 from ..raster.environment import enter_thread, environment
-from ..readers.areas import collection, to_geojson
+from ..readers.areas import Area, collection, open_area, to_geojson
 from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, SampleStatistics, combine, gather, harmful, useless
 from ..remove.multiband import PERCENTILE, references
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
-from .blocks import Blocks, cleaned, tiles_of
-from .compensation import Plan, fit_after, fit_before, fit_references, may_open, plan
-from .following import find_moves, moved, moved_halo, with_moves
+from .blocks import Blocks, cleaned
+from .compensation import Plan, fit_after, fit_before, may_open, plan
 from .log import log_model, log_needs, log_nir, log_sample, log_scene, log_water
 from .look import Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
-from .sample import Sampler, sampler_of
+from .sample import Sampler, read_sample, sampler_of
 from .tolerance import Sampling, short_of
 from .warming import warming
 
 Progress = Callable[[str, int, int], None]
-MAX_COVER = 0.6
-"""Share of glinted pixels above which the mode of the NIR is no longer that of water."""
 HEAVY_FLOOR = 1.0
 """Percentile of the mixture of references as its level where compensation has left much glint [%]."""
 FAINT_COVER = 0.2
 """Share of glinted pixels above which faint glint is everywhere, and lies as evenly as noise and the mirrored sky."""
-AUTO_FLOOR = 5.0
-"""Percentile of the NIR that `auto` takes as the level under heavier glint [%]."""
 
 
 @dataclass(frozen=True)
@@ -129,8 +124,7 @@ def fit_scene(
         request, notes = make_request(scene, recipe)
         log_nir(scene, [b for i in request.indexes for b in i.bands], notes)
         request = replace(request, regression=_regression(recipe))
-        sampled = METHODS[_method(recipe)].plan is not None
-        wanted = recipe.mask == "auto" or (sampled and recipe.sample == "auto")
+        wanted = recipe.mask == "auto" or (_is_sampled(recipe) and recipe.sample == "auto")
         nir = request.indexes[0].bands[0]
         with warming(may_open(scene, recipe)):
             for look in looks(scene, nir, threads, wanted=wanted):
@@ -145,8 +139,10 @@ def fit_scene(
     raise AssertionError("unreachable: the last look is at everything")
 
 
-def _method(recipe: Recipe) -> str:
-    return "joyce" if recipe.method == "auto" else recipe.method
+def _is_sampled(recipe: Recipe) -> bool:
+    """Whether the method learns from a sample; `auto` takes one that does."""
+    method = METHODS.get(recipe.method)
+    return method is None or method.plan is not None or method.neighbours
 
 
 def _regression(recipe: Recipe) -> str:
@@ -172,22 +168,24 @@ def _fit_look(
     chain, blocks, protection = Chain(), None, None
     if todo.runs:
         chain, blocks, protection = fit_before(scene, recipe, look, todo, threads)
-    sampled = METHODS[_method(recipe)].plan is not None
-    auto = blocks is not None and sampled and given is None
-    clean = cleaned(scene, look.tiles, chain, blocks, threads) if auto and blocks else None
-    sampler = (given or sampler_of(scene, recipe, look, threads, clean)) if sampled else None
     place = len(notes)
     numbers: dict[str, Any] = {"water": look.water.numbers() if look.water else None, "sample": None}
-    name = _compensated_method(request) if todo.runs and recipe.method == "auto" else _method(recipe)
-    moving = not todo.runs and recipe.compensate != "off" and METHODS[name].regresses
-    if sampler is not None and moving and not todo.needs.smooth:  # what is smooth is the same a pixel further
-        moves, said_of_moves = find_moves(scene, request, look, sampler, tiles_of(scene, sampler), threads)
-        request, chain = with_moves(request, moves), replace(chain, moves=moves)
-        notes += said_of_moves
-    if sampler is None:
-        model, outline = METHODS[name].fit(request, None), None
+    name = recipe.method
+    if name == "auto":
+        name = _compensated_method(request) if todo.runs else "wiener"
+    outline = None
+    if METHODS[name].neighbours:
+        model, numbers["sample"], outline = _fit_neighbours(
+            scene, recipe, request, look, name, given, threads, want_sample
+        )
+        chosen = replace(recipe, method=name, regression="auto")
+    elif METHODS[name].plan is None:
+        model = METHODS[name].fit(request, None)
         chosen = replace(recipe, method=model.method, regression="auto")
     else:
+        auto = blocks is not None and given is None
+        clean = cleaned(scene, look.tiles, chain, blocks, threads) if auto and blocks else None
+        sampler = given or sampler_of(scene, recipe, look, threads, clean)
         job = _Job(scene, recipe, request, sampler, chain, name, todo, run, blocks)
         model, said, outline = _fit_sampled(job, threads, want_sample, progress)
         notes += said.pop("notes")
@@ -201,8 +199,6 @@ def _fit_look(
         if todo.after and not chain.after:
             needs = todo.needs.without("second opening", "removal changed no band")
             todo = replace(todo, needs=needs)
-    elif recipe.compensate != "off" and sampler is not None and model.fits:
-        chain = replace(chain, references=fit_references(scene, model, sampler, look, threads))
     notes[place:place] = todo.needs.lines()
     numbers |= {"needs": todo.needs.numbers(), "compensation": chain.numbers()}
     water = look.water if recipe.mask == "auto" else None
@@ -216,6 +212,35 @@ def _reach(recipe: Recipe, request: FitRequest, look: Look) -> int:
     if gathered is None or look.water is None:
         return 0
     return max(gathered(request).halo, 0) + sample_halo(look.water)
+
+
+def _fit_neighbours(
+    scene: Scene, recipe: Recipe, request: FitRequest, look: Look, name: str, given: Sampler | None, threads: int,
+    want_sample: bool,
+) -> tuple[GlintModel, dict[str, Any], dict[str, Any] | None]:  # fmt: skip
+    """A method that looks at neighbours, from tiles of open water that are held in memory."""
+    area: Area | None = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "--mask")
+    places, tiles = read_sample(scene, look, given, area, threads)
+    model = METHODS[name].fit(replace(request, regression="detrended"), tiles)
+    pixels = sum(int(np.count_nonzero(t.sample)) for t in tiles)
+    box = _union([_box(t.sample, place) for t, place in zip(tiles, places, strict=True)])
+    log_sample(pixels, _place(box))
+    numbers = {
+        "kind": recipe.sample,
+        "pixels": pixels,
+        "rows_columns": box,
+        "share_of_scene": pixels / (scene.height * scene.width),
+        "r2": {f.name: f.r2 for f in model.fits},
+        "slopes": {f.name: f.slope for f in model.fits},
+        "glint_level": model.level_interval and model.level_interval[2] - model.level_interval[1],
+        "glint_cover": None,
+        "left_alone": {},
+    }
+    if not want_sample:
+        return model, numbers, None
+    features = [f for t, place in zip(tiles, places, strict=True)
+                for f in to_geojson(t.sample, (place.row0, place.col0), scene)]  # fmt: skip
+    return model, numbers, collection(features, scene)
 
 
 def _compensated_method(request: FitRequest) -> str:
@@ -277,14 +302,12 @@ def _fit_sampled(
     judge = recipe.method == "auto" and not recipe.bands
     sampling = Sampling(scene, sampler, request, method, plan, recipe.tolerance, judge)
     halo = max(plan.halo, 0)
-    count = len(scene.bands)
-    columns = sorted({b for b in plan.read_bands if b < count} | set(sampler.bands) | {m.nir for m in chain.moves})
+    columns = sorted({*plan.read_bands, *sampler.bands})
     if chain.before:
         columns = list(range(len(scene.bands)))  # a stage may look from band to band
-    places = columns + list(range(count, count + len(chain.moves)))
-    rows = [places.index(b) for b in plan.read_bands]
+    rows = [columns.index(b) for b in plan.read_bands]
 
-    reach = halo + sampler.halo + moved_halo(chain)
+    reach = halo + sampler.halo
     ready = job.blocks if job.blocks and all(job.blocks.image(t, reach) is not None for t in sampling.pool) else None
 
     def work(plan: SamplePlan, tile: Tile) -> Any:
@@ -294,8 +317,6 @@ def _fit_sampled(
         if chain.before and not ready:
             block = finish(apply_stages(State.of(block), chain.before), block)
         mask = sampler.mask(block, columns, outer)
-        if chain.moves:
-            block = np.stack([*block, *(moved(block[columns.index(m.nir)], m) for m in chain.moves)])
         top, bottom, left, right = middle.crop_of(outer)
         inner = (slice(top, mask.shape[0] - bottom), slice(left, mask.shape[1] - right))
         mask, block = mask[inner], block[(slice(None), *inner)][rows]
@@ -322,8 +343,7 @@ def _fit_sampled(
     floor = request.floor_percentile
     numbers |= {"tolerance": tolerance} if tolerance else {}
     if recipe.method == "auto":
-        choose = _keep_useful if job.todo.runs else _choose
-        model, floor, chosen = choose(request, stats, model, judge=judge, even=_tells(job.todo))
+        model, floor, chosen = _keep_useful(request, stats, model, judge=judge, even=_tells(job.todo))
         notes += chosen.pop("notes")
         numbers |= chosen
     box = _union(boxes)
@@ -347,32 +367,6 @@ def _row_of(
     """What a row of tiles comes to: its part of the statistics, where the sample lies in it, its outlines."""
     parts, boxes, features = zip(*tiles, strict=True)
     return combine(parts, plan), _union(boxes), [f for some in features for f in some]
-
-
-def _choose(
-    request: FitRequest, stats: SampleStatistics, joyce: GlintModel, *, judge: bool, even: bool
-) -> tuple[GlintModel, float, dict[str, Any]]:
-    """The automatic method: the mode as level, or a low percentile under heavy glint; useless bands are left alone."""
-    values = stats.index_values(0)
-    low = float(np.percentile(values, AUTO_FLOOR))
-    cover = glint_cover(values, joyce.indexes[0].level)
-    model, floor = joyce, 0.0
-    if cover > MAX_COVER:
-        floor = AUTO_FLOOR
-        model = METHODS["hedley"].fit(replace(request, floor_percentile=floor), stats)
-    level = f"the {floor:g}th percentile" if floor else "the mode"
-    notes = [
-        f"glint stands above the commonest NIR in {cover:.0%} of the sample",
-        f"method {model.method}, level at {level} of the NIR",
-    ]
-    model, alone, said = _without_useless(model, judge, stats if even else None)
-    numbers = {
-        "glint_cover": cover,
-        "glint_level": float(stats.moments.mean[len(request.correct)]) - low,
-        "left_alone": alone,
-        "notes": notes + said,
-    }
-    return model, floor, numbers
 
 
 def _keep_useful(
@@ -400,13 +394,6 @@ def _without_useless(
         why = "there is little glint, or the bands are not taken at the same time"
         warnings = (*warnings, f"no band follows the NIR: {why}. Nothing was corrected.")
     return replace(model, fits=kept, warnings=warnings), alone, said
-
-
-def glint_cover(values: npt.NDArray[np.floating[Any]], level: float) -> float:
-    """Share of values that stand above a level by more than 3 standard deviations of what lies below it."""
-    below = level - values[values <= level]
-    sigma = 1.4826 * float(np.median(below)) if below.size else 0.0
-    return float(np.mean(values > level + 3 * sigma))
 
 
 def _box(mask: npt.NDArray[np.bool_], tile: Tile) -> Window | None:

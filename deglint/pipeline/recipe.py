@@ -92,6 +92,11 @@ class Recipe:
             )
         if self.compensate not in ("auto", "thesis", "off"):
             parse(self.compensate)
+        if self.method == "wiener" and self.compensate not in ("auto", "off"):
+            raise InputError(
+                f"wiener is a removal without compensation, got --compensate {self.compensate}: leave it out, or name "
+                "another --method."
+            )
 
     def _check_tolerance(self) -> None:
         if not self.tolerance:

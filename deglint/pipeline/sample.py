@@ -11,11 +11,13 @@ import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..errors import FitError
-from ..masks import deep_water, fit_sample
-from ..readers.areas import open_area
+from ..masks import away_from_shore, deep_water, fit_sample, water
+from ..raster.environment import enter_thread
+from ..readers.areas import Area, open_area
+from ..remove import SampleTile
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
-from .look import Look, read_looks, role_bands, tile_shape_of
+from .look import LOOK_PIXELS, LOOK_SIDE, Look, core_of, read_looks, role_bands, tile_shape_of
 from .recipe import Recipe
 
 
@@ -86,3 +88,56 @@ def _auto_sampler(scene: Scene, look: Look, threads: int, clean: Sequence[FloatA
 
     pixels = sum(t.shape[0] * t.shape[1] for t in look.tiles)
     return Sampler(look.tiles, mask, bands, rule.halo, pixels, numbers)
+
+
+def read_sample(
+    scene: Scene, look: Look, sampler: Sampler | None, area: Area | None, threads: int
+) -> tuple[list[Tile], list[SampleTile]]:
+    """Some tiles of a scene, with all bands and their open water, for methods that look at neighbours; and where.
+
+    Parameters
+    ----------
+    scene : Scene
+    look : Look
+    sampler : Sampler, optional
+        The sample that the user named; the water of the tiles that were looked at by default.
+    area : Area, optional
+        What the user said is to be corrected, in place of the water.
+    threads : int
+    """
+    tiles = tiles_of(scene, sampler) if sampler is not None else some(look.tiles)
+    rule = look.water if area is None else None
+    halo, every = 0 if rule is None else rule.halo, list(range(len(scene.bands)))
+
+    def work(tile: Tile) -> SampleTile:
+        outer = tile.grown(halo, scene.height, scene.width)
+        block = scene.source.read(outer.window, every)
+        if sampler is not None:
+            named = sampler.mask(block, every, tile)
+            return SampleTile(block, named, named)
+        inner = core_of(tile.crop_of(outer), outer.shape)
+        if area is not None:
+            found = area.read(tile.window)
+        elif rule is None:
+            found = np.ones(tile.shape, np.bool_)
+        else:
+            found = water([block[b] for b in role_bands(look.roles)], rule)[inner]
+        found = np.ascontiguousarray(found)
+        return SampleTile(np.ascontiguousarray(block[(slice(None), *inner)]), found, away_from_shore(found))
+
+    at_once = tiling.affordable(threads, (LOOK_SIDE, LOOK_SIDE), 2 * len(every))
+    return tiles, [t for _tile, t in tiling.run(tiles, work, threads=at_once, start=enter_thread)]
+
+
+def tiles_of(scene: Scene, sampler: Sampler) -> list[Tile]:
+    """So many tiles of a sample as a look may hold; the same ones however the file is stored."""
+    if sampler.bounds is None:
+        return some(sampler.tiles)
+    return some(tiles_over(scene, sampler.bounds, (LOOK_SIDE, LOOK_SIDE)))
+
+
+def some(tiles: Sequence[Tile]) -> list[Tile]:
+    """So many of the tiles as a look may hold."""
+    if sum(t.shape[0] * t.shape[1] for t in tiles) <= 2 * LOOK_PIXELS:
+        return list(tiles)
+    return tiling.spread(tiles, LOOK_PIXELS)

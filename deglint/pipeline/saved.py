@@ -14,7 +14,7 @@ from .fit import Fitted
 def saved(fitted: Fitted) -> str:
     """A fit as JSON text (what `--save-model` writes)."""
     data = json.loads(fitted.model.to_json())
-    if fitted.chain.runs or fitted.chain.references or fitted.chain.moves:
+    if fitted.chain.runs:
         data["compensation"] = fitted.chain.saved()
     return json.dumps(data, indent=2)
 

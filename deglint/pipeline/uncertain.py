@@ -25,7 +25,6 @@ from ..remove import apply
 from ..remove.model import removed
 from ..tiles import Tile
 from .correct import Correction
-from .surroundings import Around
 
 Move = tuple[float, float]
 Moments = npt.NDArray[np.float64]
@@ -66,12 +65,8 @@ def with_stderr(work: Correction, everything: Sequence[Tile], nir: Sequence[str]
     chosen = tiling.spread(everything, most)
     moves = MOVES[: max(most // sum(t.shape[0] * t.shape[1] for t in chosen), 1)]
 
-    alone = work  # tiles of the run know their neighbours; these are none of them
-    if work.surroundings is not None and work.water is not None:
-        alone = replace(work, surroundings=Around(work.scene, work.water, work.water_bands[work.water.roles.nir]))
-
     def look(tile: Tile) -> tuple[Parts, list[Trial], Moments] | None:
-        parts = alone(tile).parts
+        parts = work(tile).parts
         if parts is None or not parts.where.any():
             return None
         return (parts, [], NONE) if parts.level is None else (parts, *_looked(work, parts, moves))

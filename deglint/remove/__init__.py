@@ -28,8 +28,8 @@ from .wiener import SampleTile
 
 __all__ = [
     "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "SampleTile", "Weighted", "apply", "combine", "fit", "gather", "glint_error", "harmful", "levels_for",
-    "merge", "nir_request", "useless",
+    "SampleStatistics", "SampleTile", "Weighted", "apply", "combine", "fit", "gather", "glint_error", "harmful",
+    "levels_for", "merge", "nir_request", "useless",
 ]  # fmt: skip
 
 
@@ -145,7 +145,7 @@ def fit(
     if mask.shape != block.shape[1:]:
         raise InputError(f"sample has shape {mask.shape}, but the block has {block.shape[1:]} pixels.")
     if chosen.neighbours:
-        return chosen.fit(request, [SampleTile(block, mask)])
+        return chosen.fit(request, [SampleTile(block, np.ones_like(mask), mask)])
     if chosen.plan is None:
         return chosen.fit(request, None)
     plan = chosen.plan(request)

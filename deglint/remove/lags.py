@@ -118,9 +118,9 @@ def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float
     """Coefficients (input, output) of least squares."""
     power, cross = gram[np.ix_(inputs, inputs)], gram[np.ix_(inputs, outputs)]
     if len(inputs) == 1:
-        return np.asarray(cross / power) if power[0, 0] > 0 else np.zeros_like(cross)
+        return np.asarray(cross / power, np.float64) if power[0, 0] > 0 else np.zeros_like(cross)
     ridge = RIDGE * np.trace(power) / len(power) or 1.0
-    return np.linalg.solve(power + ridge * np.eye(len(power)), cross)
+    return np.asarray(np.linalg.solve(power + ridge * np.eye(len(power)), cross), np.float64)
 
 
 def unexplained(gram: Float64, inputs: Sequence[int], outputs: Sequence[int], coefficients: Float64) -> Float64:

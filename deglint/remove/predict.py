@@ -42,7 +42,7 @@ def predicted(references: Mapping[int, FloatArray], index: GlintIndex) -> FloatA
         values = references[band]
         wide = cv2.copyMakeBorder(values, reach, reach, reach, reach + SPARE, cv2.BORDER_REFLECT_101)
         kernel = kernel.astype(values.dtype)
-        found = cv2.filter2D(wide, -1, kernel, borderType=cv2.BORDER_CONSTANT)
+        found: FloatArray = np.asarray(cv2.filter2D(wide, -1, kernel, borderType=cv2.BORDER_CONSTANT), values.dtype)
         found = found[reach : reach + values.shape[0], reach : reach + values.shape[1]]
         total = found if total is None else total + found
     assert total is not None

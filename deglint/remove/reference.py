@@ -147,11 +147,12 @@ def _local_mean(values: FloatArray, kept: Mask, rule: ReferenceRule) -> tuple[Fl
     grains = np.zeros(values.shape, np.uint16)
     counted = np.clip((values - rule.low) / rule.step, 0, GRAINS)
     np.copyto(grains, np.rint(counted, out=counted), where=kept, casting="unsafe")
-    options = {"ksize": (SIZE, SIZE), "normalize": False, "borderType": cv2.BORDER_CONSTANT}
-    total = cv2.boxFilter(grains, cv2.CV_32S, **options)
-    count = cv2.boxFilter(kept.view(np.uint8), cv2.CV_32S, **options)
+    square = SIZE, SIZE
+    total = cv2.boxFilter(grains, cv2.CV_32S, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    counts = kept.view(np.uint8)
+    count = cv2.boxFilter(counts, cv2.CV_32S, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
     mean = total / np.maximum(count, 1) * rule.step + rule.low
-    return mean, np.asarray(count)
+    return mean, np.asarray(count, np.int32)
 
 
 def _grown(mask: Mask, edge: int) -> Mask:

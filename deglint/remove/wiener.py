@@ -62,8 +62,6 @@ SUN_ZENITH = 40.0
 """Of the expected colour, which changes by less than `COLOUR` from 20 to 60 degrees [degree]."""
 FAR_OUT = 8.0
 """Robust standard deviations from the local mean beyond which a pixel teaches nothing: a ship, surf, a rare flash."""
-SHORE = 9
-"""Side of the square of water that a pixel of the sample lies in: away from shores and mixed pixels [pixel]."""
 LEAST_GLINT = 0.2
 """Percent of the sample with the least glint, whose median prediction is the level [%]."""
 NEGATIVE = 0.1
@@ -85,11 +83,14 @@ class SampleTile:
     block : (band, row, column) ndarray
         Physical values of all bands of the scene, NaN where not valid.
     water : (row, column) ndarray of bool
-        Open water, or the sample that the user named.
+        Where references show water.
+    sample : (row, column) ndarray of bool
+        Water to learn from: away from shores, or the sample that the user named.
     """
 
     block: FloatArray
     water: Mask
+    sample: Mask
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ def fit(
     sets = band_sets(request)
     rules = _rules(request, tiles, sets)
     learnt = [_learnt(tile, request, rules) for tile in tiles]
-    limits = _limits(learnt, request, sets)
+    limits = _limits(learnt)
     learnt = [_without_outliers(tile, limits) for tile in learnt]
     found = [f for s in sets for f in _fit_set(s, learnt, supports, size)]
     response, covariance, order = _joined(found)
@@ -183,7 +184,7 @@ def _preference(band: Band) -> tuple[int, float]:
 
 def _rules(request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[_BandSet]) -> dict[int, ReferenceRule]:
     used = sorted({r for s in sets for r in s.references})
-    samples = [(t.block, _away_from_shore(t.water & np.isfinite(t.block[used]).all(axis=0))) for t in tiles]
+    samples = [(t.block, t.sample & np.isfinite(t.block[used]).all(axis=0)) for t in tiles]
     rules = {}
     for r in used:
         coarse = (request.bands[r].wavelength or 0) > 1100
@@ -204,7 +205,7 @@ class _Learnt:
 def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Learnt:
     valid = np.isfinite(tile.block[[*request.correct, *rules]]).all(axis=0)
     water = tile.water & valid
-    references, sample = {}, _away_from_shore(water)
+    references, sample = {}, tile.sample & water
     for r, rule in rules.items():
         references[r], exceeds = clean(tile.block[r], water, rule)
         if exceeds is not None:
@@ -212,14 +213,7 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
     return _Learnt(references, [tile.block[b] for b in request.correct], sample, sample)
 
 
-def _away_from_shore(water: Mask) -> Mask:
-    import cv2
-
-    square = np.ones((SHORE, SHORE), np.uint8)
-    return np.asarray(cv2.morphologyEx(water.view(np.uint8), cv2.MORPH_OPEN, square)).view(np.bool_)
-
-
-def _limits(learnt: Sequence[_Learnt], request: FitRequest, sets: Sequence[_BandSet]) -> list[float]:
+def _limits(learnt: Sequence[_Learnt]) -> list[float]:
     """Of every reference, then every band: the deviation from its local mean beyond which a pixel teaches nothing."""
     planes = [list(t.references.values()) + t.bands for t in learnt]
     out = []
@@ -238,7 +232,7 @@ def _without_outliers(tile: _Learnt, limits: Sequence[float]) -> _Learnt:
     away = np.abs(detrend(np.stack([*tile.references.values(), *tile.bands]), tile.sample))
     with np.errstate(invalid="ignore"):
         far = (away > np.array(limits)[:, None, None]).any(axis=0)
-    near = cv2.dilate(far.view(np.uint8), np.ones((5, 5), np.uint8)).view(np.bool_)
+    near = np.asarray(cv2.dilate(np.asarray(far, np.uint8), np.ones((5, 5), np.uint8))).view(np.bool_)
     return replace(tile, teaches=tile.sample & ~near)
 
 
@@ -264,7 +258,7 @@ def _fit_set(
               for i in range(count)]  # fmt: skip
     total = np.sum(groups, axis=0)
     usable = [s for s in supports if len(s) <= grams.references and total[grams.centre(len(s) - 1)].any()]
-    losses = {s: _held_out(grams, groups, total, _inputs(grams, s), outputs) for s in usable}
+    losses = {s: _held_out(groups, total, _inputs(grams, s), outputs) for s in usable}
     chosen = _supports(losses)
     out = []
     for support in dict.fromkeys(chosen):
@@ -289,9 +283,7 @@ def _inputs(grams: LagGrams, support: tuple[int, ...]) -> list[int]:
     return [c for reference, side in enumerate(support) for c in grams.columns(reference, side)]
 
 
-def _held_out(
-    grams: LagGrams, groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]
-) -> Float64:
+def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
     """Power (group, band) that a fit to the other groups leaves in each, over the power of the band in all."""
     power = np.maximum(total[outputs, outputs], np.finfo(float).tiny)
     alone = len(groups) == 1
@@ -379,12 +371,13 @@ def _shared_glint(
         size = float(np.median(response / colour))
         for _ in range(3):  # the prior is relative to the size, which converges at once
             prior = np.diag((COLOUR * size * colour) ** 2)
-            weights = np.linalg.solve(covariance + prior + tiny, colour)
+            weights = np.asarray(np.linalg.solve(covariance + prior + tiny, colour), np.float64)
             size = float(weights @ response / (weights @ colour))
         away = response - size * colour
-        inverse = np.linalg.solve(covariance + prior + tiny, away)
-        tried.append((float(away @ inverse), _Shared(weights, size * colour + prior @ inverse,
-                                                     _significance(weights, response, covariance))))  # fmt: skip
+        scaled = np.linalg.solve(covariance + prior + tiny, away)
+        posterior = np.asarray(size * colour + prior @ scaled, np.float64)
+        shared = _Shared(weights, posterior, _significance(weights, response, covariance))
+        tried.append((float(away @ scaled), shared))
     return min(tried, key=lambda t: t[0])[1]
 
 
@@ -409,7 +402,7 @@ def _colours(request: FitRequest, sets: Sequence[_BandSet], order: Sequence[int]
 def _model(
     request: FitRequest, found: Sequence[_SetFit], rules: dict[int, ReferenceRule], shared: _Shared, covariance: Float64
 ) -> GlintModel:
-    """Kernels whose responses are the posterior ones: what is added has the kernel of the glint that the bands share."""
+    """Kernels of the posterior responses: what is added has the kernel of the glint that the bands share."""
     indexes: dict[int, GlintIndex] = {}
     fits: dict[int, BandFit] = {}
     errors, start = np.sqrt(np.maximum(np.diag(covariance), 0)), 0
@@ -470,8 +463,9 @@ def _sheet(interval: tuple[float, float, float], green: float) -> tuple[str, ...
     lowest, chosen, middle = interval
     if chosen <= SHEET * green:
         return ()
-    return (
-        f"the level of the glint is uncertain: the least NIR over water, {chosen:.4g}, is {chosen / max(green, 1e-9):.0%}"
-        f" of the green. Turbid water or haze may be so bright; if it is an even sheet of glint, the glint-free NIR is "
-        f"between {lowest:.4g} and {middle:.4g}, and much of the sheet is left.",
+    said = (
+        f"the level of the glint is uncertain: the least NIR over water, {chosen:.4g}, is "
+        f"{chosen / max(green, 1e-9):.0%} of the green. Turbid water or haze may be so bright; if it is an even sheet "
+        f"of glint, the glint-free NIR is between {lowest:.4g} and {middle:.4g}, and much of the sheet is left."
     )
+    return (said,)
