@@ -77,6 +77,9 @@ class Scene:
         Name of the sensor preset that was used.
     notes : tuple of str
         What was deduced on opening, one line each, for the log.
+    footprints : Source, optional
+        Detector number of each band at each pixel, NaN where no detector saw it, for products that say so
+        (Sentinel-2): ``read(window, bands)`` gives (band, row, column) float32.
     """
 
     bands: tuple[Band, ...]
@@ -88,6 +91,7 @@ class Scene:
     transform: Any = None
     sensor: str | None = None
     notes: tuple[str, ...] = ()
+    footprints: Source | None = field(default=None, repr=False)
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -22,6 +22,7 @@ from ..errors import BandError, InputError
 from ..raster import RasterInfo, RasterSource
 from ..raster.info import describe, open_dataset
 from ..scene import Band, Scene
+from . import products
 from .grid import put_on_grid
 from .names import nominal_wavelength, wavelength_in_name
 from .presets import apply_sensor, sensor_in_tags
@@ -86,7 +87,9 @@ def open_scene(
     if not paths:
         raise InputError("want at least one file to open, got none")
     notes: list[str] = []
-    infos = [with_nodata(_describe(os.fspath(p), sensor, nir, notes), nodata, notes) for p in paths]
+    found = [products.opened(os.fspath(p), lambda name: _describe(name, sensor, nir, notes)) for p in paths]
+    notes += products.notes_of(found)
+    infos = [with_nodata(info, nodata, notes) for o in found for info in o.infos]
     files, reference, said = put_on_grid(infos, grid)
     info = _together(infos, reference)
     stems = [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
@@ -96,11 +99,12 @@ def open_scene(
         height=info.height,
         width=info.width,
         source=RasterSource(files, info),
-        path=", ".join(info.paths),
+        path=", ".join(os.fspath(p) for p in paths),
         crs=info.crs,
         transform=info.transform,
         sensor=preset,
         notes=(*notes, *said, *told),
+        footprints=products.footprints(found, reference),
     )
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
 

@@ -1,0 +1,122 @@
+"""Landsat 8 and 9, Collection 2, Level 1 and Level 2: a folder, a .tar, or *_MTL.txt, .json or .xml.
+
+GDAL has no driver for these: each band is a GeoTIFF, and only the MTL file says what its numbers mean. A Level-2 file
+repeats the factors of Level 1 under the same names, so that they are read from the right group.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from pathlib import PurePosixPath
+from typing import Any
+
+from ...errors import InputError
+from .container import Container
+from .metadata import MetadataError, groups_of, json_of, number, positive, tags_of, text_of, xml_of
+from .product import Product, ProductBand
+
+METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
+IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
+_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"),
+           "2": ("LEVEL2_SURFACE_REFLECTANCE_PARAMETERS", "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS")}  # fmt: skip
+FULL = 65535.0
+"""Largest number of the products where the MTL file does not say (QUANTIZE_CAL_MAX_BAND_n)."""
+CIRRUS = (1373.5, 20.0)
+"""Centre and width of B9 [nm] (USGS: 1363-1384 nm), which the preset of the reflective bands 1 to 7 leaves out."""
+
+
+def find(container: Container) -> Product | None:
+    """The product in a folder or archive, or the named band file of it; None where there is none."""
+    metadata = container.find(METADATA)
+    images = {m["band"].upper(): (n, m) for n in container.find(IMAGES) if (m := re.fullmatch(IMAGES, _last(n), re.I))}
+    scenes = {m["scene"] for n in container.find(IMAGES) if (m := re.fullmatch(IMAGES, _last(n), re.I))}
+    if container.named and container.named in metadata:
+        metadata = [container.named]
+        scenes = {s for s in scenes if s.startswith(_stem(container.named))}
+    if not images:
+        return None
+    if len(scenes) > 1:
+        raise InputError(f"{container.path} holds {len(scenes)} Landsat scenes: {', '.join(sorted(scenes)[:3])}. Name "
+                         "the *_MTL.txt file of one.")  # fmt: skip
+    scene = next(iter(scenes), "")
+    groups, notes = _groups(container, [m for m in metadata if _stem(m) == scene] or metadata)
+    level = "2" if any(b.startswith("SR_") for b in images) else "1"
+    named = container.named
+    bands = []
+    for name, (member, match) in sorted(images.items()):
+        if (named is None or named in (member, *metadata)) and match["scene"] == scene:
+            bands.append(_band(container.gdal(member), name, match["number"], level, groups))
+    facts = groups.get("IMAGE_ATTRIBUTES", {})
+    elevation = number(facts.get("SUN_ELEVATION"))
+    if level == "1" and elevation is not None and elevation > 0:
+        notes.append(
+            f"reflectance is not divided by the sine of the sun's elevation ({elevation:g} degrees, a factor of "
+            f"{1 / math.sin(math.radians(elevation)):.3f} for the whole scene)"
+        )
+    when = f"{facts.get('DATE_ACQUIRED', '')}T{facts.get('SCENE_CENTER_TIME', '')}" if facts else ""
+    tags = tags_of({"satellite": facts.get("SPACECRAFT_ID"), "acquired": when,
+                    "sun_elevation": elevation, "sun_azimuth": facts.get("SUN_AZIMUTH")})  # fmt: skip
+    digit = scene[3:4]
+    return Product(
+        f"Landsat {digit} Level {level}", scene, container.asked, tuple(bands), "landsat8", tags, tuple(notes)
+    )
+
+
+def _last(member: str) -> str:
+    return PurePosixPath(member).name
+
+
+def _stem(member: str) -> str:
+    return re.sub(r"_MTL\.\w+$", "", _last(member), flags=re.IGNORECASE)
+
+
+def _groups(container: Container, metadata: list[str]) -> tuple[Mapping[str, Mapping[str, Any]], list[str]]:
+    """The MTL file's groups; where there is none that can be read, what to say."""
+    remedy = (
+        "the numbers are taken as they stand. Download it again, or give --scale and --offset (Level 2: 2.75e-05 and "
+        "-0.2)"
+    )
+    if not metadata:
+        return {}, [f"{container.path} has no *_MTL.txt: {remedy}"]
+    chosen = min(metadata, key=lambda m: (not m.lower().endswith(".txt"), m))
+    try:
+        return _read(container.read(chosen), chosen), []
+    except MetadataError as error:
+        return {}, [f"{error}: {remedy}"]
+
+
+def _read(data: bytes, name: str) -> Mapping[str, Mapping[str, Any]]:
+    ending = name.rpartition(".")[2].lower()
+    found: Any
+    if ending == "xml":
+        found = {g.tag: {v.tag: (v.text or "").strip() for v in g} for g in xml_of(data, name)}
+    elif ending == "json":
+        document = json_of(data, name)
+        found = document.get("LANDSAT_METADATA_FILE") if isinstance(document, Mapping) else None
+    else:
+        found = groups_of(text_of(data, name))
+    groups = {k: v for k, v in found.items() if isinstance(v, Mapping)} if isinstance(found, Mapping) else {}
+    if not any(g in groups for pair in _GROUPS.values() for g in pair):
+        raise MetadataError(f"{name} is damaged: it has no factors of reflectance")
+    return groups
+
+
+def _band(path: str, name: str, digit: str, level: str, groups: Mapping[str, Mapping[str, Any]]) -> ProductBand:
+    factors, limits = (groups.get(g, {}) for g in _GROUPS[level])
+    scale = positive(factors.get(f"REFLECTANCE_MULT_BAND_{digit}"))
+    offset = number(factors.get(f"REFLECTANCE_ADD_BAND_{digit}"))
+    known = scale is not None and offset is not None
+    centre, width = CIRRUS if digit == "9" else (None, None)
+    return ProductBand(
+        path=path,
+        name=name,
+        wavelength=centre,
+        width=width,
+        scale=scale if known and scale else 1.0,
+        offset=offset if known and offset else 0.0,
+        unit="reflectance" if known else None,
+        nodata=0.0,
+        saturation=positive(limits.get(f"QUANTIZE_CAL_MAX_BAND_{digit}")) or FULL,
+    )
