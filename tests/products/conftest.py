@@ -20,6 +20,14 @@ def make():
 
 
 @pytest.fixture(scope="session")
+def cases():
+    """The products that the tests of this folder open: (maker, kind, facts) by name, and the module with the makers."""
+    makers, vendors = _module("makers"), _module("vendors")
+    found = {k: (makers, *v) for k, v in _module("test_products").CASES.items()}
+    return found | {k: (vendors, *v) for k, v in _module("test_vendors").CASES.items()}
+
+
+@pytest.fixture(scope="session")
 def vendor():
     """Products of commercial satellites and of drones."""
     return _module("vendors")

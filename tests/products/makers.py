@@ -8,6 +8,7 @@ import tarfile
 import zipfile
 
 import numpy as np
+import pytest
 import rasterio
 from rasterio.transform import from_origin
 
@@ -214,3 +215,19 @@ def planetscope(folder, sea, count=4, *, surface=False, instrument="PS2.SD", met
         )
     (place / f"{PLANET}_metadata.json").write_text(json.dumps({"id": PLANET, "properties": {"view_angle": 3.1}}))
     return place
+
+
+def check(scene, kind, facts):
+    """What must be known of a product that was opened."""
+    info = scene.source.info
+    bands = facts["bands"] | facts.get("more", {})
+    assert {b.name: b.wavelength for b in scene.bands} == pytest.approx(bands)
+    assert list(bands) == list(scene.names)
+    assert all(b.width and b.width > 0 for b in scene.bands)
+    assert scene.sensor == facts["sensor"]
+    assert (info.scales[0], info.offsets[0], info.units[0]) == pytest.approx(
+        (facts["scale"], facts["offset"], facts["unit"])
+    )
+    assert set(info.nodatas) == {facts["nodata"]}
+    assert scene.bands[0].saturation == pytest.approx(facts["full"] * info.scales[0] + info.offsets[0])
+    assert scene.notes[0].startswith(f"{kind}, product ")

@@ -57,6 +57,28 @@ def til(tiles, columns, rows):
     )
 
 
+def maxar(folder, sea, *, tiles=1, satellite="WV02", letters=LETTERS, **options):
+    """A _MUL folder, with a _PAN folder beside it."""
+    blue, green, red, nir = sea
+    bands = {"C": blue, "B": blue, "G": green, "Y": green, "R": red, "RE": red, "N": nir, "N2": nir}
+    mul, pan = folder / "016445286010_01_P001_MUL", folder / "016445286010_01_P001_PAN"
+    arrays = [bands[letter] for letter in letters]
+    rows, columns = blue.shape
+    parts = [(f"{MAXAR}.TIF", (0, columns))]
+    if tiles == 2:
+        half = columns // 2
+        parts = [(f"{MAXAR}_R1C1.TIF", (0, half)), (f"{MAXAR}_R1C2.TIF", (half, columns))]
+    for name, (left, right) in parts:
+        raster(mul / name, *[a[:, left:right] for a in arrays],
+               transform=from_origin(600_000 + 2 * left, 5_100_000, 2, 2))  # fmt: skip
+    (mul / f"{MAXAR}.IMD").write_text(imd(letters, satellite, columns=columns, rows=rows, **options))
+    (mul / f"{MAXAR}.TIL").write_text(til([(name, x, (0, rows)) for name, x in parts], columns, rows))
+    pan_name = MAXAR.replace("M2AS", "P2AS")
+    raster(pan / f"{pan_name}.TIF", nir, pixel=0.5)
+    (pan / f"{pan_name}.IMD").write_text(imd(("P",), satellite))
+    return folder
+
+
 def dimap_metadata(tiles, rows, columns, *, mission="PHR", ids=("B2", "B1", "B0", "B3"), listed=True,
                    processing="BASIC",
                    count=None):  # fmt: skip

@@ -46,7 +46,7 @@ def find(container: Container) -> Product | None:
         if (number(said(root, ".//Raster_Dimensions/NBANDS")) or 0) > 1 or named:
             found.append((member, root, tiles))
     if not found:
-        if damaged:
+        if damaged and (named is None or named in files):
             raise InputError(f"{damaged[0]}. Download it again, or name the image itself.")
         return None
     if len(found) > 1:

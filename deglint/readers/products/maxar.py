@@ -17,7 +17,7 @@ from .metadata import MetadataError, groups_of, positive, tags_of, text_of, xml_
 from .product import Product, ProductBand
 
 METADATA = r".+\.(?:IMD|TIL)|\d\d[A-Z]{3}\d{8}-.+\.XML"
-IMAGES = r".+\.(?:tiff?|ntf)"
+IMAGES = r"\d\d[A-Z]{3}\d{8}[-_].+\.(?:tiff?|ntf)"
 _SENSORS = {"WV02": "worldview2", "WV03": "worldview3", "GE01": "geoeye1", "QB02": "quickbird"}
 _NAMES = {"C": "COASTAL", "B": "BLUE", "G": "GREEN", "Y": "YELLOW", "R": "RED", "RE": "REDEDGE", "N": "NIR1",
           "N2": "NIR2", "P": "PAN"}  # fmt: skip
@@ -41,7 +41,7 @@ def find(container: Container) -> Product | None:
         image = _image(container, stem)
         if image and (len(letters) > 1 or (letters and named)):
             found.append((stem, image, letters, groups, notes))
-        elif image and notes and named:
+        elif image and notes and named and named != image:
             raise InputError(f"{notes[0]}. Download it again, or name the image itself: {container.gdal(image)}")
     if len(found) > 1:
         names = ", ".join(container.gdal(stem) for stem, *_ in found[:4])
