@@ -53,11 +53,14 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     chosen = _choose(infos, places, grid)
     reference, home = infos[chosen], places[chosen]
     moved: dict[tuple[str, str], list[str]] = {}
+    lost: list[str] = []
     for i, info in enumerate(infos):
         if _same_grid(info, reference):
             continue
         if not _overlap(places[i].bounds, home.bounds):
             raise InputError(f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place.")
+        if info.flat is not None:
+            lost.append(f"{_called(info)} is resampled, so that its vignette is not corrected")
         finer = places[i].pixel_area < 0.98 * home.pixel_area
         files[i] = _warped(files[i], info, reference, how="average" if finer else "bilinear")
         how = "averaged" if finer else "resampled (bilinear)"
@@ -67,7 +70,7 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
         f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} {how} to the grid of {_called(reference)}"
         for (how, _), names in moved.items()
     ]
-    return files, reference, notes
+    return files, reference, notes + lost
 
 
 def _called(info: RasterInfo) -> str:
@@ -166,6 +169,7 @@ def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo, *, how: st
     from rasterio.enums import Resampling
 
     anywhere = CRS.from_epsg(3857)  # stands for "the same plane" where files have no crs
+    file = replace(file, flat=None)  # it holds for the file's own pixels
     warp: dict[str, Any] = {
         "src_crs": info.crs or anywhere,
         "crs": reference.crs or anywhere,

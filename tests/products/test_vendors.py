@@ -15,13 +15,14 @@ RADIANCE = {"unit": "W m-2 sr-1 um-1", "nodata": 0, "offset": 0, "full": 65535}
 DG = RADIANCE | {"bands": WV, "scale": 9e-3 / 4e-2, "sensor": "worldview2", "first": 0.225 * 901}
 PHR = RADIANCE | {"bands": {"B2": 650, "B1": 560, "B0": 490, "B3": 840}, "scale": 1 / 11, "offset": 0.5, "full": 4095,
                   "sensor": "pleiades", "first": 403 / 11 + 0.5}  # fmt: skip
+R = np.hypot(70 - 45, 40 - 38)  # of the pixel that is looked at, from the centre of the vignette
 MICASENSE = {"Blue": 475, "Green": 560, "Red": 668, "NIR": 842, "Red edge": 717}
 CAPTURE = {"bands": MICASENSE, "scale": 1e-4 / (2 * 0.002 * 65536), "offset": -4800e-4 / (2 * 0.002 * 65536),
-           "unit": "W m-2 sr-1 nm-1", "sensor": "micasense", "nodata": None, "full": 65535,
-           "first": 901e-4 / (2 * 0.002 * 65536)}  # fmt: skip
+           "unit": "W m-2 sr-1 nm-1", "sensor": "micasense", "nodata": None, "full": None,
+           "first": 901e-4 / (2 * 0.002 * 65536) / (1 + 1e-4 * R - 5e-5 * R**2) / (1 + 3e-5 * 40)}  # fmt: skip
 DJI = {"bands": {"Green": 560, "Red": 650, "RedEdge": 730, "NIR": 860}, "scale": 0.5 / (65536 * 2e-3),
-       "offset": -1600 / (65536 * 2e-3), "unit": None, "sensor": None, "nodata": None, "full": 65535,
-       "first": 705 * 0.5 / (65536 * 2e-3)}  # fmt: skip
+       "offset": -1600 / (65536 * 2e-3), "unit": None, "sensor": None, "nodata": None, "full": None,
+       "first": 705 * 0.5 / (65536 * 2e-3) * (1 + 1e-4 * R + 2e-5 * R**2)}  # fmt: skip
 CASES = {
     "WV-2": (lambda v, f, s: v.maxar(f, s), "WorldView-2 LV2A", DG),
     "WV-2 mosaic": (lambda v, f, s: next(v.maxar(f, s, tiles=2).rglob("*M2AS*.TIL")), "WorldView-2 LV2A", DG),
@@ -55,12 +56,22 @@ def test_a_product_says_all_of_itself(make, vendor, sea, tmp_path, case):
     assert scene.read(((40, 41), (70, 71)), [0])[0, 0, 0] == pytest.approx(facts["first"], rel=1e-4)
     captured = case in ("MicaSense", "MicaSense Altum", "DJI")
     assert any("not registered to each other" in n for n in scene.notes) == captured
-    assert any("what changes slowly over the image is not corrected" in n for n in scene.notes) == captured
+    assert any("vignette" in n and "corrected as the XMP says" in n for n in scene.notes) == captured
     assert any("LWIR left out" in n for n in scene.notes) == (case == "MicaSense Altum")
     assert any("B2, B1, B0, B3 is assumed" in n for n in scene.notes) == (case == "SPOT")
     if "WV" in case:
         assert [b.group for b in scene.bands] == ["MS2", "MS1", "MS1", "MS2", "MS1", "MS2", "MS1", "MS2"]
         assert {b.time_offset for b in scene.bands} > {0.0, 0.324}
+
+
+def test_the_xml_stands_in_for_the_imd(vendor, sea, tmp_path):
+    imd = next(vendor.maxar(tmp_path, sea()).rglob("*M2AS*.IMD"))
+    imd.unlink()
+    imd.with_suffix(".XML").write_text(vendor.imd_xml())
+    for path in (imd.parent, imd.with_suffix(".XML")):
+        info = deglint.open_scene(path).source.info
+        assert info.scales[:2] == pytest.approx((9e-3 / 4e-2, 9.1e-3 / 5e-2))
+        assert (info.tags[""]["satellite"], info.tags[""]["sun_elevation"]) == ("WorldView-2", "61.5")
 
 
 def test_dates_and_angles_become_tags(vendor, sea, tmp_path):
@@ -151,6 +162,34 @@ def test_a_mosaic_is_named_by_its_xmp_unless_the_file_names_its_bands(vendor, se
     assert (scene.names[0], scene.bands[0].wavelength) == ("b1", 475)
 
 
+def test_vignette_and_rows_are_corrected_in_any_window(vendor, sea, tmp_path):
+    array = sea()
+    scene = deglint.open_scene(vendor.micasense(tmp_path, array))
+    y, x = np.mgrid[:80, :100]
+    r = np.hypot(x - 45, y - 38)
+    wanted = array[1] * 1e-4 / (2 * 0.002 * 65536) / (1 + 1e-4 * r - 5e-5 * r**2) / (1 + (1e-7 / 0.002 - 2e-5) * y)
+    for rows, columns in ((slice(0, 80), slice(0, 100)), (slice(13, 40), slice(60, 99))):
+        window = ((rows.start, rows.stop), (columns.start, columns.stop))
+        np.testing.assert_allclose(scene.read(window, ["Green"])[0], wanted[rows, columns], rtol=2e-4)
+        raw, valid = scene.source.read_raw(window)
+        np.testing.assert_allclose(scene.source.to_physical(raw, valid)[1], wanted[rows, columns], rtol=2e-4)
+    alone = deglint.open_scene(tmp_path / "IMG_0192_2.tif")
+    np.testing.assert_allclose(alone.read()[0], wanted, rtol=2e-4)
+
+
+def test_what_is_no_capture_or_not_plausible_is_not_corrected(vendor, sea, tmp_path):
+    """Programs copy the XMP to what they make of a capture; only the camera's own names are captures."""
+    path = next(vendor.micasense(tmp_path, sea()).glob("IMG_0192_2.tif"))
+    copy = deglint.open_scene(path.rename(tmp_path / "reflectance_green.tif"))
+    assert (copy.bands[0].name, copy.bands[0].wavelength, copy.source.info.scales) == ("Green", 560, (1.0,))
+    xmp = vendor.micasense_xmp("Green", 560, 27).replace("-5e-05", "-5")
+    vendor.raster(tmp_path / "IMG_0193_2.tif", sea()[0], placed=False,
+                  describe=vendor.tagged(xmp, EXIF_ExposureTime="(0.002)"))  # fmt: skip
+    strange = deglint.open_scene(tmp_path / "IMG_0193_2.tif")
+    assert strange.source.info.dtypes == ("uint16",)
+    assert any("not plausible" in n for n in strange.notes)
+
+
 @pytest.mark.parametrize("xmp", ["<a=<", "<a><!DOCTYPE b></a>"])
 def test_a_damaged_xmp_is_noted_and_not_used(vendor, sea, tmp_path, xmp):
     path = vendor.raster(tmp_path / "a.tif", *sea(), describe=vendor.tagged(xmp.replace("a>", "a b='='>", 1)))
@@ -172,7 +211,7 @@ def test_remove_writes_the_products_own_numbers(deglint, vendor, sea, tmp_path, 
         (b.name, b.wavelength, b.group) for b in before.bands
     ]
     with rasterio.open(out) as dataset:
-        assert set(dataset.dtypes) == {"uint16"}
+        assert set(dataset.dtypes) == {"float32" if case == "MicaSense" else "uint16"}
         assert dataset.scales == pytest.approx(before.source.info.scales)
 
 
@@ -183,6 +222,7 @@ def test_real_captures():
     assert {b.name: b.wavelength for b in scene.bands} == MICASENSE
     assert scene.sensor == "micasense"
     info = scene.source.info
+    assert info.flat is not None
     assert info.scales[0] == pytest.approx(9.169207e-05 / (65536 * 2.025e-4))
     assert info.offsets[0] == pytest.approx(-4800 * info.scales[0])
     assert np.nanmedian(scene.read(((400, 500), (600, 700)), [0])) == pytest.approx(0.05, abs=0.04)

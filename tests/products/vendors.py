@@ -44,6 +44,20 @@ def imd(letters=LETTERS, satellite="WV02", level="LV2A", enhancement="Off", colu
     )
 
 
+def imd_xml(letters=LETTERS, satellite="WV02"):
+    """The XML file that repeats an IMD file."""
+    bands = "".join(
+        f"<BAND_{letter}><ULLON>-1.71</ULLON><ABSCALFACTOR>9.{i}e-03</ABSCALFACTOR><EFFECTIVEBANDWIDTH>{4 + i}e-02"
+        f"</EFFECTIVEBANDWIDTH></BAND_{letter}>"
+        for i, letter in enumerate(letters)
+    )
+    return (
+        f"<isd><IMD><VERSION>28.3</VERSION><PRODUCTLEVEL>LV2A</PRODUCTLEVEL><BANDID>Multi</BANDID>{bands}<IMAGE>"
+        f"<SATID>{satellite}</SATID><FIRSTLINETIME>2017-07-05T21:16:35.787350Z</FIRSTLINETIME><MEANSUNEL>61.5</MEANSUNEL>"
+        "</IMAGE></IMD></isd>"
+    )
+
+
 def til(tiles, columns, rows):
     """A TIL file: names of tiles, and the first and last column and row of each."""
     groups = "".join(
@@ -157,6 +171,7 @@ def dimap(folder, sea, *, mission="PHR", tiles=2, **options):
     return folder
 
 
+VIGNETTE = ((45, 38), (1e-4, -5e-5))  # far stronger than a real one: these images are small
 MICASENSE = (("Blue", 475, 32), ("Green", 560, 27), ("Red", 668, 14), ("NIR", 842, 57), ("Red edge", 717, 12))
 DJI = (("Green", "G", "560(+/-16)nm"), ("Red", "R", "650(+/-16)nm"), ("RedEdge", "RE", "730(+/-16)nm"),
        ("NIR", "NIR", "860(+/-26)nm"))  # fmt: skip
@@ -174,7 +189,8 @@ def micasense_xmp(name, centre, width, rig="RedEdge-M"):
         f'xmlns:MicaSense="http://micasense.com/MicaSense/1.0/"><Camera:RigName>{rig}</Camera:RigName>'
         f"<Camera:BandName>{name}</Camera:BandName><Camera:CentralWavelength>{centre}</Camera:CentralWavelength>"
         f"<Camera:WavelengthFWHM>{width}</Camera:WavelengthFWHM>"
-        + seq("Camera:VignettingPolynomial", (1e-6, -7e-7))
+        + seq("Camera:VignettingCenter", VIGNETTE[0])
+        + seq("Camera:VignettingPolynomial", VIGNETTE[1])
         + seq("MicaSense:RadiometricCalibration", (1e-4, 1e-7, 2e-5))
         + seq("MicaSense:DarkRowValue", (4790, 4810)) + "</rdf:Description>"
     )  # fmt: skip
@@ -185,7 +201,8 @@ def dji_xmp(name, spread):
         '<rdf:Description rdf:about="DJI Meta Data" xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/" '
         f'xmlns:tiff="http://ns.adobe.com/tiff/1.0/" tiff:Model="M3M" drone-dji:BandName="{name}" '
         f'drone-dji:BandFreq="{spread}" drone-dji:ExposureTime="1000" drone-dji:SensorGain="2.000" '
-        'drone-dji:SensorGainAdjustment="0.5" drone-dji:BlackLevel="3200" drone-dji:VignettingData="0.1,0.2"/>'
+        'drone-dji:SensorGainAdjustment="0.5" drone-dji:BlackLevel="3200" drone-dji:CalibratedOpticalCenterX="45" '
+        'drone-dji:CalibratedOpticalCenterY="38" drone-dji:VignettingData="1e-4, 2e-5"/>'
     )
 
 

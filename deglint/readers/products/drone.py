@@ -1,23 +1,23 @@
 """MicaSense RedEdge and Altum and DJI Multispectral: captures of one TIFF a band, and mosaics, by their XMP.
 
-GDAL hands the XMP over as it stands. Exposure, gain and black level become scale and offset; the vignette and the row
-gradient differ from pixel to pixel, and are not corrected. Nor are the bands of a capture registered to each other.
+GDAL hands the XMP over as it stands. Exposure, gain and black level become scale and offset; vignette and row gradient
+are corrected while pixels are read. The bands of a capture are not registered to each other.
 """
 
 from __future__ import annotations
 
 import re
-import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 
 from ...errors import InputError
 from ...raster import RasterInfo
 from ...raster.info import describe, open_dataset
 from .container import Container
-from .metadata import MetadataError, number, numbers, positive, tags_of, xml_of
+from .metadata import MetadataError, numbers, tags_of, xml_of
 from .product import Product, ProductBand, filled
+from .radiometry import Facts, Radiometry, one, radiometry_of
 
 METADATA = r"(?!)"  # each file has its own
 IMAGES = (
@@ -31,9 +31,6 @@ UNREGISTERED = (
     "the bands are not registered to each other: what is of one band is up to some ten pixels off in another. Register "
     "them first for a correction band by band, or take an aligned stack or a mosaic"
 )
-_BLACK_LEVEL = 50714  # of DNG, which GDAL does not tell of
-
-Facts = Mapping[str, Sequence[str]]
 
 
 def find(container: Container) -> Product | None:
@@ -65,7 +62,7 @@ def find(container: Container) -> Product | None:
 def _product(container: Container, capture: str, members: list[str]) -> Product | None:
     infos = {m: _opened(container.gdal(m)) for m in members}
     order = sorted(members, key=lambda m: [int(p) if p.isdecimal() else p for p in re.split(r"(\d+)", m)])
-    bands, left, notes = [], [], list[str]()
+    bands, radiometry, left, notes = [], list[Radiometry](), [], list[str]()
     facts: Facts = {}
     for member in order:
         info = infos[member]
@@ -78,15 +75,14 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
             left.append(found[0].name)
         else:
             bands.append(found[0])
+            radiometry.append(radiometry_of(info, facts))
     if not bands:
         return None
     if not re.search(r"_\d+(?:_\d+)?\.tiff?$", members[0], re.IGNORECASE):
         bands.sort(key=lambda b: b.wavelength or 0.0)  # names that end in letters have no order of their own
     if left:
         notes.append(f"{', '.join(left)} left out: pixels and light of another kind; name the file to open it")
-    if facts:
-        notes.append(_uncorrected(facts))
-    notes.append(UNREGISTERED)
+    notes += [*_corrected(radiometry), UNREGISTERED]
     return Product(
         _kind(facts), capture, container.asked, tuple(bands), _sensor(facts), _tags(infos[order[0]]), tuple(notes)
     )
@@ -108,8 +104,8 @@ def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
     if any(d for d in info.descriptions):  # names that somebody gave in the file count more
         bands = [_renamed(b, d) for b, d in zip(bands, info.descriptions, strict=True)]
     notes.append(f"{info.paths[0]}: band names and wavelengths are those of its XMP ({_kind(facts)})")
-    if any(b.scale != 1 for b in bands):
-        notes.append(_uncorrected(facts))
+    if is_capture(info):
+        notes += _corrected([radiometry_of(info, facts)])
     return filled(info, tuple(bands), {}, _sensor(facts)), notes
 
 
@@ -145,75 +141,36 @@ def facts_of(info: RasterInfo) -> tuple[Facts, list[str]]:
 
 
 def bands_of(info: RasterInfo, facts: Facts) -> list[ProductBand]:
-    """The bands that an XMP names, with exposure, gain and black level as scale and offset; else none."""
+    """The bands that an XMP names, those of a capture with their radiometry; else none."""
     names = facts.get("BandName", ())
     centres = [numbers(c) for c in facts.get("CentralWavelength", ())]
     widths = [numbers(w) for w in facts.get("WavelengthFWHM", ())]
-    spread = re.match(r"\s*([\d.]+)\s*\(\s*\+/-\s*([\d.]+)\s*\)", _one(facts, "BandFreq"))
+    spread = re.match(r"\s*([\d.]+)\s*\(\s*\+/-\s*([\d.]+)\s*\)", one(facts, "BandFreq"))
     if spread and not centres:
         centres, widths = [[float(spread[1])]], [[2 * float(spread[2])]]
     if not names or len(names) != info.count:
         return []
     none: list[list[float]] = [[] for _ in names]
     centres, widths = (v if len(v) == len(names) else none for v in (centres, widths))
-    scale, black, unit = _exposure(info, facts) if len(names) == 1 else (1.0, 0.0, None)
+    made = radiometry_of(info, facts) if is_capture(info) else Radiometry()
     return [
-        ProductBand(info.paths[0], name, i, c[0] if c else None, w[0] if w else None, scale, 0.0 - black * scale, unit)
+        ProductBand(
+            path=info.paths[0],
+            name=name,
+            number=i,
+            wavelength=c[0] if c else None,
+            width=w[0] if w else None,
+            scale=made.scale,
+            offset=0.0 - made.black * made.scale,
+            unit=made.unit,
+            flat=made.flat,
+        )
         for i, (name, c, w) in enumerate(zip(names, centres, widths, strict=True), start=1)
     ]
 
 
-def _one(facts: Facts, name: str) -> str:
-    return next(iter(facts.get(name, ())), "")
-
-
-def _exposure(info: RasterInfo, facts: Facts) -> tuple[float, float, str | None]:
-    """Scale, black level [number in the file] and unit of a capture; 1, 0 and None where the XMP does not say."""
-    if info.dtypes[0] != "uint16":
-        return 1.0, 0.0, None
-    exif = {k: number(v.strip("()")) for k, v in info.tags.get("EXIF", {}).items()}
-    calibration = [numbers(v) for v in facts.get("RadiometricCalibration", ())]
-    shutter = exif.get("EXIF_ExposureTime")
-    if calibration and calibration[0] and shutter and shutter > 0:  # MicaSense: L = a1 / g (p - p_black) / (2^16 t)
-        gain = (exif.get("EXIF_ISOSpeed") or exif.get("EXIF_ISOSpeedRatings") or 100.0) / 100.0
-        dark = [v for text in facts.get("DarkRowValue", ()) for v in numbers(text)]
-        black = _black_level(info.paths[0])
-        if black is None:
-            black = sum(dark) / len(dark) if dark else 0.0
-        return calibration[0][0] / (gain * shutter * 65536), black, "W m-2 sr-1 nm-1"
-    micro, gain_ = positive(_one(facts, "ExposureTime")), positive(_one(facts, "SensorGain"))
-    black_ = number(_one(facts, "BlackLevel") or _one(facts, "BlackCurrent"))
-    if (
-        micro and gain_ and black_ is not None
-    ):  # DJI: (p - p_black) / 2^16 / (gain x exposure), times the camera's factor
-        factor = positive(_one(facts, "SensorGainAdjustment")) or 1.0
-        return factor / (65536 * gain_ * micro * 1e-6), black_, None
-    return 1.0, 0.0, None
-
-
-def _black_level(path: str) -> float | None:
-    """Mean of the tag BlackLevel of a TIFF (short or long integers); None where it cannot be read."""
-    try:
-        with Path(path).open("rb") as file:
-            order = {b"II*\0": "<", b"MM\0*": ">"}[file.read(4)]
-            file.seek(struct.unpack(f"{order}I", file.read(4))[0])
-            (count,) = struct.unpack(f"{order}H", file.read(2))
-            entries = file.read(12 * count)
-            for tag, kind, many, held in struct.iter_unpack(f"{order}HHI4s", entries):
-                if tag == _BLACK_LEVEL and kind in (3, 4) and 0 < many <= 16:
-                    size, code = (2, "H") if kind == 3 else (4, "I")
-                    if size * many > 4:
-                        file.seek(struct.unpack(f"{order}I", held)[0])
-                        held = file.read(size * many)
-                    values = struct.unpack(f"{order}{many}{code}", held[: size * many])
-                    return sum(values) / many
-    except (OSError, ValueError, KeyError, struct.error):
-        return None
-    return None
-
-
 def _kind(facts: Facts) -> str:
-    rig = _one(facts, "RigName") or _one(facts, "Model")
+    rig = one(facts, "RigName") or one(facts, "Model")
     maker = (
         "MicaSense" if "RadiometricCalibration" in facts or "RigName" in facts else "DJI" if "BandFreq" in facts else ""
     )
@@ -222,7 +179,7 @@ def _kind(facts: Facts) -> str:
 
 def _sensor(facts: Facts) -> str | None:
     """The preset whose optics and instants are this camera's."""
-    return "micasense" if _one(facts, "RigName").lower().startswith("rededge") else None
+    return "micasense" if one(facts, "RigName").lower().startswith("rededge") else None
 
 
 def _tags(info: RasterInfo) -> dict[str, str]:
@@ -230,15 +187,11 @@ def _tags(info: RasterInfo) -> dict[str, str]:
     return tags_of({"acquired": own.get("TIFFTAG_DATETIME"), "satellite": None})
 
 
-def _uncorrected(facts: Facts) -> str:
-    done = (
-        "exposure, gain and black level are applied"
-        if "RadiometricCalibration" in facts or "SensorGain" in facts
-        else ""
-    )
-    left = [w for k, w in (("VignettingPolynomial", "vignette"), ("VignettingData", "vignette"),
-                           ("RadiometricCalibration", "row gradient")) if k in facts]  # fmt: skip
-    if not left:
-        return done or "the XMP says nothing of exposure: the numbers are taken as they stand"
-    words = " and ".join(dict.fromkeys(left))
-    return f"{done + '; ' if done else ''}what changes slowly over the image is not corrected: {words}"
+def _corrected(bands: Sequence[Radiometry]) -> list[str]:
+    """What of the radiometry is corrected, and what is not."""
+    words = list(dict.fromkeys(w for b in bands for w in b.applied))
+    applied = f"{', '.join(words)} are corrected as the XMP says" if words else ""
+    if any(b.flat for b in bands):
+        applied += "; the numbers become floating point"
+    missing = "the XMP says nothing of exposure: the numbers are taken as they stand"
+    return [applied or missing, *dict.fromkeys(n for b in bands for n in b.notes)]

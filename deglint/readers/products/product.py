@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...raster import RasterInfo
+from ...raster import FlatField, RasterInfo
 from ...raster.info import describe, open_dataset
 
 
@@ -40,6 +40,8 @@ class ProductBand:
         Number in the file at and above which the detector was full.
     footprint : str, optional
         GDAL name of a raster of detector numbers, or of a GML file of their outlines.
+    flat : FlatField, optional
+        Vignette and row gradient of a capture, for a file of one band.
     """
 
     path: str
@@ -53,6 +55,7 @@ class ProductBand:
     nodata: float | None = None
     saturation: float | None = None
     footprint: str | None = None
+    flat: FlatField | None = None
 
 
 @dataclass(frozen=True)
@@ -135,10 +138,13 @@ def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, 
     """A file's description, with what its product says of the bands; what the file itself says comes first."""
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
     own = bool(scaled_by_itself(info))
+    flat = bands[0].flat if info.count == 1 and not own else None
     dataset_tags = ({"sensor": sensor} if sensor else {}) | dict(tags) | dict(info.tags.get("", {}))
     return replace(
         info,
         descriptions=tuple(b.name for b in bands),
+        dtypes=info.dtypes if flat is None else ("float32",),
+        flat=flat,
         units=tuple(u if own or b.unit is None else b.unit for u, b in zip(info.units, bands, strict=True)),
         scales=info.scales if own else tuple(b.scale for b in bands),
         offsets=info.offsets if own else tuple(b.offset for b in bands),
