@@ -213,7 +213,10 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     from rasterio.errors import RasterioError
 
     try:
-        info = _described(dataset, path, alpha_is_band)
+        try:
+            info = _described(dataset, path, alpha_is_band)
+        except CPLE_BaseError:  # what GDAL met in a metadata file beside this one, told at the next call
+            info = _described(dataset, path, alpha_is_band)
     except (InputError, ReadError):
         raise
     except (RasterioError, CPLE_BaseError, ValueError, ArithmeticError, LookupError) as error:

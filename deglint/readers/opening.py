@@ -44,13 +44,14 @@ def open_scene(
     nodata: float | None = None,
     grid: str | int | None = None,
 ) -> Scene:
-    """Open one raster, or several of one place, as a scene; no pixel is read.
+    """Open one raster or product, or several of one place, as a scene; no pixel is read.
 
     Parameters
     ----------
     path : str, path or sequence of them
-        GDAL name(s). Bands of several files are stacked in the order given. Where their grids differ
-        they are put on one: bilinear for larger pixels, averaged for smaller ones, in their own type.
+        GDAL name(s), or products: a folder, an archive or a metadata file. Bands of several files are stacked in
+        the order given. Where their grids differ they are put on one: bilinear for larger pixels, averaged for
+        smaller ones, in their own type.
     sensor : str, optional
         Name of a preset (`deglint.sensors.names`) that fills in what the file does not say of its bands.
         By default the one that a tag of the file names, if it fits.

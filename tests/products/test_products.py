@@ -191,6 +191,9 @@ def test_several_products_or_none_say_what_to_name(make, sea, tmp_path):
     (tmp_path / "c.zip").write_bytes(b"PK\3\4 and no more")
     with pytest.raises(ReadError, match=r"c\.zip.*download it again"):
         deglint.open_scene(tmp_path / "c.zip")
+    (tmp_path / "d.tar.gz").write_bytes(b"\x1f\x8b and no more")
+    with pytest.raises(ReadError, match="is compressed: unpack it"):
+        deglint.open_scene(tmp_path / "d.tar.gz")
 
 
 def test_a_files_own_scale_counts_more_than_the_product_beside_it(make, sea, tmp_path):
@@ -252,9 +255,10 @@ def test_info_and_score_open_products(deglint, make, sea, tmp_path, capfd):
     from detect.cli import run
 
     safe = make.sentinel2(tmp_path, sea())
-    ran = deglint("info", safe)
+    ran = deglint("info", make.packed(safe, "zip", tmp_path / "download.zip"))
     assert ran.code == 0
-    assert make.S2.format("2A") in ran.out
+    assert f"Sentinel-2 L2A, product {make.S2.format('2A')}: B02, B03, B04, B05, B08, B11" in ran.out
+    assert "B01 (pixels of 60 m) left out" in ran.out
     assert run(["score", str(safe), str(tmp_path / "s.tif"), "-b", "B02,B03,B04", "--mask", "none"]) == 0
     with rasterio.open(tmp_path / "s.tif") as dataset:
         assert dataset.shape == (80, 100)

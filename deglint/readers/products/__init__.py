@@ -106,6 +106,8 @@ def opened(path: str, describe: Callable[[str], RasterInfo]) -> Opened:
         info, notes = drone.with_xmp(describe(path))
     except ReadError as error:
         local = _local(path)
+        if local is not None and _is_file(local) and re.search(r"\.(?:t?gz|bz2|7z|rar)$", local, re.IGNORECASE):
+            raise ReadError(f"{path} is compressed: unpack it. A .zip or .tar is opened as it is.") from error
         if local is None or not (_is_dir(local) or is_archive(local) or _is_metadata(local)):
             raise
         known = ", ".join(f.title for f in PRODUCTS.values())
