@@ -46,7 +46,7 @@ def packed(folder, kind, place):
     else:
         with tarfile.open(place, "w") as archive:
             for file in files:
-                archive.add(file, file.relative_to(folder))
+                archive.add(file, f"./{file.relative_to(folder)}")
     return place
 
 

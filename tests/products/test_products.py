@@ -169,14 +169,32 @@ def test_sentinel2_without_sound_metadata_opens_as_it_stands(make, sea, tmp_path
 
 
 def test_landsat_and_planetscope_without_sound_metadata_open_as_they_stand(make, sea, tmp_path):
-    folder = make.landsat(tmp_path / "l", sea())
+    folder = make.landsat(tmp_path / "l", sea(), 1)
     next(folder.glob("*MTL*")).write_bytes(b"\0\1\2")
     planet = make.planetscope(tmp_path / "p", sea(), metadata=False)
-    for path, count in ((folder, 7), (planet, 4)):
+    for path, count in ((folder, 8), (planet, 4)):
         scene = deglint.open_scene(path)
         assert (len(scene.bands), set(scene.source.info.scales)) == (count, {1.0})
         assert sum("taken as they stand" in n for n in scene.notes) == 1
         assert all(b.wavelength for b in scene.bands)
+
+
+def test_landsat_level_2_is_scaled_without_metadata_and_scenes_lie_side_by_side(make, sea, tmp_path):
+    folder = make.landsat(tmp_path, sea())
+    mtl = next(folder.glob("*MTL*"))
+    for path in sorted(folder.iterdir()):
+        path.with_name(path.name.replace("20220311", "20220412")).write_bytes(path.read_bytes())
+    with pytest.raises(InputError, match=r"holds 2 Landsat scenes.*Name the \*_MTL.txt file of one"):
+        deglint.open_scene(folder)
+    for path, names in ((mtl, SR), ([folder / f"{make.L2}_SR_B5.TIF", folder / f"{make.L2}_SR_B3.TIF"], SR[4:1:-2])):
+        scene = deglint.open_scene(path)
+        assert scene.names == names
+        assert scene.notes[0].startswith(f"Landsat 9 Level 2, product {make.L2}: ")
+    for path in [mtl, *folder.glob("*20220412*")]:
+        path.unlink()
+    scene = deglint.open_scene(folder)
+    assert (scene.source.info.scales[0], scene.source.info.offsets[0]) == (2.75e-05, -0.2)
+    assert sum("are assumed" in n for n in scene.notes) == 1
 
 
 def test_several_products_or_none_say_what_to_name(make, sea, tmp_path):

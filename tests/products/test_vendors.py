@@ -23,6 +23,15 @@ CAPTURE = {"bands": MICASENSE, "scale": 1e-4 / (2 * 0.002 * 65536), "offset": -4
 DJI = {"bands": {"Green": 560, "Red": 650, "RedEdge": 730, "NIR": 860}, "scale": 0.5 / (65536 * 2e-3),
        "offset": -1600 / (65536 * 2e-3), "unit": None, "sensor": None, "nodata": None, "full": None,
        "first": 705 * 0.5 / (65536 * 2e-3) * (1 + 1e-4 * R + 2e-5 * R**2)}  # fmt: skip
+
+
+def volume(folder):
+    """The file that names the parts of a Pleiades product."""
+    path = folder / "VOL_PHR.XML"
+    path.write_text("<Dimap_Document><Dataset_Content/></Dimap_Document>")
+    return path
+
+
 CASES = {
     "WV-2": (lambda v, f, s: v.maxar(f, s), "WorldView-2 LV2A", DG),
     "WV-2 mosaic": (lambda v, f, s: next(v.maxar(f, s, tiles=2).rglob("*M2AS*.TIL")), "WorldView-2 LV2A", DG),
@@ -34,6 +43,7 @@ CASES = {
         DG | {"bands": {"BLUE": 480, "GREEN": 545, "RED": 672.5, "NIR": 850}, "sensor": "geoeye1"},
     ),
     "Pleiades": (lambda v, f, s: v.dimap(f, s), "Pleiades 1A", PHR),
+    "Pleiades VOL": (lambda v, f, s: volume(v.dimap(f, s)), "Pleiades 1A", PHR),
     "Pleiades DIM": (lambda v, f, s: next(v.dimap(f, s, tiles=1).rglob("DIM*_MS_*.XML")), "Pleiades 1A", PHR),
     "SPOT": (lambda v, f, s: v.dimap(f, s, mission="SPOT", listed=False), "SPOT 1A", PHR | {"sensor": None}),
     "MicaSense": (lambda v, f, s: v.micasense(f, s), "MicaSense RedEdge-M", CAPTURE),

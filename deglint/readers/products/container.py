@@ -22,6 +22,7 @@ DEEPEST = 6
 """Folders below folders that are listed: a SAFE product has four."""
 MOST_BYTES = 32 << 20
 """Largest metadata file that is read [byte]; those of Sentinel-2 have up to 1 MB."""
+_DAMAGED = (OSError, zipfile.BadZipFile, tarfile.TarError)
 _ZIP, _TAR = re.compile(r"\.zip$", re.IGNORECASE), re.compile(r"\.tar$", re.IGNORECASE)
 
 
@@ -57,7 +58,7 @@ class Container:
         """GDAL's name of a member."""
         if self.kind == "folder":
             return str(Path(self.path) / member)
-        return f"/vsi{self.kind}/{Path(self.path).absolute()}/{member}"
+        return f"/vsi{self.kind}/{Path(self.path).absolute()}/{PurePosixPath(member)}"  # without "./" in front
 
     def find(self, pattern: str) -> list[str]:
         """Members whose last part fits a regular expression wholly; case does not matter."""
@@ -67,7 +68,7 @@ class Container:
     def beside(self, member: str, name: str) -> str | None:
         """The member that metadata call `name` in the folder of `member`, if there is one."""
         wanted = (PurePosixPath(member).parent / name).as_posix().casefold()
-        return next((n for n in self.names if n.casefold() == wanted), None)
+        return next((n for n in self.names if str(PurePosixPath(n)).casefold() == wanted), None)
 
     def read(self, member: str) -> bytes:
         """The bytes of a small member.
@@ -81,7 +82,7 @@ class Container:
         """
         try:
             data = self._bytes(member)
-        except (OSError, zipfile.BadZipFile, tarfile.TarError, RuntimeError, NotImplementedError, EOFError) as error:
+        except (*_DAMAGED, RuntimeError, KeyError, EOFError) as error:
             raise ReadError(f"cannot read {member} in {self.path}: {error}. Copy or download it again.") from error
         if len(data) > MOST_BYTES:
             raise InputError(f"{member} in {self.path} is larger than {MOST_BYTES >> 20} MB, too large for metadata.")
@@ -142,10 +143,10 @@ def open_archive(path: str) -> Container:
                     names.append(member.name if member.isfile() else "")
                     if len(names) >= MOST_MEMBERS:
                         break
-    except (OSError, zipfile.BadZipFile, tarfile.TarError, ValueError) as error:
+    except (*_DAMAGED, ValueError) as error:
         raise ReadError(f"cannot read {path}: {error}. The archive is damaged: download it again.") from error
-    kept = [n.removeprefix("./") for n in names[:MOST_MEMBERS] if n and not n.endswith("/")]
-    return Container(path, kind, tuple(sorted(n for n in kept if _stays_inside(n))), asked=path)
+    kept = [n for n in names[:MOST_MEMBERS] if n and not n.endswith("/") and _stays_inside(n)]
+    return Container(path, kind, tuple(sorted(kept)), asked=path)
 
 
 def _stays_inside(name: str) -> bool:

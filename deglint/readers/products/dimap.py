@@ -16,7 +16,7 @@ from .container import Container
 from .metadata import MetadataError, number, positive, said, tags_of, xml_of
 from .product import Product, ProductBand
 
-METADATA = r"DIM_.+\.XML"
+METADATA = r"(?:DIM|VOL)_.+\.XML"
 IMAGES = r"IMG_.+\.(?:tiff?|jp2)"
 _SHOWN = ("RED_CHANNEL", "GREEN_CHANNEL", "BLUE_CHANNEL")
 _NAMES = {"R": "red", "G": "green", "B": "blue", "NIR": "nir", "RE": "rededge", "DB": "coastal", "P": "pan"}
@@ -27,7 +27,7 @@ UNIT = "W m-2 sr-1 um-1"
 
 def find(container: Container) -> Product | None:
     """The multispectral product in a folder or archive, or the one that was named; None where there is none."""
-    named = container.named
+    named = None if (container.named or "").upper().startswith("VOL_") else container.named
     files = [
         n
         for n in container.find(METADATA)

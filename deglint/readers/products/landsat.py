@@ -21,6 +21,8 @@ METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
 _GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"),
            "2": ("LEVEL2_SURFACE_REFLECTANCE_PARAMETERS", "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS")}  # fmt: skip
+SURFACE = (2.75e-05, -0.2)
+"""Scale and offset of every Level-2 product of Collection 2 (USGS), where the MTL file is missing or damaged."""
 FULL = 65535.0
 """Largest number of the products where the MTL file does not say (QUANTIZE_CAL_MAX_BAND_n)."""
 CIRRUS = (1373.5, 20.0)
@@ -29,25 +31,25 @@ CIRRUS = (1373.5, 20.0)
 
 def find(container: Container) -> Product | None:
     """The product in a folder or archive, or the named band file of it; None where there is none."""
-    metadata = container.find(METADATA)
-    images = {m["band"].upper(): (n, m) for n in container.find(IMAGES) if (m := re.fullmatch(IMAGES, _last(n), re.I))}
-    scenes = {m["scene"] for n in container.find(IMAGES) if (m := re.fullmatch(IMAGES, _last(n), re.I))}
-    if container.named and container.named in metadata:
-        metadata = [container.named]
-        scenes = {s for s in scenes if s.startswith(_stem(container.named))}
+    metadata, named = container.find(METADATA), container.named
+    images = [(n, m) for n in container.find(IMAGES) if (m := re.fullmatch(IMAGES, _last(n), re.IGNORECASE))]
+    if named in metadata:
+        images = [(n, m) for n, m in images if m["scene"] == _stem(named or "")]
+    elif named is not None:
+        images = [(n, m) for n, m in images if n == named]
+    scenes = sorted({m["scene"] for _, m in images})
     if not images:
         return None
     if len(scenes) > 1:
-        raise InputError(f"{container.path} holds {len(scenes)} Landsat scenes: {', '.join(sorted(scenes)[:3])}. Name "
-                         "the *_MTL.txt file of one.")  # fmt: skip
-    scene = next(iter(scenes), "")
-    groups, notes = _groups(container, [m for m in metadata if _stem(m) == scene] or metadata)
-    level = "2" if any(b.startswith("SR_") for b in images) else "1"
-    named = container.named
-    bands = []
-    for name, (member, match) in sorted(images.items()):
-        if (named is None or named in (member, *metadata)) and match["scene"] == scene:
-            bands.append(_band(container.gdal(member), name, match["number"], level, groups))
+        raise InputError(
+            f"{container.path} holds {len(scenes)} Landsat scenes: {', '.join(scenes[:3])}. "
+            "Name the *_MTL.txt file of one."
+        )
+    scene = scenes[0]
+    level = "2" if any(m["band"].upper().startswith("SR_") for _, m in images) else "1"
+    groups, notes = _groups(container, [m for m in metadata if _stem(m) == scene], level)
+    bands = [_band(container.gdal(n), m["band"].upper(), m["number"], level, groups) for n, m in images]
+    bands.sort(key=lambda b: b.name)
     facts = groups.get("IMAGE_ATTRIBUTES", {})
     elevation = number(facts.get("SUN_ELEVATION"))
     if level == "1" and elevation is not None and elevation > 0:
@@ -72,12 +74,11 @@ def _stem(member: str) -> str:
     return re.sub(r"_MTL\.\w+$", "", _last(member), flags=re.IGNORECASE)
 
 
-def _groups(container: Container, metadata: list[str]) -> tuple[Mapping[str, Mapping[str, Any]], list[str]]:
+def _groups(container: Container, metadata: list[str], level: str) -> tuple[Mapping[str, Mapping[str, Any]], list[str]]:
     """The MTL file's groups; where there is none that can be read, what to say."""
-    remedy = (
-        "the numbers are taken as they stand. Download it again, or give --scale and --offset (Level 2: 2.75e-05 and "
-        "-0.2)"
-    )
+    remedy = "the numbers are taken as they stand. Download it again, or give --scale and --offset"
+    if level == "2":
+        remedy = f"scale {SURFACE[0]:g} and offset {SURFACE[1]:g} of all Level-2 products of Collection 2 are assumed"
     if not metadata:
         return {}, [f"{container.path} has no *_MTL.txt: {remedy}"]
     chosen = min(metadata, key=lambda m: (not m.lower().endswith(".txt"), m))
@@ -107,6 +108,8 @@ def _band(path: str, name: str, digit: str, level: str, groups: Mapping[str, Map
     factors, limits = (groups.get(g, {}) for g in _GROUPS[level])
     scale = positive(factors.get(f"REFLECTANCE_MULT_BAND_{digit}"))
     offset = number(factors.get(f"REFLECTANCE_ADD_BAND_{digit}"))
+    if (scale is None or offset is None) and level == "2":
+        scale, offset = SURFACE
     known = scale is not None and offset is not None
     centre, width = CIRRUS if digit == "9" else (None, None)
     return ProductBand(

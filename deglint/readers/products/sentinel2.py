@@ -16,7 +16,7 @@ from .container import Container
 from .metadata import MetadataError, number, numbers, positive, said, tags_of, xml_of
 from .product import Product, ProductBand
 
-METADATA = r"MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
+METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
 IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:jp2|tiff?)"
 _IMAGE = re.compile(IMAGES, re.IGNORECASE)
 _MASK = re.compile(
