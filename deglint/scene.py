@@ -75,6 +75,8 @@ class Scene:
         Coordinate reference system and affine transform, as rasterio gives them; crs may be None.
     sensor : str, optional
         Name of the sensor preset that was used.
+    product : str, optional
+        Kind and name of the product that was opened, or of several ("Sentinel-2 L2A S2A_MSIL2A_...").
     notes : tuple of str
         What was deduced on opening, one line each, for the log.
     footprints : Source, optional
@@ -91,6 +93,7 @@ class Scene:
     transform: Any = None
     sensor: str | None = None
     notes: tuple[str, ...] = ()
+    product: str | None = None
     footprints: Source | None = field(default=None, repr=False)
 
     @property

@@ -105,6 +105,7 @@ def open_scene(
         transform=info.transform,
         sensor=preset,
         notes=(*notes, *said, *told),
+        product=products.named(found),
         footprints=products.footprints(found, reference),
     )
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))

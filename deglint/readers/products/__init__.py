@@ -29,6 +29,7 @@ __all__ = [
     "find",
     "footprints",
     "name_of",
+    "named",
     "notes_of",
     "opened",
 ]
@@ -130,6 +131,12 @@ def notes_of(found: Sequence[Opened]) -> list[str]:
     if len(captures) > 1:
         notes.append(drone.UNREGISTERED)
     return list(dict.fromkeys(notes))
+
+
+def named(found: Sequence[Opened]) -> str | None:
+    """Kind and name of the products among what was opened, or None."""
+    every = dict.fromkeys(f"{o.product.kind} {o.product.name}" for o in found if o.product is not None)
+    return "; ".join(every) or None
 
 
 def footprints(found: Sequence[Opened], grid: RasterInfo) -> Footprints | None:
