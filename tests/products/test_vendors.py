@@ -238,3 +238,24 @@ def test_real_captures():
     assert np.nanmedian(scene.read(((400, 500), (600, 700)), [0])) == pytest.approx(0.05, abs=0.04)
     with pytest.raises(ReadError, match="no such file"):
         deglint.open_scene(SHARED / "micasense" / "IMG_0192_9.tif")
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not (SHARED / "micasense").exists(), reason="the real scenes are not beside the project")
+@pytest.mark.parametrize(("number", "top", "left"), [(1, 98, 442), (4, 116, 442)], ids=["blue", "nir"])
+def test_a_real_capture_is_as_bright_as_other_software_makes_it(number, top, left):
+    """The aligned stack beside it was calibrated by other software: the ratio of both is even over the image."""
+    import cv2
+
+    folder = SHARED / "micasense"
+    with rasterio.open(folder / "aligned_0192.tif") as dataset:
+        wanted = dataset.read(number).astype("float32")
+    with rasterio.open(folder / f"IMG_0192_{number}.tif") as dataset:
+        raw = dataset.read(1).astype("float32") - 4800
+    ours = deglint.open_scene(folder / f"IMG_0192_{number}.tif").read()[0]
+    rows, columns = wanted.shape
+    uneven = [
+        np.log(cv2.blur(a[top : top + rows, left : left + columns], (81, 81)) / cv2.blur(wanted, (81, 81))).std()
+        for a in (ours, raw)
+    ]
+    assert uneven[0] < 0.015 < 0.05 < uneven[1]
