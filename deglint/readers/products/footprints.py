@@ -72,11 +72,11 @@ class Footprints:
             source.close()
 
     def _source(self, path: str) -> Any:
-        if path not in self._sources:
-            self._sources[path] = (
-                _Outlines(path, self.grid) if path.lower().endswith(".gml") else _raster(path, self.grid)
-            )
-        return self._sources[path]
+        found = self._sources.get(path)
+        if found is None:
+            made = _Outlines(path, self.grid) if path.lower().endswith(".gml") else _raster(path, self.grid)
+            found = self._sources.setdefault(path, made)  # another thread may have been quicker
+        return found
 
 
 def _raster(path: str, grid: RasterInfo) -> RasterSource:
