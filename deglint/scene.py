@@ -75,8 +75,13 @@ class Scene:
         Coordinate reference system and affine transform, as rasterio gives them; crs may be None.
     sensor : str, optional
         Name of the sensor preset that was used.
+    product : str, optional
+        Kind and name of the product that was opened, or of several ("Sentinel-2 L2A S2A_MSIL2A_...").
     notes : tuple of str
         What was deduced on opening, one line each, for the log.
+    footprints : Source, optional
+        Detector number of each band at each pixel, NaN where no detector saw it, for products that say so
+        (Sentinel-2): ``read(window, bands)`` gives (band, row, column) float32.
     """
 
     bands: tuple[Band, ...]
@@ -88,6 +93,8 @@ class Scene:
     transform: Any = None
     sensor: str | None = None
     notes: tuple[str, ...] = ()
+    product: str | None = None
+    footprints: Source | None = field(default=None, repr=False)
 
     @property
     def shape(self) -> tuple[int, int, int]:

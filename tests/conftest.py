@@ -31,6 +31,7 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_I
 
 def pytest_addoption(parser):
     parser.addoption("--every", type=int, default=1, metavar="N", help="run of each file only every Nth test")
+    parser.addoption("--write-docs", action="store_true", help="write the tables in docs/ that tests keep equal")
 
 
 def pytest_collection_modifyitems(config, items):

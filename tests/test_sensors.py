@@ -69,8 +69,7 @@ def test_worldview_has_two_groups_of_four(name):
 def test_sentinel2_red_sees_the_ground_a_second_after_blue():
     bands = {b.name: b for b in sensors.load("sentinel2").bands}
     assert bands["B04"].time_offset - bands["B02"].time_offset == pytest.approx(1.005)
-    assert bands["B04"].time_status == "verified"
-    assert bands["B09"].time_status == "unverified"
+    assert {b.time_status for b in bands.values()} == {"verified"}
 
 
 @pytest.mark.parametrize(

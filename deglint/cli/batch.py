@@ -51,9 +51,9 @@ log = logging.getLogger(__name__)
 def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     """Remove sun glint from many SCENES as RECIPE.toml says.
 
-    SCENES are rasters, patterns in quotes, a CSV with a column `path` (and `name`), or a STAC ItemCollection.
-    What is finished is known by recipe and checksums, so a batch that was stopped goes on where it was; a scene that
-    fails does not stop the rest. Exit code 1 where one failed.
+    SCENES are rasters or products, patterns in quotes, a CSV with a column `path` (and `name`), or a STAC
+    ItemCollection. What is finished is known by recipe and checksums, so a batch that was stopped goes on where it was;
+    a scene that fails does not stop the rest. Exit code 1 where one failed.
 
     \b
     deglint batch recipe.toml 'tiles/*.tif' --jobs 4

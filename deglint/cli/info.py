@@ -49,6 +49,7 @@ def lines(found: dict[str, Any]) -> list[str]:
         f"{found['path']}  ({found['driver']})",
         f"{size}, nodata {found['nodata']}",
         f"{found['crs'] or 'no CRS'}{pixel}" + (f", sensor {found['sensor']}" if found["sensor"] else ""),
+        *(f"  {note}" for note in found["opened"]),
         "",
         f"{'band':<6}{'name':<14}{'wavelength':>12}{'time':>10}{'R2 with NIR':>14}{'slope':>10}",
     ]

@@ -137,7 +137,8 @@ if TYPE_CHECKING:
 def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Remove sun glint from IN and write OUT, a GeoTIFF with the input's type, tags and place.
 
-    IN is any raster that GDAL reads; several files are stacked. OUT.json beside OUT says what was done.
+    IN is any raster that GDAL reads, or a product: its folder, archive or metadata file. Several files are stacked.
+    OUT.json beside OUT says what was done.
 
     \b
     deglint remove scene.tif clean.tif

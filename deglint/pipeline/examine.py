@@ -101,6 +101,8 @@ def _header(scene: Scene) -> dict[str, Any]:
         "crs": scene.crs.to_string() if scene.crs else None,
         "pixel_size": [abs(scene.transform.a), abs(scene.transform.e)] if scene.transform else None,
         "sensor": scene.sensor,
+        "product": scene.product,
+        "opened": list(scene.notes),
         "bands": [asdict(b) for b in scene.bands],
     }
 

@@ -14,6 +14,7 @@ from typing import Any
 from ..errors import DeglintError, InputError
 from ..raster.environment import environment
 from ..raster.targets import check_unread
+from ..readers.products import files_of
 from ..readers.scenes import ListedScene
 from ..readers.text import read_json
 from .checksum import are_as, is_as
@@ -97,9 +98,10 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = 
             )
     there = [p for job in jobs for p in job.every() if p.exists()]  # what is not there yet can be no file that is read
     if there:
+        scenes_files = [p for job in jobs for name in job.scene.paths for p in (name, *files_of(name))]
         named = [order.recipe.sample, order.recipe.mask, order.sensor or "", *reads]
         with environment():
-            check_unread(there, {"a scene": [p for job in jobs for p in job.scene.paths], "an input": named})
+            check_unread(there, {"a scene": scenes_files, "an input": named})
     return jobs
 
 
@@ -120,7 +122,7 @@ def state_of(job: Job, request: str) -> tuple[str, str]:
     if batch.get("request") != request:
         return FAILED, f"{job.image} was made by another recipe"
     with environment():
-        same = are_as(job.scene.paths, inputs)
+        same = are_as([p for name in job.scene.paths for p in files_of(name)], inputs)
     if not same:
         return FAILED, f"{job.image} was made of another state of the scene"
     if len(there) < len(job.every()):

@@ -36,7 +36,10 @@ def log_scene(scene: Scene) -> None:
     if len(times) > 1:
         source = f"known for {scene.sensor}" if scene.sensor else "read from file"
         log.info("band delays %s: up to %.0f ms", source, 1e3 * (max(times) - min(times)))
-    why(scene.notes)
+    if scene.product is None:
+        why(scene.notes)
+    for line in scene.notes if scene.product else ():  # what a product gives and lacks is not for -v alone
+        log.info("  %s", line)
 
 
 def log_nir(scene: Scene, bands: Sequence[int], notes: Sequence[str]) -> None:

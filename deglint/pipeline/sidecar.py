@@ -31,6 +31,7 @@ def sidecar(
         "versions": versions(),
         "input": checksum.result(),
         "output": str(targets.image),
+        "product": scene.product,
         "sensor": scene.sensor,
         "bands": [asdict(b) for b in scene.bands],
         "recipe": resolved(fitted),

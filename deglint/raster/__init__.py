@@ -5,8 +5,9 @@ Inside the project pixels are floating point with NaN where they are not valid; 
 is opened, not before.
 """
 
+from .flat import FlatField
 from .handle import FileBands
 from .info import RasterInfo
 from .source import RasterSource
 
-__all__ = ["FileBands", "RasterInfo", "RasterSource"]
+__all__ = ["FileBands", "FlatField", "RasterInfo", "RasterSource"]

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..scene import Window
 from .convert import Raw, Valid, is_valid
+from .flat import FlatField
 from .info import RasterInfo, open_dataset
 
 
@@ -35,6 +36,8 @@ class FileBands:
         1-based alpha band; a pixel where it is 0 is not valid.
     direct : bool
         Blocks may be read past libtiff, see `RasterInfo`.
+    flat : FlatField, optional
+        Corrects the numbers as they are read.
     warp : mapping, optional
         Arguments of rasterio's WarpedVRT that put the file on the scene's grid.
     """
@@ -46,6 +49,7 @@ class FileBands:
     band_masks: bool = False
     alpha: int | None = None
     direct: bool = False
+    flat: FlatField | None = None
     warp: Mapping[str, Any] | None = field(default=None, repr=False)
 
     @classmethod
@@ -60,6 +64,7 @@ class FileBands:
             band_masks=any(not f for f in info.mask_flags),
             alpha=info.alpha,
             direct=info.direct,
+            flat=info.flat,
         )
 
 
@@ -84,7 +89,7 @@ class Handle:
         shape = (len(bands), window[0][1] - window[0][0], window[1][1] - window[1][0])
         if 0 in shape:
             return np.empty(shape, info.dtype), None
-        if len(self.files) == 1 and len(set(info.dtypes)) == 1:
+        if len(self.files) == 1 and len(set(info.dtypes)) == 1 and self.files[0].flat is None:
             file, dataset = self.files[0], self.datasets[0]
             raw = dataset.read([file.indexes[b] for b in bands], window=window)
             return raw, _validity(file, dataset, raw, list(bands), window, nodata)
@@ -105,6 +110,9 @@ class Handle:
             if part is not None:
                 valid = np.ones(raw.shape, np.bool_) if valid is None else valid
                 valid[at] = part
+            if file.flat is not None:
+                for k, own in places:
+                    file.flat.apply(raw[k], window, file.nodatas[own])
         return raw, valid
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from ..errors import InputError, ReadError
 from .convert import physical_dtype
 from .files import check_after, check_before
+from .flat import FlatField
 from .limits import check_size
 
 Tags = Mapping[str, Mapping[str, str]]
@@ -70,6 +71,8 @@ class RasterInfo:
         of the usual way, but it takes for zeros, or worse, what is missing.
     gcps, gcps_crs, rpcs : optional
         Ground control points, their crs, and rational polynomial coefficients.
+    flat : FlatField, optional
+        What is corrected while the file is read; `dtypes` are then those that come of it.
     """
 
     paths: tuple[str, ...]
@@ -99,6 +102,7 @@ class RasterInfo:
     gcps: tuple[Any, ...] = ()
     gcps_crs: Any = None
     rpcs: Any = None
+    flat: FlatField | None = None
 
     @property
     def count(self) -> int:
@@ -209,7 +213,10 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     from rasterio.errors import RasterioError
 
     try:
-        info = _described(dataset, path, alpha_is_band)
+        try:
+            info = _described(dataset, path, alpha_is_band)
+        except CPLE_BaseError:  # what GDAL met in a metadata file beside this one, told at the next call
+            info = _described(dataset, path, alpha_is_band)
     except (InputError, ReadError):
         raise
     except (RasterioError, CPLE_BaseError, ValueError, ArithmeticError, LookupError) as error:

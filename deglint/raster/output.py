@@ -180,7 +180,13 @@ def copied_whole(scratch: Scratch, layout: Layout, target: Path) -> bool:
     """
     info = layout.info
     plain_options = not layout.options and layout.dtype == info.dtypes[0] and len(layout.bands) == info.count
-    if len(info.paths) != 1 or info.driver != "GTiff" or not (info.tiled and plain_options) or info.alpha is not None:
+    if (
+        len(info.paths) != 1
+        or info.flat is not None
+        or info.driver != "GTiff"
+        or not (info.tiled and plain_options)
+        or info.alpha is not None
+    ):
         return False
     with open_dataset(info.paths[0]) as dataset:
         if not _stands_alone(dataset, info) or dataset.nodata != layout.nodata:  # NaN is not itself: written anew

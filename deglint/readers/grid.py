@@ -52,17 +52,31 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     places = [_place(info, infos[0]) for info in infos]
     chosen = _choose(infos, places, grid)
     reference, home = infos[chosen], places[chosen]
-    notes = []
+    moved: dict[tuple[str, str], list[str]] = {}
+    lost: list[str] = []
     for i, info in enumerate(infos):
         if _same_grid(info, reference):
             continue
         if not _overlap(places[i].bounds, home.bounds):
             raise InputError(f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place.")
+        if info.flat is not None:
+            lost.append(f"{_called(info)} is resampled, so that its vignette is not corrected")
         finer = places[i].pixel_area < 0.98 * home.pixel_area
-        files[i] = _warped(files[i], info, reference, average=finer)
+        files[i] = _warped(files[i], info, reference, how="average" if finer else "bilinear")
         how = "averaged" if finer else "resampled (bilinear)"
-        notes.append(f"{info.paths[0]} is {how} to the grid of {reference.paths[0]}")
-    return files, reference, notes
+        product = info.tags.get("", {}).get("product")
+        moved.setdefault((how, product or info.paths[0]), []).append(_called(info))
+    notes = [
+        f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} {how} to the grid of {_called(reference)}"
+        for (how, _), names in moved.items()
+    ]
+    return files, reference, notes + lost
+
+
+def _called(info: RasterInfo) -> str:
+    """The file's name; of one band of a product the band's."""
+    named = info.count == 1 and "product" in info.tags.get("", {})
+    return str(info.descriptions[0] if named else info.paths[0])
 
 
 def _choose(infos: Sequence[RasterInfo], places: Sequence[_Place], grid: str | int | None) -> int:
@@ -144,18 +158,25 @@ def _at(transform: Any, x: float, y: float) -> tuple[float, float]:
     return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f
 
 
-def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo, *, average: bool) -> FileBands:
+def nearest_on(info: RasterInfo, reference: RasterInfo, *, nodata: float) -> FileBands:
+    """How a file whose numbers are names, not amounts, gets on the grid of another: the nearest pixel."""
+    file = FileBands.of(info, (nodata,) * info.count)
+    return file if _same_grid(info, reference) else _warped(file, info, reference, how="nearest")
+
+
+def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo, *, how: str) -> FileBands:
     from rasterio.crs import CRS
     from rasterio.enums import Resampling
 
     anywhere = CRS.from_epsg(3857)  # stands for "the same plane" where files have no crs
+    file = replace(file, flat=None)  # it holds for the file's own pixels
     warp: dict[str, Any] = {
         "src_crs": info.crs or anywhere,
         "crs": reference.crs or anywhere,
         "transform": _transform(reference),
         "height": reference.height,
         "width": reference.width,
-        "resampling": Resampling.average if average else Resampling.bilinear,
+        "resampling": Resampling[how],
         "tolerance": 0.01,
     }
     if info.transform is None:

@@ -22,6 +22,7 @@ from ..errors import BandError, InputError
 from ..raster import RasterInfo, RasterSource
 from ..raster.info import describe, open_dataset
 from ..scene import Band, Scene
+from . import products
 from .grid import put_on_grid
 from .names import nominal_wavelength, wavelength_in_name
 from .presets import apply_sensor, sensor_in_tags
@@ -43,13 +44,14 @@ def open_scene(
     nodata: float | None = None,
     grid: str | int | None = None,
 ) -> Scene:
-    """Open one raster, or several of one place, as a scene; no pixel is read.
+    """Open one raster or product, or several of one place, as a scene; no pixel is read.
 
     Parameters
     ----------
     path : str, path or sequence of them
-        GDAL name(s). Bands of several files are stacked in the order given. Where their grids differ
-        they are put on one: bilinear for larger pixels, averaged for smaller ones, in their own type.
+        GDAL name(s), or products: a folder, an archive or a metadata file. Bands of several files are stacked in
+        the order given. Where their grids differ they are put on one: bilinear for larger pixels, averaged for
+        smaller ones, in their own type.
     sensor : str, optional
         Name of a preset (`deglint.sensors.names`) that fills in what the file does not say of its bands.
         By default the one that a tag of the file names, if it fits.
@@ -86,7 +88,9 @@ def open_scene(
     if not paths:
         raise InputError("want at least one file to open, got none")
     notes: list[str] = []
-    infos = [with_nodata(_describe(os.fspath(p), sensor, nir, notes), nodata, notes) for p in paths]
+    found = [products.opened(os.fspath(p), lambda name: _describe(name, sensor, nir, notes)) for p in paths]
+    notes += products.notes_of(found)
+    infos = [with_nodata(info, nodata, notes) for o in found for info in o.infos]
     files, reference, said = put_on_grid(infos, grid)
     info = _together(infos, reference)
     stems = [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
@@ -96,11 +100,13 @@ def open_scene(
         height=info.height,
         width=info.width,
         source=RasterSource(files, info),
-        path=", ".join(info.paths),
+        path=", ".join(os.fspath(p) for p in paths),
         crs=info.crs,
         transform=info.transform,
         sensor=preset,
         notes=(*notes, *said, *told),
+        product=products.named(found),
+        footprints=products.footprints(found, reference),
     )
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
 

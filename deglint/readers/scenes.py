@@ -18,6 +18,7 @@ from typing import Any
 from urllib.parse import unquote, urljoin
 
 from ..errors import InputError, ReadError
+from .products import name_of
 from .text import read_json, read_text
 
 MOST_SCENES = 1_000_000
@@ -27,7 +28,7 @@ LONGEST_NAME = 150
 _MAGIC = re.compile(r"[*?\[]")
 _REMOTE = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
 _SCHEME = re.compile(r"[A-Za-z][\w+.-]*:")
-_RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf", re.IGNORECASE)
+_RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf|application/(?:x-)?(?:zip|tar)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,9 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
     Parameters
     ----------
     given : sequence of str
-        GDAL names; patterns with ``*``, ``?`` or ``[``, of local files; a CSV (``.csv``) whose column `path` names the
-        file of a scene (several with ";" between them) and whose column `name`, if it is there, names the scene; a
-        STAC ItemCollection or Item (``.json``, ``.geojson``).
+        GDAL names and products (a folder, an archive or a metadata file); patterns with ``*``, ``?`` or ``[``, of local
+        files; a CSV (``.csv``) whose column `path` names the file of a scene (several with ";" between them) and whose
+        column `name`, if it is there, names the scene; a STAC ItemCollection or Item (``.json``, ``.geojson``).
     assets : sequence of str
         Keys of the assets of a STAC Item that are its bands, in this order; where empty, the item must have one
         raster of role "data", or one raster at all.
@@ -94,7 +95,10 @@ def _check_paths(origin: str, scenes: Sequence[ListedScene]) -> None:
 
 def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
     ending = Path(text).suffix.lower()
-    if _MAGIC.search(text) and not Path(text).exists():
+    product = name_of(text)
+    if product is not None:
+        yield ListedScene(checked_name(product, text), (text,))
+    elif _MAGIC.search(text) and not Path(text).exists():
         names = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  (Path.glob knows no absolute patterns)
         if not names:
             raise ReadError(f"no file fits {text}. Check the pattern, and the directory that it starts from.")
@@ -109,7 +113,10 @@ def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
 
 
 def _stem(path: str) -> str:
-    """The last part of a GDAL name, without its ending."""
+    """The name of a product, else the last part of a GDAL name, without its ending."""
+    product = name_of(path)
+    if product is not None:
+        return checked_name(product, path)
     last = re.split(r"[/\\:]", path.rstrip("/"))[-1]
     return checked_name(Path(last).stem or last, path)
 

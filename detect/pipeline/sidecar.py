@@ -47,6 +47,7 @@ def describe(
         "detect": __version__,
         "versions": versions(),
         "input": checksum.result(),
+        "product": plan.scene.product,
         "output": str(targets.image),
         "flags": {"file": str(targets.flags), "bits": MEANINGS} if targets.flags else None,
         "recipe": recipe,

@@ -1,0 +1,266 @@
+"""Products that open by themselves: a folder, an archive, a metadata file, or an image that has its metadata near.
+
+`PRODUCTS` is the table of families: a new one is one module with METADATA, IMAGES and find, and one line here.
+Only local files are looked for; GDAL's other names (/vsis3/, https://) are rasters as before.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import DeglintError, ReadError
+from ...raster import RasterInfo
+from . import dimap, drone, landsat, maxar, planetscope, sentinel2
+from .container import Container, is_archive, open_archive, open_folder
+from .footprints import Footprints
+from .product import Product, ProductBand, described
+
+__all__ = [
+    "PRODUCTS",
+    "Footprints",
+    "Opened",
+    "Product",
+    "ProductBand",
+    "files_of",
+    "find",
+    "footprints",
+    "name_of",
+    "named",
+    "notes_of",
+    "opened",
+]
+
+
+@dataclass(frozen=True)
+class Family:
+    """A family of products.
+
+    Attributes
+    ----------
+    title : str
+    metadata, images : str
+        Regular expressions of file names: of metadata, and of images that may have them near.
+    find : callable
+        The product in a `Container`, or None.
+    above : int
+        How many folders above an image its metadata may lie.
+    """
+
+    title: str
+    metadata: str
+    images: str
+    find: Callable[[Container], Product | None]
+    above: int = 0
+
+
+PRODUCTS: dict[str, Family] = {
+    "sentinel2": Family("Sentinel-2 L1C and L2A", sentinel2.METADATA, sentinel2.IMAGES, sentinel2.find, above=4),
+    "landsat": Family("Landsat 8 and 9 Collection 2", landsat.METADATA, landsat.IMAGES, landsat.find),
+    "planetscope": Family("PlanetScope", planetscope.METADATA, planetscope.IMAGES, planetscope.find),
+    "dimap": Family("Pleiades and SPOT 6/7", dimap.METADATA, dimap.IMAGES, dimap.find),
+    "maxar": Family("WorldView and GeoEye", maxar.METADATA, maxar.IMAGES, maxar.find),
+    "drone": Family("MicaSense and DJI captures", drone.METADATA, drone.IMAGES, drone.find),
+}
+"""Families of products, in the order in which they are tried."""
+
+
+@dataclass(frozen=True)
+class Opened:
+    """What a name that a user gave stands for: its rasters, described, and its product if it is of one."""
+
+    infos: list[RasterInfo]
+    product: Product | None
+    notes: list[str]
+
+    @property
+    def bands(self) -> list[ProductBand | None]:
+        """What the product says of each band, in the order of the rasters; None of bands without a product."""
+        if self.product is None:
+            return [None] * sum(info.count for info in self.infos)
+        every = list(self.product.files.values())
+        return [
+            bands[i] if i < len(bands) else None
+            for info, bands in zip(self.infos, every, strict=True)
+            for i in range(info.count)
+        ]
+
+
+def opened(path: str, describe: Callable[[str], RasterInfo]) -> Opened:
+    """Describe what a name stands for: the files of a product, else a raster as `describe` does.
+
+    Raises
+    ------
+    InputError
+        A folder or archive that holds several products, or metadata that cannot be used.
+    ReadError
+        A file cannot be read, or a folder or archive holds neither a product that is known nor a raster.
+    """
+    product = find(path)
+    if product is not None:
+        infos, notes = described(product)
+        return Opened(infos, product, notes)
+    try:
+        info, notes = drone.with_xmp(describe(path))
+    except ReadError as error:
+        local = _local(path)
+        if local is not None and _is_file(local) and re.search(r"\.(?:t?gz|bz2|7z|rar)$", local, re.IGNORECASE):
+            raise ReadError(f"{path} is compressed: unpack it. A .zip or .tar is opened as it is.") from error
+        if local is None or not (_is_dir(local) or is_archive(local) or _is_metadata(local)):
+            raise
+        known = ", ".join(f.title for f in PRODUCTS.values())
+        raise ReadError(
+            f"{path} is not a raster GDAL can read, and holds no product that is known with its images ({known}). Name "
+            "the raster files in it."
+        ) from error
+    return Opened([info], None, notes)
+
+
+def notes_of(found: Sequence[Opened]) -> list[str]:
+    """What to say of what was opened: each product by its kind, name and bands, then what was noted, once each."""
+    products: dict[tuple[str, str], list[str]] = {}
+    for product in (o.product for o in found):
+        if product is not None:
+            products.setdefault((product.kind, product.name), []).extend(b.name for b in product.bands)
+    notes = [f"{kind}, product {name}: {', '.join(bands)}" for (kind, name), bands in products.items()]
+    notes += [note for o in found for note in o.notes]
+    captures = [o for o in found if o.product is None and drone.is_capture(o.infos[0])]
+    if len(captures) > 1:
+        notes.append(drone.UNREGISTERED)
+    return list(dict.fromkeys(notes))
+
+
+def named(found: Sequence[Opened]) -> str | None:
+    """Kind and name of the products among what was opened, or None."""
+    every = dict.fromkeys(f"{o.product.kind} {o.product.name}" for o in found if o.product is not None)
+    return "; ".join(every) or None
+
+
+def footprints(found: Sequence[Opened], grid: RasterInfo) -> Footprints | None:
+    """Detector numbers of the bands that were opened, on the grid of their scene; None where no band has any."""
+    paths = [None if band is None else band.footprint for o in found for band in o.bands]
+    return Footprints(paths, grid) if any(paths) else None
+
+
+def find(path: str) -> Product | None:
+    """The product that a name stands for, or None; metadata and names of files are read, no pixels.
+
+    Raises
+    ------
+    InputError
+        It holds several products, or metadata that cannot be used.
+    ReadError
+        An archive or metadata file is damaged.
+
+    Examples
+    --------
+    >>> find("scene.tif") is None
+    True
+    """
+    local = _local(path)
+    if local is None:
+        return None
+    place = Path(local)
+    if _is_dir(local):
+        container = open_folder(place, path)
+        return _of_part(container, place.absolute()) or _first(container)
+    if not _is_file(local):
+        return None
+    if is_archive(local):
+        return _first(open_archive(local))
+    return _of_file(place, path)
+
+
+def name_of(path: str) -> str | None:
+    """Name of the product of which a folder, an archive or a metadata file is; None for anything else."""
+    local = _local(path)
+    if local is None or not (_is_dir(local) or is_archive(local) or _is_metadata(local)):
+        return None
+    try:
+        product = find(path)
+    except DeglintError:  # said where it is opened
+        return None
+    return product.name if product else None
+
+
+def files_of(path: str) -> tuple[str, ...]:
+    """GDAL names of the image files that a name stands for: those of a product, else itself."""
+    try:
+        product = find(path)
+    except DeglintError:
+        return (path,)
+    return tuple(product.files) if product else (path,)
+
+
+def _local(path: str) -> str | None:
+    """A name of this machine's file system; None for GDAL's others."""
+    if path.startswith("zip://") and "!" not in path:
+        path = path[6:]
+    elif path.lower().startswith("/vsizip/") and path.lower().endswith(".zip"):
+        path = path[8:]
+    if re.match(r"/vsi|[A-Za-z][\w+.-]+:", path) or "\0" in path:
+        return None
+    return path
+
+
+def _is_dir(path: str) -> bool:
+    try:
+        return Path(path).is_dir()
+    except OSError:  # a name that is too long
+        return False
+
+
+def _is_file(path: str) -> bool:
+    try:
+        return Path(path).is_file()
+    except OSError:
+        return False
+
+
+def _is_metadata(path: str) -> bool:
+    return any(re.fullmatch(f.metadata, Path(path).name, re.IGNORECASE) for f in PRODUCTS.values())
+
+
+def _first(container: Container) -> Product | None:
+    return next((p for family in PRODUCTS.values() if (p := family.find(container)) is not None), None)
+
+
+def _of_part(container: Container, place: Path) -> Product | None:
+    """The part of a product that a folder inside it holds."""
+    for family in PRODUCTS.values():
+        inside = family.above and container.find(family.images) and not container.find(family.metadata)
+        root = _above(place, family) if inside else None
+        if root is not None:
+            return family.find(open_folder(root, container.asked, place.relative_to(root).as_posix()))
+    return None
+
+
+def _of_file(place: Path, asked: str) -> Product | None:
+    place = place.absolute()
+    for family in PRODUCTS.values():
+        root = None
+        if re.fullmatch(family.metadata, place.name, re.IGNORECASE):
+            root = place.parent
+        elif re.fullmatch(family.images, place.name, re.IGNORECASE):
+            root = _above(place, family)
+        if root is not None:
+            found = family.find(open_folder(root, asked, place.relative_to(root).as_posix()))
+            if found is not None:
+                return found
+    return None
+
+
+def _above(place: Path, family: Family) -> Path | None:
+    """The nearest folder above a file that holds metadata of a family."""
+    wanted = re.compile(family.metadata, re.IGNORECASE)
+    for folder in list(place.parents)[: family.above + 1]:
+        try:
+            with os.scandir(folder) as entries:
+                if any(wanted.fullmatch(e.name) for e in entries):
+                    return folder
+        except OSError:
+            return None
+    return None

@@ -1,0 +1,161 @@
+"""Where a product lies: a folder, a zip or a tar, whose members are listed and whose small files are read.
+
+What comes from strangers is bounded: members that are listed, their depth, and bytes that are read of a text. A name
+from inside metadata counts only where it is a member; it can lead nowhere else.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tarfile
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from ...errors import InputError, ReadError
+
+MOST_MEMBERS = 20_000
+"""Members of a folder or archive that are listed."""
+DEEPEST = 6
+"""Folders below folders that are listed: a SAFE product has four."""
+MOST_BYTES = 32 << 20
+"""Largest metadata file that is read [byte]; those of Sentinel-2 have up to 1 MB."""
+_DAMAGED = (OSError, zipfile.BadZipFile, tarfile.TarError)
+_ZIP, _TAR = re.compile(r"\.zip$", re.IGNORECASE), re.compile(r"\.tar$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Container:
+    """A folder or archive, and the names in it.
+
+    Attributes
+    ----------
+    path : str
+        As it was named.
+    kind : str
+        "folder", "zip" or "tar".
+    names : tuple of str
+        Members, relative, with "/" between folders, sorted.
+    named : str, optional
+        The member (a file, or a folder of a folder) that was meant, where not all of it was.
+    """
+
+    path: str
+    kind: str
+    names: tuple[str, ...]
+    named: str | None = None
+    asked: str = ""
+
+    @property
+    def name(self) -> str:
+        """What the folder or archive is called, without .zip or .tar."""
+        last = Path(self.path).absolute().name
+        return _TAR.sub("", _ZIP.sub("", last))
+
+    def gdal(self, member: str) -> str:
+        """GDAL's name of a member."""
+        if self.kind == "folder":
+            return str(Path(self.path) / member)
+        return f"/vsi{self.kind}/{Path(self.path).absolute()}/{PurePosixPath(member)}"  # without "./" in front
+
+    def find(self, pattern: str) -> list[str]:
+        """Members whose last part fits a regular expression wholly; case does not matter."""
+        fits = re.compile(pattern, re.IGNORECASE)
+        return [n for n in self.names if fits.fullmatch(PurePosixPath(n).name)]
+
+    def beside(self, member: str, name: str) -> str | None:
+        """The member that metadata call `name` in the folder of `member`, if there is one."""
+        wanted = (PurePosixPath(member).parent / name).as_posix().casefold()
+        return next((n for n in self.names if str(PurePosixPath(n)).casefold() == wanted), None)
+
+    def read(self, member: str) -> bytes:
+        """The bytes of a small member.
+
+        Raises
+        ------
+        InputError
+            It is larger than `MOST_BYTES`.
+        ReadError
+            It cannot be read.
+        """
+        try:
+            data = self._bytes(member)
+        except (*_DAMAGED, RuntimeError, KeyError, EOFError) as error:
+            raise ReadError(f"cannot read {member} in {self.path}: {error}. Copy or download it again.") from error
+        if len(data) > MOST_BYTES:
+            raise InputError(f"{member} in {self.path} is larger than {MOST_BYTES >> 20} MB, too large for metadata.")
+        return data
+
+    def _bytes(self, member: str) -> bytes:
+        if self.kind == "zip":
+            with zipfile.ZipFile(self.path) as archive, archive.open(member) as file:
+                return file.read(MOST_BYTES + 1)
+        if self.kind == "tar":
+            with tarfile.open(self.path, "r:") as tar:
+                held = tar.extractfile(member)
+                return held.read(MOST_BYTES + 1) if held else b""
+        with (Path(self.path) / member).open("rb") as file:
+            return file.read(MOST_BYTES + 1)
+
+
+def read_named(name: str) -> bytes:
+    """The bytes of a small file that `Container.gdal` named."""
+    archive = re.match(r"/vsi(zip|tar)/(.+?\.(?:zip|tar))/(.+)$", name, re.IGNORECASE)
+    if archive:
+        return Container(archive[2], archive[1].lower(), ()).read(archive[3])
+    return Container(str(Path(name).parent), "folder", ()).read(Path(name).name)
+
+
+def is_archive(path: str) -> bool:
+    """Whether a name ends as an archive that can hold a product."""
+    return bool(_ZIP.search(path) or _TAR.search(path))
+
+
+def open_folder(path: Path, asked: str, named: str | None = None) -> Container:
+    """List a folder; links to folders are not followed."""
+    found = []
+    for name in _walk(path):
+        found.append(name)
+        if len(found) >= MOST_MEMBERS:
+            break
+    return Container(str(path), "folder", tuple(sorted(found)), named, asked)
+
+
+def open_archive(path: str) -> Container:
+    """List a zip or tar.
+
+    Raises
+    ------
+    ReadError
+        It is damaged.
+    """
+    kind = "zip" if _ZIP.search(path) else "tar"
+    try:
+        if kind == "zip":
+            with zipfile.ZipFile(path) as archive:
+                names = archive.namelist()
+        else:
+            with tarfile.open(path, "r:") as tar:
+                names = []
+                for member in tar:
+                    names.append(member.name if member.isfile() else "")
+                    if len(names) >= MOST_MEMBERS:
+                        break
+    except (*_DAMAGED, ValueError) as error:
+        raise ReadError(f"cannot read {path}: {error}. The archive is damaged: download it again.") from error
+    kept = [n for n in names[:MOST_MEMBERS] if n and not n.endswith("/") and _stays_inside(n)]
+    return Container(path, kind, tuple(sorted(kept)), asked=path)
+
+
+def _stays_inside(name: str) -> bool:
+    parts = PurePosixPath(name).parts
+    return not (name.startswith("/") or ".." in parts or "\\" in name or len(parts) > DEEPEST + 1)
+
+
+def _walk(root: Path) -> Iterator[str]:
+    for folder, inner, files in os.walk(root):
+        below = Path(folder).relative_to(root)
+        inner[:] = sorted(d for d in inner if not d.startswith(".")) if len(below.parts) < DEEPEST else []
+        yield from ((below / f).as_posix() for f in files if not f.startswith("."))

@@ -1,0 +1,147 @@
+"""Pleiades, Pleiades Neo and SPOT 6 and 7: DIM_*.XML (DIMAP 2), whose tiles GDAL's DIMAP driver puts together.
+
+The driver gives neither gains nor the order of the bands; both stand in the XML. Radiance is DN / GAIN + BIAS, and
+so is reflectance where the product was made as that.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import PurePosixPath
+from xml.etree import ElementTree as ET
+
+from ...errors import InputError
+from ..spectral import nanometres
+from .container import Container
+from .metadata import MetadataError, number, positive, said, tags_of, xml_of
+from .product import Product, ProductBand
+
+METADATA = r"(?:DIM|VOL)_.+\.XML"
+IMAGES = r"IMG_.+\.(?:tiff?|jp2)"
+_SHOWN = ("RED_CHANNEL", "GREEN_CHANNEL", "BLUE_CHANNEL")
+_NAMES = {"R": "red", "G": "green", "B": "blue", "NIR": "nir", "RE": "rededge", "DB": "coastal", "P": "pan"}
+_TITLES = {"PHR": "Pleiades", "PNEO": "Pleiades Neo", "SPOT": "SPOT"}
+_RADIANCE = ("BASIC", "")
+UNIT = "W m-2 sr-1 um-1"
+
+
+def find(container: Container) -> Product | None:
+    """The multispectral product in a folder or archive, or the one that was named; None where there is none."""
+    named = None if (container.named or "").upper().startswith("VOL_") else container.named
+    files = [
+        n
+        for n in container.find(METADATA)
+        if named in (None, n) or re.fullmatch(IMAGES, PurePosixPath(named or "").name, re.I)
+    ]
+    found, damaged = [], []
+    for member in files:
+        try:
+            root = xml_of(container.read(member), member)
+        except MetadataError as error:
+            damaged.append(str(error))
+            continue
+        tiles = [n.get("href", "") for n in root.iter("DATA_FILE_PATH")]
+        if named and named not in (member, *(container.beside(member, t) for t in tiles)):
+            continue
+        if (number(said(root, ".//Raster_Dimensions/NBANDS")) or 0) > 1 or named:
+            found.append((member, root, tiles))
+    if not found:
+        if damaged and (named is None or named in files):
+            raise InputError(f"{damaged[0]}. Download it again, or name the image itself.")
+        return None
+    if len(found) > 1:
+        names = ", ".join(container.gdal(m) for m, *_ in found[:4])
+        raise InputError(f"{container.path} holds {len(found)} multispectral images. Name one: {names}")
+    member, root, tiles = found[0]
+    for tile in tiles:
+        if container.beside(member, tile) is None:
+            raise InputError(
+                f"{member} names the image {tile[:80]!r}, which does not lie beside it. Get all its files."
+            )
+    return _product(container, member, root)
+
+
+def _product(container: Container, member: str, root: ET.Element) -> Product:
+    ids, notes = _order(root)
+    processing = said(root, ".//RADIOMETRIC_PROCESSING").upper()
+    special = {
+        said(v, "SPECIAL_VALUE_TEXT").upper(): number(said(v, "SPECIAL_VALUE_COUNT"))
+        for v in root.iter("Special_Value")
+    }
+    bands = []
+    for i, band in enumerate(ids, start=1):
+        scale, offset, unit = _factors(root, band, processing)
+        centre, width = _spectral(root, band)
+        bands.append(ProductBand(container.gdal(member), _NAMES.get(band, band), i, centre, width, scale, offset, unit,
+                                 special.get("NODATA", 0.0), special.get("SATURATED")))  # fmt: skip
+    if any(b.unit is None for b in bands):
+        why = f"made for display ({processing})" if processing not in (*_RADIANCE, "REFLECTANCE") else "without gains"
+        notes.append(f"the product is {why}: its numbers are taken as they stand")
+    mission = (said(root, ".//Strip_Source/MISSION") or said(root, ".//MISSION")).upper()
+    index = said(root, ".//Strip_Source/MISSION_INDEX") or said(root, ".//MISSION_INDEX")
+    when = f"{said(root, './/IMAGING_DATE')}T{said(root, './/IMAGING_TIME')}"
+    tags = tags_of({
+        "satellite": f"{_TITLES.get(mission, mission)} {index}", "acquired": when if len(when) > 1 else None,
+        "sun_azimuth": said(root, ".//SUN_AZIMUTH"), "sun_elevation": said(root, ".//SUN_ELEVATION"),
+        "view_angle": said(root, ".//INCIDENCE_ANGLE"),
+    })  # fmt: skip
+    name = said(root, ".//DATASET_NAME") or PurePosixPath(member).stem.removeprefix("DIM_")
+    kind = f"{_TITLES.get(mission, 'DIMAP')} {index}".strip()
+    return Product(
+        kind, name, container.asked, tuple(bands), "pleiades" if mission == "PHR" else None, tags, tuple(notes)
+    )
+
+
+def _order(root: ET.Element) -> tuple[list[str], list[str]]:
+    """The id of each band of the image, in its order."""
+    parts = list(root.iter("Data_Files"))  # Pleiades Neo has two: three bands each in a file of its own
+    if not any(True for part in parts for _ in part.iter("Raster_Index")):
+        parts = [root]
+    placed = [
+        (i, number(said(node, "BAND_INDEX")) or 0, said(node, "BAND_ID"))
+        for i, part in enumerate(parts)
+        for node in part.iter("Raster_Index")
+    ]
+    count = int(number(said(root, ".//Raster_Dimensions/NBANDS")) or 0)
+    if placed and len(placed) == count:
+        return [band for _, _, band in sorted(placed)], []
+    every = list(
+        dict.fromkeys(said(n, "BAND_ID") for n in [*root.iter("Band_Radiance"), *root.iter("Band_Spectral_Range")])
+    )
+    every = [e for e in every if e and (e != "P" or count == 1)]
+    shown = [said(root, f".//Band_Display_Order/{channel}") for channel in _SHOWN]
+    first = [s for s in shown if s in every]
+    ids = first + [e for e in every if e not in first]
+    if len(ids) != count:
+        raise InputError(
+            f"the metadata name {len(ids)} bands and the image has {count}. Name the image itself, and its bands with "
+            "--bands"
+        )
+    if count == 1:
+        return ids, []
+    return ids, [f"the order of the bands is not stated: {', '.join(ids)} is assumed, as they are displayed"]
+
+
+def _of_band(root: ET.Element, kind: str, band: str) -> ET.Element | None:
+    return next((n for n in root.iter(kind) if said(n, "BAND_ID") == band), None)
+
+
+def _factors(root: ET.Element, band: str, processing: str) -> tuple[float, float, str | None]:
+    """Scale, offset and unit of a band; no unit where they are not known."""
+    kind, unit = ("Band_Reflectance", "reflectance") if processing == "REFLECTANCE" else ("Band_Radiance", UNIT)
+    node = _of_band(root, kind, band)
+    gain, bias = positive(said(node, "GAIN")), number(said(node, "BIAS"))
+    if gain is None or bias is None or processing not in (*_RADIANCE, "REFLECTANCE"):
+        return 1.0, 0.0, None
+    return 1 / gain, bias, unit
+
+
+def _spectral(root: ET.Element, band: str) -> tuple[float | None, float | None]:
+    """Centre and width [nm] of a band."""
+    node = _of_band(root, "Band_Spectral_Range", band)
+    unit = said(node, "MEASURE_UNIT")
+    ends = [positive(said(node, name)) for name in ("MIN", "MAX")]
+    low, high = (None if e is None else nanometres(e, unit)[0] for e in ends)
+    if low is None or high is None or high <= low:
+        return None, None
+    return 0.5 * (low + high), high - low

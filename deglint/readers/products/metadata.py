@@ -1,0 +1,143 @@
+"""Read metadata that strangers wrote: XML without entities, documents of bounded size, numbers that are numbers."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from ...errors import InputError
+
+MOST_NUMBERS = 10_000
+"""Numbers of a list that are read: a spectral response has some hundred."""
+
+
+class MetadataError(InputError):
+    """Metadata that are damaged, or not what their name says."""
+
+
+class _Plain(ET.TreeBuilder):
+    """Builds a tree and refuses a document type, and with it entities and what lies elsewhere."""
+
+    def doctype(self, *_: Any) -> None:
+        raise MetadataError("it declares a document type (DOCTYPE), which no product's metadata do")
+
+
+def xml_of(data: bytes, name: str) -> ET.Element:
+    """The root of an XML document, whose tags lose their namespaces.
+
+    Raises
+    ------
+    MetadataError
+        It is not XML, or declares a document type.
+    """
+    parser = ET.XMLParser(target=_Plain())
+    try:
+        parser.feed(data)
+        root: ET.Element = parser.close()
+    except MetadataError as error:
+        raise MetadataError(f"{name} is refused: {error}") from error
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise MetadataError(f"{name} is damaged: {error}") from error
+    for node in root.iter():
+        if isinstance(node.tag, str):
+            node.tag = node.tag.rpartition("}")[2]
+    return root
+
+
+def json_of(data: bytes, name: str) -> Any:
+    """A JSON document.
+
+    Raises
+    ------
+    MetadataError
+        It is none.
+    """
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise MetadataError(f"{name} is damaged: it is not JSON") from error
+
+
+def groups_of(text: str) -> dict[str, dict[str, str]]:
+    """The values in text of lines "NAME = value" with GROUP and END_GROUP lines (MTL, IMD, TIL), by group.
+
+    Values before the first group, and between groups, stand under "". A value in several lines is left out.
+
+    >>> groups_of('a = 1;\\nBEGIN_GROUP = BAND_R\\n\\tb = "x";\\nEND_GROUP = BAND_R')
+    {'': {'a': '1'}, 'BAND_R': {'b': 'x'}}
+    """
+    found: dict[str, dict[str, str]] = {"": {}}
+    inside = [""]
+    for line in text.splitlines():
+        name, sign, value = (part.strip() for part in line.partition("="))
+        if not sign:
+            continue
+        value = value.rstrip(";").strip().strip('"')
+        if name in ("GROUP", "BEGIN_GROUP"):
+            inside.append(value)
+        elif name == "END_GROUP":
+            inside = inside[:-1] or [""]
+        elif value != "(":
+            found.setdefault(inside[-1], {})[name] = value
+    return found
+
+
+def text_of(data: bytes, name: str) -> str:
+    """Text in UTF-8 or, as older products have it, Latin-1.
+
+    Raises
+    ------
+    MetadataError
+        It holds zero bytes, as no text does.
+    """
+    if b"\0" in data:
+        raise MetadataError(f"{name} is damaged: it is not text")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def number(value: Any) -> float | None:
+    """A finite number, or None."""
+    try:
+        found = float(value)
+    except (TypeError, ValueError):
+        return None
+    return found if math.isfinite(found) else None
+
+
+def positive(value: Any) -> float | None:
+    """A finite number above 0, or None."""
+    found = number(value)
+    return found if found is not None and found > 0 else None
+
+
+def numbers(text: str | None, *, most: int = MOST_NUMBERS) -> list[float]:
+    """The numbers in a text with blanks or commas between them; empty where some is none, or they are too many."""
+    parts = (text or "").replace(",", " ").split()
+    found = [n for n in map(number, parts[:most]) if n is not None]
+    return found if len(found) == len(parts) else []
+
+
+def said(node: ET.Element | None, path: str) -> str:
+    """Text of the first element at a path below a node, or ""."""
+    return "" if node is None else (node.findtext(path) or "").strip()
+
+
+def tags_of(facts: Mapping[str, Any]) -> dict[str, str]:
+    """Facts that are there, as short texts."""
+    return {k: str(v).strip()[:200] for k, v in facts.items() if v not in (None, "")}
+
+
+def flat(document: Any, depth: int = 8) -> Iterator[tuple[str, Any]]:
+    """Name and value of everything in a JSON document that is no list or object."""
+    if isinstance(document, Mapping) and depth:
+        for name, value in document.items():
+            if isinstance(value, Mapping):
+                yield from flat(value, depth - 1)
+            elif not isinstance(value, list):
+                yield str(name), value

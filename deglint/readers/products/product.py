@@ -1,0 +1,167 @@
+"""What a product says of itself: its bands, one by one, and how they become a description of rasters.
+
+A `Product` is plain values, made from metadata alone. `described` opens the headers of its files and puts what the
+product says where a file of one's own would say it: band names, scale, offset, nodata, unit and tags. So the way from
+there is the same for both, and an output says the same of itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...raster import FlatField, RasterInfo
+from ...raster.info import describe, open_dataset
+
+
+@dataclass(frozen=True)
+class ProductBand:
+    """One band of a product; None where the metadata do not say.
+
+    Attributes
+    ----------
+    path : str
+        GDAL name of its file.
+    number : int
+        1-based band of that file.
+    name : str
+        As the sensor's maker calls it ("B08").
+    wavelength, width : float, optional
+        Centre and full width at half maximum [nm].
+    scale, offset : float
+        physical = number in the file * scale + offset.
+    unit : str, optional
+        Of the physical value.
+    nodata : float, optional
+        Number in the file that says "not valid".
+    saturation : float, optional
+        Number in the file at and above which the detector was full.
+    footprint : str, optional
+        GDAL name of a raster of detector numbers, or of a GML file of their outlines.
+    flat : FlatField, optional
+        Vignette and row gradient of a capture, for a file of one band.
+    """
+
+    path: str
+    name: str
+    number: int = 1
+    wavelength: float | None = None
+    width: float | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    unit: str | None = None
+    nodata: float | None = None
+    saturation: float | None = None
+    footprint: str | None = None
+    flat: FlatField | None = None
+
+
+@dataclass(frozen=True)
+class Product:
+    """A product, or the part of it that was named.
+
+    Attributes
+    ----------
+    kind : str
+        "Sentinel-2 L2A".
+    name : str
+        The product's own name, without a path.
+    path : str
+        As it was named by whoever opened it.
+    bands : tuple of ProductBand
+        Bands of one file stand together, in its order.
+    sensor : str, optional
+        A name that a sensor preset answers to.
+    tags : mapping
+        Facts for the output's tags: when it was acquired, sun and view angles.
+    notes : tuple of str
+        What was left out or could not be used, one line each.
+    """
+
+    kind: str
+    name: str
+    path: str
+    bands: tuple[ProductBand, ...]
+    sensor: str | None = None
+    tags: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> dict[str, tuple[ProductBand, ...]]:
+        """The bands of each file, in order."""
+        found: dict[str, tuple[ProductBand, ...]] = {}
+        for band in self.bands:
+            found[band.path] = (*found.get(band.path, ()), band)
+        return found
+
+
+def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
+    """Describe the files of a product as the product says; headers are read, no pixels.
+
+    Returns
+    -------
+    infos : list of RasterInfo
+        One a file.
+    notes : list of str
+        What could not be used.
+    """
+    infos = []
+    notes = list(product.notes)
+    for path, bands in product.files.items():
+        with open_dataset(path) as dataset:
+            info = describe(dataset, path, alpha_is_band=dataset.count == len(bands))
+        if info.count != len(bands) and len(bands) > 1:
+            notes.append(
+                f"{path} has {info.count} bands and the metadata name {len(bands)}: opened without what they say"
+            )
+            infos.append(info)
+            continue
+        own = scaled_by_itself(info)
+        if own:
+            notes.append(f"{path}: {own}")
+        infos.append(filled(info, bands, {**product.tags, "product": product.name}, product.sensor))
+    return infos, notes
+
+
+def scaled_by_itself(info: RasterInfo) -> str:
+    """Why the product's scale, offset and nodata do not hold for a file, or ""."""
+    if any(np.dtype(t).kind == "f" for t in info.dtypes):
+        return "floating-point numbers are taken as they are, without the product's scale and offset"
+    if any(s != 1 for s in info.scales) or any(o != 0 for o in info.offsets):
+        return "its own scale and offset are used, not the product's"
+    return ""
+
+
+def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, str], sensor: str | None) -> RasterInfo:
+    """A file's description, with what its product says of the bands; what the file itself says comes first."""
+    bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
+    own = bool(scaled_by_itself(info))
+    flat = bands[0].flat if info.count == 1 and not own else None
+    dataset_tags = ({"sensor": sensor} if sensor else {}) | dict(tags) | dict(info.tags.get("", {}))
+    return replace(
+        info,
+        descriptions=tuple(b.name for b in bands),
+        dtypes=info.dtypes if flat is None else ("float32",),
+        flat=flat,
+        units=tuple(u if own or b.unit is None else b.unit for u, b in zip(info.units, bands, strict=True)),
+        scales=info.scales if own else tuple(b.scale for b in bands),
+        offsets=info.offsets if own else tuple(b.offset for b in bands),
+        nodatas=tuple(
+            n if own or n is not None or b.nodata is None else b.nodata
+            for n, b in zip(info.nodatas, bands, strict=True)
+        ),
+        tags={**info.tags, "": dataset_tags},
+        band_tags=tuple(
+            {**t, "": {**t.get("", {}), **_band_tags(b, scaled=not own)}}
+            for t, b in zip(info.band_tags, bands, strict=True)
+        ),
+    )
+
+
+def _band_tags(band: ProductBand, *, scaled: bool) -> dict[str, str]:
+    """What `deglint.readers.spectral` reads of a band, as tags."""
+    full = band.saturation if scaled else None
+    facts = {"wavelength_nm": band.wavelength, "fwhm_nm": band.width, "FULL_SCALE": full}
+    return {k: f"{v:.10g}" for k, v in facts.items() if v is not None}
