@@ -20,6 +20,7 @@ from ..raster.environment import enter_thread, environment
 from ..readers.areas import Area, collection, open_area, to_geojson
 from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, SampleStatistics, combine, gather, harmful, useless
 from ..remove.multiband import PERCENTILE, references
+from ..remove.wiener import without_even
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
 from .blocks import Blocks, cleaned
@@ -175,8 +176,9 @@ def _fit_look(
         name = _compensated_method(request) if todo.runs else "wiener"
     outline = None
     if METHODS[name].neighbours:
+        smooth = recipe.method == "auto" and todo.needs.smooth
         model, numbers["sample"], outline = _fit_neighbours(
-            scene, recipe, request, look, name, given, threads, want_sample
+            scene, recipe, request, look, given, threads, progress, want_sample=want_sample, smooth=smooth
         )
         chosen = replace(recipe, method=name, regression="auto")
     elif METHODS[name].plan is None:
@@ -215,13 +217,16 @@ def _reach(recipe: Recipe, request: FitRequest, look: Look) -> int:
 
 
 def _fit_neighbours(
-    scene: Scene, recipe: Recipe, request: FitRequest, look: Look, name: str, given: Sampler | None, threads: int,
-    want_sample: bool,
+    scene: Scene, recipe: Recipe, request: FitRequest, look: Look, given: Sampler | None, threads: int,
+    progress: Progress | None, *, want_sample: bool, smooth: bool,
 ) -> tuple[GlintModel, dict[str, Any], dict[str, Any] | None]:  # fmt: skip
     """A method that looks at neighbours, from tiles of open water that are held in memory."""
     area: Area | None = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "--mask")
-    places, tiles = read_sample(scene, look, given, area, threads)
-    model = METHODS[name].fit(replace(request, regression="detrended"), tiles)
+    places, tiles = read_sample(scene, look, given, area, threads, progress)
+    request = replace(request, regression="detrended")
+    model = METHODS["wiener"].fit(request, tiles)
+    if smooth and model.fits:
+        model = without_even(model, request, tiles)
     pixels = sum(int(np.count_nonzero(t.sample)) for t in tiles)
     box = _union([_box(t.sample, place) for t, place in zip(tiles, places, strict=True)])
     log_sample(pixels, _place(box))

@@ -16,6 +16,7 @@ from ..raster import RasterSource
 from ..raster.environment import enter_thread
 from ..readers.optics import pixel_size
 from ..readers.roles import band_roles
+from ..remove.wiener import SAMPLE_SIDE
 from ..scene import Scene
 from ..tiles import Tile
 
@@ -23,7 +24,7 @@ LOOK_PIXELS = 300_000
 """Pixels of a first look at a scene."""
 SMALL_PIXELS = 600_000
 """Pixels of a scene that is looked at as a whole from the start."""
-LOOK_SIDE = 192
+LOOK_SIDE = SAMPLE_SIDE
 """Side of the tiles of a look [pixel]; the same for every file, so that what is found does not depend on its blocks."""
 MOST_PIXELS = 16 << 20
 """Pixels that are held of the last look: of larger scenes it reads all, and keeps some tiles of what is valid."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -91,7 +92,12 @@ def _auto_sampler(scene: Scene, look: Look, threads: int, clean: Sequence[FloatA
 
 
 def read_sample(
-    scene: Scene, look: Look, sampler: Sampler | None, area: Area | None, threads: int
+    scene: Scene,
+    look: Look,
+    sampler: Sampler | None,
+    area: Area | None,
+    threads: int,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> tuple[list[Tile], list[SampleTile]]:
     """Some tiles of a scene, with all bands and their open water, for methods that look at neighbours; and where.
 
@@ -126,7 +132,9 @@ def read_sample(
         return SampleTile(np.ascontiguousarray(block[(slice(None), *inner)]), found, away_from_shore(found))
 
     at_once = tiling.affordable(threads, (LOOK_SIDE, LOOK_SIDE), 2 * len(every))
-    return tiles, [t for _tile, t in tiling.run(tiles, work, threads=at_once, start=enter_thread)]
+    note = None if progress is None else partial(progress, "fit")
+    found = tiling.run(tiles, work, threads=at_once, start=enter_thread, progress=note)
+    return tiles, [t for _tile, t in found]
 
 
 def tiles_of(scene: Scene, sampler: Sampler) -> list[Tile]:

@@ -24,7 +24,7 @@ from .model import BandFit, GlintIndex, GlintModel, apply
 from .regression import REGRESSIONS, glint_error
 from .request import FitRequest, Weighted, harmful, slope_weights, useless
 from .statistics import SamplePlan, SampleStatistics, combine, gather, levels_for, merge
-from .wiener import SampleTile
+from .wiener import SAMPLE_SIDE, SampleTile
 
 __all__ = [
     "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
@@ -138,6 +138,8 @@ def fit(
     references = np.atleast_1d(nir).tolist()
     if not all(isinstance(n, int) for n in references):
         raise InputError(f"nir: want 0-based numbers of bands of the array, got {described(nir)}.")
+    if METHODS[method].neighbours:
+        options.setdefault("regression", "detrended")
     known = tuple(bands) if bands else tuple(Band(f"band {i + 1}") for i in range(len(block)))
     request = nir_request(known, references, **options)
     chosen = METHODS[method]
@@ -145,7 +147,12 @@ def fit(
     if mask.shape != block.shape[1:]:
         raise InputError(f"sample has shape {mask.shape}, but the block has {block.shape[1:]} pixels.")
     if chosen.neighbours:
-        return chosen.fit(request, [SampleTile(block, np.ones_like(mask), mask)])
+        water = np.ones_like(mask)
+        squares = [
+            (slice(row, row + SAMPLE_SIDE), slice(column, column + SAMPLE_SIDE))
+            for row in range(0, mask.shape[0], SAMPLE_SIDE) for column in range(0, mask.shape[1], SAMPLE_SIDE)
+        ]  # fmt: skip
+        return chosen.fit(request, [SampleTile(block[:, r, c], water[r, c], mask[r, c]) for r, c in squares])
     if chosen.plan is None:
         return chosen.fit(request, None)
     plan = chosen.plan(request)

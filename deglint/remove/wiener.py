@@ -40,14 +40,17 @@ from ..scene import Band, FloatArray
 from .detrend import SIZE as LOCAL_MEAN
 from .detrend import detrend
 from .lags import LagGrams, gather, merge, offsets, solve, unexplained
+from .levels import even_share
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import predicted
 from .reference import ReferenceRule, clean, fit_reference
-from .request import FitRequest
+from .request import EVEN, FitRequest
 
 Float64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
+SAMPLE_SIDE = 192
+"""Side of the tiles of a sample [pixel]."""
 SUPPORTS = ((1,), (3,), (3, 1), (3, 3), (5,), (5, 3))
 """Sides of the kernels on the first and on the second reference, plainest first [pixel]."""
 WORTH = 0.01
@@ -151,9 +154,27 @@ def fit(
     loss = np.concatenate([f.loss for f in found])
     noise = float(np.exp(np.log(np.maximum(loss, 1e-12)).mean() / 2))
     if shared.significance <= SURE or noise > 1 - WORTH:
-        said = f"the NIR takes {1 - noise:.1%} off the noise of the bands: there is no glint that they share"
-        return replace(model, fits=(), references=(), warnings=(f"{said}. Nothing was corrected.",))
+        return _nothing(model, f"the NIR takes {1 - noise:.1%} off the noise of the bands: they share no glint")
     return _with_level(model, learnt, request)
+
+
+def without_even(model: GlintModel, request: FitRequest, tiles: Sequence[SampleTile]) -> GlintModel:
+    """The model without its fits, where what it would remove lies evenly about its median.
+
+    For pixels so fine that sparkle is resolved and none was found: glint is skewed there, and what the bands share
+    evenly is the sky that waves mirror, which belongs to the image.
+    """
+    rules = {r.band: r for r in model.references}
+    learnt = [_learnt(tile, request, rules) for tile in tiles]
+    strength = [np.mean([predicted(t.references, i) for i in model.indexes], axis=0)[t.sample] for t in learnt]
+    share = even_share(np.concatenate(strength))
+    if share <= EVEN:
+        return model
+    return _nothing(model, f"{min(share, 1):.0%} of what would be removed lies evenly, as mirrored sky does")
+
+
+def _nothing(model: GlintModel, why: str) -> GlintModel:
+    return replace(model, fits=(), references=(), warnings=(f"{why}. Nothing was corrected.",))
 
 
 def band_sets(request: FitRequest) -> list[_BandSet]:
@@ -203,11 +224,9 @@ class _Learnt:
 
 
 def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Learnt:
-    valid = np.isfinite(tile.block[[*request.correct, *rules]]).all(axis=0)
-    water = tile.water & valid
-    references, sample = {}, tile.sample & water
+    references, sample = {}, tile.sample & np.isfinite(tile.block[[*request.correct, *rules]]).all(axis=0)
     for r, rule in rules.items():
-        references[r], exceeds = clean(tile.block[r], water, rule)
+        references[r], exceeds = clean(tile.block[r], tile.water, rule)
         if exceeds is not None:
             sample = sample & ~exceeds
     return _Learnt(references, [tile.block[b] for b in request.correct], sample, sample)
@@ -424,7 +443,7 @@ def _model(
     places = range(len(request.correct))
     used = {b for i in indexes.values() for b in i.bands}
     return GlintModel(
-        "wiener", tuple(indexes[p] for p in places), tuple(fits[p] for p in places), request.names, request.regression,
+        "wiener", tuple(indexes[p] for p in places), tuple(fits[p] for p in places), request.names,
         references=tuple(rule for r, rule in rules.items() if r in used),
     )  # fmt: skip
 
@@ -451,7 +470,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     ]  # fmt: skip
     lift = max(0.0, *short)
     lowest, chosen = raised + max(short, default=0.0), raised + lift
-    interval = max(lowest, 0.0), chosen, middle
+    interval = max(float(lowest), 0.0), float(chosen), middle
     indexes = tuple(replace(i, level=float(at + lift)) for i, at in zip(model.indexes, level, strict=True))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
     clean = float(np.median(value[green] - slopes[green] * np.maximum(prediction[green] - indexes[green].level, 0)))
