@@ -14,7 +14,7 @@ import numpy as np
 from .. import tiles as tiling
 from ..checks import as_path, check_choice, check_kind, check_number, checked_keywords, described
 from ..compensate import Chain
-from ..errors import InputError, NoWaterError
+from ..errors import DeglintError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, write_json, write_text
@@ -23,7 +23,7 @@ from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
 from ..remove import GlintModel
 from ..report import before_after
-from ..scene import FloatArray, Scene, Window
+from ..scene import Band, FloatArray, Scene, Window
 from ..timing import Reporter
 from .blocks import one_thread_each
 from .checksum import Checksum, fingerprint
@@ -113,6 +113,33 @@ class Result:
     tally: Tally
     sidecar: dict[str, Any]
     warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        pixels = f"{self.tally.corrected} of {self.tally.total} pixels"
+        bands = ", ".join(self.changed) or "none"
+        return f"Result({self.sidecar['output']!r}, {self.fitted.model.method}, {pixels} of bands {bands})"
+
+    def _repr_html_(self) -> str:
+        from ..notebook import shown, stretched
+
+        pixels = self.sidecar["pixels"]["changed"]
+        rows = [(b["name"], f"{pixels.get(b['name'], 0)} pixels changed") for b in self.sidecar["bands"]]
+        rows += [("warning", w) for w in self.warnings]
+        images = [self._middle([i["path"] for i in self.sidecar["input"]]), self._middle([self.sidecar["output"]])]
+        found = [image for image in images if image is not None]
+        return shown(repr(self), rows, stretched(found) if len(found) == 2 else None)
+
+    def _middle(self, paths: list[str]) -> FloatArray | None:
+        """The middle of what is in files, where that can be read."""
+        from ..readers import open_scene
+
+        try:
+            with environment():
+                scene = open_scene(paths)
+                with raster_of(scene):
+                    return replace(scene, bands=tuple(Band(**b) for b in self.sidecar["bands"])).middle()
+        except (DeglintError, IndexError):
+            return None
 
     @property
     def changed(self) -> tuple[str, ...]:

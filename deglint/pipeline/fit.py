@@ -71,6 +71,12 @@ class Fitted:
     chain: Chain = field(default_factory=Chain)
     needs: Needs = field(default_factory=Needs)
 
+    def __repr__(self) -> str:
+        return f"Fitted({self.model!r}, compensation {self.chain.text if self.chain.runs else 'none'})"
+
+    def _repr_html_(self) -> str:
+        return self.model._repr_html_()
+
 
 @checked_keywords()
 def fit_scene(

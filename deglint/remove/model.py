@@ -138,6 +138,18 @@ class GlintModel:
             lines.append(f"{text}  n {fit.n}  on {self._index_name(index)} above {index.level:.6g}")
         return "\n".join(lines + [f"  warning: {w}" for w in self.warnings])
 
+    def __repr__(self) -> str:
+        names = ", ".join(f.name for f in self.fits) or "no band"
+        references = ", ".join(self.band_names[b] for b in self.index_bands)
+        return f"GlintModel({self.method}: {names} on {references})"
+
+    def _repr_html_(self) -> str:
+        from ..notebook import bars, shown
+
+        known = [f.r2 for f in self.fits if f.r2 is not None]  # the picture has a bar for the R2 of each band
+        lines = [line.strip().partition(" ") for line in str(self).splitlines()[1:]]
+        return shown(repr(self), [(a, b.strip()) for a, _, b in lines], bars(known) if known else None)
+
     def _index_name(self, index: GlintIndex) -> str:
         if index.offsets:
             sides = {b: math.isqrt(index.bands.count(b)) for b in dict.fromkeys(index.bands)}
