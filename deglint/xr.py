@@ -23,7 +23,8 @@ import numpy.typing as npt
 from .compensate import Chain
 from .errors import DeglintError, InputError
 from .pipeline import Fitted, Recipe, fit_scene
-from .pipeline.apply import DTYPES, given_model, marking
+from .pipeline.apply import given_model, marking
+from .pipeline.outputs import DTYPES
 from .pipeline.chunks import Nothing, over_tiles
 from .pipeline.correct import Correction
 from .raster.output import Layout

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import tiles as tiling
-from ..checks import as_path, check_choice, check_kind, check_number, checked_keywords, described
+from ..checks import as_path, check_kind, check_number, checked_keywords, described
 from ..compensate import Chain
-from ..errors import DeglintError, InputError, NoWaterError
+from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, write_json, write_text
@@ -23,7 +23,7 @@ from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
 from ..remove import GlintModel
 from ..report import before_after
-from ..scene import Band, FloatArray, Scene, Window
+from ..scene import FloatArray, Scene, Window
 from ..timing import Reporter
 from .blocks import one_thread_each
 from .checksum import Checksum, fingerprint
@@ -33,118 +33,15 @@ from .correct import Correction
 from .fit import Fitted, Progress, fit_scene
 from .log import log_model, log_result, log_scene, log_water
 from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
+from .outputs import Outputs, Result
 from .recipe import Recipe
 from .saved import saved
 from .sidecar import sidecar
 from .tally import Tally
 from .uncertain import with_stderr
 
-DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
-"""Types that an output may be given."""
 CHAIN_COPIES = 3
 """How many times the memory of a tile a chain takes, against removal alone."""
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """Where results go.
-
-    Attributes
-    ----------
-    image : Path
-        The deglinted raster; its sidecar is `image` with ".json" appended.
-    flags, amount, stderr, sample, model, picture : Path, optional
-        Flag raster, removed glint, standard errors, the sample as GeoJSON, the fitted model, a before/after picture.
-    overwrite : bool
-        Replace what exists.
-    dtype : str, optional
-        Type of the image; the input's by default.
-    options : mapping
-        GDAL creation options.
-    request : str, optional
-        What a batch calls this work; the sidecar then says it, and what the outputs are like, to know them again.
-    reads : sequence of paths
-        Files that were read for this work beside the scene and what the recipe names, such as a saved model: no output
-        may replace them.
-    """
-
-    image: Path
-    flags: Path | None = None
-    amount: Path | None = None
-    stderr: Path | None = None
-    sample: Path | None = None
-    model: Path | None = None
-    picture: Path | None = None
-    overwrite: bool = False
-    dtype: str | None = None
-    options: Mapping[str, str] = field(default_factory=dict)
-    request: str | None = None
-    reads: Sequence[str | Path] = ()
-
-    def __post_init__(self) -> None:
-        if self.dtype is not None:
-            check_choice(self.dtype, list(DTYPES), "dtype")
-
-    @property
-    def sidecar(self) -> Path:
-        """Name of the sidecar."""
-        return self.image.parent / f"{self.image.name}.json"
-
-    def every(self) -> list[Path]:
-        """All files that will be written."""
-        extra = (self.flags, self.amount, self.stderr, self.sample, self.model, self.picture)
-        return [self.image, self.sidecar, *(p for p in extra if p is not None)]
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a run did.
-
-    Attributes
-    ----------
-    fitted : Fitted
-    tally : Tally
-    sidecar : dict
-        Everything that the sidecar says.
-    warnings : tuple of str
-    """
-
-    fitted: Fitted
-    tally: Tally
-    sidecar: dict[str, Any]
-    warnings: tuple[str, ...]
-
-    def __repr__(self) -> str:
-        pixels = f"{self.tally.corrected} of {self.tally.total} pixels"
-        bands = ", ".join(self.changed) or "none"
-        return f"Result({self.sidecar['output']!r}, {self.fitted.model.method}, {pixels} of bands {bands})"
-
-    def _repr_html_(self) -> str:
-        from ..notebook import shown, stretched
-
-        pixels = self.sidecar["pixels"]["changed"]
-        rows = [(b["name"], f"{pixels.get(b['name'], 0)} pixels changed") for b in self.sidecar["bands"]]
-        rows += [("warning", w) for w in self.warnings]
-        images = [self._middle([i["path"] for i in self.sidecar["input"]]), self._middle([self.sidecar["output"]])]
-        found = [image for image in images if image is not None]
-        return shown(repr(self), rows, stretched(found) if len(found) == 2 else None)
-
-    def _middle(self, paths: list[str]) -> FloatArray | None:
-        """The middle of what is in files, where that can be read."""
-        from ..readers import open_scene
-
-        try:
-            with environment():
-                scene = open_scene(paths)
-                with raster_of(scene):
-                    return replace(scene, bands=tuple(Band(**b) for b in self.sidecar["bands"])).middle()
-        except (DeglintError, IndexError):
-            return None
-
-    @property
-    def changed(self) -> tuple[str, ...]:
-        """Names of the bands whose pixels differ from the input's; the others are copied."""
-        return tuple(self.sidecar["pixels"]["changed"])
 
 
 @checked_keywords("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options",

@@ -12,7 +12,7 @@ from .. import __version__
 from ..scene import Scene
 
 if TYPE_CHECKING:
-    from .apply import Outputs
+    from .outputs import Outputs
     from .checksum import Checksum
     from .fit import Fitted
     from .tally import Tally
