@@ -24,9 +24,9 @@ from .compensate import Chain
 from .errors import DeglintError, InputError
 from .pipeline import Fitted, Recipe, fit_scene
 from .pipeline.apply import given_model, marking
-from .pipeline.outputs import DTYPES
 from .pipeline.chunks import Nothing, over_tiles
 from .pipeline.correct import Correction
+from .pipeline.outputs import DTYPES
 from .raster.output import Layout
 from .readers.areas import open_area
 from .readers.arrays import open_array
