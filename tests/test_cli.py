@@ -63,7 +63,7 @@ def test_help_lists_options_in_groups_with_their_defaults(program, name, groups,
     options = ran.out[ran.out.index(groups[0]) :]
     assert "IN [IN ...]" not in options
     if name in ("remove", "score"):
-        assert "[default: (deduced from the" in options
+        assert "deduced from the" in options
 
 
 def test_done_is_0_and_stdout_stays_empty(deglint, sea, write, tmp_path):

@@ -113,7 +113,7 @@ def remove_glint(
     if threads is not None:
         check_number(threads, 1, 1024, "threads")
     with environment():
-        given = [source] if isinstance(source, (str, os.PathLike)) else list(source)
+        given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
         named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": sensor or ""}
         reads: Reads = {"the input": given, **{k: [v] for k, v in named.items()}, "an input": targets.reads}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
@@ -139,7 +139,7 @@ def _run(
 ) -> Result:  # fmt: skip
     begun = time.perf_counter()
     checksum = Checksum(raster_of(scene).info.paths)
-    area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "--mask")
+    area, notes = _mask_of(recipe, scene)
     if model is None:
         run = tiling.run if cluster is None else cluster.run
         want = targets.sample is not None
@@ -148,6 +148,7 @@ def _run(
         fitted = given_model(scene, recipe, model, threads, chain)
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
+    fitted = replace(fitted, notes=(*fitted.notes, *notes))
     only = tuple(find_band(scene, b) for b in fitted.recipe.bands)
     changed = tuple(changed_bands(scene, fitted.model, fitted.chain, only))
     for option in ("amount", "stderr"):
@@ -174,6 +175,15 @@ def _run(
         write_json(scratch, targets.sidecar, said)
     log_result(scene, fitted.model, targets.image, tally, said)
     return Result(fitted, tally, said, tuple(said["warnings"]))
+
+
+def _mask_of(recipe: Recipe, scene: Scene) -> tuple[Area | None, tuple[str, ...]]:
+    """The mask that the recipe names, where it does, and what was assumed of it."""
+    if recipe.mask in ("auto", "none"):
+        return None, ()
+    area = open_area(recipe.mask, scene, "--mask")
+    note = getattr(area, "note", "")
+    return area, (note,) if note else ()
 
 
 def _write_tiles(

@@ -55,8 +55,10 @@ def sampler_of(
     area = open_area(recipe.sample, scene, "--sample")
     (top, bottom), (left, right) = area.bounds
     inside = tiles_over(scene, area.bounds, shape)
+    note = getattr(area, "note", "")
+    numbers = {"crs": note} if note else {}
     pixels = (bottom - top) * (right - left)
-    return Sampler(inside, lambda _b, _c, t: area.read(t.window), pixels=pixels, bounds=area.bounds)
+    return Sampler(inside, lambda _b, _c, t: area.read(t.window), pixels=pixels, numbers=numbers, bounds=area.bounds)
 
 
 def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
