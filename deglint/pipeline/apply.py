@@ -276,9 +276,10 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     layout = Layout(info, tuple(range(len(scene.bands))), info.dtype.name, info.nodata, {})
     only = tuple(find_band(scene, b) for b in fitted.recipe.bands)
     work = Correction(scene, fitted.model, False, False, layout, area, rule, fitted.water_bands, fitted.chain, only)
-    out = None
+    out, report = None, Reporter()
     with environment():
-        for tile in everything:
+        for done, tile in enumerate(everything):
+            report("correct", done, len(everything))
             rows = max(tile.row0, top), min(tile.row1, bottom)
             columns = max(tile.col0, left), min(tile.col1, right)
             if rows[0] >= rows[1] or columns[0] >= columns[1]:

@@ -31,8 +31,8 @@ from .look import core_of, place_in, raster_of
 from .tally import Saturated, Tally, largest_in, saturated_in
 
 FLAGS = {
-    1: "nodata: not valid, passed unchanged",
-    2: "not water, or outside the mask: passed unchanged",
+    1: "nodata: not valid, copied",
+    2: "not water, or outside the mask: copied",
     4: "corrected",
     8: "negative after correction, in some band",
     16: "saturated before correction, in some band",
