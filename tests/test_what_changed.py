@@ -31,6 +31,8 @@ def small(write, tmp_path):
 @pytest.mark.parametrize("chain", CHAINS)
 @pytest.mark.parametrize("method", ["auto", *METHODS])
 def test_the_bands_that_are_said_to_change_are_those_that_change(method, chain, small, read, tmp_path):
+    if (method, chain) == ("wiener", "thesis"):
+        pytest.skip("wiener takes no compensation")
     _check(small, Recipe(method=method, compensate=chain), read, tmp_path)
 
 
