@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .errors import DeglintError as DeglintError
-    from .pipeline.apply import Result as Result
     from .pipeline.apply import correct as correct
     from .pipeline.apply import remove_glint as remove_glint
     from .pipeline.examine import examine as examine
     from .pipeline.fit import Fitted as Fitted
     from .pipeline.fit import fit_scene as fit_scene
+    from .pipeline.outputs import Result as Result
     from .pipeline.recipe import Recipe as Recipe
     from .readers.opening import open_scene as open_scene
     from .readers.roles import find_nir as find_nir
@@ -45,7 +45,7 @@ _HOMES = {
     "Fitted": "pipeline.fit",
     "GlintModel": "remove",
     "Recipe": "pipeline.recipe",
-    "Result": "pipeline.apply",
+    "Result": "pipeline.outputs",
     "Scene": "scene",
     "apply": "remove",
     "correct": "pipeline.apply",

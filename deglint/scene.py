@@ -14,9 +14,11 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from .errors import BandError
+from .errors import BandError, DeglintError
 
 FloatArray = npt.NDArray[np.floating[Any]]
+MIDDLE = 768
+"""Side of the middle of a scene that a small picture shows [pixel]."""
 Window = tuple[tuple[int, int], tuple[int, int]]
 """((first row, one past the last row), (first column, one past the last column))"""
 
@@ -95,6 +97,36 @@ class Scene:
     notes: tuple[str, ...] = ()
     product: str | None = None
     footprints: Source | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        sensor = f", sensor {self.sensor}" if self.sensor else ""
+        return f"Scene({self.path!r}, {len(self.bands)} bands, {self.width} x {self.height} pixels{sensor})"
+
+    def _repr_html_(self) -> str:
+        from .notebook import shown, stretched
+
+        rows = [(f"{i} {b.name}", f"{b.wavelength:g} nm" if b.wavelength else "") for i, b in enumerate(self.bands, 1)]
+        middle = self.middle()
+        picture = None if middle is None else stretched([middle])
+        return shown(repr(self), [*rows, *(("note", note) for note in self.notes)], picture)
+
+    def middle(self) -> FloatArray | None:
+        """Red, green and blue of the middle of the scene, for a small picture; None where it cannot be read.
+
+        Returns
+        -------
+        (3, row, column) ndarray or None
+            At most `MIDDLE` rows and columns: of a large scene no more is read.
+        """
+        known = [b for b in range(len(self.bands)) if self.bands[b].wavelength]
+        bands = (list(range(len(self.bands))) * 3)[:3]
+        if len(known) >= 3:
+            bands = [min(known, key=lambda b: abs((self.bands[b].wavelength or 0) - w)) for w in (660, 555, 480)]
+        window = tuple((max((n - MIDDLE) // 2, 0), min((n + MIDDLE) // 2, n)) for n in (self.height, self.width))
+        try:
+            return self.source.read((window[0], window[1]), bands)
+        except DeglintError:
+            return None
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -59,5 +59,5 @@ def duration(seconds: float) -> str:
     ('4 s', '3 min', '2.5 h')
     """
     if seconds < 99.5:
-        return f"{seconds:.0f} s"
+        return f"{max(seconds, 1):.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5970 else f"{seconds / 3600:.1f} h"

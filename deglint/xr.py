@@ -20,12 +20,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .checks import checked_keywords
 from .compensate import Chain
 from .errors import DeglintError, InputError
 from .pipeline import Fitted, Recipe, fit_scene
-from .pipeline.apply import DTYPES, given_model, marking
+from .pipeline.apply import given_model, marking
 from .pipeline.chunks import Nothing, over_tiles
 from .pipeline.correct import Correction
+from .pipeline.outputs import DTYPES
 from .raster.output import Layout
 from .readers.areas import open_area
 from .readers.arrays import open_array
@@ -35,6 +37,7 @@ from .scene import Scene
 from .tiles import Tile, default_threads
 
 
+@checked_keywords()
 def fit(
     array: Any,
     recipe: Recipe | str = "auto",
@@ -71,6 +74,7 @@ def fit(
     return fit_scene(opened.scene, _recipe(recipe), threads=threads)
 
 
+@checked_keywords()
 def apply(
     array: Any,
     fitted: Fitted | GlintModel,
@@ -122,6 +126,7 @@ def apply(
     return opened.like(over_tiles(opened, partial(_corrected, work), work.reach, every, threads=threads))
 
 
+@checked_keywords()
 def remove(
     array: Any,
     recipe: Recipe | str = "auto",

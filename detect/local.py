@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from deglint.checks import checked_keywords
 from deglint.errors import InputError
 from deglint.scene import Window
 
@@ -66,6 +67,7 @@ class WindowRule:
         return self.outer // 2
 
 
+@checked_keywords()
 def local_rx(
     image: npt.NDArray[Any],
     *,

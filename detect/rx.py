@@ -313,16 +313,19 @@ def _valid(image: npt.NDArray[Any], mask: Mask | None, nodata: float | None) -> 
     return mask
 
 
+@checked_keywords()
 def utd(image: npt.NDArray[Any], background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
     """Uniform target detector (Ashton and Schaum 1998): likeness to a spectrum of ones; parameters as `rx`."""
     return _run("utd", image, background, mask)
 
 
+@checked_keywords()
 def rx_utd(image: npt.NDArray[Any], background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
     """RX less UTD (Ashton and Schaum 1998); parameters as `rx`."""
     return _run("rx-utd", image, background, mask)
 
 
+@checked_keywords()
 def subspace_rx(
     image: npt.NDArray[Any], background: Background | Mask | None = None, *, drop: int = 1, mask: Mask | None = None
 ) -> Scores:
@@ -333,6 +336,7 @@ def subspace_rx(
     return _run("subspace", image, background, mask, drop=drop)
 
 
+@checked_keywords()
 def residual_rx(
     image: npt.NDArray[Any],
     background: Background | Mask | None = None,

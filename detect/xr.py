@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from deglint.checks import checked_keywords
 from deglint.errors import InputError
 from deglint.pipeline.chunks import over_tiles
 from deglint.readers.arrays import open_array
@@ -29,6 +30,7 @@ from .pipeline.run import Scoring, fit_background
 from .rx import detector
 
 
+@checked_keywords()
 def fit(
     array: Any,
     recipe: Recipe | str = "rx",
@@ -66,6 +68,7 @@ def fit(
     return replace(plan.given or fit_background(plan), names=plan.names)
 
 
+@checked_keywords()
 def score(
     array: Any,
     recipe: Recipe | str = "rx",

@@ -1,6 +1,7 @@
 """Where on a scene: windows, GeoJSON in any CRS, and masks, by the rule of the pixel's centre."""
 
 import json
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -136,8 +137,6 @@ def test_an_area_off_the_scene_says_where_it_lies(scene, geojson, tmp_path):
         area_of(scene, far)
     with pytest.raises(InputError, match="lies off the scene"):
         area_of(scene, "200,10,5,5")
-    with pytest.raises(InputError, match="lies off the scene"):
-        area_of(scene, "20,10,0,5")
 
 
 HOSTILE = {
@@ -260,3 +259,46 @@ def test_a_name_that_is_nothing_is_said(scene, tmp_path):
     (tmp_path / "m.shp").write_text("not a raster")
     with pytest.raises(ReadError, match="is not a raster GDAL can read"):
         area_of(scene, tmp_path / "m.shp")
+
+
+def test_coordinates_without_a_crs_that_lie_in_the_scene_are_in_its_crs(scene, geojson, tmp_path, caplog):
+    with caplog.at_level("INFO", "deglint"):
+        found = open_area(geojson(tmp_path / "a.geojson", BOX), scene, "--mask")
+    np.testing.assert_array_equal(found.read(WHOLE), INSIDE)
+    assert caplog.messages == [found.note]
+    assert found.note.endswith("its coordinates lie in the scene: they are taken to be in its CRS, EPSG:32653")
+
+
+def test_coordinates_without_a_crs_that_lie_elsewhere_are_refused_with_a_remedy(scene, geojson, tmp_path):
+    path = geojson(tmp_path / "a.geojson", [(x + 1e5, y) for x, y in BOX])
+    with pytest.raises(InputError, match=r"names no CRS.* not in the scene either\. Save it in EPSG:4326 \(ogr2ogr"):
+        open_area(path, scene, "--mask")
+    again = geojson(tmp_path / "b.geojson", [(x + 1e5, y) for x, y in BOX], crs="EPSG:32653")
+    with pytest.raises(InputError, match="lies off the scene"):
+        open_area(again, scene, "--mask")
+
+
+@pytest.mark.parametrize("text", ["10,10,100", "1,2,3,4,5", "10,10,0,5", "1.5,2,3,4", "-3,", " 1, 2, 3 "])
+def test_a_window_that_is_none_is_refused_with_one_that_is(scene, text):
+    with pytest.raises(InputError, match=r"four integers, column,row,width,height \[pixel\]") as raised:
+        open_area(text, scene, "--sample")
+    window = re.search(r"such as --sample (\S+)", str(raised.value))[1]
+    assert open_area(window, scene, "--sample").read(WHOLE).any()
+
+
+@pytest.mark.parametrize(("text", "said"), [("atuo", "did you mean 'auto'"), ("al", "did you mean 'all'")])
+def test_a_misspelt_word_is_told_from_a_missing_file(scene, text, said):
+    with pytest.raises(ReadError, match=said):
+        open_area(text, scene, "--sample")
+
+
+def test_what_was_assumed_of_an_area_stands_in_the_sidecar(sea, write, geojson, deglint, tmp_path):
+    source = write(tmp_path / "in.tif", sea())
+    box = [(400_100, 799_900), (400_100, 799_400), (400_700, 799_400), (400_700, 799_900)]
+    drawn = geojson(tmp_path / "a.geojson", box)
+    call = ("--sample", drawn, "--mask", drawn, "--method", "hedley", "--compensate", "off")
+    ran = deglint("remove", source, tmp_path / "out.tif", *call)
+    assert ran.code == 0, ran.err
+    said = json.loads((tmp_path / "out.tif.json").read_text())
+    assert "taken to be in its CRS" in said["sample"]["crs"]
+    assert any("taken to be in its CRS" in note for note in said["notes"])

@@ -47,6 +47,25 @@ def test_the_choices_of_the_command_line_are_the_tables():
     assert set(options.REGRESSION_NAMES) == set(REGRESSIONS)
 
 
+@pytest.mark.parametrize(
+    ("program", "name", "groups"),
+    [("deglint", "remove", ["What to do:", "Details of the fit:", "Input:", "Output:", "Processing:", "Messages:"]),
+     ("deglint", "info", ["What to do:", "Input:", "Processing:", "Messages:"]),
+     ("deglint", "batch", ["Output:", "Processing:", "Messages:"]),
+     ("rxdetect", "score", ["What to do:", "Input:", "Output:", "Processing:", "Messages:"])],
+)  # fmt: skip
+def test_help_lists_options_in_groups_with_their_defaults(program, name, groups, request):
+    ran = request.getfixturevalue(program)(name, "--help")
+    assert (ran.code, ran.err) == (0, "")
+    assert [line for line in ran.out.splitlines() if line.endswith(":") and not line.startswith(" ")] == groups
+    messages = ran.out[ran.out.index("Messages:") :]
+    assert all(option in messages for option in ("--json", "--verbose", "--quiet", "--help"))
+    options = ran.out[ran.out.index(groups[0]) :]
+    assert "IN [IN ...]" not in options
+    if name in ("remove", "score"):
+        assert "deduced from the" in options
+
+
 def test_done_is_0_and_stdout_stays_empty(deglint, sea, write, tmp_path):
     ran = deglint("remove", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", *PLAIN)
     assert ran.code == 0

@@ -112,6 +112,7 @@ ARRAY = np.ones((4, 20, 20), np.float32)
         (lambda s: deglint.apply(s.path, None), "block: want a ndarray, got"),
         (lambda _: deglint.apply(ARRAY, "m.json"), "model: want a GlintModel, got 'm.json'"),
         (lambda _: detect.rx(ARRAY, maks=None), "rx: there is no argument 'maks'; did you mean 'mask'?"),
+        (lambda _: detect.local_rx(ARRAY, iner=3, outer=9), "no argument 'iner'; did you mean 'inner'?"),
         (lambda _: detect.Recipe(metod="rx"), "did you mean 'method'?"),
         (lambda s: detect.score_file(s.path, "x.tif", obects="o"), "did you mean 'objects'?"),
     ],

@@ -305,7 +305,7 @@ def test_errors_say_what_to_do():
     flat[NIR] = 5
     with pytest.raises(FitError, match="L840 is constant"):
         fitted("lyzenga", flat)
-    with pytest.raises(InputError, match="headley.*did you mean 'hedley'"):
+    with pytest.raises(InputError, match="did you mean 'hedley'"):
         fitted("headley", block)
     with pytest.raises(InputError, match="not one of ols"):
         fitted("hedley", block, "lasso")

@@ -15,19 +15,19 @@ import click
 
 from ..timing import TimeLeft, duration
 from .console import Console
+from .grouped import SETTINGS, Grouped
 from .running import printable
 
 log = logging.getLogger(__name__)
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("recipe", metavar="RECIPE.toml")
 @click.argument("scenes", nargs=-1, required=True, metavar="SCENES...")
 @click.option(
     "--jobs",
     type=click.IntRange(1, 1024),
     default=1,
-    show_default=True,
     metavar="N",
     help="Scenes at the same time, each in a process of its own.",
 )
@@ -35,7 +35,8 @@ log = logging.getLogger(__name__)
     "--threads",
     type=click.IntRange(1, 1024),
     metavar="N",
-    help="Threads of each; all processors, shared out, by default.",
+    show_default="all processors, shared out",
+    help="Threads of each.",
 )
 @click.option(
     "--overwrite",
@@ -46,8 +47,9 @@ log = logging.getLogger(__name__)
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON.")
 @click.option("--table", metavar="FILE.csv", help="Write the summary as CSV, too; an older summary is replaced.")
-@click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
-@click.option("-q", "--quiet", is_flag=True, help="Say nothing but the summary and errors.")
+@click.option("-v", "--verbose", count=True, show_default=False,
+              help="Log what is decided for each scene, too; -vv: a traceback where it fails.")  # fmt: skip
+@click.option("-q", "--quiet", is_flag=True, help="Print the summary and errors only.")
 def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     """Remove sun glint from many SCENES as RECIPE.toml says.
 

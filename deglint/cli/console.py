@@ -69,7 +69,7 @@ class Console(logging.Handler):
             self._report(stage, done, total)
             return
         left, filled = self._left(stage, done, total), 30 * done // total
-        said = "" if left is None else f", {duration(left)} left"
+        said = f", {duration(left)} left" if left else ""
         self.draw(f"{stage:<8} [{'#' * filled}{'.' * (30 - filled)}] {100 * done // total:3d} %{said}")
         if done == total:
             self.clear()

@@ -9,15 +9,15 @@ from typing import Any
 import click
 
 from .console import Console
+from .grouped import SETTINGS, Grouped
 from .options import common
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("inputs", nargs=-1, required=True, metavar="IN [IN ...]")
 @click.option(
     "--sample",
     default="auto",
-    show_default=True,
     metavar="auto|all|FILE.geojson|WINDOW",
     help="Deep, glinted water to judge by.",
 )

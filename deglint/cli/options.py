@@ -49,12 +49,13 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
             click.option("--sensor", metavar="NAME", help="Preset that fills in what the file does not say of its "
                          "bands (worldview3, sentinel2, planetscope, micasense, landsat8, ...)."),
             click.option("--nir", multiple=True, callback=names, metavar="BAND[,BAND]",
-                         help="NIR band by name or number (from 1). Deduced from wavelengths by default."),
+                         show_default="deduced from the wavelengths", help="NIR band by name or number (from 1)."),
             click.option("--nodata", callback=nodata, metavar="NUMBER|nan", help="Value that means: not valid."),
             click.option("--threads", type=click.IntRange(1, 1024), metavar="N",
-                         help="Threads; all processors by default. The result does not depend on it."),
-            click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails."),
-            click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
+                         show_default="all processors", help="The result does not depend on it."),
+            click.option("-v", "--verbose", count=True, show_default=False,
+                         help="Log the reasons of decisions, too; -vv: a traceback where it fails."),
+            click.option("-q", "--quiet", is_flag=True, help="Log errors only."),
         ]
     ):  # fmt: skip
         command = option(command)

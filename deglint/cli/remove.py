@@ -9,6 +9,7 @@ import click
 
 from ..pipeline.checksum import begin_checksum
 from .console import Console
+from .grouped import SETTINGS, Grouped
 from .options import METHOD_NAMES, REGRESSION_NAMES, cluster_of, common, creation_options, names, on_cluster
 from .running import Progress
 
@@ -16,41 +17,38 @@ if TYPE_CHECKING:
     from ..pipeline import Result
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("inputs", nargs=-1, required=True, metavar="IN [IN ...]")
 @click.argument("output", metavar="OUT")
 @click.option(
     "--method",
     type=click.Choice(["auto", *METHOD_NAMES]),
     default="auto",
-    show_default=True,
     help="How to remove glint; auto takes multiband after compensation, else joyce, or hedley where there is much.",
 )
 @click.option(
     "--sample",
     default="auto",
-    show_default=True,
     metavar="auto|all|FILE.geojson|WINDOW",
     help="Deep, glinted water to fit to. WINDOW is column,row,width,height in pixels.",
 )
 @click.option(
     "--compensate",
     default="auto",
-    show_default=True,
     metavar="auto|thesis|off|STAGES",
-    help="What to do about bands that see the sea at different times, before the removal: what the scene needs, "
-    "the thesis' chain, nothing, or stages such as 'psf:2, identify-level:13, replace-level, remove'.",
+    help="What to do about band delays before the removal: what the scene needs (auto), "
+    "the chain of the thesis, nothing (off), or stages such as 'psf:2, identify-level:13, replace-level, remove'.",
 )
 @click.option(
     "--smallest-object",
     default="",
     metavar="WIDTH",
-    help="Width of the smallest thing that compensation must keep, such as 4m or 16px. [default: 4m]",
+    show_default="4m, or 16px where the size of a pixel is not known",
+    help="Width of the smallest target that compensation must keep, such as 4m or 16px.",
 )
 @click.option(
     "--mask",
     default="auto",
-    show_default=True,
     metavar="auto|none|FILE|WINDOW",
     help="What to correct: water found in the scene, everything, or a raster (not 0) or GeoJSON.",
 )
@@ -61,13 +59,13 @@ if TYPE_CHECKING:
     multiple=True,
     callback=names,
     metavar="BAND[,BAND]",
-    help="Bands to correct, by name or number (from 1); by default all shorter than the NIR. Others pass unchanged.",
+    show_default="all of shorter wavelength than the NIR",
+    help="Bands to correct, by name or number (from 1). The others are copied.",
 )
 @click.option(
     "--regression",
     type=click.Choice(["auto", *REGRESSION_NAMES]),
     default="auto",
-    show_default=True,
     help="How slopes are fitted; auto: detrended for an automatic sample, else ols.",
 )
 @click.option(
@@ -82,7 +80,6 @@ if TYPE_CHECKING:
     "--floor-percentile",
     type=click.FloatRange(0, 100),
     default=0.0,
-    show_default=True,
     metavar="PERCENT",
     help="Level of the NIR for hedley: this percentile of the sample; 0 is its minimum, as published.",
 )
@@ -90,7 +87,6 @@ if TYPE_CHECKING:
     "--nir-use",
     type=click.Choice(["auto", "mean", "best", "set"]),
     default="auto",
-    show_default=True,
     help="Of several NIR bands take the mean, the best for each band, or the one taken at the same time.",
 )
 @click.option(
@@ -98,7 +94,8 @@ if TYPE_CHECKING:
     type=float,
     default=3.141592653589793,
     metavar="FACTOR",
-    help="For goodman: values are this many times remote-sensing reflectance. [default: pi, for reflectance]",
+    show_default="pi, for reflectance",
+    help="For goodman: values are this many times remote-sensing reflectance.",
 )
 @click.option("--model", "model_in", metavar="FILE", help="Apply this saved model instead of fitting one.")
 @click.option("--save-model", metavar="FILE", help="Write the fitted model, to apply to another scene.")
@@ -119,7 +116,8 @@ if TYPE_CHECKING:
 @click.option(
     "--dtype",
     type=click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"]),
-    help="Type of the output; the input's by default. Integers are rounded, and saturate.",
+    show_default="that of the input",
+    help="Type of the output. Values of integer types are rounded, and clipped to the range of the type.",
 )
 @click.option(
     "--co",
@@ -129,7 +127,8 @@ if TYPE_CHECKING:
     metavar="NAME=VALUE",
     help="GDAL creation option, such as COMPRESS=ZSTD.",
 )
-@click.option("--grid", metavar="FILE|N", help="Of several files, the one whose grid to use; the finest by default.")
+@click.option("--grid", metavar="FILE|N", show_default="the finest",
+              help="Of several files, the one whose grid to use.")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
 @on_cluster

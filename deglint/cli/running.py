@@ -55,6 +55,7 @@ class Commands(click.Group):
 
 def run(cli: click.Group, program: str, arguments: list[str]) -> int:
     """Run a command; what goes wrong becomes one line on stderr and an exit code."""
+    _moved().clear()  # of an earlier command in this process
     with _terminable(), _own_stderr() as aside:
         try:
             with cli.make_context(program, list(arguments)) as context:  # main() would print a line of its own
@@ -99,9 +100,15 @@ def _explained(error: BaseException) -> tuple[int, str]:
     return 1, f"Error: {type(error).__name__}: {printable(line)} (a fault of deglint's own; -vv shows where)"
 
 
+def _moved() -> list[Any]:
+    """Outputs that were moved into place; only a command that writes has loaded what knows."""
+    found: list[Any] = getattr(sys.modules.get("deglint.raster.scratch"), "MOVED", [])
+    return found
+
+
 def _interrupted() -> str:
-    """What there is after an interruption; only a command that writes has loaded what knows."""
-    moved = getattr(sys.modules.get("deglint.raster.scratch"), "MOVED", [])
+    """What there is after an interruption."""
+    moved = _moved()
     if not moved:
         return "interrupted: nothing was written."
     others = " and others" if len(moved) > 1 else ""

@@ -8,18 +8,19 @@ only passes over its tiles, does not wait for the rest.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .apply import Outputs, Result, remove_glint
+    from .apply import remove_glint
     from .correct import FLAGS
     from .fit import Fitted, fit_scene
+    from .outputs import Outputs, Result
     from .recipe import Recipe
     from .saved import load_chain, load_model
 
 _HOMES = {
     "FLAGS": "correct",
     "Fitted": "fit",
-    "Outputs": "apply",
+    "Outputs": "outputs",
     "Recipe": "recipe",
-    "Result": "apply",
+    "Result": "outputs",
     "fit_scene": "fit",
     "load_chain": "saved",
     "load_model": "saved",

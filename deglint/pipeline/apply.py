@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import tiles as tiling
-from ..checks import as_path, check_choice, check_kind, check_number, checked_keywords, described
+from ..checks import as_path, check_kind, check_number, checked_keywords, described
 from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
+from ..moments import CELL
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, write_json, write_text
 from ..raster.targets import Reads, check_image, check_targets, check_unread
@@ -33,91 +33,15 @@ from .correct import Correction
 from .fit import Fitted, Progress, fit_scene
 from .log import log_model, log_result, log_scene, log_water
 from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
+from .outputs import Outputs, Result
 from .recipe import Recipe
 from .saved import saved
 from .sidecar import sidecar
 from .tally import Tally
 from .uncertain import with_stderr
 
-DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
-"""Types that an output may be given."""
 CHAIN_COPIES = 3
 """How many times the memory of a tile a chain takes, against removal alone."""
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """Where results go.
-
-    Attributes
-    ----------
-    image : Path
-        The deglinted raster; its sidecar is `image` with ".json" appended.
-    flags, amount, stderr, sample, model, picture : Path, optional
-        Flag raster, removed glint, standard errors, the sample as GeoJSON, the fitted model, a before/after picture.
-    overwrite : bool
-        Replace what exists.
-    dtype : str, optional
-        Type of the image; the input's by default.
-    options : mapping
-        GDAL creation options.
-    request : str, optional
-        What a batch calls this work; the sidecar then says it, and what the outputs are like, to know them again.
-    reads : sequence of paths
-        Files that were read for this work beside the scene and what the recipe names, such as a saved model: no output
-        may replace them.
-    """
-
-    image: Path
-    flags: Path | None = None
-    amount: Path | None = None
-    stderr: Path | None = None
-    sample: Path | None = None
-    model: Path | None = None
-    picture: Path | None = None
-    overwrite: bool = False
-    dtype: str | None = None
-    options: Mapping[str, str] = field(default_factory=dict)
-    request: str | None = None
-    reads: Sequence[str | Path] = ()
-
-    def __post_init__(self) -> None:
-        if self.dtype is not None:
-            check_choice(self.dtype, list(DTYPES), "dtype")
-
-    @property
-    def sidecar(self) -> Path:
-        """Name of the sidecar."""
-        return self.image.parent / f"{self.image.name}.json"
-
-    def every(self) -> list[Path]:
-        """All files that will be written."""
-        extra = (self.flags, self.amount, self.stderr, self.sample, self.model, self.picture)
-        return [self.image, self.sidecar, *(p for p in extra if p is not None)]
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a run did.
-
-    Attributes
-    ----------
-    fitted : Fitted
-    tally : Tally
-    sidecar : dict
-        Everything that the sidecar says.
-    warnings : tuple of str
-    """
-
-    fitted: Fitted
-    tally: Tally
-    sidecar: dict[str, Any]
-    warnings: tuple[str, ...]
-
-    @property
-    def changed(self) -> tuple[str, ...]:
-        """Names of the bands whose pixels differ from the input's; the others are copied."""
-        return tuple(self.sidecar["pixels"]["changed"])
 
 
 @checked_keywords("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options",
@@ -189,7 +113,7 @@ def remove_glint(
     if threads is not None:
         check_number(threads, 1, 1024, "threads")
     with environment():
-        given = [source] if isinstance(source, (str, os.PathLike)) else list(source)
+        given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
         named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": sensor or ""}
         reads: Reads = {"the input": given, **{k: [v] for k, v in named.items()}, "an input": targets.reads}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
@@ -215,7 +139,7 @@ def _run(
 ) -> Result:  # fmt: skip
     begun = time.perf_counter()
     checksum = Checksum(raster_of(scene).info.paths)
-    area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "--mask")
+    area, notes = _mask_of(recipe, scene)
     if model is None:
         run = tiling.run if cluster is None else cluster.run
         want = targets.sample is not None
@@ -224,6 +148,7 @@ def _run(
         fitted = given_model(scene, recipe, model, threads, chain)
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
+    fitted = replace(fitted, notes=(*fitted.notes, *notes))
     only = tuple(find_band(scene, b) for b in fitted.recipe.bands)
     changed = tuple(changed_bands(scene, fitted.model, fitted.chain, only))
     for option in ("amount", "stderr"):
@@ -250,6 +175,15 @@ def _run(
         write_json(scratch, targets.sidecar, said)
     log_result(scene, fitted.model, targets.image, tally, said)
     return Result(fitted, tally, said, tuple(said["warnings"]))
+
+
+def _mask_of(recipe: Recipe, scene: Scene) -> tuple[Area | None, tuple[str, ...]]:
+    """The mask that the recipe names, where it does, and what was assumed of it."""
+    if recipe.mask in ("auto", "none"):
+        return None, ()
+    area = open_area(recipe.mask, scene, "--mask")
+    note = getattr(area, "note", "")
+    return area, (note,) if note else ()
 
 
 def _write_tiles(
@@ -343,9 +277,10 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     layout = Layout(info, tuple(range(len(scene.bands))), info.dtype.name, info.nodata, {})
     only = tuple(find_band(scene, b) for b in fitted.recipe.bands)
     work = Correction(scene, fitted.model, False, False, layout, area, rule, fitted.water_bands, fitted.chain, only)
-    out = None
+    out, report = None, Reporter()
     with environment():
-        for tile in everything:
+        for done, tile in enumerate(everything):
+            report("correct", done, len(everything))
             rows = max(tile.row0, top), min(tile.row1, bottom)
             columns = max(tile.col0, left), min(tile.col1, right)
             if rows[0] >= rows[1] or columns[0] >= columns[1]:
@@ -378,6 +313,8 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
             f"{', '.join(scene.names)}. Fit it to a scene like this one."
         )
     model = model.for_bands(scene.names)
+    if model.strips is not None and len(model.strips.rows) != -(-scene.height // CELL):
+        raise InputError("the model holds the detector strips of another scene: fit it to this one.")
     notes = [f"model {model.method}, fitted before"]
     rule: WaterRule | None = None
     bands: tuple[int, ...] = ()

@@ -31,8 +31,8 @@ from .look import core_of, place_in, raster_of
 from .tally import Saturated, Tally, largest_in, saturated_in
 
 FLAGS = {
-    1: "nodata: not valid, passed unchanged",
-    2: "not water, or outside the mask: passed unchanged",
+    1: "nodata: not valid, copied",
+    2: "not water, or outside the mask: copied",
     4: "corrected",
     8: "negative after correction, in some band",
     16: "saturated before correction, in some band",
@@ -242,7 +242,10 @@ class Correction:
             around = self._water_in(outer, physical)
             if self.model.halo:
                 found_glint, exceeds = glint(
-                    physical, self.model, np.ones(outer.shape, np.bool_) if around is None else around
+                    physical,
+                    self.model,
+                    np.ones(outer.shape, np.bool_) if around is None else around,
+                    (outer.row0, outer.col0),
                 )
                 predicted = {band: amount[place[1:]] for band, amount in found_glint.items()}
                 exceeds = None if exceeds is None else exceeds[place[1:]]

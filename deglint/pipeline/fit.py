@@ -18,17 +18,28 @@ from ..masks import WaterRule, sample_halo
 from ..needs import HEAVY_COVER, Needs
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import Area, collection, open_area, to_geojson
-from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, SampleStatistics, combine, gather, harmful, useless
+from ..remove import (
+    METHODS,
+    FitRequest,
+    GlintModel,
+    SamplePlan,
+    SampleStatistics,
+    combine,
+    gather,
+    harmful,
+    useless,
+    wiener,
+)
 from ..remove.multiband import PERCENTILE, references
-from ..remove.wiener import without_even
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
 from .blocks import Blocks, cleaned
 from .compensation import Plan, fit_after, fit_before, may_open, plan
 from .log import log_model, log_needs, log_nir, log_sample, log_scene, log_water
-from .look import Look, core_of, looks, role_bands
+from .look import LOOK_SIDE, Look, core_of, looks, role_bands
 from .recipe import Recipe, make_request
-from .sample import Sampler, read_sample, sampler_of
+from .sample import Sampler, sample_reader, sampler_of, some, tiles_of
+from .strips import strips_finder, strips_of_footprints
 from .tolerance import Sampling, short_of
 from .warming import warming
 
@@ -71,6 +82,12 @@ class Fitted:
     water_bands: tuple[int, ...] = ()
     chain: Chain = field(default_factory=Chain)
     needs: Needs = field(default_factory=Needs)
+
+    def __repr__(self) -> str:
+        return f"Fitted({self.model!r}, compensation {self.chain.text if self.chain.runs else 'none'})"
+
+    def _repr_html_(self) -> str:
+        return self.model._repr_html_()
 
 
 @checked_keywords()
@@ -222,11 +239,16 @@ def _fit_neighbours(
 ) -> tuple[GlintModel, dict[str, Any], dict[str, Any] | None]:  # fmt: skip
     """A method that looks at neighbours, from tiles of open water that are held in memory."""
     area: Area | None = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "--mask")
-    places, tiles = read_sample(scene, look, given, area, threads, progress)
     request = replace(request, regression="detrended")
-    model = METHODS["wiener"].fit(request, tiles)
+    read = sample_reader(scene, look, given, area)
+    places = tiles_of(scene, given) if given is not None else some(look.tiles)
+    at_once = tiling.affordable(threads, (LOOK_SIDE, LOOK_SIDE), 2 * len(scene.bands))
+    note = None if progress is None else partial(progress, "fit")
+    tiles = [t for _p, t in tiling.run(places, read, threads=at_once, start=enter_thread, progress=note)]
+    strips = strips_of_footprints(scene, request.correct[0]) or strips_finder(scene, read, at_once)
+    model = wiener.fit(request, tiles, strips=strips)
     if smooth and model.fits:
-        model = without_even(model, request, tiles)
+        model = wiener.without_even(model, request, tiles)
     pixels = sum(int(np.count_nonzero(t.sample)) for t in tiles)
     box = _union([_box(t.sample, place) for t, place in zip(tiles, places, strict=True)])
     log_sample(pixels, _place(box))

@@ -31,7 +31,9 @@ def why(lines: Sequence[str]) -> None:
 def log_scene(scene: Scene) -> None:
     """What was opened: size, sensor, band delays."""
     sensor = f", sensor {scene.sensor}" if scene.sensor else ""
-    log.info("%s: %d bands, %d x %d pixels%s", scene.path, len(scene.bands), scene.width, scene.height, sensor)
+    first, *others = scene.path.split(", ")
+    name = f"{first} and {len(others)} more" if others else first
+    log.info("%s: %d bands, %d x %d pixels%s", name, len(scene.bands), scene.width, scene.height, sensor)
     times = [b.time_offset for b in scene.bands if b.time_offset is not None]
     if len(times) > 1:
         source = f"known for {scene.sensor}" if scene.sensor else "read from file"
@@ -51,7 +53,7 @@ def log_nir(scene: Scene, bands: Sequence[int], notes: Sequence[str]) -> None:
 def log_water(rule: WaterRule | None, mask: str) -> None:
     """What is corrected."""
     if rule is not None and rule.has_water:
-        log.info("water: %.0f %% of the pixels that were looked at", 100 * rule.water_fraction)
+        log.info("water: %.0f %% of the scene", 100 * rule.water_fraction)
         why([rule.reason])
     elif mask == "none":
         log.info("mask: none, every valid pixel is corrected")

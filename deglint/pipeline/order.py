@@ -13,8 +13,8 @@ from typing import Any, get_type_hints
 from ..errors import InputError
 from ..readers.scenes import checked_name
 from ..readers.text import read_text
-from .apply import DTYPES
 from .checksum import fingerprints
+from .outputs import DTYPES
 from .recipe import Recipe
 
 MOST_BYTES = 1 << 20

@@ -9,12 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import check_choice, check_kind, check_number, checked_keywords, described
+from ..checks import check_choice, check_kind, check_number, checked_keywords, described, nearest
 from ..compensate import parse
 from ..errors import InputError
 from ..readers.roles import explain_nir, find_band, find_nir, split_wanted
 from ..remove import METHODS, REGRESSIONS, FitRequest, nir_request
 from ..scene import Scene
+
+CHAINS = ("auto", "thesis", "off")
+"""Words that stand for chains of stages."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,9 @@ class Recipe:
                 f"--smallest-object is for the automatic compensation, got --compensate {self.compensate}: "
                 "leave out one of them, or give the size of the element in the stages."
             )
-        if self.compensate not in ("auto", "thesis", "off"):
+        if self.compensate not in CHAINS:
+            if hint := nearest(self.compensate, list(CHAINS)):
+                raise InputError(f"compensate {self.compensate!r} is not one of {', '.join(CHAINS)}, nor a stage{hint}")
             parse(self.compensate)
         if self.method == "wiener" and self.compensate not in ("auto", "off"):
             raise InputError(

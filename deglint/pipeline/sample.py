@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ import numpy.typing as npt
 from .. import tiles as tiling
 from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
-from ..raster.environment import enter_thread
 from ..readers.areas import Area, open_area
 from ..remove import SampleTile
 from ..scene import FloatArray, Scene, Window
@@ -56,8 +54,10 @@ def sampler_of(
     area = open_area(recipe.sample, scene, "--sample")
     (top, bottom), (left, right) = area.bounds
     inside = tiles_over(scene, area.bounds, shape)
+    note = getattr(area, "note", "")
+    numbers = {"crs": note} if note else {}
     pixels = (bottom - top) * (right - left)
-    return Sampler(inside, lambda _b, _c, t: area.read(t.window), pixels=pixels, bounds=area.bounds)
+    return Sampler(inside, lambda _b, _c, t: area.read(t.window), pixels=pixels, numbers=numbers, bounds=area.bounds)
 
 
 def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
@@ -91,50 +91,38 @@ def _auto_sampler(scene: Scene, look: Look, threads: int, clean: Sequence[FloatA
     return Sampler(look.tiles, mask, bands, rule.halo, pixels, numbers)
 
 
-def read_sample(
-    scene: Scene,
-    look: Look,
-    sampler: Sampler | None,
-    area: Area | None,
-    threads: int,
-    progress: Callable[[str, int, int], None] | None = None,
-) -> tuple[list[Tile], list[SampleTile]]:
-    """Some tiles of a scene, with all bands and their open water, for methods that look at neighbours; and where.
+def sample_reader(scene: Scene, look: Look, sampler: Sampler | None, area: Area | None) -> Callable[[Tile], SampleTile]:
+    """What reads a tile with all bands and its open water, for methods that look at neighbours.
 
     Parameters
     ----------
     scene : Scene
     look : Look
     sampler : Sampler, optional
-        The sample that the user named; the water of the tiles that were looked at by default.
+        The sample that the user named; all open water by default.
     area : Area, optional
         What the user said is to be corrected, in place of the water.
-    threads : int
     """
-    tiles = tiles_of(scene, sampler) if sampler is not None else some(look.tiles)
     rule = look.water if area is None else None
     halo, every = 0 if rule is None else rule.halo, list(range(len(scene.bands)))
 
     def work(tile: Tile) -> SampleTile:
-        outer = tile.grown(halo, scene.height, scene.width)
-        block = scene.source.read(outer.window, every)
+        outer, origin = tile.grown(halo, scene.height, scene.width), (tile.row0, tile.col0)
+        inner = core_of(tile.crop_of(outer), outer.shape)
+        wide = scene.source.read(outer.window, every)
+        block = np.ascontiguousarray(wide[(slice(None), *inner)])
         if sampler is not None:
             named = sampler.mask(block, every, tile)
-            return SampleTile(block, named, named)
-        inner = core_of(tile.crop_of(outer), outer.shape)
+            return SampleTile(block, named, named, origin)
         if area is not None:
             found = area.read(tile.window)
         elif rule is None:
             found = np.ones(tile.shape, np.bool_)
         else:
-            found = water([block[b] for b in role_bands(look.roles)], rule)[inner]
-        found = np.ascontiguousarray(found)
-        return SampleTile(np.ascontiguousarray(block[(slice(None), *inner)]), found, away_from_shore(found))
+            found = np.ascontiguousarray(water([wide[b] for b in role_bands(look.roles)], rule)[inner])
+        return SampleTile(block, found, away_from_shore(found), origin)
 
-    at_once = tiling.affordable(threads, (LOOK_SIDE, LOOK_SIDE), 2 * len(every))
-    note = None if progress is None else partial(progress, "fit")
-    found = tiling.run(tiles, work, threads=at_once, start=enter_thread, progress=note)
-    return tiles, [t for _tile, t in found]
+    return work
 
 
 def tiles_of(scene: Scene, sampler: Sampler) -> list[Tile]:

@@ -12,9 +12,9 @@ from .. import __version__
 from ..scene import Scene
 
 if TYPE_CHECKING:
-    from .apply import Outputs
     from .checksum import Checksum
     from .fit import Fitted
+    from .outputs import Outputs
     from .tally import Tally
 
 COPIED = "no band needs a correction: copied as they are, and not counted by kind"

@@ -5,6 +5,7 @@ An `Area` says for any window of the scene which pixels it covers. A polygon cov
 
 from __future__ import annotations
 
+import logging
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,12 +16,14 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import InputError
+from ..checks import nearest
+from ..errors import InputError, ReadError
 from ..raster import FileBands, RasterSource
 from ..raster.info import describe, one_line, open_dataset
 from ..scene import Scene, Window
 from .text import read_json
 
+log = logging.getLogger(__name__)
 Mask = npt.NDArray[np.bool_]
 _WGS84 = "OGC:CRS84"
 _CRS_NAME = re.compile(
@@ -28,6 +31,8 @@ _CRS_NAME = re.compile(
 )
 _CELL = 512
 """Side of the squares in which polygons are drawn [pixel]."""
+WORDS = {"--sample": ("auto", "all"), "--mask": ("auto", "none")}
+"""Words that an option takes beside names of files, for those who misspell them."""
 _FAR = 1e9
 """A corner further from the scene than this is a mistake [pixel]."""
 
@@ -62,11 +67,12 @@ class WindowArea:
 
 @dataclass(frozen=True)
 class PolygonArea:
-    """Polygons in the scene's coordinates."""
+    """Polygons in the scene's coordinates; `note` says what was assumed of them."""
 
     shapes: tuple[Mapping[str, Any], ...]
     transform: Any
     bounds: Window
+    note: str = ""
 
     def read(self, window: Window) -> Mask:
         """True where a pixel's centre lies in a polygon."""
@@ -128,20 +134,36 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
     ReadError
         No such file, or neither GeoJSON nor a raster.
     """
-    numbers = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*", text)
-    if numbers:
-        column, row, width, height = map(int, numbers.groups())
+    if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
+        column, row, width, height = _window(text, scene, option)
         return _inside(WindowArea(((row, row + height), (column, column + width))), scene, text, option)
     if Path(text).suffix.lower() in (".geojson", ".json"):
         return _inside(polygons(read_json(text, option), scene, text), scene, text, option)
+    if Path(text).name == text and not Path(text).exists():
+        hint = nearest(text, list(WORDS.get(option, ())))
+        if hint:
+            raise ReadError(f"no such file: {text} ({option}){hint}")
     return _raster_area(text, scene, option)
+
+
+def _window(text: str, scene: Scene, option: str) -> list[int]:
+    """Column, row, width and height, or an InputError with an example that lies in the scene."""
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) == 4 and all(re.fullmatch(r"-?\d+", part) for part in parts) and min(map(int, parts[2:])) > 0:
+        return list(map(int, parts))
+    middle = f"{scene.width // 4},{scene.height // 4},{max(scene.width // 2, 1)},{max(scene.height // 2, 1)}"
+    raise InputError(
+        f"{option} {text}: a window is four integers, column,row,width,height [pixel], the last two above 0; "
+        f"such as {option} {middle} in this scene of {scene.width} x {scene.height} pixels."
+    )
 
 
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonArea:
     """Polygons of a GeoJSON document, in the scene's coordinates.
 
-    Coordinates are in the document's `crs` member where it has one, else in longitude and latitude (RFC 7946); over a
-    scene without CRS they are taken as the scene's own.
+    Coordinates are in the document's `crs` member where it has one, else in longitude and latitude (RFC 7946). Those
+    that cannot be longitude and latitude, and lie in the scene, are taken to be in the scene's CRS, as are all over a
+    scene without CRS.
     """
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
@@ -152,7 +174,10 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
     shapes = [_checked(polygon, name) for polygon in _polygons(document)]
     if not shapes:
         raise InputError(f"{name} holds no polygon. Draw the area as Polygon or MultiPolygon features.")
-    if scene.crs is not None:
+    note = "" if scene.crs is None or document.get("crs") else _own_crs(shapes, scene, name)
+    if note:
+        log.info("%s", note)
+    if scene.crs is not None and not note:
         try:
             shapes = [transform_geom(_crs_of(document, name), scene.crs, s) for s in shapes]
         except (RasterioError, CPLE_BaseError, ValueError, IndexError) as error:
@@ -170,7 +195,31 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
         (int(np.floor(rows.min())), int(np.ceil(rows.max()))),
         (int(np.floor(columns.min())), int(np.ceil(columns.max()))),
     )
-    return PolygonArea(tuple(shapes), transform, window)
+    return PolygonArea(tuple(shapes), transform, window, note)
+
+
+def _own_crs(shapes: Sequence[Mapping[str, Any]], scene: Scene, name: str) -> str:
+    """What to say of coordinates without a CRS that are the scene's own; "" where they are longitude and latitude.
+
+    Raises
+    ------
+    InputError
+        They are neither.
+    """
+    points = np.array([point for shape in shapes for ring in shape["coordinates"] for point in ring])
+    if (np.abs(points) <= (360, 90)).all():  # some programs count longitudes to 360 degrees
+        return ""
+    (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
+    edges = [scene.transform * (x, y) for x in (0, scene.width) for y in (0, scene.height)]
+    (west, south), (east, north) = np.min(edges, axis=0), np.max(edges, axis=0)
+    own = scene.crs.to_string() if len(scene.crs.to_string()) < 40 else "that of the scene"
+    if left < east and right > west and bottom < north and top > south:
+        return f"{name} names no CRS, and its coordinates lie in the scene: they are taken to be in its CRS, {own}"
+    raise InputError(
+        f"{name} names no CRS, so its coordinates should be longitude and latitude, but they are x {left:.6g} to "
+        f"{right:.6g}, y {bottom:.6g} to {top:.6g}, and not in the scene either. Save it in EPSG:4326 (ogr2ogr -t_srs "
+        f"EPSG:4326 NEW.geojson {name}), or with its CRS."
+    )
 
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
@@ -267,13 +316,15 @@ def _inside(area: Any, scene: Scene, name: str, option: str) -> Area:
     )
     if any(low >= high for low, high in cut):
         (top, bottom), (left, right) = area.bounds
+        window = isinstance(area, WindowArea)
+        remedy = "A window is column,row,width,height." if window else "Check the CRS, or draw it anew."
         raise InputError(
             f"{option} {name} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, "
-            f"the scene has {scene.height} rows and {scene.width} columns. Check the CRS, or draw it anew."
+            f"the scene has {scene.height} rows and {scene.width} columns. {remedy}"
         )
     if isinstance(area, WindowArea):
         return WindowArea((cut[0], cut[1]))
-    return PolygonArea(area.shapes, area.transform, (cut[0], cut[1]))
+    return replace(area, bounds=(cut[0], cut[1]))
 
 
 def _raster_area(path: str, scene: Scene, option: str) -> RasterArea:

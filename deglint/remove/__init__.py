@@ -152,7 +152,8 @@ def fit(
             (slice(row, row + SAMPLE_SIDE), slice(column, column + SAMPLE_SIDE))
             for row in range(0, mask.shape[0], SAMPLE_SIDE) for column in range(0, mask.shape[1], SAMPLE_SIDE)
         ]  # fmt: skip
-        return chosen.fit(request, [SampleTile(block[:, r, c], water[r, c], mask[r, c]) for r, c in squares])
+        tiles = [SampleTile(block[:, r, c], water[r, c], mask[r, c], (r.start, c.start)) for r, c in squares]
+        return chosen.fit(request, tiles)
     if chosen.plan is None:
         return chosen.fit(request, None)
     plan = chosen.plan(request)

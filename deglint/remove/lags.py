@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..moments import CELL
 from ..scene import FloatArray
 from .detrend import detrend
-from .reference import CELL, LEAST_WATER
+from .reference import LEAST_WATER
 
 Float64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -47,11 +48,18 @@ class LagGrams:
     pixels : (square,) ndarray of int
     references : int
         How many references there are.
+    places : (square, 2) ndarray of int
+        Row and column in the scene of the first pixel of each square.
     """
 
     grams: Float64
     pixels: npt.NDArray[np.int64]
     references: int
+    places: npt.NDArray[np.int64]
+
+    def some(self, chosen: Mask) -> LagGrams:
+        """Those of some squares."""
+        return LagGrams(self.grams[chosen], self.pixels[chosen], self.references, self.places[chosen])
 
     def columns(self, reference: int, side: int) -> list[int]:
         """Variables of one reference that a kernel of this side uses."""
@@ -67,7 +75,14 @@ class LagGrams:
         return reference * SIDE**2 + SIDE**2 // 2
 
 
-def gather(references: Sequence[FloatArray], bands: Sequence[FloatArray], sample: Mask, *, size: int) -> LagGrams:
+def gather(
+    references: Sequence[FloatArray],
+    bands: Sequence[FloatArray],
+    sample: Mask,
+    *,
+    size: int,
+    origin: tuple[int, int] = (0, 0),
+) -> LagGrams:
     """Sums of one tile.
 
     Parameters
@@ -77,6 +92,8 @@ def gather(references: Sequence[FloatArray], bands: Sequence[FloatArray], sample
         Pixels to learn from, all of them finite.
     size : int
         A local mean over squares of this side is subtracted from everything before; 0 for none [pixel].
+    origin : (int, int)
+        Row and column of the tile in the scene.
     """
     import cv2
 
@@ -86,7 +103,7 @@ def gather(references: Sequence[FloatArray], bands: Sequence[FloatArray], sample
     padded = np.pad(values[: len(references)], ((0, 0), (REACH, REACH), (REACH, REACH)))
     square = np.ones((SIDE, SIDE), np.uint8)
     inner = cv2.erode(sample.view(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0).view(np.bool_)
-    grams, pixels = [], []
+    grams, pixels, places = [], [], []
     for top in range(0, sample.shape[0], CELL):
         for left in range(0, sample.shape[1], CELL):
             mask = inner[top : top + CELL, left : left + CELL]
@@ -103,14 +120,23 @@ def gather(references: Sequence[FloatArray], bands: Sequence[FloatArray], sample
             variables -= variables.mean(axis=1, keepdims=True)
             grams.append(variables @ variables.T)
             pixels.append(variables.shape[1])
+            places.append((origin[0] + top, origin[1] + left))
     count = len(references) * SIDE**2 + len(bands)
-    return LagGrams(np.array(grams).reshape(-1, count, count), np.array(pixels, np.int64), len(references))
+    return LagGrams(
+        np.array(grams).reshape(-1, count, count),
+        np.array(pixels, np.int64),
+        len(references),
+        np.array(places, np.int64).reshape(-1, 2),
+    )
 
 
 def merge(parts: Sequence[LagGrams]) -> LagGrams:
     """The sums of several tiles, in their order."""
     return LagGrams(
-        np.concatenate([p.grams for p in parts]), np.concatenate([p.pixels for p in parts]), parts[0].references
+        np.concatenate([p.grams for p in parts]),
+        np.concatenate([p.pixels for p in parts]),
+        parts[0].references,
+        np.concatenate([p.places for p in parts]),
     )
 
 

@@ -25,6 +25,7 @@ from ..checks import check_kind
 from ..errors import InputError
 from ..scene import FloatArray
 from .reference import ReferenceRule
+from .strips import Strips
 
 FORMAT = 1
 _SLAB = 1 << 16
@@ -110,6 +111,10 @@ class GlintModel:
     level_interval : (float, float, float), optional
         Of a level that all bands share: the least that leaves every band positive, that which was chosen, and the
         median of the sample [unit of the index].
+    strips : Strips, optional
+        Where the scene has strips of detectors with opposite delays.
+    second : tuple of GlintIndex
+        What stands for `indexes` in strips of the second kind.
     """
 
     method: str
@@ -120,6 +125,8 @@ class GlintModel:
     warnings: tuple[str, ...] = ()
     references: tuple[ReferenceRule, ...] = ()
     level_interval: tuple[float, float, float] | None = None
+    strips: Strips | None = None
+    second: tuple[GlintIndex, ...] = ()
 
     @property
     def halo(self) -> int:
@@ -137,6 +144,18 @@ class GlintModel:
                 text += f"  R2 {fit.r2:.3f}"
             lines.append(f"{text}  n {fit.n}  on {self._index_name(index)} above {index.level:.6g}")
         return "\n".join(lines + [f"  warning: {w}" for w in self.warnings])
+
+    def __repr__(self) -> str:
+        names = ", ".join(f.name for f in self.fits) or "no band"
+        references = ", ".join(self.band_names[b] for b in self.index_bands)
+        return f"GlintModel({self.method}: {names} on {references})"
+
+    def _repr_html_(self) -> str:
+        from ..notebook import bars, shown
+
+        known = [f.r2 for f in self.fits if f.r2 is not None]  # the picture has a bar for the R2 of each band
+        lines = [line.strip().partition(" ") for line in str(self).splitlines()[1:]]
+        return shown(repr(self), [(a, b.strip()) for a, _, b in lines], bars(known) if known else None)
 
     def _index_name(self, index: GlintIndex) -> str:
         if index.offsets:
@@ -175,6 +194,8 @@ class GlintModel:
                 warnings=tuple(data["warnings"]),
                 references=tuple(ReferenceRule(**r) for r in data.get("references", ())),
                 level_interval=tuple(data["level_interval"]) if data.get("level_interval") else None,
+                strips=Strips(tuple(data["strips"]["rows"])) if data.get("strips") else None,
+                second=tuple(_index_from(i) for i in data.get("second", ())),
             )
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             if isinstance(error, InputError):
@@ -200,6 +221,7 @@ class GlintModel:
             self,
             indexes=tuple(replace(i, bands=tuple(to[b] for b in i.bands)) for i in self.indexes),
             references=tuple(replace(r, band=to[r.band]) for r in self.references),
+            second=tuple(replace(i, bands=tuple(to[b] for b in i.bands)) for i in self.second),
             fits=tuple(replace(f, band=to[f.band]) for f in self.fits),
             band_names=names,
         )

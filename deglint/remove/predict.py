@@ -21,7 +21,7 @@ SPARE = 16
 """Columns that are added: at least as many as OpenCV's filters handle at a time."""
 
 
-def predicted(references: Mapping[int, FloatArray], index: GlintIndex) -> FloatArray:
+def _filtered(references: Mapping[int, FloatArray], index: GlintIndex) -> FloatArray:
     """Weighted sum of the references at the offsets of an index, (row, column); the image is mirrored at its edges.
 
     Parameters
@@ -49,7 +49,26 @@ def predicted(references: Mapping[int, FloatArray], index: GlintIndex) -> FloatA
     return total
 
 
-def glint(block: FloatArray, model: GlintModel, water: Mask) -> tuple[dict[int, FloatArray], Mask | None]:
+def predicted(
+    references: Mapping[int, FloatArray], model: GlintModel, k: int, origin: tuple[int, int] = (0, 0)
+) -> FloatArray:
+    """What index `k` of a model predicts, (row, column); strips of two kinds are faded into each other.
+
+    origin : row and column in the scene of the references' first pixel
+    """
+    first = _filtered(references, model.indexes[k])
+    if model.strips is None:
+        return first
+    height, width = first.shape
+    share = model.strips.share((origin[0], origin[0] + height), (origin[1], origin[1] + width))
+    if not share.any():
+        return first
+    return first + share.astype(first.dtype) * (_filtered(references, model.second[k]) - first)
+
+
+def glint(
+    block: FloatArray, model: GlintModel, water: Mask, origin: tuple[int, int] = (0, 0)
+) -> tuple[dict[int, FloatArray], Mask | None]:
     """Glint in each band that a model of kernels corrects.
 
     Parameters
@@ -60,6 +79,8 @@ def glint(block: FloatArray, model: GlintModel, water: Mask) -> tuple[dict[int, 
         With references.
     water : (row, column) ndarray of bool
         Where the references show water; NaN and what is not water is replaced by the water around.
+    origin : (int, int)
+        Row and column of the block in the scene, for strips [pixel].
 
     Returns
     -------
@@ -76,7 +97,7 @@ def glint(block: FloatArray, model: GlintModel, water: Mask) -> tuple[dict[int, 
     out = {}
     for fit in model.fits:
         index = model.indexes[fit.index]
-        above = predicted(references, index)
+        above = predicted(references, model, fit.index, origin)
         above -= above.dtype.type(index.level)
         np.maximum(above, 0, out=above)
         above *= above.dtype.type(fit.slope)

@@ -15,14 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..moments import CELL
 from ..scene import FloatArray
 
 Mask = npt.NDArray[np.bool_]
 
 SIZE = 15
 """Side of the square that local means are taken over [pixel]: several waves, and less than a plume."""
-CELL = 64
-"""Side of the squares that the strength of glint is measured in [pixel]: those with ships are few among them."""
 LEAST_WATER = 0.15
 """Share of such a square that must be open water for its largest excess to be that of glint."""
 QUARTILE, FACTOR = 25, 2.5

@@ -29,7 +29,7 @@ doi:10.1214/aos/1176345462 (jackknife).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,6 +45,8 @@ from .model import BandFit, GlintIndex, GlintModel
 from .predict import predicted
 from .reference import ReferenceRule, clean, fit_reference
 from .request import EVEN, FitRequest
+from .strips import LEAST as LEAST_SQUARES
+from .strips import Strips, find_kernels, second_kind
 
 Float64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -89,11 +91,14 @@ class SampleTile:
         Where references show water.
     sample : (row, column) ndarray of bool
         Water to learn from: away from shores, or the sample that the user named.
+    origin : (int, int)
+        Row and column of the tile in the scene [pixel].
     """
 
     block: FloatArray
     water: Mask
     sample: Mask
+    origin: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True)
@@ -118,7 +123,11 @@ class _SetFit:
 
 
 def fit(
-    request: FitRequest, tiles: Sequence[SampleTile], *, supports: Sequence[tuple[int, ...]] = SUPPORTS
+    request: FitRequest,
+    tiles: Sequence[SampleTile],
+    *,
+    supports: Sequence[tuple[int, ...]] = SUPPORTS,
+    strips: Strips | Callable[[StripFinder], Strips] | None = None,
 ) -> GlintModel:
     """Fit kernels, responses and level.
 
@@ -130,6 +139,9 @@ def fit(
         Spread over the scene; 0.3 million pixels are enough.
     supports : sequence of tuple of int
         Sides of the kernels that are compared; see `SUPPORTS`.
+    strips : Strips or callable, optional
+        Where detectors have opposite delays: a kernel for each kind of strip. Or what finds it out in all of the scene,
+        called where the sample shows two kinds.
 
     Returns
     -------
@@ -141,21 +153,80 @@ def fit(
     FitError
         Too little open water.
     """
-    size = 0 if request.regression == "ols" else LOCAL_MEAN
     sets = band_sets(request)
-    rules = _rules(request, tiles, sets)
-    learnt = [_learnt(tile, request, rules) for tile in tiles]
-    limits = _limits(learnt)
-    learnt = [_without_outliers(tile, limits) for tile in learnt]
-    found = [f for s in sets for f in _fit_set(s, learnt, supports, size)]
-    response, covariance, order = _joined(found)
-    shared = _shared_glint(response, covariance, request, sets, order)
-    model = _model(request, found, rules, shared, covariance)
-    loss = np.concatenate([f.loss for f in found])
+    learnt, rules = _prepared(request, tiles, sets)
+    grams = [_gathered(s, learnt, request) for s in sets]
+    if callable(strips):
+        kernels = find_kernels(grams[0], len(sets[0].bands))
+        strips = None if kernels is None else strips(StripFinder(request, rules, kernels))
+    kinds = [grams] if strips is None else _by_strip(grams, strips)
+    found = [[f for s, g in zip(sets, some, strict=True) for f in _fit_set(s, g, supports)] for some in kinds]
+    response, covariance = _joined([f for some in found for f in some], len(request.correct))
+    shared = _shared_glint(response, covariance, request, sets)
+    model = _model(request, found[0], rules, shared, covariance)
+    if len(found) > 1:
+        second = _model(request, found[1], rules, shared, covariance)
+        used = {r.band for m in (model, second) for r in m.references}
+        both = tuple(rule for r, rule in rules.items() if r in used)
+        model = replace(model, strips=strips, second=second.indexes, references=both)
+    loss = np.concatenate([f.loss for some in found for f in some])
     noise = float(np.exp(np.log(np.maximum(loss, 1e-12)).mean() / 2))
     if shared.significance <= SURE or noise > 1 - WORTH:
         return _nothing(model, f"the NIR takes {1 - noise:.1%} off the noise of the bands: they share no glint")
     return _with_level(model, learnt, request)
+
+
+@dataclass(frozen=True, eq=False)
+class StripFinder:
+    """Tells for any tile of a scene which of its squares lie in strips of the second kind."""
+
+    request: FitRequest
+    rules: dict[int, ReferenceRule]
+    kernels: tuple[Float64, Float64]
+
+    def __call__(self, tile: SampleTile) -> tuple[npt.NDArray[np.int64], Mask]:
+        """Row and column in the scene of squares with enough water, and whether they are of the second kind."""
+        try:
+            grams = _gathered(band_sets(self.request)[0], [_learnt(tile, self.request, self.rules)], self.request)
+        except FitError:
+            return np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
+        return grams.places, second_kind(grams, self.kernels)
+
+
+def _prepared(
+    request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[_BandSet]
+) -> tuple[list[_Learnt], dict[int, ReferenceRule]]:
+    """Tiles with cleaned references and without what teaches nothing."""
+    rules = _rules(request, tiles, sets)
+    learnt = [_learnt(tile, request, rules) for tile in tiles]
+    limits = _limits(learnt)
+    return [_without_outliers(tile, limits) for tile in learnt], rules
+
+
+def _gathered(band_set: _BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
+    size = 0 if request.regression == "ols" else LOCAL_MEAN
+    parts = [
+        gather(
+            [t.references[r] for r in band_set.references], [t.bands[b] for b in band_set.bands], t.teaches,
+            size=size, origin=t.origin,
+        )
+        for t in learnt
+    ]  # fmt: skip
+    grams = merge(parts) if parts else None
+    if grams is None or not len(grams.grams):
+        raise FitError(
+            "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample with a "
+            "polygon or window over open water, or --mask with what is water."
+        )
+    return grams
+
+
+def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
+    """The squares of each kind of strip; all together where one kind has too few."""
+    second = strips.of_cells(grams[0])
+    if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES:
+        return [list(grams)]
+    return [[g.some(second == kind) for g in grams] for kind in (False, True)]
 
 
 def without_even(model: GlintModel, request: FitRequest, tiles: Sequence[SampleTile]) -> GlintModel:
@@ -166,7 +237,7 @@ def without_even(model: GlintModel, request: FitRequest, tiles: Sequence[SampleT
     """
     rules = {r.band: r for r in model.references}
     learnt = [_learnt(tile, request, rules) for tile in tiles]
-    strength = [np.mean([predicted(t.references, i) for i in model.indexes], axis=0)[t.sample] for t in learnt]
+    strength = [np.mean(_predictions(model, t), axis=0)[t.sample] for t in learnt]
     share = even_share(np.concatenate(strength))
     if share <= EVEN:
         return model
@@ -221,6 +292,7 @@ class _Learnt:
     bands: list[FloatArray]
     sample: Mask
     teaches: Mask
+    origin: tuple[int, int]
 
 
 def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Learnt:
@@ -229,7 +301,7 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
         references[r], exceeds = clean(tile.block[r], tile.water, rule)
         if exceeds is not None:
             sample = sample & ~exceeds
-    return _Learnt(references, [tile.block[b] for b in request.correct], sample, sample)
+    return _Learnt(references, [tile.block[b] for b in request.correct], sample, sample, tile.origin)
 
 
 def _limits(learnt: Sequence[_Learnt]) -> list[float]:
@@ -255,22 +327,8 @@ def _without_outliers(tile: _Learnt, limits: Sequence[float]) -> _Learnt:
     return replace(tile, teaches=tile.sample & ~near)
 
 
-def _fit_set(
-    band_set: _BandSet, learnt: Sequence[_Learnt], supports: Sequence[tuple[int, ...]], size: int
-) -> list[_SetFit]:
+def _fit_set(band_set: _BandSet, grams: LagGrams, supports: Sequence[tuple[int, ...]]) -> list[_SetFit]:
     """The kernels of a set of bands, for each support that suits some of them best."""
-    parts = [
-        gather(
-            [t.references[r] for r in band_set.references], [t.bands[b] for b in band_set.bands], t.teaches, size=size
-        )
-        for t in learnt
-    ]
-    grams = merge(parts) if parts else None
-    if grams is None or not len(grams.grams):
-        raise FitError(
-            "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample with a "
-            "polygon or window over open water, or --mask with what is water."
-        )
     outputs = [grams.band(i) for i in range(len(band_set.bands))]
     count = min(GROUPS, len(grams.grams))
     groups = [grams.grams[i * len(grams.grams) // count : (i + 1) * len(grams.grams) // count].sum(axis=0)
@@ -353,16 +411,22 @@ def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs:
     return out
 
 
-def _joined(found: Sequence[_SetFit]) -> tuple[Float64, Float64, list[int]]:
-    """Responses of all bands, their covariance by the jackknife over groups, and which bands (places) they are."""
-    order = [b for f in found for b in f.band_set.bands]
-    response = np.concatenate([f.response for f in found])
+def _joined(found: Sequence[_SetFit], bands: int) -> tuple[Float64, Float64]:
+    """Responses of all bands, the mean over strips, and their covariance by the jackknife over groups."""
+    share = np.zeros(bands)
+    for f in found:
+        share[list(f.band_set.bands)] += f.pixels
     groups = min((len(f.left_out) for f in found), default=0)
+    response, left_out = np.zeros(bands), np.zeros((groups, bands))
+    for f in found:
+        mine = list(f.band_set.bands)
+        response[mine] += f.response * f.pixels / share[mine]
+        if groups:
+            left_out[:, mine] += f.left_out[:groups] * f.pixels / share[mine]
     if groups < 2:
-        return response, np.diag(response**2), order
-    left_out = np.concatenate([f.left_out[:groups] for f in found], axis=1)
+        return response, np.diag(response**2)
     away = left_out - left_out.mean(axis=0)
-    return response, (groups - 1) / groups * away.T @ away, order
+    return response, (groups - 1) / groups * away.T @ away
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,9 +438,7 @@ class _Shared:
     significance: float
 
 
-def _shared_glint(
-    response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[_BandSet], order: Sequence[int]
-) -> _Shared:
+def _shared_glint(response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[_BandSet]) -> _Shared:
     """Generalised least squares for the strength of glint of known colour, then the posterior mean of each band.
 
     Radiance and reflectance are told apart by which of the two colours fits.
@@ -386,7 +448,7 @@ def _shared_glint(
         weights = np.linalg.pinv(covariance + tiny) @ response
         return _Shared(weights, response, _significance(weights, response, covariance))
     tried = []
-    for colour in _colours(request, sets, order):
+    for colour in _colours(request, sets):
         size = float(np.median(response / colour))
         for _ in range(3):  # the prior is relative to the size, which converges at once
             prior = np.diag((COLOUR * size * colour) ** 2)
@@ -405,13 +467,13 @@ def _significance(weights: Float64, response: Float64, covariance: Float64) -> f
     return float(weights @ response) / np.sqrt(spread) if spread > 0 else np.inf
 
 
-def _colours(request: FitRequest, sets: Sequence[_BandSet], order: Sequence[int]) -> list[Float64]:
+def _colours(request: FitRequest, sets: Sequence[_BandSet]) -> list[Float64]:
     """Glint in each band over that in the NIR it follows: grey (reflectance), and the sun's colour (radiance)."""
     from ..physics.atmosphere import irradiance
 
-    grey = np.ones(len(order))
+    grey = np.ones(len(request.correct))
     follows = {b: s.references[0] for s in sets for b in s.bands}
-    pairs = [(request.bands[request.correct[b]].wavelength, request.bands[follows[b]].wavelength) for b in order]
+    pairs = [(request.bands[b].wavelength, request.bands[follows[i]].wavelength) for i, b in enumerate(request.correct)]
     if not all(w and 300 <= w <= 1000 for pair in pairs for w in pair):
         return [grey]
     own, nir = (irradiance(np.array(w, float), SUN_ZENITH).direct for w in zip(*pairs, strict=True))
@@ -424,10 +486,9 @@ def _model(
     """Kernels of the posterior responses: what is added has the kernel of the glint that the bands share."""
     indexes: dict[int, GlintIndex] = {}
     fits: dict[int, BandFit] = {}
-    errors, start = np.sqrt(np.maximum(np.diag(covariance), 0)), 0
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0))
     for f in found:
-        mine = slice(start, start + len(f.response))
-        start = mine.stop
+        mine = list(f.band_set.bands)
         weights, target = shared.weights[mine], shared.response[mine]
         strength = float(weights @ f.response)
         common = f.coefficients @ (weights / strength) if strength > 0 else f.coefficients.mean(axis=1)
@@ -448,14 +509,18 @@ def _model(
     )  # fmt: skip
 
 
+def _predictions(model: GlintModel, tile: _Learnt) -> list[FloatArray]:
+    """What each index predicts in a tile."""
+    return [predicted(tile.references, model, k, tile.origin) for k in range(len(model.indexes))]
+
+
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
     """One level for all bands, from the pixels of the sample where their predictions together are least."""
     slopes = np.array([f.slope for f in model.fits])
     predictions, values = [], []
     for tile in learnt:
         if tile.sample.any():
-            planes = np.stack([predicted(tile.references, model.indexes[f.index]) for f in model.fits])
-            predictions.append(planes[:, tile.sample])
+            predictions.append(np.stack(_predictions(model, tile))[:, tile.sample])
             values.append(np.stack([band[tile.sample] for band in tile.bands]))
     prediction, value = np.concatenate(predictions, axis=1), np.concatenate(values, axis=1)  # (band, pixel)
     together = slopes @ prediction / slopes.sum()  # in units of the NIR
@@ -471,10 +536,12 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     lift = max(0.0, *short)
     lowest, chosen = raised + max(short, default=0.0), raised + lift
     interval = max(float(lowest), 0.0), float(chosen), middle
-    indexes = tuple(replace(i, level=float(at + lift)) for i, at in zip(model.indexes, level, strict=True))
+    levels = [float(at + lift) for at in level]
+    indexes = tuple(replace(i, level=at) for i, at in zip(model.indexes, levels, strict=True))
+    second = tuple(replace(i, level=at) for i, at in zip(model.second, levels, strict=False))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
     clean = float(np.median(value[green] - slopes[green] * np.maximum(prediction[green] - indexes[green].level, 0)))
-    return replace(model, indexes=indexes, level_interval=interval, warnings=_sheet(interval, clean))
+    return replace(model, indexes=indexes, second=second, level_interval=interval, warnings=_sheet(interval, clean))
 
 
 def _sheet(interval: tuple[float, float, float], green: float) -> tuple[str, ...]:

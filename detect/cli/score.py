@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from deglint.cli.console import Console
+from deglint.cli.grouped import SETTINGS, Grouped
 from deglint.cli.options import cluster_of, common, creation_options, names, on_cluster
 from deglint.pipeline.checksum import begin_checksum
 
@@ -27,21 +28,19 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
     return inner, outer
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("inputs", nargs=-1, required=True, metavar="IN [IN ...]")
 @click.argument("output", metavar="OUT")
 @click.option(
     "--method",
     type=click.Choice(METHOD_NAMES),
     default="rx",
-    show_default=True,
     help="Compared with the whole background: rx, utd, rx-utd, subspace (rx without the leading eigenvectors), "
     "residual (rx after regression on the NIR). Compared with the ring around each pixel: local.",
 )
 @click.option(
     "--window",
     default="5,21",
-    show_default=True,
     callback=window,
     metavar="INNER,OUTER",
     help="For local: sides of the guard and of the window around it, odd, in pixels. The guard should hold the "
@@ -51,21 +50,18 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
     "--border",
     type=click.Choice(BORDER_NAMES),
     default="shrink",
-    show_default=True,
     help="For local, at the scene's edge: the window loses what is outside, mirrors the scene, or moves inside.",
 )
 @click.option(
     "--covariance",
     type=click.Choice(COVARIANCE_NAMES),
     default="empirical",
-    show_default=True,
     help="How it is estimated; mcd is robust: of the core of the background alone. local: empirical or ridge.",
 )
 @click.option(
     "--ridge",
     type=click.FloatRange(0),
     default=1e-3,
-    show_default=True,
     metavar="SHARE",
     help="For --covariance ridge: add this share of each band's variance.",
 )
@@ -73,7 +69,6 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
     "--drop",
     type=click.IntRange(0),
     default=1,
-    show_default=True,
     metavar="N",
     help="For subspace: leading eigenvectors to leave out.",
 )
@@ -82,7 +77,8 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
     default="",
     metavar="FILE|WINDOW",
     help="What belongs: polygons (GeoJSON), a mask raster (not 0), a window column,row,width,height, or a saved "
-    "background. Everything valid by default.",
+    "background.",
+    show_default="every valid pixel",
 )
 @click.option("--save-background", metavar="FILE.json", help="Write the fitted background, to use on another scene.")
 @click.option(
@@ -92,12 +88,12 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
     multiple=True,
     callback=names,
     metavar="BAND[,BAND]",
-    help="Bands to use, by name or number (from 1); all by default.",
+    show_default="all",
+    help="Bands to use, by name or number (from 1).",
 )
 @click.option(
     "--mask",
     default="none",
-    show_default=True,
     metavar="none|water|FILE|WINDOW",
     help="Where to score: everywhere, on water as found in the scene, or in a raster (not 0) or GeoJSON. What lies "
     "outside is in no background either.",
@@ -112,19 +108,15 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
     "--threshold",
     type=click.Choice(THRESHOLD_NAMES),
     default="gpd",
-    show_default=True,
     help="How it is found: by a law fitted to the scores' tail, their own quantile, or the law of a normal background "
     "(F, or chi-squared), which real scenes seldom keep.",
 )
 @click.option("--objects", metavar="FILE.geojson", help="Write outlines and scores of what exceeds the threshold.")
-@click.option(
-    "--min-size", type=click.IntRange(1), default=1, show_default=True, metavar="PIXELS", help="Drop smaller objects."
-)
+@click.option("--min-size", type=click.IntRange(1), default=1, metavar="PIXELS", help="Drop smaller objects.")
 @click.option(
     "--merge-distance",
     type=click.FloatRange(0),
     default=0.0,
-    show_default=True,
     metavar="PIXELS",
     help="Parts no further apart are one object.",
 )

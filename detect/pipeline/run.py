@@ -130,6 +130,11 @@ class Result:
     objects: int | None
     sidecar: dict[str, Any] = field(repr=False)
 
+    def __repr__(self) -> str:
+        cut = "" if self.threshold is None else f", {self.threshold}"
+        marked = "" if self.objects is None else f", {self.objects} objects"
+        return f"Result({self.tally.scored} of {self.tally.total} pixels scored{cut}{marked})"
+
 
 @checked_keywords("p_value", "flags", "objects", "background", "overwrite", "options")
 def score_file(

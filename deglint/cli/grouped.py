@@ -1,0 +1,41 @@
+"""A command whose `--help` lists its options in groups."""
+
+from __future__ import annotations
+
+import click
+
+GROUPS = {
+    "What to do": (
+        "method", "window", "border", "covariance", "ridge", "drop", "sample", "compensate", "smallest_object", "mask",
+        "bands", "background", "pfa", "threshold", "min_size", "merge_distance", "model_in",
+    ),
+    "Details of the fit": ("regression", "tolerance", "floor_percentile", "nir_use", "rrs_factor"),
+    "Input": (),
+    "Output": (
+        "flags", "amount", "stderr", "picture", "p_value", "objects", "save_model", "save_sample", "save_background",
+        "dtype", "options", "table", "overwrite", "dry_run",
+    ),
+    "Processing": ("threads", "jobs", "cluster", "workers", "worker_memory"),
+    "Messages": ("as_json", "verbose", "quiet", "help"),
+}  # fmt: skip
+"""Headings, with the parameters below them; what is not named describes the input."""
+SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}
+"""Settings of such a command."""
+
+
+class Grouped(click.Command):
+    """Lists options under the headings of `GROUPS`."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options, group by group."""
+        heading = {name: group for group, names in GROUPS.items() for name in names}
+        found: dict[str, list[tuple[str, str]]] = {group: [] for group in GROUPS}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
+            if record is not None:
+                name = "help" if "--help" in parameter.opts else parameter.name or ""
+                found[heading.get(name, "Input")].append(record)
+        for group, records in found.items():
+            if records:
+                with formatter.section(group):
+                    formatter.write_dl(records)

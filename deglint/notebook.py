@@ -1,0 +1,80 @@
+"""How values show themselves in a notebook: a table of escaped text beside a small picture (a PNG in the page)."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+SIDE = 192
+"""Longest side of a picture [pixel]."""
+MOST_BYTES = 64 << 10
+"""A picture is made smaller until its PNG, as it stands in the page, has at most this size [byte]."""
+MOST_ROWS = 40
+"""Rows of a table; hyperspectral scenes have hundreds of bands."""
+GAMMA = 1.8
+
+
+def shown(title: str, rows: Sequence[tuple[str, str]], picture: npt.NDArray[np.uint8] | None = None) -> str:
+    """A title, rows of (name, value) and a picture as HTML.
+
+    Parameters
+    ----------
+    title : str
+    rows : sequence of (str, str)
+    picture : (row, column, 3) uint8 ndarray, optional
+    """
+    kept = [*rows[:MOST_ROWS], *([("...", f"{len(rows) - MOST_ROWS} more")] if len(rows) > MOST_ROWS else [])]
+    cells = "".join(f"<tr><th style='text-align:left'>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in kept)
+    image = "" if picture is None else f"<td style='vertical-align:top'><img src='{data_uri(picture)}' alt=''></td>"
+    table = f"<td style='vertical-align:top'><table>{cells}</table></td>"
+    return f"<div><b>{escape(title)}</b><table><tr>{image}{table}</tr></table></div>"
+
+
+def data_uri(picture: npt.NDArray[np.uint8]) -> str:
+    """The picture as a PNG in a data URI of at most `MOST_BYTES`."""
+    import cv2
+
+    while True:
+        _ok, png = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
+        uri = "data:image/png;base64," + b64encode(png.tobytes()).decode()
+        if len(uri) <= MOST_BYTES:
+            return uri
+        picture = picture[::2, ::2]
+
+
+def stretched(images: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
+    """Images of three bands, in one stretch from the 1st to the 99th percentile of the last, beside each other.
+
+    Parameters
+    ----------
+    images : sequence of (3, row, column) ndarray
+        NaN is black.
+    """
+    low, high = (np.array([_percentile(band, q) for band in images[-1]])[:, None, None] for q in (1, 99))
+    span = np.where(high > low, high - low, 1)
+    parts = []
+    for image in images:
+        step = -(-max(image.shape[1:]) // SIDE)
+        unit = np.clip(np.nan_to_num((image[:, ::step, ::step] - low) / span, nan=0.0), 0, 1) ** (1 / GAMMA)
+        parts += [(unit * 255).astype(np.uint8).transpose(1, 2, 0), np.full((unit.shape[1], 4, 3), 255, np.uint8)]
+    return np.hstack(parts[:-1])
+
+
+def bars(shares: Sequence[float]) -> npt.NDArray[np.uint8]:
+    """A bar for each share from 0 to 1, from the left to the right."""
+    width = max(SIDE // max(len(shares), 1), 2)
+    picture = np.full((SIDE // 2, width * len(shares), 3), 255, np.uint8)
+    for i, share in enumerate(shares):
+        top = round((1 - min(max(share, 0.0), 1.0)) * len(picture))
+        picture[top:, i * width : (i + 1) * width - 1] = (70, 110, 160)
+    return picture
+
+
+def _percentile(band: npt.NDArray[Any], percent: float) -> float:
+    valid = band[np.isfinite(band)]
+    return float(np.percentile(valid, percent)) if valid.size else 0.0

@@ -1,0 +1,121 @@
+"""What a run writes, and what it gives back: the names of the outputs, and the result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ..checks import check_choice
+from ..errors import DeglintError
+from ..raster.environment import environment
+from ..scene import Band, FloatArray
+from .fit import Fitted
+from .look import raster_of
+from .tally import Tally
+
+DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
+"""Types that an output may be given."""
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where results go.
+
+    Attributes
+    ----------
+    image : Path
+        The deglinted raster; its sidecar is `image` with ".json" appended.
+    flags, amount, stderr, sample, model, picture : Path, optional
+        Flag raster, removed glint, standard errors, the sample as GeoJSON, the fitted model, a before/after picture.
+    overwrite : bool
+        Replace what exists.
+    dtype : str, optional
+        Type of the image; the input's by default.
+    options : mapping
+        GDAL creation options.
+    request : str, optional
+        What a batch calls this work; the sidecar then says it, and what the outputs are like, to know them again.
+    reads : sequence of paths
+        Files that were read for this work beside the scene and what the recipe names, such as a saved model: no output
+        may replace them.
+    """
+
+    image: Path
+    flags: Path | None = None
+    amount: Path | None = None
+    stderr: Path | None = None
+    sample: Path | None = None
+    model: Path | None = None
+    picture: Path | None = None
+    overwrite: bool = False
+    dtype: str | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
+    request: str | None = None
+    reads: Sequence[str | Path] = ()
+
+    def __post_init__(self) -> None:
+        if self.dtype is not None:
+            check_choice(self.dtype, list(DTYPES), "dtype")
+
+    @property
+    def sidecar(self) -> Path:
+        """Name of the sidecar."""
+        return self.image.parent / f"{self.image.name}.json"
+
+    def every(self) -> list[Path]:
+        """All files that will be written."""
+        extra = (self.flags, self.amount, self.stderr, self.sample, self.model, self.picture)
+        return [self.image, self.sidecar, *(p for p in extra if p is not None)]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run did.
+
+    Attributes
+    ----------
+    fitted : Fitted
+    tally : Tally
+    sidecar : dict
+        Everything that the sidecar says.
+    warnings : tuple of str
+    """
+
+    fitted: Fitted
+    tally: Tally
+    sidecar: dict[str, Any]
+    warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        pixels = f"{self.tally.corrected} of {self.tally.total} pixels"
+        bands = ", ".join(self.changed) or "none"
+        return f"Result({self.sidecar['output']!r}, {self.fitted.model.method}, {pixels} of bands {bands})"
+
+    def _repr_html_(self) -> str:
+        from ..notebook import shown, stretched
+
+        pixels = self.sidecar["pixels"]["changed"]
+        rows = [(b["name"], f"{pixels.get(b['name'], 0)} pixels changed") for b in self.sidecar["bands"]]
+        rows += [("warning", w) for w in self.warnings]
+        images = [self._middle([i["path"] for i in self.sidecar["input"]]), self._middle([self.sidecar["output"]])]
+        found = [image for image in images if image is not None]
+        return shown(repr(self), rows, stretched(found) if len(found) == 2 else None)
+
+    def _middle(self, paths: list[str]) -> FloatArray | None:
+        """The middle of what is in files, where that can be read."""
+        from ..readers import open_scene
+
+        try:
+            with environment():
+                scene = open_scene(paths)
+                with raster_of(scene):
+                    return replace(scene, bands=tuple(Band(**b) for b in self.sidecar["bands"])).middle()
+        except (DeglintError, IndexError):
+            return None
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Names of the bands whose pixels differ from the input's; the others are copied."""
+        return tuple(self.sidecar["pixels"]["changed"])
