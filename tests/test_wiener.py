@@ -1,0 +1,287 @@
+"""The Wiener filter on the NIR: kernels, colour, level, references, strips, tiles, and scenes with truth."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import correlate, gaussian_filter
+
+from deglint import Recipe, correct, fit_scene, open_scene, remove, remove_glint
+from deglint.errors import FitError, InputError
+from deglint.remove import GlintModel, SampleTile, nir_request, wiener
+from deglint.remove.lags import offsets
+from deglint.remove.predict import glint
+from deglint.remove.reference import ReferenceRule, clean, fit_reference
+from deglint.remove.strips import Strips, filled
+from deglint.scene import Band
+
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+BANDS = (Band("BLUE", 480.0), Band("GREEN", 545.0), Band("RED", 660.0), Band("NIR", 840.0))
+WATER = np.array([900.0, 700.0, 400.0, 100.0])[:, None, None]
+SLOPES = np.array([1.05, 1.0, 0.95, 1.0])[:, None, None]
+
+
+def waves(shape=(192, 256), seed=0, strength=60.0):
+    """Glint of a swell, never negative, and the water's own slow changes."""
+    rng = np.random.default_rng(seed)
+    return np.exp(gaussian_filter(rng.normal(size=shape), 1.5) * 3) * strength
+
+
+def sea(shape=(192, 256), seed=0, noise=1.0, strength=60.0):
+    rng = np.random.default_rng(seed + 100)
+    block = WATER + SLOPES * waves(shape, seed, strength) + noise * rng.normal(size=(4, *shape))
+    return block.astype(np.float32)
+
+
+def fitted(block, bands=BANDS, **options):
+    return remove.fit("wiener", block, nir=3, bands=bands, **options)
+
+
+def kernel_of(model, band):
+    index = model.indexes[band]
+    out = np.zeros((5, 5))
+    for (row, column), weight in zip(index.offsets, index.weights, strict=True):
+        out[row + 2, column + 2] = weight * model.fits[band].slope
+    return out
+
+
+def test_a_known_kernel_is_recovered_within_its_noise():
+    block, true = sea(), np.array([[0.0, 0.1, 0.0], [0.3, 0.4, -0.1], [0.0, 0.2, 0.1]])
+    block[0] = 900 + correlate(block[3] - 100.0, true) + np.random.default_rng(1).normal(size=block[0].shape)
+    found = kernel_of(fitted(block), 0)
+    np.testing.assert_allclose(found[1:4, 1:4], true, atol=0.02)
+
+
+def test_a_shift_by_whole_pixels_is_undone():
+    block = sea(noise=0.0)
+    block[1] = 700 + np.roll(block[3] - 100, (1, -1), (0, 1))
+    out = remove.apply(block, fitted(block))
+    assert out[1, 3:-3, 3:-3].std() < 0.02 * block[1].std()
+
+
+def test_one_pixel_and_raw_statistics_are_hedley():
+    block = sea(noise=5.0)
+    request = nir_request(BANDS, [3], regression="ols")
+    every = np.ones(block.shape[1:], bool)
+    model = wiener.fit(request, [SampleTile(block[:, r : r + 64, c : c + 64], every[:64, :64], every[:64, :64], (r, c))
+                                 for r in range(0, 192, 64) for c in range(0, 256, 64)], supports=[(1,)])  # fmt: skip
+    y, x = block[:3, 2:-2, 2:-2].astype(float), block[3, 2:-2, 2:-2].astype(float)
+    mean = block.astype(float).mean(axis=(1, 2))
+    expected = [((b - m) * (x - mean[3])).sum() / ((x - mean[3]) ** 2).sum() for b, m in zip(y, mean, strict=False)]
+    assert [i.offsets for i in model.indexes] == [((0, 0),)] * 3
+    assert [f.slope for f in model.fits] == pytest.approx(expected, rel=0.01)
+
+
+def test_without_glint_nothing_is_changed():
+    rng = np.random.default_rng(2)
+    block = (WATER + rng.normal(0, 5, (4, 192, 192))).astype(np.float32)
+    model = fitted(block)
+    assert model.fits == ()
+    np.testing.assert_array_equal(remove.apply(block, model), block)
+
+
+@pytest.mark.parametrize("factor", [1e-4, 1.0, 1e3])
+def test_the_unit_does_not_matter(factor):
+    block = sea()
+    one, other = fitted(block), fitted((block * np.float32(factor)).astype(np.float32))
+    assert [f.slope for f in one.fits] == pytest.approx([f.slope for f in other.fits], rel=1e-4)
+    assert one.indexes[0].level * factor == pytest.approx(other.indexes[0].level, rel=1e-3)
+
+
+def test_the_order_of_bands_does_not_matter():
+    block, order = sea(), [2, 0, 1, 3]
+    moved = fitted(block[order], tuple(BANDS[b] for b in order))
+    np.testing.assert_allclose(remove.apply(block[order], moved), remove.apply(block, fitted(block))[order], rtol=1e-4)
+    by_name = fitted(block).for_bands(tuple(BANDS[b].name for b in order))
+    np.testing.assert_allclose(
+        remove.apply(block[order], by_name), remove.apply(block, fitted(block))[order], rtol=1e-6
+    )
+
+
+def test_missing_pixels_stay_missing_and_teach_nothing():
+    block = sea()
+    holes = np.zeros(block.shape[1:], bool)
+    holes[50:60, 50:60] = True
+    dirty = block.copy()
+    dirty[1, holes] = np.nan
+    model = fitted(dirty)
+    assert [f.slope for f in model.fits] == pytest.approx([f.slope for f in fitted(block).fits], rel=0.01)
+    out = remove.apply(dirty, model)
+    np.testing.assert_array_equal(np.isnan(out[1]), holes)
+    assert np.isfinite(out[[0, 2, 3]]).all()
+
+
+def test_the_colour_of_glint_steadies_a_noisy_band():
+    """A band without a visible swell of its own is drawn to the colour that the others show."""
+    block = sea((128, 128), noise=2.0, strength=20.0)
+    block[2] += np.random.default_rng(4).normal(0, 400, block[2].shape).astype(np.float32)
+    (blue, green, red) = (f.slope for f in fitted(block).fits)
+    assert blue == pytest.approx(1.05, abs=0.1)
+    assert green == pytest.approx(1.0, abs=0.1)
+    assert red == pytest.approx(1.0, abs=0.25)
+
+
+def test_the_level_is_that_of_the_least_glint_and_leaves_nothing_negative():
+    block = sea(noise=0.5)
+    model = fitted(block)
+    out = remove.apply(block, model)
+    assert np.median(out[:3], axis=(1, 2)) == pytest.approx(WATER[:3, 0, 0], rel=0.05)
+    dark = block.copy()
+    dark[2] -= 380  # red water of 20: the full prediction would go below zero
+    lowest, chosen, middle = fitted(dark).level_interval
+    assert lowest <= chosen <= middle
+    assert (remove.apply(dark, fitted(dark))[2] <= 0).mean() < 0.005
+
+
+def test_nothing_is_brightened():
+    block = sea(noise=3.0)
+    assert (remove.apply(block, fitted(block)) <= block).all()
+
+
+def test_an_even_sheet_of_glint_is_warned_of_with_its_interval():
+    block = sea(noise=0.5) + np.float32(2000)
+    model = fitted(block)
+    assert any("level of the glint is uncertain" in w for w in model.warnings)
+    assert model.level_interval[1] > 1900
+    assert not fitted(sea(noise=0.5)).warnings
+
+
+def test_ships_and_land_are_left_and_the_water_beside_them_too():
+    block = sea((256, 256))
+    block[:, 100:104, 100:112] += 4000
+    block[:, :, 200:] = 3000
+    water = np.ones((256, 256), bool)
+    water[:, 200:] = False
+    model = fitted(block, sample=water & (np.arange(256) < 190))
+    out = remove.apply(block, model, where=water)
+    np.testing.assert_array_equal(out[:, :, 200:], block[:, :, 200:])
+    assert (out[:3, 101:103, 102:110] > 4200).all()
+    beside = out[:3, :, 196:200] - WATER[:3]
+    assert abs(beside.mean()) < 15
+
+
+def test_a_reference_of_clean_water_is_itself():
+    values = sea()[3]
+    rule = fit_reference([(values, np.ones(values.shape, bool))], 3)
+    out, exceeds = clean(values, np.ones(values.shape, bool), rule)
+    assert out is values
+    assert exceeds is None
+
+
+@settings(max_examples=6, deadline=None)
+@given(st.integers(60, 130), st.integers(60, 200), st.booleans())
+def test_tiles_are_the_whole_to_the_bit(row, column, two_kinds):
+    block = sea((192, 256), seed=3)
+    block[:, 70:74, 90:99] += 5000
+    block[3, 120:140, 20:60] = np.nan
+    water = np.ones((192, 256), bool)
+    water[150:, 200:] = False
+    model = fitted(block)
+    if two_kinds:
+        model = replace(model, strips=Strips(("0110", "0010", "0111")), second=model.indexes[::-1])
+    whole, _ = glint(block, model, water)
+    halo = model.halo
+    for rows in ((0, row), (row, 192)):
+        for columns in ((0, column), (column, 256)):
+            top, left = max(rows[0] - halo, 0), max(columns[0] - halo, 0)
+            outer = slice(top, min(rows[1] + halo, 192)), slice(left, min(columns[1] + halo, 256))
+            part, _ = glint(block[:, *outer], model, water[outer], (top, left))
+            inside = water[rows[0] : rows[1], columns[0] : columns[1]]
+            for band, values in part.items():
+                mine = values[rows[0] - top : rows[1] - top, columns[0] - left : columns[1] - left]
+                want = whole[band][rows[0] : rows[1], columns[0] : columns[1]]
+                np.testing.assert_array_equal(mine[inside], want[inside])
+
+
+def test_standard_errors_against_draws():
+    found = [fitted(sea((192, 192), seed=s, noise=20.0)) for s in range(12)]
+    slopes = np.array([[f.slope for f in m.fits] for m in found])
+    claimed = np.array([[f.stderr for f in m.fits] for m in found]).mean(axis=0)
+    assert (claimed / slopes.std(axis=0, ddof=1) > 0.5).all()
+    assert (claimed / slopes.std(axis=0, ddof=1) < 2.0).all()
+
+
+def test_strips_are_found_and_each_follows_its_own_waves():
+    glints = waves((256, 384), seed=6)
+    block = (WATER + np.broadcast_to(glints, (4, *glints.shape))).astype(np.float32)
+    block += np.random.default_rng(7).normal(size=block.shape).astype(np.float32)
+    second = np.arange(384) >= 192
+    block[0] = 900 + np.where(second, np.roll(glints, 1, 1), np.roll(glints, -1, 1))
+    tiles = [SampleTile(block[:, :, c : c + 192], np.ones((256, 192), bool), np.ones((256, 192), bool), (0, c))
+             for c in (0, 192)]  # fmt: skip
+    request = nir_request(BANDS, [3], regression="detrended")
+
+    def find(finder):
+        known = np.full((4, 6), -1, np.int8)
+        for tile in tiles:
+            places, kinds = finder(tile)
+            known[places[:, 0] // 64, places[:, 1] // 64] = kinds
+        return Strips.of(filled(known))
+
+    one, two = wiener.fit(request, tiles), wiener.fit(request, tiles, strips=find)
+    assert set(two.strips.rows) <= {"000111", "111000"}
+    left = [block[0] - glint(block, m, np.ones((256, 384), bool))[0][0] for m in (one, two)]
+    assert left[1][:, :150].std() < 0.3 * left[0][:, :150].std()
+    assert GlintModel.from_json(two.to_json()) == two
+
+
+def test_models_survive_json_and_say_what_they_follow():
+    model = fitted(sea())
+    assert GlintModel.from_json(model.to_json()) == model
+    assert "NIR (" in str(model)
+    broken = json.loads(model.to_json())
+    broken["indexes"][0]["offsets"] = [[0, 0]] * (len(broken["indexes"][0]["bands"]) + 1)
+    with pytest.raises(InputError, match="offsets"):
+        GlintModel.from_json(json.dumps(broken))
+
+
+def test_too_little_water_says_what_to_do():
+    with pytest.raises(FitError, match="--sample"):
+        fitted(sea(), sample=np.zeros((192, 256), bool))
+
+
+def test_swir_serves_as_second_reference_and_water_vapour_does_not():
+    bands = (*BANDS, Band("VAPOUR", 945.0, 20.0), Band("SWIR", 1610.0, 90.0))
+    (found,) = wiener.band_sets(nir_request(bands, [3], correct=(0, 1, 2)))
+    assert found.references == (3, 5)
+    assert offsets(3)[4] == (0, 0)
+    assert ReferenceRule(5, 1.0, 1.0, 0.0, 1.0, edge=2).halo == 27
+
+
+def test_threads_and_windows_give_the_same_bits(write, read, tmp_path):
+    block = np.rint(sea((300, 420), seed=9)).clip(1).astype(np.uint16)
+    names = ("blue", "green", "red", "nir")
+    source = write(tmp_path / "sea.tif", block, names=names)
+    for threads in (1, 2):
+        remove_glint(source, tmp_path / f"{threads}.tif", Recipe(method="wiener"), threads=threads)
+    np.testing.assert_array_equal(read(tmp_path / "1.tif"), read(tmp_path / "2.tif"))
+    scene = open_scene(source)
+    fit = fit_scene(scene, Recipe(method="wiener"))
+    window = ((100, 211), (37, 401))
+    np.testing.assert_array_equal(correct(scene, fit, window=window), correct(scene, fit)[:, 100:211, 37:401])
+
+
+def test_compensation_and_wiener_are_not_combined():
+    with pytest.raises(InputError, match="without compensation"):
+        Recipe(method="wiener", compensate="thesis")
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("name", "most"), [("p124_w9_wv3", 18.0), ("p300_w9_0ms", 12.0), ("sentinel2_w5", 20.8), ("planetscope4_w9", 45.0)]
+)
+def test_coarse_scenes_with_truth(name, most):
+    """Error of the visible bands in percent of the water, of scenes made by another simulator than ours."""
+    path = SHARED / "wide" / f"{name}.tif"
+    if not path.exists():
+        pytest.skip("the simulated scenes do not lie beside the project")
+    scene, true = open_scene(path), open_scene(path.with_name(f"{name}_truth.tif")).read()
+    visible = [i for i, b in enumerate(scene.bands) if b.wavelength < 690]
+    clean_scene = correct(scene, fit_scene(scene))
+    level = np.median(true, axis=(1, 2), keepdims=True)
+    error = 100 * np.sqrt(np.mean(((clean_scene - true) / level)[visible] ** 2))
+    assert error < most
