@@ -80,7 +80,15 @@ def run(cli: click.Group, program: str, arguments: list[str]) -> int:
 
 def printable(text: str) -> str:
     """Text as one line without what a terminal would take for commands: names in files are other people's."""
-    return "".join(c if c.isprintable() else " " if c in "\n\t" else f"\\x{ord(c):02x}" for c in text)
+    return "".join(c if c.isprintable() else " " if c in "\n\t" else escaped(c) for c in text)
+
+
+def escaped(character: str) -> str:
+    """A character that must not be shown, as Python spells it; bytes of a name that is not UTF-8 as the bytes."""
+    code = ord(character)
+    if 0xDC80 <= code <= 0xDCFF:
+        code -= 0xDC00
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
 def _explained(error: BaseException) -> tuple[int, str]:
@@ -154,7 +162,7 @@ def _own_stderr() -> Iterator[_Aside]:
         return
     real = os.dup(2)
     python_stderr = sys.stderr
-    with tempfile.TemporaryFile() as file, open(real, "w", buffering=1, errors="replace") as own:  # noqa: PTH123
+    with _nameless() as file, open(real, "w", buffering=1, errors="replace") as own:  # noqa: PTH123
         ours = _writes_to(python_stderr, 2)
         sys.stderr = own if ours else python_stderr
         hooks = sys.excepthook, sys.unraisablehook
@@ -168,6 +176,15 @@ def _own_stderr() -> Iterator[_Aside]:
             own.flush()
             os.dup2(real, 2)
             sys.stderr = python_stderr
+
+
+def _nameless() -> Any:
+    """A file of no name: in memory where the system has such, for there may be no directory for temporary files."""
+    with contextlib.suppress(OSError, AttributeError):
+        return os.fdopen(os.memfd_create("stderr"), "w+b")
+    with contextlib.suppress(OSError):
+        return tempfile.TemporaryFile()
+    return open(os.devnull, "w+b")  # noqa: PTH123  (the caller closes it)
 
 
 def _writes_to(stream: Any, descriptor: int) -> bool:
