@@ -79,7 +79,7 @@ class Walk:
             return  # what it names is checked
         if "any" in trusted():
             return
-        if name.startswith("/vsi") and os.path.normpath(name).startswith(self.folder.rstrip("/") + "/"):
+        if name.startswith("/vsi") and os.path.normpath(name).startswith(os.path.normpath(self.folder) + "/"):
             return  # beside the VRT on its server, or in its archive
         inside = local(name)
         elsewhere = not inside or (name.startswith("/vsi") and not _IN_ARCHIVES.match(name))
@@ -193,10 +193,12 @@ def _named(element: ET.Element, folder: str, band: int, of: int) -> Iterator[_Re
     if not (named or tag in _ANYWHERE):
         return
     flags = [_attribute(element, "relativetovrt")] + [c.text or "" for c in element if _tag(c) == "relativetovrt"]
-    if any(_number(flag, 0) for flag in flags):
-        yield _Reference(_beside(text.strip(), folder), of, band)
-    else:
-        yield _Reference(text.strip(), of, band)
+    relative = any(_number(flag, 0) for flag in flags)
+    for spelled in dict.fromkeys(
+        (element.text or "", text, *(child.tail or "" for child in element))
+    ):  # where it has children, what GDAL takes is not certain
+        if name := spelled.strip():
+            yield _Reference(_beside(name, folder) if relative else name, of, band)
 
 
 def _beside(name: str, folder: str) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, ReadError
+from ..raster.local import check_kind
 
 MOST_BYTES = 64 << 20
 """Largest file that is read [byte]."""
@@ -24,6 +25,7 @@ def read_text(path: str, option: str, most: int | None = None) -> str:
         It is too large, or not text.
     """
     most = MOST_BYTES if most is None else most
+    check_kind(path)
     try:
         with Path(path).open("rb") as file:
             data = file.read(most + 1)
