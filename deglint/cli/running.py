@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 import click
 
 from ..errors import DeglintError, NoWaterError
+from ..shown import shown
 
 Progress = Callable[[str, int, int], None]
 
@@ -55,7 +56,7 @@ class Commands(click.Group):
 
 def run(cli: click.Group, program: str, arguments: list[str]) -> int:
     """Run a command; what goes wrong becomes one line on stderr and an exit code."""
-    with _terminable(), _own_stderr() as aside:
+    with _terminable(), _own_stderr() as aside, _nothing_hidden():
         try:
             with cli.make_context(program, list(arguments)) as context:  # main() would print a line of its own
                 cli.invoke(context)
@@ -80,15 +81,7 @@ def run(cli: click.Group, program: str, arguments: list[str]) -> int:
 
 def printable(text: str) -> str:
     """Text as one line without what a terminal would take for commands: names in files are other people's."""
-    return "".join(c if c.isprintable() else " " if c in "\n\t" else escaped(c) for c in text)
-
-
-def escaped(character: str) -> str:
-    """A character that must not be shown, as Python spells it; bytes of a name that is not UTF-8 as the bytes."""
-    code = ord(character)
-    if 0xDC80 <= code <= 0xDCFF:
-        code -= 0xDC00
-    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+    return shown(text.replace("\n", " ").replace("\t", " "))
 
 
 def _explained(error: BaseException) -> tuple[int, str]:
@@ -176,6 +169,39 @@ def _own_stderr() -> Iterator[_Aside]:
             own.flush()
             os.dup2(real, 2)
             sys.stderr = python_stderr
+
+
+class _Seen:
+    """A stream on which nothing hidden is written but the progress line's own return and erasure."""
+
+    _ERASE = "\x1b[K"
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write text as it may be shown."""
+        if not isinstance(text, str) or text.isprintable():
+            return int(self._stream.write(text))
+        head = "\r" if text.startswith("\r") else ""  # a line that is drawn anew
+        parts = (shown(part) for part in text.removeprefix(head).removesuffix("\r").split(self._ERASE))
+        tail = "\r" if head and text.endswith("\r") and len(text) > 1 else ""
+        self._stream.write(head + self._ERASE.join(parts) + tail)
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextlib.contextmanager
+def _nothing_hidden() -> Iterator[None]:
+    """Let no name in a file command the terminal, whoever prints it."""
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (stream and _Seen(stream) for stream in before)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
 
 
 def _nameless() -> Any:
