@@ -219,8 +219,8 @@ def test_names_do_not_command_the_terminal(deglint, sea, write, tmp_path):
 
 ODD_NAMES = {
     "\u202egpj.exe": "\\u202egpj.exe",
-    "a\x85b": "a\\x85b",
-    "a\u2028b": "a\\u2028b",
+    "a\x9bb": "a\\x9bb",
+    "a\u2066b": "a\\u2066b",
     "\u200fa": "\\u200fa",
     "é 水": "é 水",
 }

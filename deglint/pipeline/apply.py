@@ -226,11 +226,8 @@ def _run(
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
     only = tuple(find_band(scene, b) for b in fitted.recipe.bands)
     changed = tuple(changed_bands(scene, fitted.model, fitted.chain, only))
-    for option in ("amount", "stderr"):
-        if getattr(targets, option) and not changed:
-            raise InputError(
-                f"no band is corrected, so there is nothing to write: leave out --{option}, or name a --method."
-            )
+    if targets.stderr and not changed:
+        raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name a --method.")
     with Scratch(overwrite=targets.overwrite) as scratch:
         tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress, only, cluster)
         if tally.corrected == tally.calm == 0 and fitted.model.fits:
@@ -279,7 +276,7 @@ def _write_tiles(
     if work.copies and copied_whole(scratch, image, targets.image):
         return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
-    images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.changed))
+    images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.told))
     opened = writing_images(scratch, targets.image, images, cluster)
     with one_thread_each(bool(fitted.chain.runs)), opened as (run, writers):
         for tile, done in run(everything, work, threads=at_once, progress=note, start=enter_thread):
@@ -291,7 +288,7 @@ def _write_tiles(
     return tally
 
 
-def _beside(scene: Scene, targets: Outputs, image: Layout, changed: tuple[int, ...]) -> dict[str, tuple[Path, Layout]]:
+def _beside(scene: Scene, targets: Outputs, image: Layout, told: tuple[int, ...]) -> dict[str, tuple[Path, Layout]]:
     """The rasters beside the image, by the fields of a tile's result: their names, and what they are like."""
     options: dict[str, Any] = {"options": targets.options, "scaled": False, "tile": image.tile}
     found = {}
@@ -299,8 +296,8 @@ def _beside(scene: Scene, targets: Outputs, image: Layout, changed: tuple[int, .
         found["flags"] = targets.flags, Layout(image.info, (0,), "uint8", None, names=("flags",), **options)
     for path, what, said in ((targets.amount, "amount", "glint in"), (targets.stderr, "stderr", "standard error of")):
         if path:
-            names = tuple(f"{said} {scene.bands[b].name}" for b in changed)
-            found[what] = path, Layout(image.info, changed, "float32", float("nan"), names=names, **options)
+            names = tuple(f"{said} {scene.bands[b].name}" for b in told)
+            found[what] = path, Layout(image.info, told, "float32", float("nan"), names=names, **options)
     return found
 
 
