@@ -1,7 +1,11 @@
-"""Compiled functions are kept on disk where that can be; where it cannot, they work all the same."""
+"""No room: caches of compiled functions that cannot be written, no directory for temporary files, files of no size."""
 
 import errno
+import os
 import re
+import resource
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -51,3 +55,28 @@ def test_every_kernel_is_compiled_so():
         p.name for room in ("deglint", "detect") for p in (ROOT / room).rglob("*.py") if straight.search(p.read_text())
     ]
     assert found == ["jit.py"]
+
+
+def no_files():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+
+@pytest.mark.parametrize("limit", [None, no_files], ids=["no temporary directory", "and files of no size"])
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [(["--help"], 0, ""), (["info", "in.tif"], 0, ""), (["plan", "--sun", "30@90"], 0, "wind: "),
+     (["remove", "in.tif", "out.tif", "--method", "hedley", "--mask", "none"], 1, "cannot write out.tif: the disk")],
+    ids=["help", "info", "plan", "remove"],
+)  # fmt: skip
+def test_commands_need_no_temporary_files(sea, write, tmp_path, arguments, code, said, limit):
+    write(tmp_path / "in.tif", sea())
+    nowhere = {name: str(tmp_path / "nowhere") for name in ("TMPDIR", "TEMP", "TMP")}
+    settings = os.environ | nowhere | {"PYTHONPATH": str(ROOT)}
+    ran = subprocess.run([sys.executable, "-m", "deglint", *arguments], cwd=tmp_path, capture_output=True, text=True,
+                         check=False, preexec_fn=limit, env=settings)  # fmt: skip
+    assert "Traceback" not in ran.stderr
+    if limit is None and code:
+        assert ran.returncode == 0, ran.stderr
+        return
+    assert ran.returncode == code, ran.stderr
+    assert said in ran.stderr
