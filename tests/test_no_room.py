@@ -61,6 +61,17 @@ def no_files():
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
 
 
+@pytest.mark.parametrize("arguments", [["--help"], ["info", "in.tif"], ["plan", "--sun", "30@90"]])
+def test_a_result_that_cannot_be_printed_is_one_line(sea, write, tmp_path, arguments):
+    write(tmp_path / "in.tif", sea())
+    with (tmp_path / "said").open("w") as said:
+        ran = subprocess.run([sys.executable, "-m", "deglint", *arguments], cwd=tmp_path, stdout=said, check=False,
+                             stderr=subprocess.PIPE, text=True, preexec_fn=no_files,
+                             env=os.environ | {"PYTHONPATH": str(ROOT)})  # fmt: skip
+    assert ran.returncode == 1
+    assert ran.stderr.endswith("Error: cannot write to standard output: File too large.\n")
+
+
 @pytest.mark.parametrize("limit", [None, no_files], ids=["no temporary directory", "and files of no size"])
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),

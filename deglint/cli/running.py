@@ -20,6 +20,7 @@ from ..errors import DeglintError, NoWaterError
 from ..shown import shown
 
 Progress = Callable[[str, int, int], None]
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG)
 
 
 class Commands(click.Group):
@@ -94,8 +95,10 @@ def _explained(error: BaseException) -> tuple[int, str]:
         return 1, "Error: out of memory. Use fewer --threads, or a machine with more."
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return 1, "Error: too many open files. Use fewer --threads or inputs, or raise the limit (ulimit -n)."
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO) and not error.filename:
+    if isinstance(error, OSError) and error.errno in _NO_ROOM and not error.filename:
         return 1, f"Error: cannot write to standard output: {error.strerror}."  # a file's trouble is told by who wrote
+    if isinstance(error, FileNotFoundError) and "temporary directory" in str(error):
+        return 1, "Error: there is no directory for temporary files. Set TMPDIR to one that can be written to."
     line = (str(error).splitlines() or [""])[0]
     return 1, f"Error: {type(error).__name__}: {printable(line)} (a fault of deglint's own; -vv shows where)"
 

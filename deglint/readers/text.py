@@ -39,7 +39,7 @@ def read_text(path: str, option: str, most: int | None = None) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path} ({option}) is not a text file.") from error
+        raise InputError(f"{path} ({option}) is not a text file: it is not UTF-8.") from error
 
 
 def read_json(path: str, option: str) -> Mapping[str, Any]:
