@@ -18,7 +18,7 @@ from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, write_json, write_text
-from ..raster.targets import Reads, check_image, check_targets, check_unread
+from ..raster.targets import Reads, check_image, check_targets
 from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
 from ..remove import GlintModel
@@ -177,6 +177,7 @@ def remove_glint(
     >>> remove_glint("scene.tif", "clean.tif", Recipe(method="hedley"))  # doctest: +SKIP
     """
     from ..readers import open_scene
+    from ..readers.products import files_of
 
     if "model_file" in outputs:
         outputs["model"] = outputs.pop("model_file")
@@ -189,32 +190,26 @@ def remove_glint(
     if threads is not None:
         check_number(threads, 1, 1024, "threads")
     with environment():
-        given = [source] if isinstance(source, (str, os.PathLike)) else list(source)
+        given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
+        files = [file for name in given for file in files_of(name)]
         named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": sensor or ""}
-        reads: Reads = {"the input": given, **{k: [v] for k, v in named.items()}, "an input": targets.reads}
+        reads: Reads = {"the input": [*given, *files], **{k: [v] for k, v in named.items()}, "an input": targets.reads}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_image(targets.image)
+        checksum = Checksum(files)  # before it is opened: what changes from now on is noticed
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
-            check_unread(targets.every(), {"the input": set(raster_of(scene).info.paths) - set(map(str, given))})
             return _run(
-                scene,
-                recipe,
-                targets,
-                model,
-                chain,
-                threads or tiling.default_threads(),
-                progress or Reporter(),
-                cluster,
-            )
+                scene, checksum, recipe, targets, model, chain, threads or tiling.default_threads(),
+                progress or Reporter(), cluster,
+            )  # fmt: skip
 
 
 def _run(
-    scene: Scene, recipe: Recipe, targets: Outputs, model: GlintModel | None, chain: Chain | None, threads: int,
-    progress: Progress | None, cluster: Cluster | None,
+    scene: Scene, checksum: Checksum, recipe: Recipe, targets: Outputs, model: GlintModel | None, chain: Chain | None,
+    threads: int, progress: Progress | None, cluster: Cluster | None,
 ) -> Result:  # fmt: skip
     begun = time.perf_counter()
-    checksum = Checksum(raster_of(scene).info.paths)
     area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "--mask")
     if model is None:
         run = tiling.run if cluster is None else cluster.run
