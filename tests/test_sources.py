@@ -172,6 +172,19 @@ def test_damaged_xml_is_one_line(deglint, tmp_path, text):
     assert ran.err.count("\n") == 1
 
 
+def test_a_source_whose_name_is_not_text(deglint, folders):
+    theirs, _ = folders
+    path = vrt(theirs / "a.vrt", "in.tif", relative=1)
+    for text in (b"parts/\xff/in.tif", b"\xe9.tif"):
+        path.write_bytes(path.read_bytes().replace(b"in.tif", text, 1))
+        ran = deglint("info", path)
+        assert ran.code == 1
+        assert "leads to a file whose name is not UTF-8" in ran.err
+    path = vrt(theirs / "b.vrt", "in.tif", relative=1, more="<Metadata><MDI key='a'>5\xb0</MDI></Metadata>")
+    path.write_bytes(path.read_text().encode("latin-1"))
+    open_dataset(str(path)).close()
+
+
 def test_mosaics_of_mosaics_are_counted(deglint, folders):
     theirs, _ = folders
     source = "in.tif"

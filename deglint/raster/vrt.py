@@ -144,10 +144,17 @@ def _parsed(name: str, stamp: tuple[int, int, int]) -> tuple[_Reference, ...]:
     if stamp[1] > MOST_VRT_BYTES:
         raise InputError(f"{name} is a VRT of {stamp[1] >> 20} MB; allowed are {MOST_VRT_BYTES >> 20} MB.")
     try:
-        text = Path(name).read_text(encoding="utf-8", errors="replace")
+        data = Path(name).read_bytes()
     except OSError as error:
         raise ReadError(f"cannot read {name}: {error.strerror}.") from error
-    return references_of(text, str(Path(name).parent), name)
+    folder = str(Path(name).parent)
+    try:
+        return references_of(data.decode(), folder, name)
+    except UnicodeDecodeError:
+        found = references_of(data.decode("latin-1"), folder, name)
+    if not all(reference.name.isascii() for reference in found):
+        raise ReadError(f"{name} leads to a file whose name is not UTF-8. Rename that, and correct {name}.")
+    return found
 
 
 def references_of(text: str, folder: str, name: str) -> tuple[_Reference, ...]:
