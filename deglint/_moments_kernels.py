@@ -1,7 +1,8 @@
 """The compiled twin of the inner loop of `deglint.moments`, for large samples; the tests run over both."""
 
 import numpy as np
-from numba import njit
+
+from .jit import njit
 
 # The order of additions may change (so that they run in vector registers), nothing else: NaN and infinity keep
 # their meaning, and the same machine code gives the same bits for the same cell.

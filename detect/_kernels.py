@@ -16,7 +16,8 @@ Recognition Letters 13, 517-521, doi:10.1016/0167-8655(92)90069-C.
 """
 
 import numpy as np
-from numba import njit
+
+from deglint.jit import njit
 
 # The same additions in the same order for every pixel, wherever its block lies; only a multiplication may be merged
 # with the addition that follows it.

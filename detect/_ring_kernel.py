@@ -10,7 +10,8 @@ doi:10.1007/BF01934122.
 """
 
 import numpy as np
-from numba import njit
+
+from deglint.jit import njit
 
 # The order of additions may change (so that they run in vector registers): the same code does every pixel.
 _FAST = {"reassoc", "contract", "nsz"}

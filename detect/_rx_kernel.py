@@ -1,7 +1,8 @@
 """The compiled twin of `detect.rx.score`, for large arrays of few bands; the tests run over both."""
 
 import numpy as np
-from numba import njit
+
+from deglint.jit import njit
 
 FEW = 8  # bands up to which a pixel and the whole triangle are held in registers
 WIDTH = 256  # pixels scored side by side: they stay in the first-level cache

@@ -22,6 +22,10 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parent))  # as a module of a package it does not find what lies beside it
+
+from fuzz_samples import PLAIN, samples
+
 ROOT = Path(__file__).parents[1]
 MEMORY = 6 << 30
 """Address space of a worker [byte]."""
@@ -37,89 +41,6 @@ ODD = (0, 1, 2, 3, 7, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFF
 ODD_TEXT = (b"1e400", b"-1", b"0", b"99999999999999999999", b"NaN", b"Infinity", b"null", b"[]", b"{}", b"\x00",
             b"\xff", b'""', b"../../x", b"/etc/passwd", b"/vsimem/x", b"\x1b[2J", "\u202e".encode(), b"[" * 3000,
             b"{'a':" * 300, b"true", b"\\ud800", b"1" * 5000)  # fmt: skip
-
-
-def samples(directory: Path) -> dict[str, Path]:
-    """Small valid files of every kind that the commands read, by name."""
-    import numpy as np
-    import rasterio
-    from rasterio.enums import Resampling
-
-    rng = np.random.default_rng(5)
-    glint = rng.gamma(0.5, 120.0, (48, 64))
-    sea = np.array([900.0, 700, 400, 100])[:, None, None] + glint + rng.normal(0, 3, (4, 48, 64))
-    place = rasterio.transform.from_origin(400_000, 800_000, 10, 10)
-    shapes = {
-        "plain.tif": {}, "deflate.tif": {"compress": "deflate", "predictor": 2},
-        "lzw.tif": {"compress": "lzw", "tiled": True, "blockxsize": 16, "blockysize": 16, "interleave": "pixel"},
-        "tiles.tif": {"tiled": True, "blockxsize": 32, "blockysize": 32},
-        "zstd.tif": {"compress": "zstd", "dtype": "float32", "nodata": "nan"}, "big.tif": {"BIGTIFF": "YES"},
-        "jpeg.tif": {"compress": "jpeg", "dtype": "uint8", "tiled": True, "blockxsize": 16, "blockysize": 16},
-        "packbits.tif": {"compress": "packbits", "dtype": "uint8"}, "envi.img": {"driver": "ENVI"},
-        "plain.png": {"driver": "PNG", "dtype": "uint8"},
-    }  # fmt: skip
-    found = {}
-    for name, options in shapes.items():
-        profile = {"driver": "GTiff", "dtype": "uint16", "count": 4, "height": 48, "width": 64, "crs": "EPSG:32653"}
-        profile |= {"transform": place} | options
-        path = found[name] = directory / name
-        with rasterio.open(path, "w", **profile) as out:
-            out.write(np.clip(sea, 0, 255 if profile["dtype"] == "uint8" else 65535).astype(profile["dtype"]))
-            for i, band in enumerate(("blue", "green", "red", "nir"), start=1):
-                out.set_band_description(i, band)
-    with rasterio.open(found["tiles.tif"], "r+") as out:
-        out.build_overviews([2, 4, 8], Resampling.average)
-    found["envi.hdr"] = directory / "envi.hdr"
-    texts = {
-        "mosaic.vrt": _vrt(), "area.geojson": json.dumps(_area()), "recipe.toml": _RECIPE,
-        "list.csv": "path,name\nplain.tif,a\nlzw.tif;big.tif,b\n",
-        "stac.json": json.dumps({"type": "FeatureCollection", "features": [
-            {"type": "Feature", "id": "a", "assets": {"data": {"href": "plain.tif", "type": "image/tiff"}}}]}),
-    }  # fmt: skip
-    for name, text in texts.items():
-        found[name] = directory / name
-        found[name].write_text(text)
-    from deglint.cli import run
-
-    found["model.json"] = directory / "model.json"
-    run(["remove", "-q", str(found["plain.tif"]), str(directory / "o.tif"), *PLAIN, "--overwrite", "--save-model",
-         str(found["model.json"])])  # fmt: skip
-    return found
-
-
-PLAIN = ("--method", "hedley", "--sample", "all", "--mask", "none")
-_RECIPE = """[recipe]
-method = "hedley"
-sample = "all"
-mask = "none"
-nir = ["4"]
-floor_percentile = 1.5
-[input]
-nodata = 0
-[output]
-directory = "out"
-name = "{name}_clean.tif"
-extras = ["flags"]
-dtype = "uint16"
-options = {COMPRESS = "DEFLATE"}
-"""
-
-
-def _vrt() -> str:
-    bands = "".join(
-        f'<VRTRasterBand dataType="UInt16" band="{b}"><NoDataValue>0</NoDataValue><SimpleSource>'
-        f'<SourceFilename relativeToVRT="1">plain.tif</SourceFilename><SourceBand>{b}</SourceBand>'
-        '<SrcRect xOff="0" yOff="0" xSize="64" ySize="48"/><DstRect xOff="0" yOff="0" xSize="64" ySize="48"/>'
-        "</SimpleSource></VRTRasterBand>" for b in (1, 2, 3, 4)
-    )  # fmt: skip
-    return f'<VRTDataset rasterXSize="64" rasterYSize="48"><SRS>EPSG:32653</SRS>{bands}</VRTDataset>'
-
-
-def _area() -> dict[str, object]:
-    ring = [[400_050, 799_900], [400_500, 799_900], [400_500, 799_600], [400_050, 799_600], [400_050, 799_900]]
-    return {"type": "FeatureCollection", "crs": {"type": "name", "properties": {"name": "EPSG:32653"}},
-            "features": [{"type": "Feature", "properties": {},
-                          "geometry": {"type": "Polygon", "coordinates": [ring]}}]}  # fmt: skip
 
 
 def mutant(data: bytes, name: str, dice: random.Random) -> bytes:
@@ -166,53 +87,66 @@ def tiff_mutant(data: bytes, dice: random.Random) -> bytes:
     return bytes(out)
 
 
+_SCENES = (
+    "deglint remove -q {scene} {out} {plain}", "deglint remove -q {scene} {out} {plain} --nir 1",
+    "deglint remove -q {scene} {out}", "deglint info {scene}", "deglint info --json {scene}",
+    "deglint remove -q {tif} {out} --method hedley --sample all --mask {scene}",
+    "deglint plan -q --place {scene} -o {json}",
+    "rxdetect score -q {scene} {out}", "rxdetect score -q {tif} {out} --mask {scene}",
+    "rxdetect score -q {tif} {out} --background {scene}", "rxdetect roc -q {scores} {scene} --bootstrap 0",
+    "rxdetect roc -q {scene} {scores} --bootstrap 0 --report {html}", "deglint batch {recipe} {scene} --dry-run -q",
+)  # fmt: skip
+_AREAS = (
+    "deglint remove -q {tif} {out} --method hedley --sample {text}",
+    "rxdetect score -q {tif} {out} --background {text}",
+    "deglint remove -q {tif} {out} --method hedley --mask {text}", "rxdetect score -q {tif} {out} --mask {text}",
+    "rxdetect roc -q {scores} {text} --bootstrap 0", "deglint plan -q --place {text} -o {json}",
+    "deglint info {tif} --sample {text}",
+)  # fmt: skip
+COMMANDS = {
+    "area.geojson": _AREAS,
+    "recipe.toml": ("deglint batch {text} {tif} --dry-run -q",),
+    "mission.toml": ("deglint plan -q --mission {text} -o {json}",),
+    "list.csv": ("deglint batch {recipe} {text} --dry-run -q",),
+    "stac.json": ("deglint batch {recipe} {text} --dry-run -q",),
+    "model.json": ("deglint remove -q {tif} {out} --model {text}",),
+    "bench.json": ("rxdetect bench compare {old} {text}", "rxdetect bench compare {text} {old} --json"),
+    "background.json": ("rxdetect score -q {tif} {out} --background {text}",),
+}
+"""What is run on a file of each kind; on all others what is run on scenes."""
+PRODUCTS = ("o.tif", "o.tif.json", "scores.tif.json", "raw.bin", "envi.img.aux.xml")
+BESIDE = ("plain.tif", "mosaic.vrt", "raw.bin", "envi.img", "envi.hdr")
+"""Files that others lead to."""
+
+
 def case(number: int, seed: int, found: dict[str, Path], work: Path) -> list[str]:
     """Write the files of a case; the arguments of the command to run on them, the program first."""
     dice = random.Random(f"{seed}:{number}")
-    name = dice.choice([*sorted(found), "plain.tif", "lzw.tif", "deflate.tif", "tiles.tif", "zstd.tif"])
+    often = ("plain.tif", "lzw.tif", "deflate.tif", "tiles.tif", "zstd.tif", "mosaic.vrt", "envi.hdr", "area.geojson")
+    name = dice.choice([*sorted(set(found) - {"scores.tif"}), *often])
     data = found[name].read_bytes()
     changed = tiff_mutant(data, dice) if name.endswith(".tif") and dice.random() < 0.5 else mutant(data, name, dice)
-    for beside in ("plain.tif", "envi.img", "envi.hdr") if name in ("mosaic.vrt", "envi.hdr", "envi.img") else ():
-        (work / beside).write_bytes(found[beside].read_bytes())
+    for beside in BESIDE if name.endswith((".vrt", ".hdr", ".img")) else ():
+        (work / beside).write_bytes((found["plain.tif"].parent / beside).read_bytes())
     path = work / name
     path.write_bytes(changed)
-    plain, out = str(found["plain.tif"]), str(work / "out" / "out.tif")
-    if name == "recipe.toml":
-        return ["deglint", "batch", str(path), plain, "--dry-run", "-q"]
-    if name in ("list.csv", "stac.json"):
-        return ["deglint", "batch", str(found["recipe.toml"]), str(path), "--dry-run", "-q"]
-    if name == "area.geojson":
-        return [
-            "deglint",
-            "remove",
-            "-q",
-            plain,
-            out,
-            "--method",
-            "hedley",
-            dice.choice(("--sample", "--mask")),
-            str(path),
-        ]
-    if name == "model.json":
-        return ["deglint", "remove", "-q", plain, out, "--model", str(path)]
-    scene = str(work / "envi.img") if name.startswith("envi") else str(path)
-    return dice.choice((
-        ["deglint", "remove", "-q", scene, out, *PLAIN], ["deglint", "remove", "-q", scene, out, *PLAIN, "--nir", "1"],
-        ["deglint", "remove", "-q", scene, out], ["deglint", "info", scene],
-        ["deglint", "remove", "-q", plain, out, *PLAIN[:4], "--mask", scene],
-        ["rxdetect", "score", "-q", scene, out],
-    ))  # fmt: skip
+    scene = work / "envi.img" if name.startswith("envi") else path
+    words = {"scene": scene, "text": path, "tif": found["plain.tif"], "scores": found["scores.tif"],
+             "recipe": found["recipe.toml"], "out": work / "out" / "out.tif", "json": work / "out" / "out.json",
+             "html": work / "out" / "out.html", "old": found["bench.json"]}  # fmt: skip
+    command = dice.choice(COMMANDS.get(name, _SCENES))
+    return [text for word in command.split() for text in (PLAIN if word == "{plain}" else [word.format(**words)])]
 
 
 def serve(directory: Path, seed: int) -> None:
     """A worker: take numbers of cases from stdin, say on stdout what came of each."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    os.environ["DEGLINT_MAX_PIXELS"] = PIXELS
+    os.environ |= {"DEGLINT_MAX_PIXELS": PIXELS, "DEGLINT_INFO_SECONDS": "5"}
     from deglint.cli import run as deglint
     from detect.cli import run as rxdetect
 
-    found = {p.name: p for p in sorted((directory / "samples").iterdir()) if p.name not in ("o.tif", "o.tif.json")}
+    found = {p.name: p for p in sorted((directory / "samples").iterdir()) if p.name not in PRODUCTS}
     talk = os.fdopen(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     for line in sys.stdin:
@@ -246,6 +180,8 @@ def _peak() -> float:
 
 def verdict(came: dict) -> str:
     """What is wrong with what came of a case; nothing where all is well."""
+    from deglint.shown import shown
+
     said, code = came["said"], came["code"]
     if came["peak"] > MOST_RESIDENT:
         return f"took {came['peak']:.0f} MB"
@@ -255,8 +191,8 @@ def verdict(came: dict) -> str:
         return f"ended with code {code}: {said[:200]}"
     if code and (not said.startswith("Error: ") or said.count("\n") != 1) and "scenes:" not in said:
         return f"does not say why in one line: {said[:300]!r}"
-    if any(c < " " and c != "\n" for c in said):
-        return f"writes control characters: {said[:200]!r}"
+    if shown(said) != said:
+        return f"writes hidden characters: {said[:200]!r}"
     if any(name.startswith(".") for name in came["left"]) or (code and came["left"]):
         return f"leaves {came['left']}"
     return ""

@@ -52,11 +52,20 @@ def test_the_file_itself_is_copied(calm, tmp_path, options):
     assert any("Nothing was corrected" in w for w in said["warnings"])
 
 
-def test_in_place(calm):
+def test_amount_and_flags_are_zero_where_nothing_is_corrected(calm, read, tmp_path):
     source = calm()
-    before = source.read_bytes()
-    remove_glint(source, source, CALM, overwrite=True)
-    assert source.read_bytes() == before
+    result = remove_glint(source, tmp_path / "out.tif", CALM, amount=tmp_path / "a.tif", flags=tmp_path / "f.tif")
+    assert result.tally.corrected == 0
+    amount, flags = read(tmp_path / "a.tif"), read(tmp_path / "f.tif")[0]
+    hole = np.zeros((320, 300), bool)
+    hole[:40, :50] = True
+    assert amount.shape == (4, 320, 300)
+    np.testing.assert_array_equal(amount[:, ~hole], 0)
+    assert np.isnan(amount[:, hole]).all()
+    np.testing.assert_array_equal(flags, np.where(hole, 1, 0))
+    assert same_pixels(source, tmp_path / "out.tif")
+    remove_glint(source, tmp_path / "o2.tif", CALM, amount=tmp_path / "a2.tif")
+    np.testing.assert_array_equal(read(tmp_path / "a2.tif"), amount)
 
 
 @pytest.mark.parametrize("how", ["striped", "header last", "sparse", "beside", "option", "nodata"])

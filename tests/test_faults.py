@@ -387,57 +387,6 @@ def test_kill_9_in_the_middle_of_writing(deglint, sea, write, read, tmp_path):
     assert read(tmp_path / "out.tif").shape == (4, 300, 300)
 
 
-def test_an_output_that_another_run_made_meanwhile_stays(sea, write, tmp_path):
-    source = write(tmp_path / "in.tif", sea())
-
-    def progress(stage, done, total):
-        (tmp_path / "out.tif").write_bytes(b"theirs")
-
-    with pytest.raises(WriteError, match=r"out.tif was made by another run meanwhile, and stays. Give --overwrite"):
-        remove_glint(source, tmp_path / "out.tif", HEDLEY, progress=progress)
-    assert (tmp_path / "out.tif").read_bytes() == b"theirs"
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif"]
-
-
-def test_two_runs_to_one_output_leave_the_files_of_one(sea, write, tmp_path):
-    """Image, flags and sidecar are of the same run, whoever is last."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    sources = [write(tmp_path / f"{i}.tif", sea(seed=i)) for i in range(2)]
-
-    def run(i):
-        remove_glint(sources[i % 2], tmp_path / "out.tif", HEDLEY, overwrite=True, flags=tmp_path / "f.tif",
-                     threads=1, request=f"run {i}")  # fmt: skip
-
-    with ThreadPoolExecutor(4) as pool:
-        list(pool.map(run, range(12)))
-    from deglint.pipeline.checksum import fingerprint
-
-    said = json.loads((tmp_path / "out.tif.json").read_text())["batch"]["outputs"]
-    assert said == {name: fingerprint(tmp_path / name) for name in ("out.tif", "f.tif")}
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["0.tif", "1.tif", "f.tif", "out.tif", "out.tif.json"]
-
-
-@pytest.mark.parametrize("how", ["truncated", "written anew"])
-def test_an_input_that_changes_under_way(sea, write, tmp_path, how):
-    source = Path(write(tmp_path / "in.tif", sea(1100, 1100), tiled=True, blockxsize=64, blockysize=64))
-    data = source.read_bytes()
-    (tmp_path / "out.tif").write_bytes(b"old")
-
-    def progress(stage, done, total):
-        if how == "truncated":
-            with source.open("r+b") as file:
-                file.truncate(len(data) // 3)
-        else:
-            source.write_bytes(data[::-1])
-            source.write_bytes(data)
-
-    with pytest.raises(ReadError, match=r"truncated or damaged|was changed while it was read"):
-        remove_glint(source, tmp_path / "out.tif", HEDLEY, overwrite=True, threads=1, progress=progress)
-    assert (tmp_path / "out.tif").read_bytes() == b"old"
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif"]
-
-
 def test_a_directory_that_turns_read_only(refused, sea, write, tmp_path, monkeypatch):
     def refuse(self, target):
         raise OSError(30, "Read-only file system", str(target))

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import rasterio.shutil
 
-from deglint.errors import InputError
+from deglint import Recipe, remove_glint
+from deglint.errors import InputError, ReadError
 from deglint.pipeline.checksum import Checksum, are_as
 from deglint.pipeline.jobs import jobs_of, state_of
 from deglint.pipeline.order import read_order
@@ -18,6 +19,7 @@ from deglint.raster.targets import check_targets
 from deglint.readers.scenes import list_scenes
 from detect.cli import run as run_rxdetect
 
+HEDLEY = Recipe(method="hedley", sample="all", mask="none")
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
 
 
@@ -293,3 +295,23 @@ def test_a_source_that_changes_under_way_is_noticed(deglint, scene, monkeypatch,
     assert ran.code == 1
     assert "was changed while it was read" in ran.err or "cannot read" in ran.err
     assert not Path("out.tif").exists()
+
+
+@pytest.mark.parametrize("how", ["truncated", "written anew"])
+def test_an_input_that_changes_under_way(sea, write, tmp_path, how):
+    source = Path(write(tmp_path / "in.tif", sea(1100, 1100), tiled=True, blockxsize=64, blockysize=64))
+    data = source.read_bytes()
+    (tmp_path / "out.tif").write_bytes(b"old")
+
+    def progress(stage, done, total):
+        if how == "truncated":
+            with source.open("r+b") as file:
+                file.truncate(len(data) // 3)
+        else:
+            source.write_bytes(data[::-1])
+            source.write_bytes(data)
+
+    with pytest.raises(ReadError, match=r"truncated or damaged|was changed while it was read"):
+        remove_glint(source, tmp_path / "out.tif", HEDLEY, overwrite=True, threads=1, progress=progress)
+    assert (tmp_path / "out.tif").read_bytes() == b"old"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif"]

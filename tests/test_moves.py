@@ -10,11 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from deglint import Recipe, remove_glint
 from deglint.errors import WriteError
 from deglint.raster import scratch as room
 from deglint.raster.scratch import Scratch, clear_scratch
 
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+HEDLEY = Recipe(method="hedley", sample="all", mask="none")
 OUTPUTS = ("out.tif", "out.tif.json", "f.tif", "m.json")
 
 
@@ -189,3 +191,34 @@ def test_a_long_name_of_many_bytes_has_scratch(tmp_path):
     with Scratch() as scratch:
         scratch.add(target).write_text("new")
     assert target.read_text() == "new"
+
+
+def test_an_output_that_another_run_made_meanwhile_stays(sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea())
+
+    def progress(stage, done, total):
+        (tmp_path / "out.tif").write_bytes(b"theirs")
+
+    with pytest.raises(WriteError, match=r"out.tif was made by another run meanwhile, and stays. Give --overwrite"):
+        remove_glint(source, tmp_path / "out.tif", HEDLEY, progress=progress)
+    assert (tmp_path / "out.tif").read_bytes() == b"theirs"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif"]
+
+
+def test_two_runs_to_one_output_leave_the_files_of_one(sea, write, tmp_path):
+    """Image, flags and sidecar are of the same run, whoever is last."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    sources = [write(tmp_path / f"{i}.tif", sea(seed=i)) for i in range(2)]
+
+    def run(i):
+        remove_glint(sources[i % 2], tmp_path / "out.tif", HEDLEY, overwrite=True, flags=tmp_path / "f.tif",
+                     threads=1, request=f"run {i}")  # fmt: skip
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(run, range(12)))
+    from deglint.pipeline.checksum import fingerprint
+
+    said = json.loads((tmp_path / "out.tif.json").read_text())["batch"]["outputs"]
+    assert said == {name: fingerprint(tmp_path / name) for name in ("out.tif", "f.tif")}
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["0.tif", "1.tif", "f.tif", "out.tif", "out.tif.json"]

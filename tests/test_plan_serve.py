@@ -203,3 +203,54 @@ def test_in_a_browser_the_sliders_draw_anew(port, browser):
     assert "It rises at" in browser.value("document.getElementById('error').textContent")
     asked = browser.value("performance.getEntriesByType('resource').map(e => new URL(e.name).host).join()")
     assert set(asked.split(",")) == {f"127.0.0.1:{port}"}
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_another_site_is_refused(port, site):
+    for path in ("/", "/plan?wind=5"):
+        assert get(port, path, **{"Sec-Fetch-Site": site})[0].status == 403
+    assert get(port, "/", **{"Sec-Fetch-Site": "none"})[0].status == 200
+    assert get(port, "/", **{"Sec-Fetch-Site": "same-origin"})[0].status == 200
+
+
+def test_two_plans_are_drawn_at_a_time_and_the_rest_wait_or_are_told(port, monkeypatch):
+    at_once, most, lock = [0], [0], threading.Lock()
+
+    def slowly(_base, _asked):
+        with lock:
+            at_once[0] += 1
+            most[0] = max(most[0], at_once[0])
+        time.sleep(0.1)
+        with lock:
+            at_once[0] -= 1
+        return {}
+
+    monkeypatch.setattr("deglint.plan.serve.answer", slowly)
+    monkeypatch.setattr("deglint.plan.serve.WAIT", 0.45)
+    found = []
+    clients = [threading.Thread(target=lambda: found.append(get(port, "/plan")[0])) for _ in range(50)]
+    begun = time.monotonic()
+    for client in clients:
+        client.start()
+    for client in clients:
+        client.join()
+    assert time.monotonic() - begun < 5
+    assert most[0] == 2
+    status = [reply.status for reply in found]
+    assert set(status) == {200, 503}
+    assert status.count(200) >= 6
+    assert all(reply.headers["Retry-After"] for reply in found if reply.status == 503)
+    assert get(port, "/plan")[0].status == 200
+
+
+def test_a_client_that_leaves_is_no_fault(port, capfd):
+    import socket
+    import struct
+
+    for sent in (b"", b"GET /plan HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n" % port, b"GET / HT"):
+        with socket.create_connection(("127.0.0.1", port)) as client:
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # reset, not closed
+            client.sendall(sent)
+    get(port, "/plan")
+    time.sleep(0.3)
+    assert capfd.readouterr().err == ""

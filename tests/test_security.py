@@ -41,13 +41,13 @@ def vrt(path, rows, columns, source="none.tif"):
     return str(path)
 
 
-def test_mutants_are_refused_or_worked_on(tmp_path, monkeypatch):
+def test_mutants_are_refused_or_worked_on(tmp_path, monkeypatch, record_property):
     """A short turn of `python -m tests.fuzz`: nothing crashes, hangs, fills the memory or leaves half a file."""
     monkeypatch.syspath_prepend(str(ROOT / "tests"))
     import fuzz
 
     tried = fuzz.fuzz(tmp_path, seconds=8, most=150)
-    print(f"{tried.inputs} inputs: {tried.done} done, {tried.refused} refused")  # noqa: T201
+    record_property("tried", tried.inputs)
     assert not tried.findings
     assert tried.inputs > 5
     assert tried.done + tried.refused == tried.inputs
@@ -215,6 +215,65 @@ def test_names_do_not_command_the_terminal(deglint, sea, write, tmp_path):
         assert ran.code == 0
         assert "\x1b" not in ran.out + ran.err
     assert "\x1b" not in deglint("info", "\x1b[2J.tif").err
+
+
+ODD_NAMES = {
+    "\u202egpj.exe": "\\u202egpj.exe",
+    "a\x9bb": "a\\x9bb",
+    "a\u2066b": "a\\u2066b",
+    "\u200fa": "\\u200fa",
+    "é 水": "é 水",
+}
+
+
+@pytest.mark.parametrize("name", ODD_NAMES)
+def test_hidden_characters_are_spelled_out(deglint, sea, write, tmp_path, name):
+    """In the log, in tables and reports, and in names of files."""
+    source = write(tmp_path / "in.tif", sea(), names=[name, "green", "red", "nir"])
+    ran = deglint("remove", source, tmp_path / "o.tif", *RUN)
+    assert ODD_NAMES[name] in ran.err
+    assert ODD_NAMES[name] in deglint("info", source).out
+    assert read_names(tmp_path / "o.tif")[0] == name  # the file keeps its own
+    item = {"type": "Feature", "id": f"x{name}", "assets": {"data": {"href": "in.tif"}}}
+    (tmp_path / "s.json").write_text(json.dumps(item))
+    (tmp_path / "r.toml").write_text(
+        f'[output]\ndirectory = "{tmp_path / "out"}"\n[recipe]\nnir = "4"\nmask = "none"\n'
+    )
+    assert deglint("batch", tmp_path / "r.toml", tmp_path / "s.json", "--table", tmp_path / "t.csv").code == 0
+    made = [p.name for p in (tmp_path / "out").iterdir()]
+    assert len(made) == 2
+    texts = [*made, (tmp_path / "t.csv").read_text(), (tmp_path / "o.tif.json").read_text()]
+    assert all(name not in text or name.isprintable() for text in texts)
+
+
+def read_names(path):
+    import rasterio
+
+    with rasterio.open(path) as dataset:
+        return dataset.descriptions
+
+
+def test_pages_show_nothing_hidden():
+    from detect.report.pieces import document
+
+    page = document("a\u202eb", ["<p>one\u2009two\n\u200fthree\x1b</p>"])
+    assert "<title>a\\u202eb</title>" in page
+    assert "<p>one\u2009two\n\\u200fthree\\x1b</p>" in page
+
+
+@pytest.mark.parametrize("directory", ["../..", "..", "a/../../b", "./../x"])
+def test_a_recipe_leads_nowhere_above(deglint, sea, write, tmp_path, monkeypatch, directory):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    write("in.tif", sea())
+    Path("r.toml").write_text(f'[output]\ndirectory = "{directory}"\n[recipe]\nmethod = "hedley"\nmask = "none"\n')
+    ran = deglint("batch", "r.toml", "in.tif")
+    assert ran.code == 1
+    assert "leads out of the directory that the batch runs in" in ran.err
+    assert "--directory DIR" in ran.err
+    assert [p.name for p in tmp_path.iterdir()] == ["here"]
+    assert deglint("batch", "r.toml", "in.tif", "--directory", tmp_path / "there").code == 0
+    assert len(list((tmp_path / "there").iterdir())) == 2
 
 
 def test_nothing_from_a_disk_is_unpickled():

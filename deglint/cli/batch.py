@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from ..shown import shown
 from ..timing import TimeLeft, duration
 from .console import Console
 from .grouped import SETTINGS, Grouped
@@ -44,6 +45,7 @@ log = logging.getLogger(__name__)
     help="Make again what exists and was made by another recipe or of another input. What is finished is "
     "never made again.",
 )
+@click.option("--directory", metavar="DIR", help="Where outputs go, in place of the recipe's directory.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON.")
 @click.option("--table", metavar="FILE.csv", help="Write the summary as CSV, too; an older summary is replaced.")
@@ -78,7 +80,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     from ..pipeline.order import read_order
     from ..readers.scenes import list_scenes
 
-    order, read = read_order(recipe), [recipe, *scenes]
+    order, read = read_order(recipe, given["directory"]), [recipe, *scenes]
     listed = list_scenes(scenes, order.assets)
     table = Path(given["table"]) if given["table"] else None
     if table:
@@ -141,7 +143,7 @@ def _write_table(path: Path, found: list[Any]) -> None:
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(_columns())
-    rows.writerows([["" if v is None else v for v in asdict(o).values()] for o in found])
+    rows.writerows([["" if v is None else shown(str(v)) for v in asdict(o).values()] for o in found])
     with Scratch(overwrite=True) as scratch:
         write_text(scratch, path, text.getvalue())
 

@@ -17,8 +17,10 @@ from typing import Any, NoReturn
 import click
 
 from ..errors import DeglintError, NoWaterError
+from ..shown import shown
 
 Progress = Callable[[str, int, int], None]
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG)
 
 
 class Commands(click.Group):
@@ -56,7 +58,7 @@ class Commands(click.Group):
 def run(cli: click.Group, program: str, arguments: list[str]) -> int:
     """Run a command; what goes wrong becomes one line on stderr and an exit code."""
     _moved().clear()  # of an earlier command in this process
-    with _terminable(), _own_stderr() as aside:
+    with _terminable(), _own_stderr() as aside, _nothing_hidden():
         try:
             with cli.make_context(program, list(arguments)) as context:  # main() would print a line of its own
                 cli.invoke(context)
@@ -81,7 +83,7 @@ def run(cli: click.Group, program: str, arguments: list[str]) -> int:
 
 def printable(text: str) -> str:
     """Text as one line without what a terminal would take for commands: names in files are other people's."""
-    return "".join(c if c.isprintable() else " " if c in "\n\t" else f"\\x{ord(c):02x}" for c in text)
+    return shown(text.replace("\n", " ").replace("\t", " "))
 
 
 def _explained(error: BaseException) -> tuple[int, str]:
@@ -94,8 +96,10 @@ def _explained(error: BaseException) -> tuple[int, str]:
         return 1, "Error: out of memory. Use fewer --threads, or a machine with more."
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return 1, "Error: too many open files. Use fewer --threads or inputs, or raise the limit (ulimit -n)."
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO) and not error.filename:
+    if isinstance(error, OSError) and error.errno in _NO_ROOM and not error.filename:
         return 1, f"Error: cannot write to standard output: {error.strerror}."  # a file's trouble is told by who wrote
+    if isinstance(error, FileNotFoundError) and "temporary directory" in str(error):
+        return 1, "Error: there is no directory for temporary files. Set TMPDIR to one that can be written to."
     line = (str(error).splitlines() or [""])[0]
     return 1, f"Error: {type(error).__name__}: {printable(line)} (a fault of deglint's own; -vv shows where)"
 
@@ -161,7 +165,7 @@ def _own_stderr() -> Iterator[_Aside]:
         return
     real = os.dup(2)
     python_stderr = sys.stderr
-    with tempfile.TemporaryFile() as file, open(real, "w", buffering=1, errors="replace") as own:  # noqa: PTH123
+    with _nameless() as file, open(real, "w", buffering=1, errors="replace") as own:  # noqa: PTH123
         ours = _writes_to(python_stderr, 2)
         sys.stderr = own if ours else python_stderr
         hooks = sys.excepthook, sys.unraisablehook
@@ -175,6 +179,48 @@ def _own_stderr() -> Iterator[_Aside]:
             own.flush()
             os.dup2(real, 2)
             sys.stderr = python_stderr
+
+
+class _Seen:
+    """A stream on which nothing hidden is written but the progress line's own return and erasure."""
+
+    _ERASE = "\x1b[K"
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write text as it may be shown."""
+        if not isinstance(text, str) or text.isprintable():
+            return int(self._stream.write(text))
+        head = "\r" if text.startswith("\r") else ""  # a line that is drawn anew
+        parts = (shown(part) for part in text.removeprefix(head).removesuffix("\r").split(self._ERASE))
+        tail = "\r" if head and text.endswith("\r") and len(text) > 1 else ""
+        self._stream.write(head + self._ERASE.join(parts) + tail)
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextlib.contextmanager
+def _nothing_hidden() -> Iterator[None]:
+    """Let no name in a file command the terminal, whoever prints it."""
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (stream and _Seen(stream) for stream in before)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+def _nameless() -> Any:
+    """A file of no name: in memory where the system has such, for there may be no directory for temporary files."""
+    with contextlib.suppress(OSError, AttributeError):
+        return os.fdopen(os.memfd_create("stderr"), "w+b")
+    with contextlib.suppress(OSError):
+        return tempfile.TemporaryFile()
+    return open(os.devnull, "w+b")  # noqa: PTH123  (the caller closes it)
 
 
 def _writes_to(stream: Any, descriptor: int) -> bool:

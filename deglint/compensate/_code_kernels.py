@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba as nb
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from .. import jit as nb
 from ._lanes import FLOATS, LANES, constant, if_more, lanes, larger, load, plus, pointer, smaller, spread, store, times
 
 _CODES, _BITS = ir.VectorType(ir.IntType(16), LANES), ir.VectorType(ir.IntType(32), LANES)

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 
+from .. import jit as nb
 from ._glance_kernels import SOON
 from ._lanes import ahead
 

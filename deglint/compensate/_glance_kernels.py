@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
+from .. import jit as nb
 from ._apart import apart
 from ._glance_lanes import GROUPS, PIECES, above, add, binned, each, highest, pair, put, row
 from ._lanes import LANES, ahead

@@ -6,9 +6,9 @@ takes it, so that the results are the same to the bit.
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
+from .. import jit as nb
 from ._apart import apart
 
 ZERO, ONE = np.float32(0.0), np.float32(1.0)

@@ -17,9 +17,9 @@ and as a negative no dilation.
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
+from .. import jit as nb
 from ._apart import apart
 from ._whole_lanes import BYTES, before, behind, count, least, load, most, negative, store, turn
 

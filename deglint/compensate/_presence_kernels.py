@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
+from .. import jit as nb
 from ._apart import apart
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
+
+from .. import jit as nb
 
 SIDE = 5
 """Of the squares about a thing that nothing brighter than usual may be in, but what is the thing's [pixel]."""

@@ -14,9 +14,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 
+from .. import jit as nb
 from ._apart import apart
 from ._lanes import LANES, ahead, fused, if_more, if_same, larger, load, over, plus, smaller, spread, store, times, turn
 from ._sums import GROUP, across_sums, down_sums

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..jit import njit
 
 ELFOUHAILY, HALF_ANGLE, FULL_ANGLE = 0, 1, 2
 

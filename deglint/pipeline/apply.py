@@ -18,7 +18,7 @@ from ..masks import WaterRule
 from ..moments import CELL
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, write_json, write_text
-from ..raster.targets import Reads, check_image, check_targets, check_unread
+from ..raster.targets import Reads, check_image, check_targets
 from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
 from ..remove import GlintModel
@@ -101,6 +101,7 @@ def remove_glint(
     >>> remove_glint("scene.tif", "clean.tif", Recipe(method="hedley"))  # doctest: +SKIP
     """
     from ..readers import open_scene
+    from ..readers.products import files_of
 
     if "model_file" in outputs:
         outputs["model"] = outputs.pop("model_file")
@@ -114,31 +115,25 @@ def remove_glint(
         check_number(threads, 1, 1024, "threads")
     with environment():
         given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
+        files = [file for name in given for file in files_of(name)]
         named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": sensor or ""}
-        reads: Reads = {"the input": given, **{k: [v] for k, v in named.items()}, "an input": targets.reads}
+        reads: Reads = {"the input": [*given, *files], **{k: [v] for k, v in named.items()}, "an input": targets.reads}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_image(targets.image)
+        checksum = Checksum(files)  # before it is opened: what changes from now on is noticed
         scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
         with raster_of(scene):
-            check_unread(targets.every(), {"the input": set(raster_of(scene).info.paths) - set(map(str, given))})
             return _run(
-                scene,
-                recipe,
-                targets,
-                model,
-                chain,
-                threads or tiling.default_threads(),
-                progress or Reporter(),
-                cluster,
-            )
+                scene, checksum, recipe, targets, model, chain, threads or tiling.default_threads(),
+                progress or Reporter(), cluster,
+            )  # fmt: skip
 
 
 def _run(
-    scene: Scene, recipe: Recipe, targets: Outputs, model: GlintModel | None, chain: Chain | None, threads: int,
-    progress: Progress | None, cluster: Cluster | None,
+    scene: Scene, checksum: Checksum, recipe: Recipe, targets: Outputs, model: GlintModel | None, chain: Chain | None,
+    threads: int, progress: Progress | None, cluster: Cluster | None,
 ) -> Result:  # fmt: skip
     begun = time.perf_counter()
-    checksum = Checksum(raster_of(scene).info.paths)
     area, notes = _mask_of(recipe, scene)
     if model is None:
         run = tiling.run if cluster is None else cluster.run
@@ -151,11 +146,8 @@ def _run(
     fitted = replace(fitted, notes=(*fitted.notes, *notes))
     only = tuple(find_band(scene, b) for b in fitted.recipe.bands)
     changed = tuple(changed_bands(scene, fitted.model, fitted.chain, only))
-    for option in ("amount", "stderr"):
-        if getattr(targets, option) and not changed:
-            raise InputError(
-                f"no band is corrected, so there is nothing to write: leave out --{option}, or name a --method."
-            )
+    if targets.stderr and not changed:
+        raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name a --method.")
     with Scratch(overwrite=targets.overwrite) as scratch:
         tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress, only, cluster)
         if tally.corrected == tally.calm == 0 and fitted.model.fits:
@@ -213,7 +205,7 @@ def _write_tiles(
     if work.copies and copied_whole(scratch, image, targets.image):
         return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
-    images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.changed))
+    images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.told))
     opened = writing_images(scratch, targets.image, images, cluster)
     with one_thread_each(bool(fitted.chain.runs)), opened as (run, writers):
         for tile, done in run(everything, work, threads=at_once, progress=note, start=enter_thread):
@@ -225,7 +217,7 @@ def _write_tiles(
     return tally
 
 
-def _beside(scene: Scene, targets: Outputs, image: Layout, changed: tuple[int, ...]) -> dict[str, tuple[Path, Layout]]:
+def _beside(scene: Scene, targets: Outputs, image: Layout, told: tuple[int, ...]) -> dict[str, tuple[Path, Layout]]:
     """The rasters beside the image, by the fields of a tile's result: their names, and what they are like."""
     options: dict[str, Any] = {"options": targets.options, "scaled": False, "tile": image.tile}
     found = {}
@@ -233,8 +225,8 @@ def _beside(scene: Scene, targets: Outputs, image: Layout, changed: tuple[int, .
         found["flags"] = targets.flags, Layout(image.info, (0,), "uint8", None, names=("flags",), **options)
     for path, what, said in ((targets.amount, "amount", "glint in"), (targets.stderr, "stderr", "standard error of")):
         if path:
-            names = tuple(f"{said} {scene.bands[b].name}" for b in changed)
-            found[what] = path, Layout(image.info, changed, "float32", float("nan"), names=names, **options)
+            names = tuple(f"{said} {scene.bands[b].name}" for b in told)
+            found[what] = path, Layout(image.info, told, "float32", float("nan"), names=names, **options)
     return found
 
 

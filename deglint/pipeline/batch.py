@@ -9,12 +9,13 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError, WriteError
-from ..raster.scratch import claimed
+from ..raster.scratch import MOVED, claimed
 from ..raster.targets import check_target
 from ..readers.scenes import ListedScene
-from .jobs import FAILED, TODO, Job, Outcome, Say, jobs_of, outcome, state_of
+from .jobs import DONE, FAILED, TODO, Job, Outcome, Say, jobs_of, outcome, state_of
 from .order import Order
 from .workers import run_jobs
 
@@ -56,7 +57,13 @@ def run_batch(
     if processes < 1:
         raise InputError(f"jobs: want at least 1, got {processes}.")
     jobs, request = jobs_of(order, scenes, reads), order.request()
-    tell = say or (lambda _what, _about: None)
+
+    def tell(what: str, about: Any) -> None:
+        if what == "end" and about.status == DONE:
+            MOVED.append(Path(about.output))  # by a worker; an interruption says so
+        if say is not None:
+            say(what, about)
+
     with ExitStack() as stack:
         if not dry_run:
             _prepare(order.directory)

@@ -98,6 +98,11 @@ class Correction:
         return changed_bands(self.scene, self.model, self.chain, self.only)
 
     @property
+    def told(self) -> list[int]:
+        """0-based bands of which the amount is told: those that may change, or all, with zeros, where none may."""
+        return self.changed or list(range(len(self.scene.bands)))
+
+    @property
     def reach(self) -> int:
         """Pixels around a tile that may be looked at."""
         return self._halo
@@ -117,7 +122,7 @@ class Correction:
         tally.saturated = read.saturated.counts
         if flags is not None and read.saturated.any_band is not None:
             flags[read.saturated.any_band] |= SATURATED
-        before = physical[self.changed].copy() if self.want_amount else None
+        before = physical[self.told].copy() if self.want_amount else None
         whole = physical.astype(np.float32) if self.want_stderr else None
         corrected = physical if read.after is None else read.after.clean
         least = self._least(corrected, raw, read)
@@ -141,7 +146,7 @@ class Correction:
             tally.clipped = tally.clipped + np.count_nonzero(lost, axis=(1, 2))
             if flags is not None:
                 flags[lost.any(axis=0)] |= CLIPPED
-        amount = None if before is None else np.subtract(before, physical[self.changed], dtype=np.float32)
+        amount = None if before is None else np.subtract(before, physical[self.told], dtype=np.float32)
         parts = None if whole is None else self._parts(whole, physical, where, read.after)
         if parts is None or self.uncertainty is None:
             return Corrected(raw, tally, file_valid, flags, amount, None, parts)
@@ -171,7 +176,7 @@ class Correction:
     @property
     def copies(self) -> bool:
         """No band may change and nothing is to be said of single pixels: nothing is looked at either."""
-        return not self.changed and not self.want_flags
+        return not self.changed and not (self.want_flags or self.want_amount)
 
     def _copied(self, tile: Tile) -> Corrected:
         """A tile as it is, in the output's type."""
@@ -499,7 +504,7 @@ class Correction:
 
     def _flags(self, known: Any, where: Any, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
         flags = np.full(shape, NOT_WATER, np.uint8)
-        flags[... if where is None else where] = CORRECTED
+        flags[... if where is None else where] = CORRECTED if self.changed else 0
         if known is not None:
             flags[~known] = NODATA
         return flags

@@ -11,6 +11,8 @@ from .. import tiles as tiling
 from ..checks import check_kind, checked_keywords
 from ..errors import DeglintError
 from ..raster.environment import enter_thread, environment
+from ..raster.limits import LOOK_READS, look_seconds
+from ..raster.source import Budget
 from ..scene import Scene
 from ..tiles import Tile, default_threads
 from .fit import fit_scene
@@ -23,7 +25,7 @@ USEFUL_R2 = 0.3
 
 @checked_keywords()
 def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None = None) -> dict[str, Any]:
-    """Look at a scene and say what is known of it; reads part of a large one.
+    """Look at a scene and say what is known of it; reads part of a large one, for a bounded time.
 
     Parameters
     ----------
@@ -37,7 +39,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     dict
         Plain numbers and words: size, place, bands, NIR, valid and water fraction of what was looked at, glint level
         and cover, R2 of each band with the NIR, suggested method with the reason, and notes. What cannot be told is
-        None, with the reason among the notes.
+        None, with the reason among the notes; so is what was not looked at.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe = recipe or Recipe()
@@ -48,6 +50,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     out |= {"nir": None, "valid_fraction": None, "water_fraction": None, "looked_at_pixels": None,
             "glint_cover": None, "glint_level": None, "r2": None, "slopes": None,
             "suggested_method": None, "reason": None, "needs": None, "needs_said": [], "notes": notes}  # fmt: skip
+    budget = raster_of(scene).budget = Budget(look_seconds(), LOOK_READS)
     try:
         with environment():
             request, said = make_request(scene, recipe)
@@ -61,8 +64,10 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
                 notes.append(look.water.reason)
             fitted = fit_scene(scene, recipe, threads=threads)
     except DeglintError as error:
-        out["reason"] = str(error)
+        out["reason"] = str(error) if not budget.over else _not_seen(scene, budget)
         return out
+    finally:
+        raster_of(scene).budget = None
     model = fitted.model
     sample = fitted.numbers["sample"]
     if sample:
@@ -76,6 +81,16 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         out["suggested_method"], out["reason"] = model.method, f"after compensation: {fitted.chain.text}"
     notes += [n for n in fitted.notes if n not in notes and n not in out["needs_said"]]
     return out
+
+
+def _not_seen(scene: Scene, budget: Budget) -> str:
+    """What was left out where there was no more time."""
+    total = scene.height * scene.width
+    return (
+        f"the look at it was stopped after {budget.seconds:g} s or {budget.reads} windows: {budget.done} windows of "
+        f"{budget.pixels} pixels were read, of {total} pixels; what lies in the others is not known. To look for "
+        "longer, set the environment variable DEGLINT_INFO_SECONDS, or name a --sample"
+    )
 
 
 def _suggestion(best: float | None, cover: float | None, method: str) -> tuple[str | None, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
@@ -75,7 +76,7 @@ class Order:
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 
 
-def read_order(path: str) -> Order:
+def read_order(path: str, directory: str | None = None) -> Order:
     """Read a recipe file.
 
     Parameters
@@ -83,13 +84,15 @@ def read_order(path: str) -> Order:
     path : str
         TOML with the tables ``[recipe]`` (fields of `Recipe`), ``[input]`` (sensor, nodata, grid, assets) and
         ``[output]`` (directory, name, extras, dtype, options); every one may be left out.
+    directory : str, optional
+        Where outputs go, in place of the recipe's.
 
     Raises
     ------
     ReadError
         No such file.
     InputError
-        Not TOML, or a name or value that is not allowed.
+        Not TOML, or a name or value that is not allowed, such as a directory above the one that the batch runs in.
     """
     text = read_text(path, "recipe", MOST_BYTES)
     try:
@@ -114,6 +117,13 @@ def read_order(path: str) -> Order:
             given["recipe"] = _named(path, Recipe, read)
         else:
             given |= read
+    if directory is not None:
+        given["directory"] = Path(directory)
+    elif Path(os.path.normpath(given.get("directory", "."))).parts[:1] == (os.pardir,):
+        raise InputError(
+            f"{path}: [output] directory {str(given['directory'])[:200]!r} leads out of the directory that the batch "
+            "runs in. If that is wanted, say it on the command line: --directory DIR."
+        )
     order: Order = _named(path, Order, given)
     return order
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import base64
 import json
 import secrets
+import sys
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from http import HTTPStatus
@@ -42,6 +44,10 @@ _NUMBERS = {  # name in the page: table and key of the mission
     "visibility": ("air", "visibility"),
     "glint": ("limits", "glint"),
 }
+AT_ONCE = 2
+"""Plans that are drawn at a time: each takes some 15 MB and a processor."""
+WAIT = 5.0
+"""How long another waits for its turn [s]; browsers and proxies wait for 30 s and more."""
 _THIN = 4  # every so many looks are told to the page, for what it says under the pointer
 
 
@@ -91,24 +97,47 @@ def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
 
     class Handler(_Handler):
         base = mission
+        drawing = threading.BoundedSemaphore(AT_ONCE)
 
     try:
-        return ThreadingHTTPServer((ADDRESS, port), Handler)
+        return _Server((ADDRESS, port), Handler)
     except OSError as error:
         raise InputError(f"port {port} cannot be had: {error.strerror}. Give another --port, or 0.") from error
+
+
+class _Server(ThreadingHTTPServer):
+    """A server that waits for many at the door."""
+
+    request_queue_size = 128
+    daemon_threads = True
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of a client that is gone."""
+        if not isinstance(sys.exception(), (ConnectionError, TimeoutError)):
+            super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
     """Answers GET / with the page and GET /plan?... with a plan."""
 
     base: Mission
+    drawing: threading.BoundedSemaphore
     protocol_version = "HTTP/1.1"
     server_version = "deglint"
     sys_version = ""
     timeout = 60
 
     def do_GET(self) -> None:
-        """Answer, if the request was meant for this machine."""
+        """Answer, if the request was meant for this machine; one who leaves before is no error."""
+        try:
+            self._answer()
+        except (ConnectionError, TimeoutError):
+            self.close_connection = True
+
+    def _answer(self) -> None:
+        if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
+            self._send(HTTPStatus.FORBIDDEN, "text/plain", b"this page is not for other sites\n")
+            return
         if not self._is_ours():
             self._send(HTTPStatus.MISDIRECTED_REQUEST, "text/plain", b"this page is for this machine only\n")
             return
@@ -137,10 +166,17 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(HTTPStatus.OK, "text/html; charset=utf-8", text.encode(), {"Content-Security-Policy": policy})
 
     def _plan(self, asked: Mapping[str, str]) -> None:
+        if not self.drawing.acquire(timeout=WAIT):
+            self.close_connection = True
+            busy = json.dumps({"error": f"busy: {AT_ONCE} plans are drawn at a time. Try again."}).encode()
+            self._send(HTTPStatus.SERVICE_UNAVAILABLE, "application/json", busy, {"Retry-After": f"{WAIT:.0f}"})
+            return
         try:
             found, status = answer(self.base, asked), HTTPStatus.OK
         except DeglintError as error:
             found, status = {"error": str(error)}, HTTPStatus.BAD_REQUEST
+        finally:
+            self.drawing.release()
         self._send(status, "application/json", json.dumps(found).encode())
 
     def _send(self, status: HTTPStatus, kind: str, body: bytes, headers: Mapping[str, str] | None = None) -> None:

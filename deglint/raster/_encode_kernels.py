@@ -1,8 +1,9 @@
 """The compiled twin of the inner loop of `deglint.raster.encode`, for whole numbers of up to 16 bits: the tests run
 over both."""
 
-import numba as nb
 import numpy as np
+
+from .. import jit as nb
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

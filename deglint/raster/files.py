@@ -53,7 +53,7 @@ def _of_raster(name: str) -> Iterator[str]:
         return  # all of it lies there
     try:
         with open_dataset(name) as dataset:
-            files, nested = list(dataset.files), _walk_of(dataset, name)
+            files, nested = _listed(dataset, name), _walk_of(dataset, name)
     except (InputError, ReadError):
         return
     yield from files
@@ -92,15 +92,24 @@ def check_after(dataset: Any, name: str) -> None:
     if dataset.driver.startswith("SENTINEL2") or is_odd(name):
         return  # parts of a product lie in the folders above; archives and servers hold no other names
     folder = os.path.dirname(os.path.abspath(name))  # noqa: PTH100, PTH120  (links beside the raster are its owner's)
-    for file in dataset.files:
+    for file in _listed(dataset, name):
         beside = os.path.abspath(file).startswith(os.path.join(folder, ""))  # noqa: PTH100, PTH118
         if not (beside or file.startswith("/vsi") or file.endswith(COMPANIONS)):
             check_place(file, folder, name)
 
 
+def _listed(dataset: Any, name: str) -> list[str]:
+    """The files that GDAL lists."""
+    try:
+        return list(dataset.files)
+    except UnicodeDecodeError as error:
+        raise ReadError(f"{name} leads to a file whose name is not UTF-8. Rename that, and correct {name}.") from error
+
+
 def _walk_of(dataset: Any, name: str) -> Walk:
     """The sources of an open dataset; none where it is no VRT."""
-    walk = Walk(folder_of(dataset.files[0] if dataset.files else name))
+    files = _listed(dataset, name)
+    walk = Walk(folder_of(files[0] if files else name))
     if dataset.driver == "VRT":
         if is_vrt(name):
             walk.start(name)

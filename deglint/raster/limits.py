@@ -18,6 +18,10 @@ MOST_PIXELS = 1 << 40
 MOST_BLOCK_MB = 1024
 """Memory of one block, all bands of it where they are interleaved by pixel [MB of 2^20 byte]."""
 MOST_BANDS = 8192
+LOOK_SECONDS = 60
+"""How long `deglint info` looks at a scene [s]."""
+LOOK_READS = 10_000
+"""Windows of a scene that it reads: of tiles of 1024 x 1024 pixels a scene of 100,000 x 100,000."""
 
 
 def check_size(dataset: Any, path: str) -> None:
@@ -51,6 +55,11 @@ def check_size(dataset: Any, path: str) -> None:
                 f"{path} is stored in blocks of {rows} x {columns} pixels, {size >> 20} MB each; allowed are {most_mb} "
                 "MB. Store it in tiles (gdal_translate -co TILED=YES), or set DEGLINT_MAX_BLOCK_MB higher."
             )
+
+
+def look_seconds() -> int:
+    """How long a scene is looked at [s]: DEGLINT_INFO_SECONDS, or `LOOK_SECONDS`."""
+    return _limit("DEGLINT_INFO_SECONDS", LOOK_SECONDS)
 
 
 def _limit(name: str, usual: int) -> int:

@@ -29,9 +29,20 @@ def check_kind(path: str | Path) -> None:
     ------
     ReadError
     """
+    if not is_utf8(path):
+        raise ReadError(f"the name {os.fsencode(path)!r} is not UTF-8, and GDAL opens no other. Rename it.")
     kind = "a pipe" if str(path).lower().startswith("/vsistdin") else _odd(path)
     if kind:
         raise ReadError(f"{path} is {kind}, which cannot be read as a file. Save what comes from it, and name that.")
+
+
+def is_utf8(path: str | Path) -> bool:
+    """Whether a name is text: Linux allows any bytes."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _odd(path: str | Path) -> str:

@@ -9,6 +9,7 @@ thread, so a worker thread enters its own. Nothing is written here, and no pixel
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,6 +21,36 @@ from ..scene import FloatArray, Window
 from .convert import Raw, Valid, to_physical
 from .handle import FileBands, Handle
 from .info import RasterInfo, one_line, remedy
+
+
+class Budget:
+    """What may be read of a scene that is only looked at: so many windows, for so long.
+
+    Parameters
+    ----------
+    seconds : float
+    reads : int
+        Windows, about one a tile.
+    """
+
+    def __init__(self, seconds: float, reads: int) -> None:
+        self.seconds, self.reads = seconds, reads
+        self.done = self.pixels = 0
+        self.over = False
+        self._begun = time.monotonic()
+
+    def spend(self, pixels: int) -> None:
+        """Count a window.
+
+        Raises
+        ------
+        ReadError
+            It is one too many, or too late.
+        """
+        if self.done >= self.reads or time.monotonic() - self._begun > self.seconds:
+            self.over = True
+            raise ReadError(f"stopped after {self.done} windows of the scene and {self.seconds:g} s at most")
+        self.done, self.pixels = self.done + 1, self.pixels + pixels
 
 
 class RasterSource:
@@ -47,6 +78,7 @@ class RasterSource:
         self._start()
 
     def _start(self) -> None:
+        self.budget: Budget | None = None
         self._lock = threading.Lock()
         self._idle: list[Handle] = []
         self._closed = False
@@ -139,6 +171,8 @@ class RasterSource:
             )
         from rasterio.env import env_ctx_if_needed
 
+        if self.budget is not None:
+            self.budget.spend((bottom - top) * (right - left))
         place = f"rows {top}-{bottom}, columns {left}-{right}"
         with env_ctx_if_needed(), self._handle(place) as handle:
             return handle.read(window, bands, self.info, nodata=nodata)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..errors import InputError, WriteError
 from .files import files_behind
-from .local import COMPANIONS, identity, real
+from .local import COMPANIONS, identity, is_utf8, real
 
 OTHER_FORMATS = frozenset(
     (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")
@@ -94,6 +94,8 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
     """
     if str(path) == "-":
         raise WriteError("- is no file: outputs do not go to standard output. Name a file.")
+    if not is_utf8(path) or not is_utf8(real(path)):
+        raise WriteError(f"the name {os.fsencode(real(path))!r} is not UTF-8, and GDAL writes no other. Name another.")
     if re.match(r"/vsi|[A-Za-z][\w+.-]+:/", str(path)):
         raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
     if path.is_dir():

@@ -79,7 +79,7 @@ class Walk:
             return  # what it names is checked
         if "any" in trusted():
             return
-        if name.startswith("/vsi") and os.path.normpath(name).startswith(self.folder.rstrip("/") + "/"):
+        if name.startswith("/vsi") and os.path.normpath(name).startswith(os.path.normpath(self.folder) + "/"):
             return  # beside the VRT on its server, or in its archive
         inside = local(name)
         elsewhere = not inside or (name.startswith("/vsi") and not _IN_ARCHIVES.match(name))
@@ -144,10 +144,17 @@ def _parsed(name: str, stamp: tuple[int, int, int]) -> tuple[_Reference, ...]:
     if stamp[1] > MOST_VRT_BYTES:
         raise InputError(f"{name} is a VRT of {stamp[1] >> 20} MB; allowed are {MOST_VRT_BYTES >> 20} MB.")
     try:
-        text = Path(name).read_text(encoding="utf-8", errors="replace")
+        data = Path(name).read_bytes()
     except OSError as error:
         raise ReadError(f"cannot read {name}: {error.strerror}.") from error
-    return references_of(text, str(Path(name).parent), name)
+    folder = str(Path(name).parent)
+    try:
+        return references_of(data.decode(), folder, name)
+    except UnicodeDecodeError:
+        found = references_of(data.decode("latin-1"), folder, name)
+    if not all(reference.name.isascii() for reference in found):
+        raise ReadError(f"{name} leads to a file whose name is not UTF-8. Rename that, and correct {name}.")
+    return found
 
 
 def references_of(text: str, folder: str, name: str) -> tuple[_Reference, ...]:
@@ -193,10 +200,12 @@ def _named(element: ET.Element, folder: str, band: int, of: int) -> Iterator[_Re
     if not (named or tag in _ANYWHERE):
         return
     flags = [_attribute(element, "relativetovrt")] + [c.text or "" for c in element if _tag(c) == "relativetovrt"]
-    if any(_number(flag, 0) for flag in flags):
-        yield _Reference(_beside(text.strip(), folder), of, band)
-    else:
-        yield _Reference(text.strip(), of, band)
+    relative = any(_number(flag, 0) for flag in flags)
+    for spelled in dict.fromkeys(
+        (element.text or "", text, *(child.tail or "" for child in element))
+    ):  # where it has children, what GDAL takes is not certain
+        if name := spelled.strip():
+            yield _Reference(_beside(name, folder) if relative else name, of, band)
 
 
 def _beside(name: str, folder: str) -> str:

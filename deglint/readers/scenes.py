@@ -18,6 +18,7 @@ from typing import Any
 from urllib.parse import unquote, urljoin
 
 from ..errors import InputError, ReadError
+from ..shown import in_file_name
 from .products import name_of
 from .text import read_json, read_text
 
@@ -138,7 +139,7 @@ def checked_name(name: str, origin: str) -> str:
             f"{origin[:200]}: a scene is called {name[:80]!r}, of which no file name can be made. Allowed are 1 to "
             f"{LONGEST_NAME} bytes without / and \\ and no dot in front."
         )
-    return name
+    return in_file_name(name)
 
 
 def _of_csv(path: str) -> Iterator[ListedScene]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, ReadError
+from ..raster.local import check_kind
 
 MOST_BYTES = 64 << 20
 """Largest file that is read [byte]."""
@@ -24,6 +25,7 @@ def read_text(path: str, option: str, most: int | None = None) -> str:
         It is too large, or not text.
     """
     most = MOST_BYTES if most is None else most
+    check_kind(path)
     try:
         with Path(path).open("rb") as file:
             data = file.read(most + 1)
@@ -37,7 +39,7 @@ def read_text(path: str, option: str, most: int | None = None) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path} ({option}) is not a text file.") from error
+        raise InputError(f"{path} ({option}) is not a text file: it is not UTF-8.") from error
 
 
 def read_json(path: str, option: str) -> Mapping[str, Any]:

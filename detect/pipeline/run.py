@@ -25,7 +25,7 @@ from deglint.pipeline.look import core_of, raster_of
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text
-from deglint.raster.targets import Reads, check_image, check_targets, check_unread
+from deglint.raster.targets import Reads, check_image, check_targets
 from deglint.scene import Scene
 from deglint.tiles import LARGEST, Tile, default_threads
 from deglint.timing import Reporter
@@ -184,6 +184,7 @@ def score_file(
     >>> score_file("clean.tif", "scores.tif", Recipe(method="local", window=(5, 21)))  # doctest: +SKIP
     """
     from deglint.readers import open_scene
+    from deglint.readers.products import files_of
 
     recipe = recipe or Recipe()
     files = ("p_value", "flags", "objects", "background")
@@ -191,15 +192,16 @@ def score_file(
     targets = Outputs(Path(image), **paths)
     _check_targets(recipe, targets, threads)
     with environment(), _one_blas_thread():
-        given = [source] if isinstance(source, (str, os.PathLike)) else list(source)
-        reads: Reads = {"the input": given, "--background": [recipe.background], "--mask": [recipe.mask],
-                 "--sensor": [sensor or ""]}  # fmt: skip
+        given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
+        read = [file for name in given for file in files_of(name)]
+        named = {"--background": recipe.background, "--mask": recipe.mask, "--sensor": sensor or ""}
+        reads: Reads = {"the input": [*given, *read], **{k: [v] for k, v in named.items()}}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_image(targets.image)
+        checksum = Checksum(read)  # before it is opened: what changes from now on is noticed
         scene = open_scene(source, sensor=sensor, nodata=nodata)
         with raster_of(scene):
-            check_unread(targets.every(), {"the input": set(raster_of(scene).info.paths) - set(map(str, given))})
-            return _run(scene, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
+            return _run(scene, checksum, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
 
 
 def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> None:
@@ -223,10 +225,10 @@ def _one_blas_thread() -> Iterator[None]:
 
 
 def _run(
-    scene: Scene, recipe: Recipe, targets: Outputs, threads: int, progress: Progress | None, cluster: Cluster | None
-) -> Result:
+    scene: Scene, checksum: Checksum, recipe: Recipe, targets: Outputs, threads: int, progress: Progress | None,
+    cluster: Cluster | None,
+) -> Result:  # fmt: skip
     begun = time.perf_counter()
-    checksum = Checksum(raster_of(scene).info.paths)
     log_scene(scene)
     plan = make_plan(scene, recipe, threads, progress)
     for note in plan.notes:

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
+from deglint.shown import shown
+
 from .style import STYLE
 
 
@@ -21,7 +23,7 @@ def document(title: str, parts: Sequence[str], style: str = "") -> str:
     style : str
         Rules of its own, after those of every page.
     """
-    return (
+    return shown(
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         f"<title>{escape(title)}</title><style>{STYLE}{style}</style></head>\n<body><main>\n"

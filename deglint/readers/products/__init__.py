@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...errors import DeglintError, ReadError
@@ -187,12 +187,15 @@ def name_of(path: str) -> str | None:
 
 
 def files_of(path: str) -> tuple[str, ...]:
-    """GDAL names of the image files that a name stands for: those of a product, else itself."""
+    """GDAL names of the files that a name stands for: images, footprints and metadata of a product, else itself."""
     try:
         product = find(path)
     except DeglintError:
         return (path,)
-    return tuple(product.files) if product else (path,)
+    if product is None:
+        return (path,)
+    footprints = (band.footprint for band in product.bands if band.footprint)
+    return tuple(dict.fromkeys((*product.files, *footprints, *product.texts)))
 
 
 def _local(path: str) -> str | None:
@@ -225,7 +228,14 @@ def _is_metadata(path: str) -> bool:
 
 
 def _first(container: Container) -> Product | None:
-    return next((p for family in PRODUCTS.values() if (p := family.find(container)) is not None), None)
+    return next((p for family in PRODUCTS.values() if (p := _of(family, container)) is not None), None)
+
+
+def _of(family: Family, container: Container) -> Product | None:
+    """The product of a family in a container, with the names of the metadata that were read."""
+    found = family.find(container)
+    read = tuple(container.gdal(member) for member in dict.fromkeys(container.was_read))
+    return None if found is None else replace(found, texts=read)
 
 
 def _of_part(container: Container, place: Path) -> Product | None:
@@ -234,7 +244,7 @@ def _of_part(container: Container, place: Path) -> Product | None:
         inside = family.above and container.find(family.images) and not container.find(family.metadata)
         root = _above(place, family) if inside else None
         if root is not None:
-            return family.find(open_folder(root, container.asked, place.relative_to(root).as_posix()))
+            return _of(family, open_folder(root, container.asked, place.relative_to(root).as_posix()))
     return None
 
 
@@ -247,7 +257,7 @@ def _of_file(place: Path, asked: str) -> Product | None:
         elif re.fullmatch(family.images, place.name, re.IGNORECASE):
             root = _above(place, family)
         if root is not None:
-            found = family.find(open_folder(root, asked, place.relative_to(root).as_posix()))
+            found = _of(family, open_folder(root, asked, place.relative_to(root).as_posix()))
             if found is not None:
                 return found
     return None

@@ -11,7 +11,7 @@ import re
 import tarfile
 import zipfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from ...errors import InputError, ReadError
@@ -40,6 +40,8 @@ class Container:
         Members, relative, with "/" between folders, sorted.
     named : str, optional
         The member (a file, or a folder of a folder) that was meant, where not all of it was.
+    was_read : list of str
+        Members that `read` has read so far.
     """
 
     path: str
@@ -47,6 +49,7 @@ class Container:
     names: tuple[str, ...]
     named: str | None = None
     asked: str = ""
+    was_read: list[str] = field(default_factory=list, compare=False, repr=False)
 
     @property
     def name(self) -> str:
@@ -84,6 +87,7 @@ class Container:
             data = self._bytes(member)
         except (*_DAMAGED, RuntimeError, KeyError, EOFError) as error:
             raise ReadError(f"cannot read {member} in {self.path}: {error}. Copy or download it again.") from error
+        self.was_read.append(member)
         if len(data) > MOST_BYTES:
             raise InputError(f"{member} in {self.path} is larger than {MOST_BYTES >> 20} MB, too large for metadata.")
         return data

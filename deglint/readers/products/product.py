@@ -78,6 +78,8 @@ class Product:
         Facts for the output's tags: when it was acquired, sun and view angles.
     notes : tuple of str
         What was left out or could not be used, one line each.
+    texts : tuple of str
+        GDAL names of the metadata files that were read.
     """
 
     kind: str
@@ -87,6 +89,7 @@ class Product:
     sensor: str | None = None
     tags: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    texts: tuple[str, ...] = ()
 
     @property
     def files(self) -> dict[str, tuple[ProductBand, ...]]:
