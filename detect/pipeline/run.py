@@ -26,6 +26,8 @@ from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text
 from deglint.raster.targets import Reads, check_image, check_targets, check_unread
+from deglint.readers.place import ground_area
+from deglint.readers.stated import Names, Numbers
 from deglint.scene import Scene
 from deglint.tiles import LARGEST, Tile, default_threads
 from deglint.timing import Reporter
@@ -137,8 +139,12 @@ def score_file(
     image: str | Path,
     recipe: Recipe | None = None,
     *,
-    sensor: str | None = None,
+    sensor: str | Path | None = None,
     nodata: float | None = None,
+    bands: Names | None = None,
+    wavelengths: Numbers | None = None,
+    scale: Numbers | None = None,
+    offset: Numbers | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
     cluster: Cluster | None = None,
@@ -154,7 +160,7 @@ def score_file(
         Output, a local GeoTIFF of one float32 band, NaN where not valid. `image`.json is written beside it.
     recipe : Recipe, optional
         Global RX by default.
-    sensor, nodata
+    sensor, nodata, bands, wavelengths, scale, offset
         As `deglint.open_scene`.
     threads : int, optional
         All processors by default. The result is the same for any number.
@@ -188,10 +194,12 @@ def score_file(
     with environment(), _one_blas_thread():
         given = [source] if isinstance(source, (str, os.PathLike)) else list(source)
         reads: Reads = {"the input": given, "--background": [recipe.background], "--mask": [recipe.mask],
-                 "--sensor": [sensor or ""]}  # fmt: skip
+                 "--sensor": [str(sensor or "")]}  # fmt: skip
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_image(targets.image)
-        scene = open_scene(source, sensor=sensor, nodata=nodata)
+        scene = open_scene(
+            source, sensor=sensor, nodata=nodata, bands=bands, wavelengths=wavelengths, scale=scale, offset=offset
+        )
         with raster_of(scene):
             check_unread(targets.every(), {"the input": set(raster_of(scene).info.paths) - set(map(str, given))})
             return _run(scene, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
@@ -448,7 +456,7 @@ def _write_objects(
     options: dict[str, Any] = {
         "min_size": recipe.min_size,
         "merge_distance": recipe.merge_distance,
-        "pixel_area": marking.pixel_area(scene.transform, scene.crs, size),
+        "pixel_area": ground_area(scene.transform, scene.crs, *size),
     }
     with open_dataset(str(scratch.file(targets.image))) as dataset:
         if (threshold.pfa_achieved or 0) > _SPARSE:
