@@ -90,6 +90,8 @@ class Sensor:
         "verified", "unverified" or "defined".
     optics : Optics, optional
         None where nothing is known.
+    products : tuple of tuple of str
+        Names of the bands of products that have a part of them, in the order of each product.
     aliases, sources : tuple of str
         Other names of the preset, and where the facts were read.
     """
@@ -102,8 +104,27 @@ class Sensor:
     width_status: str = UNVERIFIED
     group_status: str = UNVERIFIED
     optics: Optics | None = None
+    products: tuple[tuple[str, ...], ...] = ()
     aliases: tuple[str, ...] = ()
     sources: tuple[str, ...] = ()
+
+    def product(self, count: int) -> tuple[SensorBand, ...]:
+        """The bands of the product that has so many, in its order; empty where none is known, or the order varies.
+
+        >>> [b.name for b in load("sentinel2").product(4)]
+        ['B02', 'B03', 'B04', 'B08']
+        """
+        if not self.ordered:
+            return ()
+        if count == len(self.bands):
+            return self.bands
+        own = {b.name: b for b in self.bands}
+        return next((tuple(own[n] for n in names) for names in self.products if len(names) == count), ())
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """How many bands its known products have."""
+        return tuple(sorted({len(self.bands), *map(len, self.products)})) if self.ordered else ()
 
     def describe_bands(self) -> str:
         """One line that numbers (from 1) and names the bands."""
@@ -134,7 +155,10 @@ def load(name: str) -> Sensor:
     """
     found = find(name)
     if found is None:
-        raise InputError(f"no sensor preset {name!r}; choose one of {', '.join(names())}")
+        raise InputError(
+            f"no sensor preset {name!r}; choose one of {', '.join(names())}, or give a file of your own that ends in "
+            ".toml"
+        )
     return found
 
 
@@ -158,10 +182,11 @@ def _table() -> dict[str, Sensor]:
     from importlib.resources import files
 
     text = files(__package__).joinpath("sensors.toml").read_text(encoding="utf-8")
-    return {name: _sensor(name, entry) for name, entry in tomllib.loads(text).items()}
+    return {name: sensor_from(name, entry) for name, entry in tomllib.loads(text).items()}
 
 
-def _sensor(name: str, entry: Mapping[str, Any]) -> Sensor:
+def sensor_from(name: str, entry: Mapping[str, Any]) -> Sensor:
+    """A sensor from an entry of the table; its keys and values must have been checked."""
     wavelength_status = entry["wavelength_status"]
     return Sensor(
         name=name,
@@ -172,6 +197,7 @@ def _sensor(name: str, entry: Mapping[str, Any]) -> Sensor:
         width_status=entry.get("width_status", wavelength_status),
         group_status=entry.get("group_status", UNVERIFIED),
         optics=_optics(entry["optics"]) if "optics" in entry else None,
+        products=tuple(tuple(names) for names in entry.get("products", ())),
         aliases=tuple(entry.get("aliases", ())),
         sources=tuple(entry.get("sources", ())),
     )

@@ -21,8 +21,6 @@ from .outlines import Ring, polygons
 
 Mask = npt.NDArray[np.bool_]
 Places = npt.NDArray[np.int64]
-_EARTH = 6_371_008.8
-"""Mean radius of the Earth [m], for pixels in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,26 +247,6 @@ def _check(mask: Mask, scores: npt.NDArray[Any], min_size: int, merge_distance: 
         raise InputError(f"merge_distance: allowed is 0 pixels or more, got {merge_distance}.")
     if connectivity not in (4, 8):
         raise InputError(f"connectivity: allowed are 4 and 8, got {connectivity}.")
-
-
-def pixel_area(transform: Any, crs: Any, shape: tuple[int, int]) -> float | None:
-    """Area of a pixel in the middle of a scene [m2]; None without a transform or a CRS.
-
-    Parameters
-    ----------
-    transform, crs
-        As rasterio gives them. Degrees are measured on a sphere, at the middle of the scene.
-    shape : (rows, columns)
-    """
-    if transform is None or crs is None:
-        return None
-    area = abs(transform.a * transform.e - transform.b * transform.d)
-    if crs.is_geographic:
-        row, column = shape[0] / 2, shape[1] / 2
-        latitude = math.radians(transform.d * column + transform.e * row + transform.f)
-        return area * (math.radians(1) * _EARTH) ** 2 * max(math.cos(latitude), 0.0)
-    factor = float(getattr(crs, "linear_units_factor", (None, 1.0))[1])
-    return area * factor * factor
 
 
 def to_geojson(objects: Sequence[Object], transform: Any = None, crs: Any = None, **members: Any) -> dict[str, Any]:

@@ -1,10 +1,13 @@
 """Which band is the near infrared, and what the others are."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from deglint.errors import BandError
+from deglint.errors import BandError, InputError
 from deglint.readers import band_roles, explain_nir, find_nir, open_scene
+from deglint.readers.roles import find_band
 from deglint.scene import Band, Scene
 
 
@@ -30,9 +33,13 @@ def test_nir_by_wavelength(at, index):
     assert find_nir(bands_at(*at)) == (index,)
 
 
-@pytest.mark.parametrize("at", [(443, 490, 560, 665, 705, 740), (490, 1240, 1610, 2200), (490,)])
-def test_red_edge_and_shortwave_are_no_nir(at):
-    with pytest.raises(BandError, match=r"no near-infrared band .* in scene\.tif; it has 1 w4.*--nir") as caught:
+@pytest.mark.parametrize(("at", "says"), [
+    ((443, 490, 560, 665, 705, 740), r"--nir 6"),
+    ((490, 1240, 1610, 2200), r"--nir 2"),
+    ((490, 660), r".*follows the near infrared.*rxdetect score.*deglint plan"),
+])  # fmt: skip
+def test_red_edge_and_shortwave_are_no_nir(at, says):
+    with pytest.raises(BandError, match=r"no near-infrared band.*scene\.tif.*1 w4.*" + says) as caught:
         find_nir(bands_at(*at))
     assert "\n" not in str(caught.value)
 
@@ -53,7 +60,8 @@ def test_nir_by_name():
         ("8,8", (7,)),
         ("swir", (11,)),
         ("nir", (7,)),
-        ("1", (0,)),
+        ("6", (5,)),
+        ("B6", (5,)),
     ],
 )
 def test_nir_as_asked(wanted, expected):
@@ -65,8 +73,37 @@ def test_nir_as_asked(wanted, expected):
 
 @pytest.mark.parametrize("wanted", ["0", 0, -1, "-1", 14, "NIR9", "swir", "²", "8A"])
 def test_nir_that_is_not_there(wanted):
-    with pytest.raises(BandError, match=r"no band .*; allowed are names and numbers 1-2: 1 w490 .*--nir"):
+    with pytest.raises(BandError, match=r"no band .*Allowed are names and numbers 1-2: 1 w490 "):
         find_nir(bands_at(490, 842), wanted)
+
+
+def test_a_visible_band_is_refused_as_nir_and_a_red_edge_is_warned_of():
+    scene = bands_at(490, 660, 720, 842)
+    with pytest.raises(BandError, match=r"band 2 w660 \(660 nm\) is no near infrared.*3 w720 \(720 nm\), 4 w842"):
+        find_nir(scene, "4,2")
+    assert "warning: w720 is red edge" in explain_nir(scene, 3)
+    assert "warning" not in explain_nir(scene, 4)
+    with pytest.raises(BandError, match="no band beyond 700 nm"):
+        find_nir(scene_of(Band("red"), Band("green")), "red")
+
+
+@pytest.mark.parametrize("wanted", [8.0, True, None, {"nir"}, Path("nir"), np.array([4]), [1, None], b"nir"])
+def test_what_is_no_band_at_all_is_named_in_one_line(wanted):
+    wanted = {"wanted": wanted} if wanted is None else wanted
+    with pytest.raises(
+        InputError, match=r"want a band by name or by number \(from 1\), or a list of them, got "
+    ) as caught:
+        find_nir(bands_at(490, 842), wanted)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_misspelt_band_is_told_the_nearest():
+    scene = scene_of(Band("blue"), Band("green"), Band("nir"))
+    with pytest.raises(BandError, match=r"no band 'Bleu' in scene\.tif\. Did you mean blue\? ") as caught:
+        find_band(scene, "Bleu")
+    assert "--nir" not in str(caught.value)
+    assert find_band(scene_of(Band("SR_B2"), Band("SR_B3")), "B02") == 0
+    assert find_band(bands_at(490, 660), "red") == 1
 
 
 def test_nir_asked_for_nothing():
@@ -78,7 +115,8 @@ def test_reason_for_the_log(write, tmp_path):
     scene = bands_at(490, 783, 842, 865)
     assert explain_nir(scene) == "NIR is band 3 w842 (842 nm), nearest to 842 nm of 3 candidates in 750-900 nm"
     path = write(tmp_path / "a.tif", np.zeros((2, 4, 5), np.uint16), names=["x", "y"])
-    assert open_scene(path, nir="y").notes == ("NIR is band 2 y, as asked for",)
+    (note,) = open_scene(path, nir="y").notes
+    assert note.startswith("NIR is band 2 y, as asked for; the wavelength of y is not known")
     with pytest.raises(BandError):
         open_scene(path, nir="z")
 

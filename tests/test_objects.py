@@ -16,7 +16,7 @@ from rasterio.transform import from_origin
 
 from deglint.errors import InputError
 from detect import outlines
-from detect.objects import find, find_among, pixel_area, to_geojson
+from detect.objects import find, find_among, to_geojson
 
 MASKS = arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9)))
 
@@ -135,16 +135,6 @@ def test_shapes_must_agree():
         find(np.ones((2, 2), bool), np.ones((2, 3)))
 
 
-def test_pixel_areas():
-    utm, us_feet, degrees = CRS.from_epsg(32653), CRS.from_epsg(2263), CRS.from_epsg(4326)
-    assert pixel_area(from_origin(4e5, 8e5, 10, 5), utm, (9, 9)) == 50
-    assert pixel_area(from_origin(0, 0, 1, 1), us_feet, (9, 9)) == pytest.approx(0.3048006**2, rel=1e-6)
-    at_60 = pixel_area(from_origin(10, 60.005, 0.001, 0.001), degrees, (10, 10))
-    assert at_60 == pytest.approx(111.195**2 / 2, rel=1e-3)
-    assert pixel_area(None, utm, (9, 9)) is None
-    assert pixel_area(from_origin(0, 0, 1, 1), None, (9, 9)) is None
-
-
 def test_geojson_lies_where_the_pixels_lie(tmp_path):
     mask = np.zeros((40, 50), bool)
     mask[3:9, 4:12] = True
@@ -153,7 +143,7 @@ def test_geojson_lies_where_the_pixels_lie(tmp_path):
     mask[30, 40] = True
     scores = np.random.default_rng(0).random(mask.shape).astype(np.float32)
     transform, crs = from_origin(400_000, 800_000, 10, 10), CRS.from_epsg(32653)
-    found = find(mask, scores, pixel_area=pixel_area(transform, crs, mask.shape))
+    found = find(mask, scores, pixel_area=100.0)
     document = to_geojson(found, transform, crs, threshold=0.5)
     path = tmp_path / "found.geojson"
     path.write_text(json.dumps(document, allow_nan=False))

@@ -92,7 +92,7 @@ def test_without_xarray_netcdf_names_the_extra(deglint, tmp_path, monkeypatch):
         ((*PLACE, "--depth", "-2"), 1, "depth must be 0 to 1000 m, got -2. Give metres below the surface"),
         ((*PLACE, "--sensor", "hubble"), 1, "preset must be one of thesis, thesis-f30, worldview3"),
         ((*PLACE, "--show", "purple"), 1, "no band 'purple' in thesis; it has COASTAL"),
-        ((*PLACE, "--bands", "BLUE,PURPLE"), 1, "no band 'PURPLE'"),
+        ((*PLACE, "--band", "BLUE,PURPLE"), 1, "no band 'PURPLE'"),
         ((*PLACE, "--pressure", "30 inches"), 1, "pressure must be like 1013 hPa"),
         ((), 1, "where the sun stands is not known: give latitude and longitude"),
         (("--lat", "36.8"), 1, "give latitude and longitude"),

@@ -1,5 +1,6 @@
 """Scenes on a server: read as files are, and a server that stalls is given up in bounded time, with one line."""
 
+import json
 import subprocess
 import sys
 import textwrap
@@ -7,7 +8,9 @@ import textwrap
 import numpy as np
 import pytest
 
+from deglint.errors import InputError, ReadError
 from deglint.raster.environment import PATIENCE, environment
+from deglint.readers import open_scene
 
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
 LITTLE_PATIENCE = {"GDAL_HTTP_LOW_SPEED_TIME": "1", "GDAL_HTTP_LOW_SPEED_LIMIT": "1000", "GDAL_HTTP_MAX_RETRY": "0"}
@@ -78,6 +81,25 @@ def test_a_scene_on_a_server_is_a_scene(deglint, sea, write, read, tmp_path, ser
     ran = deglint("remove", f"{serve()}/in.tif", tmp_path / "web.tif", *RUN)
     assert ran.code == 0, ran.err
     np.testing.assert_array_equal(read(tmp_path / "web.tif"), read(tmp_path / "file.tif"))
+
+
+def test_a_stac_item_on_a_server_is_a_scene(sea, write, tmp_path, serve):
+    (tmp_path / "items").mkdir()
+    assets = {}
+    for name, band in zip(("blue", "green", "red", "nir"), sea(), strict=True):
+        write(tmp_path / "items" / f"{name}.tif", band[None], names=())
+        assets[name] = {"href": f"{name}.tif", "type": "image/tiff", "eo:bands": [{"name": name, "common_name": name}]}
+    text = json.dumps({"type": "Feature", "id": "tile", "assets": assets})
+    (tmp_path / "items" / "tile").write_text(text)
+    (tmp_path / "items" / "local").write_text(text.replace('"nir.tif', '"file:///tmp/nir.tif'))
+    base = f"{serve()}/items"
+    scene = open_scene(f"{base}/tile")
+    assert scene.names == ("blue", "green", "red", "nir")
+    np.testing.assert_array_equal(scene.read(), sea())
+    with pytest.raises(ReadError, match=r"cannot read the STAC Item http.*none: .*Check the address"):
+        open_scene(f"{base}/none")
+    with pytest.raises(InputError, match=r"an Item on a server names a file of this machine, 'file:"):
+        open_scene(f"{base}/local")
 
 
 @pytest.mark.parametrize("after", [0, 30_000], ids=["says nothing", "stops under way"])

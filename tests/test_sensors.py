@@ -18,7 +18,7 @@ def test_every_preset_is_complete_and_consistent(name):
         assert sensor.sources
     for band in sensor.bands:
         assert 350 < band.wavelength < 2500
-        assert 0 < band.width < 250
+        assert 0 < band.width < 300
         assert (band.time_offset is None) == (band.time_status is None)
         assert band.answers_to(band.name)
     offsets = [b.time_offset for b in sensor.bands if b.time_offset is not None]

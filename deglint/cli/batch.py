@@ -66,7 +66,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     # recipe.toml; every line may be left out
     [recipe]                      # as the options of deglint remove
     method = "auto"
-    [input]                       # sensor, nodata, grid, assets (of a STAC Item)
+    [input]                       # sensor, bands, wavelengths, scale, offset, nodata, grid, assets (of a STAC Item)
     sensor = "sentinel2"
     [output]
     directory = "clean"

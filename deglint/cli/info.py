@@ -10,7 +10,7 @@ import click
 
 from .console import Console
 from .grouped import SETTINGS, Grouped
-from .options import common
+from .options import common, opening
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
@@ -32,7 +32,7 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
     from ..readers import open_scene
 
     with Console(given, logging.WARNING), environment():  # the answer itself says what was decided
-        scene = open_scene(list(inputs), sensor=given["sensor"], nodata=given["nodata"])
+        scene = open_scene(list(inputs), **opening(given))
         found = plain(examine(scene, Recipe(nir=given["nir"], sample=sample), threads=given["threads"]))
     if as_json:
         click.echo(json.dumps(found, indent=2))
@@ -44,7 +44,7 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
 def lines(found: dict[str, Any]) -> list[str]:
     """What was found, for people."""
     size = f"{found['width']} x {found['height']} pixels, {len(found['bands'])} bands, {found['dtype']}"
-    pixel = "" if found["pixel_size"] is None else f", {found['pixel_size'][0]:g} x {found['pixel_size'][1]:g}"
+    pixel = "" if found["pixel_size"] is None else ", {:.4g} x {:.4g} m on the ground".format(*found["pixel_size"])
     out = [
         f"{found['path']}  ({found['driver']})",
         f"{size}, nodata {found['nodata']}",

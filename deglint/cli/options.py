@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import click
@@ -46,8 +46,15 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
     """Options that say how to read the input and how much to tell."""
     for option in reversed(
         [
-            click.option("--sensor", metavar="NAME", help="Preset that fills in what the file does not say of its "
-                         "bands (worldview3, sentinel2, planetscope, micasense, landsat8, ...)."),
+            click.option("--sensor", metavar="NAME|FILE.toml", help="Preset that fills in what the file does not say "
+                         "of its bands (worldview3, sentinel2, planetscope, micasense, landsat8, ...), or a file of a "
+                         "sensor of your own."),
+            click.option("--bands", "band_names", metavar="NAME,NAME,...", help="What the bands are called, in the "
+                         "file's order, such as 'blue,green,red,nir', where the file does not say it. (-b chooses.)"),
+            click.option("--wavelengths", metavar="NM,NM,...", help="Their centres, such as 475,560,668,842."),
+            click.option("--scale", metavar="N[,N...]", help="Physical values are numbers in the file times this, for "
+                         "all bands or each, in place of what the file says."),
+            click.option("--offset", metavar="N[,N...]", help="And this is added, such as -0.1."),
             click.option("--nir", multiple=True, callback=names, metavar="BAND[,BAND]",
                          show_default="deduced from the wavelengths", help="NIR band by name or number (from 1)."),
             click.option("--nodata", callback=nodata, metavar="NUMBER|nan", help="Value that means: not valid."),
@@ -60,6 +67,21 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
     ):  # fmt: skip
         command = option(command)
     return command
+
+
+def opening(given: Mapping[str, Any]) -> dict[str, Any]:
+    """What the options say of the input, as `deglint.open_scene` takes it."""
+    same = {name: given[name] for name in ("sensor", "nodata", "wavelengths", "scale", "offset")}
+    return same | {"bands": given["band_names"]}
+
+
+def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
+    """Refuse a single name, which click takes for OUT."""
+    if not inputs:
+        stem, _, _ = output.rpartition(".")
+        raise click.UsageError(
+            f"OUT is missing: only {output} is named. Name the output, too: {command} {output} {stem or output}_out.tif"
+        )
 
 
 def on_cluster(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -90,7 +90,7 @@ def _options(command: Callable[..., Any]) -> Callable[..., Any]:
     more = [
         click.option("--pressure", metavar="HPA", help="1013.25 by default; or with its unit, 29.9inHg."),
         click.option("--sensor", metavar="NAME", help=f"{', '.join(SENSOR_NAMES)}; thesis by default."),
-        click.option("--bands", metavar="NAME,...", help="Bands that count; all by default."),
+        click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands that count; all by default."),
         click.option("--slopes", type=click.Choice(SLOPE_NAMES), help="Model of slopes; cox-munk by default."),
         click.option("--sky", type=click.Choice(SKY_NAMES), help="harrison-coombes, the clear sky, by default."),
         click.option("--water", type=click.Choice(WATER_NAMES), help="It scatters (default), or only absorbs."),

@@ -10,7 +10,17 @@ import click
 from ..pipeline.checksum import begin_checksum
 from .console import Console
 from .grouped import SETTINGS, Grouped
-from .options import METHOD_NAMES, REGRESSION_NAMES, cluster_of, common, creation_options, names, on_cluster
+from .options import (
+    METHOD_NAMES,
+    REGRESSION_NAMES,
+    cluster_of,
+    common,
+    creation_options,
+    names,
+    needs_output,
+    on_cluster,
+    opening,
+)
 from .running import Progress
 
 if TYPE_CHECKING:
@@ -18,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
-@click.argument("inputs", nargs=-1, required=True, metavar="IN [IN ...]")
+@click.argument("inputs", nargs=-1, metavar="IN [IN ...]")
 @click.argument("output", metavar="OUT")
 @click.option(
     "--method",
@@ -144,6 +154,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     deglint remove scene.tif clean.tif --method hedley --sample deep.geojson
     deglint remove B02.tif B03.tif B04.tif B08.tif clean.tif --picture look.png
     """  # fmt: skip
+    needs_output(inputs, output, "deglint remove")
     if given["model_in"] and (
         given["tolerance"] or any(given[k] != "auto" for k in ("method", "sample", "regression"))
     ):
@@ -172,8 +183,7 @@ def _removed(inputs: tuple[str, ...], output: str, given: dict[str, Any], progre
         return remove_glint(
             list(inputs), output, recipe, model=load_model(given["model_in"]) if given["model_in"] else None,
             chain=load_chain(given["model_in"]) if given["model_in"] else None,
-            sensor=given["sensor"], nodata=given["nodata"],
-            grid=given["grid"], threads=given["threads"], cluster=cluster, progress=progress,
+            **opening(given), grid=given["grid"], threads=given["threads"], cluster=cluster, progress=progress,
             flags=given["flags"], amount=given["amount"], stderr=given["stderr"],
             sample=given["save_sample"],
             model_file=given["save_model"], picture=given["picture"], overwrite=given["overwrite"],

@@ -21,6 +21,7 @@ from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, w
 from ..raster.targets import Reads, check_image, check_targets
 from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
+from ..readers.stated import Names, Numbers
 from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
@@ -53,9 +54,13 @@ def remove_glint(
     *,
     model: GlintModel | None = None,
     chain: Chain | None = None,
-    sensor: str | None = None,
+    sensor: str | Path | None = None,
     nodata: float | None = None,
-    grid: str | None = None,
+    grid: str | int | None = None,
+    bands: Names | None = None,
+    wavelengths: Numbers | None = None,
+    scale: Numbers | None = None,
+    offset: Numbers | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
     cluster: Cluster | None = None,
@@ -75,7 +80,7 @@ def remove_glint(
         Apply this model, fitted before, instead of fitting one.
     chain : Chain, optional
         With `model`: the compensation that was fitted with it.
-    sensor, nodata, grid
+    sensor, nodata, grid, bands, wavelengths, scale, offset
         As `deglint.open_scene`.
     threads : int, optional
         All processors by default. The result is the same for any number.
@@ -116,12 +121,15 @@ def remove_glint(
     with environment():
         given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
         files = [file for name in given for file in files_of(name)]
-        named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": sensor or ""}
+        named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": str(sensor or "")}
         reads: Reads = {"the input": [*given, *files], **{k: [v] for k, v in named.items()}, "an input": targets.reads}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_image(targets.image)
         checksum = Checksum(files)  # before it is opened: what changes from now on is noticed
-        scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
+        scene = open_scene(
+            source, sensor=sensor, nodata=nodata, grid=grid, bands=bands, wavelengths=wavelengths, scale=scale,
+            offset=offset,
+        )  # fmt: skip
         with raster_of(scene):
             return _run(
                 scene, checksum, recipe, targets, model, chain, threads or tiling.default_threads(),

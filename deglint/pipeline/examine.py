@@ -13,6 +13,7 @@ from ..errors import DeglintError
 from ..raster.environment import enter_thread, environment
 from ..raster.limits import LOOK_READS, look_seconds
 from ..raster.source import Budget
+from ..readers.place import ground_size
 from ..scene import Scene
 from ..tiles import Tile, default_threads
 from .fit import fit_scene
@@ -114,7 +115,7 @@ def _header(scene: Scene) -> dict[str, Any]:
         "dtype": info.dtype.name,
         "nodata": info.nodata,
         "crs": scene.crs.to_string() if scene.crs else None,
-        "pixel_size": [abs(scene.transform.a), abs(scene.transform.e)] if scene.transform else None,
+        "pixel_size": ground_size(scene.transform, scene.crs, scene.height, scene.width),
         "sensor": scene.sensor,
         "product": scene.product,
         "opened": list(scene.notes),

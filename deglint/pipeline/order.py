@@ -40,7 +40,7 @@ class Order:
     dtype : str, optional
     options : mapping
         GDAL creation options.
-    sensor, nodata, grid
+    sensor, nodata, grid, bands, wavelengths, scale, offset
         As `deglint.open_scene`.
     assets : tuple of str
         Assets of a STAC Item that are the bands.
@@ -55,6 +55,10 @@ class Order:
     sensor: str | None = None
     nodata: float | None = None
     grid: str | None = None
+    bands: tuple[str, ...] = ()
+    wavelengths: tuple[float, ...] = ()
+    scale: tuple[float, ...] = ()
+    offset: tuple[float, ...] = ()
     assets: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -67,9 +71,21 @@ class Order:
         if self.dtype is not None and self.dtype not in DTYPES:
             raise InputError(f"[output] dtype {self.dtype!r} is not one of {', '.join(DTYPES)}.")
 
+    def stated(self) -> dict[str, Any]:
+        """What the order states of the bands, as `deglint.open_scene` takes it."""
+        given = {
+            "bands": ",".join(self.bands),
+            "wavelengths": self.wavelengths,
+            "scale": self.scale,
+            "offset": self.offset,
+        }
+        return {k: v or None for k, v in given.items()}
+
     def request(self) -> str:
         """A checksum of all that the result depends on but the scene: the same order, the same text."""
         named = {k: getattr(self.recipe, k) for k in ("sample", "mask")}
+        if self.sensor and self.sensor.lower().endswith(".toml"):
+            named["sensor"] = self.sensor
         read = {k: fingerprints([v]) for k, v in named.items() if v not in ("auto", "all", "none")}
         files = {k: {path: found["crc32"] for path, found in files.items()} for k, files in read.items()}
         said = asdict(self) | {"directory": "", "files": files, "nodata": repr(self.nodata)}
@@ -82,7 +98,8 @@ def read_order(path: str, directory: str | None = None) -> Order:
     Parameters
     ----------
     path : str
-        TOML with the tables ``[recipe]`` (fields of `Recipe`), ``[input]`` (sensor, nodata, grid, assets) and
+        TOML with the tables ``[recipe]`` (fields of `Recipe`), ``[input]`` (sensor, nodata, grid, bands,
+        wavelengths, scale, offset, assets) and
         ``[output]`` (directory, name, extras, dtype, options); every one may be left out.
     directory : str, optional
         Where outputs go, in place of the recipe's.
@@ -101,7 +118,7 @@ def read_order(path: str, directory: str | None = None) -> Order:
         raise InputError(f"{path} is not TOML: {str(error) or 'it is nested too deep'}.") from error
     allowed = {
         "recipe": {f.name for f in fields(Recipe)},
-        "input": {"sensor", "nodata", "grid", "assets"},
+        "input": {"sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset", "assets"},
         "output": {"directory", "name", "extras", "dtype", "options"},
     }
     given: dict[str, Any] = {}
@@ -138,6 +155,11 @@ def _named(path: str, kind: Any, given: Mapping[str, Any]) -> Any:
 def _value(what: str, kind: Any, value: Any) -> Any:
     """A value of a recipe file as its field has it."""
     text = str(kind)
+    if "tuple[float" in text:
+        values = value if isinstance(value, list) else [value]
+        if values and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values):
+            return tuple(map(float, values))
+        raise InputError(f"{what}: want a number or a list of numbers, got {str(value)[:80]!r}.")
     if "tuple" in text:
         values = [value] if isinstance(value, (str, int)) and not isinstance(value, bool) else value
         if isinstance(values, list) and all(isinstance(v, (str, int)) and not isinstance(v, bool) for v in values):

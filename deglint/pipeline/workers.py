@@ -179,7 +179,7 @@ def _do(job: Job, again: bool, order: Order, request: str, threads: int, line: A
     extras: dict[str, Any] = {("model_file" if k == "model" else k): path for k, path in job.extras.items()}
     try:
         result = remove_glint(
-            list(job.scene.paths), job.image, order.recipe, sensor=order.sensor, nodata=order.nodata,
+            job.scene.source, job.image, order.recipe, sensor=order.sensor, nodata=order.nodata, **order.stated(),
             grid=order.grid, threads=threads, progress=progress, overwrite=again, dtype=order.dtype,
             options=order.options, request=request, **extras,
         )  # fmt: skip

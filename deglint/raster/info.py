@@ -22,6 +22,7 @@ from .convert import physical_dtype
 from .files import check_after, check_before
 from .flat import FlatField
 from .limits import check_size
+from .unreadable import lacks_support, what_instead
 
 Tags = Mapping[str, Mapping[str, str]]
 """Tags by namespace; the default namespace is ""."""
@@ -175,8 +176,10 @@ def _why_not_opened(path: str, error: Exception) -> str:
         return f"no such file: {path}. Check the name (GDAL names such as /vsizip/ and zip:// will do)."
     if "Too many open files" in said:
         return f"cannot open {path}: too many open files. Use fewer --threads, or raise the limit (ulimit -n)."
-    if "not recognized as being in a supported file format" in said:
-        return f"{path} is not a raster GDAL can read. Convert it to GeoTIFF, or name the raster itself."
+    if "not recognized as being in a supported file format" in said or "Permission denied" in said:
+        return f"{path} is not a raster GDAL can read: it {what_instead(path)}."
+    if lacks_support(said):
+        return f"cannot open {path}: {said}. Convert it to GeoTIFF where it can be read: gdal_translate IN OUT.tif"
     return f"cannot open {path}: {said}. {remedy(path)}"
 
 

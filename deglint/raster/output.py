@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from ..errors import InputError, ReadError, WriteError
 from ..scene import Window
-from .info import RasterInfo, block_places, one_line, open_dataset, unplaced
+from .info import RasterInfo, block_places, describe, one_line, open_dataset, unplaced
 from .scratch import Scratch
 
 BLOCK = 512
@@ -191,11 +191,21 @@ def copied_whole(scratch: Scratch, layout: Layout, target: Path) -> bool:
     with open_dataset(info.paths[0]) as dataset:
         if not _stands_alone(dataset, info) or dataset.nodata != layout.nodata:  # NaN is not itself: written anew
             return False
+        if not _says_all(dataset, info):
+            return False
     path = scratch.add(target)
     with write_errors(target):
         shutil.copyfile(info.paths[0], path)
     check_whole(path, target)
     return True
+
+
+def _says_all(dataset: Any, info: RasterInfo) -> bool:
+    """Whether a file itself says of its bands what its description does, which the user may have stated."""
+    own = describe(dataset, info.paths[0], alpha_is_band=True)
+    return (own.descriptions, own.scales, own.offsets, own.band_tags) == (
+        info.descriptions, info.scales, info.offsets, info.band_tags
+    )  # fmt: skip
 
 
 def _stands_alone(dataset: Any, info: RasterInfo) -> bool:

@@ -17,8 +17,9 @@ from ..errors import InputError
 from ..raster import RasterInfo
 from ..raster.arrays import ArraySource
 from ..scene import Scene
+from .bands import bands_of
 from .names import nominal_wavelength
-from .opening import bands_of, with_nodata
+from .opening import with_nodata
 
 _ROWS = ("y", "latitude", "lat", "northing", "row", "rows")
 _COLUMNS = ("x", "longitude", "lon", "easting", "column", "columns", "col")

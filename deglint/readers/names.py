@@ -1,38 +1,59 @@
-"""What a band's name says of its wavelength: "NIR1", "Red Edge", "band_0.490", "490 nm".
+"""What a band's name says of it: its wavelength ("Blue-444", "490 nm"), its colour ("Red Edge"), its code ("SR_B2").
 
-Words give nominal wavelengths only (a "red" band is taken to be near 660 nm). Numbers such as "B8" mean
-another band with every sensor and are left to the sensor presets.
+Words give nominal wavelengths only (a "red" band is taken to be near 660 nm). A code such as "B8" means another band
+with every sensor and is left to the sensor presets.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 NOMINAL = {
+    "violet": 425.0,
     "coastal": 440.0,
     "coastalblue": 440.0,
     "coastalaerosol": 440.0,
+    "aerosol": 440.0,
     "ultrablue": 440.0,
+    "deepblue": 440.0,
     "blue": 485.0,
     "greeni": 531.0,
+    "green1": 531.0,
     "green": 555.0,
     "greenii": 565.0,
+    "green2": 565.0,
     "yellow": 605.0,
+    "orange": 620.0,
     "red": 660.0,
     "rededge": 720.0,
     "rededge1": 705.0,
     "rededge2": 740.0,
     "rededge3": 783.0,
+    "rededge4": 865.0,
+    "rededge70": 705.0,
+    "rededge71": 705.0,
+    "rededge071": 705.0,
+    "rededge74": 740.0,
+    "rededge75": 740.0,
+    "rededge075": 740.0,
+    "rededge78": 783.0,
+    "rededge078": 783.0,
     "nir": 840.0,
     "nir1": 840.0,
     "nearinfrared": 840.0,
     "nearinfrared1": 840.0,
     "nearir": 840.0,
     "nearir1": 840.0,
+    "broadnir": 840.0,
+    "nirbroad": 840.0,
     "narrownir": 865.0,
     "nirnarrow": 865.0,
+    "nirn": 865.0,
     "nir08": 865.0,
     "nir09": 945.0,
+    "watervapour": 945.0,
+    "watervapor": 945.0,
     "nir2": 950.0,
     "nearinfrared2": 950.0,
     "nearir2": 950.0,
@@ -45,18 +66,45 @@ NOMINAL = {
 }
 """Nominal centre [nm] of a colour word (lower case, letters and digits only)."""
 
+_LETTERS = {"c": 440.0, "b": 485.0, "g": 555.0, "y": 605.0, "r": 660.0, "re": 720.0, "n": 840.0, "nir": 840.0}
+"""Colours as single letters; they count only where all bands are named so."""
+
 _WITH_UNIT = re.compile(
     r"(?<![\d.])(\d+(?:\.\d+)?)\s*(nm|nanomet(?:er|re)s?|um|[µμ]m|micromet(?:er|re)s?|microns?)(?![a-z])"
 )
-_BARE = re.compile(r"(?:band|b|wl|lambda|r|rrs|rho[a-z]{0,3})?[\s_\-]*(\d{3,4}(?:\.\d+)?|[0-2]\.\d{2,})")
-_BARE_RANGE = (380.0, 1100.0)  # a bare whole number outside this is no wavelength (a year, say)
+_PREFIX = (
+    r"(?:(?:nbart|nbar|sr|toa|boa|refl|reflectance|srefl|surface|lambertian|l1c|l2a|adjusted|radiance|rad|rho[a-z]{0,3}|"
+    r"rrs|image)[\s_\-.]+)*"
+)
+"""Words for what a value is, which distributors put before the name of a band."""
+_BARE = re.compile(
+    _PREFIX + r"(band|b|wl|wavelength|lambda|r|rrs|rho[a-z]{0,3})?[\s_\-]*(\d{3,4}(?:\.\d+)?|[0-2]\.\d{2,})"
+)
+_CODE = re.compile(_PREFIX + r"(?:band|b)[\s_\-]*0*(\d{1,2}a?)(?:[\s_\-]*\d{2}m)?")
+_PLACE = re.compile(r"(?:band|layer|channel)[\s_\-]*0*(\d+)")
+_RANGE = (380.0, 2500.0)
+"""[nm] A number in a name that can be a wavelength."""
+_YEARS = (1970.0, 2100.0)
+"""A number alone inside this is a year as likely as a wavelength."""
+_COLOURS = {
+    "violet": (380, 450), "coastal": (400, 460), "aerosol": (400, 460), "ultrablue": (400, 460), "blue": (420, 520),
+    "green": (490, 600), "yellow": (560, 630), "orange": (585, 650), "red": (590, 710), "rededge": (670, 800),
+    "rededge4": (840, 890), "nir": (720, 1400), "nearinfrared": (720, 1400), "nearir": (720, 1400),
+    "cirrus": (1330, 1420), "watervapour": (890, 980), "watervapor": (890, 980), "swir": (1000, 2500),
+}  # fmt: skip
+"""[nm] Where a number beside a colour word may lie to be the wavelength of that colour."""
 
 
 def wavelength_in_name(name: str) -> float | None:
     """Wavelength [nm] that a name spells out as a number.
 
+    A number counts with a unit, beside a colour word that it agrees with, or where the name holds nothing else but
+    words for what the value is.
+
     >>> wavelength_in_name("band_0.490"), wavelength_in_name("865 nm"), wavelength_in_name("B08")
     (490.0, 865.0, None)
+    >>> wavelength_in_name("Blue-444"), wavelength_in_name("Red edge 705"), wavelength_in_name("nir_2016")
+    (444.0, 705.0, None)
     """
     text = name.strip().lower()
     spelled = _WITH_UNIT.search(text)
@@ -64,12 +112,29 @@ def wavelength_in_name(name: str) -> float | None:
         value = float(spelled[1]) * (1 if spelled[2].startswith("n") else 1000)
         return round(value, 6) if 100 <= value <= 20000 else None
     bare = _BARE.fullmatch(text)
-    if not bare:
+    if bare:
+        number = float(bare[2])
+        if number < 3:
+            return round(number * 1000, 6)
+        year = _YEARS[0] <= number <= _YEARS[1] and bare[0] == bare[2]
+        return number if _RANGE[0] <= number <= _RANGE[1] and not year else None
+    limits = _colour_limits(text)
+    if limits is None:
         return None
-    number = float(bare[1])
-    if number < 3:
-        return round(number * 1000, 6)
-    return number if _BARE_RANGE[0] <= number <= _BARE_RANGE[1] else None
+    numbers = {float(n) for n in re.findall(r"(?<![\d.])\d{3,4}(?![\d.])", text)}
+    fits = [n for n in numbers if limits[0] <= n <= limits[1]]
+    return fits[0] if len(fits) == 1 else None
+
+
+def _colour_limits(text: str) -> tuple[float, float] | None:
+    """Where a wavelength beside the colour word of a name may lie; None where there is no colour, or are two."""
+    words = re.findall(r"[a-z]+", text)
+    for length in (2, 1):
+        joined = ["".join(words[i : i + length]) for i in range(len(words) - length + 1)]
+        found = {_COLOURS[w] for w in joined if w in _COLOURS}
+        if found:
+            return found.pop() if len(found) == 1 else None
+    return None
 
 
 def nominal_wavelength(name: str) -> float | None:
@@ -88,3 +153,97 @@ def nominal_wavelength(name: str) -> float | None:
         if found:
             return found.pop() if len(found) == 1 else None
     return None
+
+
+def letter_wavelengths(names: Sequence[str]) -> list[float | None]:
+    """Nominal wavelengths [nm] of bands that are all named by letters (R, G, B, NIR); else None of each.
+
+    >>> letter_wavelengths(["R", "G", "B", "NIR"]), letter_wavelengths(["R", "x"])
+    ([660.0, 555.0, 485.0, 840.0], [None, None])
+    """
+    folded = [n.strip().lower() for n in names]
+    letters = len(set(folded)) == len(folded) >= 2 and all(n in _LETTERS for n in folded)
+    return [_LETTERS[n] if letters else None for n in folded]
+
+
+def band_code(name: str) -> str | None:
+    """The code of a band in its name, without zeros in front.
+
+    >>> [band_code(n) for n in ("B02", "SR_B2", "band02", "SREFL_B4", "B8A", "nbart_band03", "blue")]
+    ['2', '2', '2', '4', '8a', '3', None]
+    """
+    found = _CODE.fullmatch(name.strip().lower())
+    return found[1] if found else None
+
+
+def plain_name(name: str) -> str:
+    """A name without the words for what its values are, lower case.
+
+    >>> plain_name("nbart_red_edge_1"), plain_name("SR_B2"), plain_name("Red")
+    ('red_edge_1', 'b2', 'red')
+    """
+    text = name.strip().lower()
+    rest = re.sub("^" + _PREFIX, "", text)
+    return rest or text
+
+
+def only_numbered(names: Sequence[str]) -> bool:
+    """Whether names say no more than the places of the bands: "Band 1", "Band 2", ...
+
+    >>> only_numbered(["Band 1", "Band_2"]), only_numbered(["band02", "band03"])
+    (True, False)
+    """
+    found = [_PLACE.fullmatch(n.strip().lower()) for n in names]
+    return all(m is not None and int(m[1]) == i for i, m in enumerate(found, start=1))
+
+
+def short_names(stems: Sequence[str]) -> list[str]:
+    """Names of one-band files after what tells them apart, for bands that have no name of their own.
+
+    >>> short_names(["T32_B02_10m", "T32_B08_10m"]), short_names(["ortho_red", "ortho_nir"]), short_names(["a", ""])
+    (['B02', 'B08'], ['red', 'nir'], ['a', ''])
+    """
+    codes = [re.findall(r"(?<![A-Za-z0-9])(B\d{1,2}A?)(?![A-Za-z0-9])", s, flags=re.IGNORECASE) for s in stems]
+    if stems and all(len(c) == 1 for c in codes):
+        return [c[0] for c in codes]
+    own = [s for s in stems if s]
+    split = [re.split(r"([\s_\-.]+)", s) for s in own]
+    rest = list(stems)
+    if len(own) > 1 and len(own) == len(stems):
+        front, back = _shared(split), _shared([s[::-1] for s in split])
+        cut = ["".join(s[front : len(s) - back]).strip(" _-.") for s in split]
+        if all(cut) and not all(c.isdecimal() for c in cut) and len(set(cut)) == len(cut):
+            rest = cut
+    return [c[0] if len(c) == 1 else r for c, r in zip(codes, rest, strict=True)]
+
+
+def _shared(parts: Sequence[Sequence[str]]) -> int:
+    """How many of the first parts all have in common; of each, one part is left over."""
+    least = min(map(len, parts)) - 1
+    return next((i for i in range(least) if len({p[i] for p in parts}) > 1), max(least, 0))
+
+
+_EXAMPLES = {
+    1: "nir",
+    2: "red,nir",
+    3: "green,red,nir",
+    5: "blue,green,red,rededge,nir",
+    6: "blue,green,red,nir,swir1,swir2",
+    7: "coastal,blue,green,red,nir,swir1,swir2",
+    8: "coastal,blue,green,yellow,red,rededge,nir1,nir2",
+}
+_LONGEST_EXAMPLE = 20
+"""Bands up to which an example names each."""
+
+
+def example_names(count: int) -> str:
+    """Names for so many bands as --bands takes them, for messages.
+
+    >>> example_names(4), example_names(10)
+    ('blue,green,red,nir', 'blue,green,red,nir,b5,b6,b7,b8,b9,b10')
+    """
+    if count in _EXAMPLES:
+        return _EXAMPLES[count]
+    if count > _LONGEST_EXAMPLE:
+        return f"b1,b2,...,b{count}"
+    return ",".join(["blue", "green", "red", "nir", *(f"b{i}" for i in range(5, count + 1))])

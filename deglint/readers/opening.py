@@ -9,58 +9,64 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
-from .. import sensors
-from ..checks import as_path, check_number, checked_keywords
-from ..errors import BandError, InputError
+from ..checks import as_path, check_number, checked_keywords, described
+from ..errors import InputError
 from ..raster import RasterInfo, RasterSource
 from ..raster.info import describe, open_dataset
-from ..scene import Band, Scene
-from . import products
+from ..scene import Scene
+from . import products, stac
+from .bands import bands_of, labelled
 from .grid import put_on_grid
-from .names import nominal_wavelength, wavelength_in_name
-from .presets import apply_sensor, sensor_in_tags
 from .roles import Wanted, explain_nir, split_wanted
-from .spectral import saturation, spectral_of, time_offset
+from .sensorfile import sensor_of
+from .spectral import own_facts
+from .stated import Names, Numbers, Stated
 
 Path = str | os.PathLike[str]
-
-_SENTINEL2 = re.compile(r"b0\d|b0?8a")
-_NOT_NAMES = ("gray", "undefined", "palette", "alpha")
 
 
 @checked_keywords()
 def open_scene(
     path: Path | Sequence[Path],
     *,
-    sensor: str | None = None,
+    sensor: Path | None = None,
     nir: Wanted | None = None,
     nodata: float | None = None,
     grid: str | int | None = None,
+    bands: Names | None = None,
+    wavelengths: Numbers | None = None,
+    scale: Numbers | None = None,
+    offset: Numbers | None = None,
 ) -> Scene:
     """Open one raster or product, or several of one place, as a scene; no pixel is read.
 
     Parameters
     ----------
     path : str, path or sequence of them
-        GDAL name(s), or products: a folder, an archive or a metadata file. Bands of several files are stacked in
-        the order given. Where their grids differ they are put on one: bilinear for larger pixels, averaged for
-        smaller ones, in their own type.
+        GDAL name(s), products (a folder, an archive or a metadata file), or a STAC Item (a file or URL), which stands
+        for its bands. Bands of several files are stacked in the order given. Where their grids differ they are put on
+        one: bilinear for larger pixels, averaged for smaller ones, in their own type.
     sensor : str, optional
-        Name of a preset (`deglint.sensors.names`) that fills in what the file does not say of its bands.
-        By default the one that a tag of the file names, if it fits.
+        Name of a preset (`deglint.sensors.names`), or a file that ends in .toml with a sensor of one's own, that fills
+        in what the file does not say of its bands. By default the one that a tag of the file names, if it fits.
     nir : str, int or sequence, optional
         Near-infrared band(s), only checked and noted here; see `find_nir`.
     nodata : float, optional
         Number (or NaN) that says "not valid", in place of what the files declare.
     grid : str or int, optional
         Whose grid to use: "finest" (the default), or a file by 1-based number or name.
+    bands : str or sequence of str, optional
+        Name of every band, in order ("blue,green,red,nir"), in place of what the files say.
+    wavelengths : str or sequence of float, optional
+        Centre of every band [nm, or um up to 30], in place of what the files say.
+    scale, offset : float or sequence of float, optional
+        One number, or one a band: physical value = number in the file * scale + offset, in place of what the files say.
 
     Returns
     -------
@@ -87,16 +93,23 @@ def open_scene(
         check_number(nodata, -math.inf, math.inf, "nodata")
     if not paths:
         raise InputError("want at least one file to open, got none")
+    _check_kinds(sensor, grid)
+    sensor = None if sensor is None else os.fspath(sensor)
+    stated = Stated.of(bands, wavelengths, scale, offset)
     notes: list[str] = []
-    found = [products.opened(os.fspath(p), lambda name: _describe(name, sensor, nir, notes)) for p in paths]
-    notes += products.notes_of(found)
-    infos = [with_nodata(info, nodata, notes) for o in found for info in o.infos]
+    assets = [a for p in paths for a in (stac.assets_of(p) if _is_item(p) else [stac.Asset(p)])]
+    alone = stated.count if len(assets) == 1 else None
+    opened = [_opened(a, lambda name: _describe(name, sensor, nir, notes, alone)) for a in assets]
+    notes += products.notes_of(opened)
+    infos = stated.on([with_nodata(info, nodata, notes) for o in opened for info in o.infos])
     files, reference, said = put_on_grid(infos, grid)
     info = _together(infos, reference)
     stems = [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
-    bands, preset, told = bands_of(info, stems, sensor)
+    found, preset, told = bands_of(info, stems, sensor)
+    if len(infos) > 1 or sensor is not None or stated.labels:
+        info = labelled(info, found)
     scene = Scene(
-        bands=tuple(bands),
+        bands=tuple(found),
         height=info.height,
         width=info.width,
         source=RasterSource(files, info),
@@ -105,26 +118,59 @@ def open_scene(
         transform=info.transform,
         sensor=preset,
         notes=(*notes, *said, *told),
-        product=products.named(found),
-        footprints=products.footprints(found, reference),
+        product=products.named(opened),
+        footprints=products.footprints(opened, reference),
     )
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
 
 
-def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str]) -> RasterInfo:
+def _is_item(path: str) -> bool:
+    """Whether a name is that of a STAC Item, and not of a product's metadata."""
+    return stac.is_named(path) and products.name_of(path) is None
+
+
+def _opened(asset: stac.Asset, describe_one: Callable[[str], RasterInfo]) -> products.Opened:
+    """What a file is, with what a STAC Item says of it."""
+    opened = products.opened(asset.path, describe_one)
+    return replace(opened, infos=[asset.put_on(info) for info in opened.infos])
+
+
+def _check_kinds(sensor: Any, grid: Any) -> None:
+    if sensor is not None and not isinstance(sensor, (str, os.PathLike)):
+        raise InputError(f"sensor: want the name of a preset or of a file that ends in .toml, got {described(sensor)}.")
+    if grid is not None and (isinstance(grid, bool) or not isinstance(grid, (str, int))):
+        raise InputError(f"grid: want 'finest', or a file by its number (from 1) or name, got {described(grid)}.")
+
+
+def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int | None) -> RasterInfo:
     with open_dataset(path) as dataset:
         info = describe(dataset, path)
         if info.alpha is None:
             return info
         asked = [] if nir is None else split_wanted(nir)
-        needed = sensor is not None and len(sensors.load(sensor).bands) == info.count + 1
-        if needed or str(info.alpha) in map(str, asked):
+        if _needs_alpha(info, sensor, count) or str(info.alpha) in map(str, asked):
             return describe(dataset, path, alpha_is_band=True)
     notes.append(
-        f"{path}: band {info.alpha} is alpha (0: not valid), not an image band; if it is one, name it in the file, "
-        f"or ask for it with --nir {info.alpha}"
+        f"{path}: band {info.alpha} is alpha (0: not valid), not an image band; if it is one, name the bands: "
+        f'--bands "{",".join(_colours(info))}"'
     )
     return info
+
+
+def _needs_alpha(info: RasterInfo, sensor: str | None, count: int | None) -> bool:
+    """Whether as many bands are stated, or the sensor has, as there are with alpha."""
+    if count == info.count + 1:
+        return True
+    if sensor is None:
+        return False
+    known = sensor_of(sensor)
+    return info.count not in known.counts and info.count + 1 in (len(known.bands), *known.counts)
+
+
+def _colours(info: RasterInfo) -> list[str]:
+    """Names for the bands of a file and its alpha band, where that is the near infrared."""
+    named = set(info.colorinterp) <= {"red", "green", "blue"}
+    return [*(info.colorinterp if named else [f"b{i}" for i in range(1, info.count + 1)]), "nir"]
 
 
 def with_nodata(info: RasterInfo, nodata: float | None, notes: list[str]) -> RasterInfo:
@@ -158,6 +204,7 @@ def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
     """One description for the stack: bands of all files, grid and format of the reference."""
     if len(infos) == 1:
         return infos[0]
+    infos = [own_facts(info) for info in infos]
     joined: dict[str, Any] = {}
     for f in fields(RasterInfo):
         per_band = isinstance(getattr(reference, f.name), tuple) and f.name != "gcps"
@@ -169,82 +216,3 @@ def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
 def _stem(info: RasterInfo) -> str:
     """The last part of a GDAL name without its ending, for files of one band."""
     return re.split(r"[/\\!:]", info.paths[0])[-1].rsplit(".", 1)[0] if info.count == 1 else ""
-
-
-def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
-    """Bands of a scene, the sensor preset that was used, and what to say; `stems` are names for bands without one."""
-    names = _names(info, stems)
-    spectra = spectral_of(info)
-    bands = [
-        Band(
-            name=name,
-            wavelength=known.wavelength or wavelength_in_name(name),
-            width=known.width,
-            time_offset=time_offset(info.band_tags[i]),
-            saturation=saturation(info, i),
-        )
-        for i, (name, known) in enumerate(zip(names, spectra, strict=True))
-    ]
-    notes = []
-    if any(s.assumed for s in spectra):
-        notes.append("wavelengths have no unit: up to 30 they are read as micrometres, above as nanometres")
-    bands, preset, told = _with_sensor(bands, info, sensor)
-    bands, guessed = _from_names(bands)
-    return bands, preset, notes + told + guessed
-
-
-def _with_sensor(bands: list[Band], info: RasterInfo, sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
-    if sensor is not None:
-        asked = sensors.load(sensor)
-        bands, notes = apply_sensor(bands, asked)
-        return bands, asked.name, notes
-    tagged = sensor_in_tags(info)
-    if tagged is None:
-        return bands, None, []
-    try:
-        bands, notes = apply_sensor(bands, tagged)
-    except BandError as error:
-        return bands, None, [f"a tag names a sensor, which is not used: {error}"]
-    return bands, tagged.name, notes
-
-
-def _from_names(bands: list[Band]) -> tuple[list[Band], list[str]]:
-    """Wavelengths that only the names tell: Sentinel-2's band codes, else colour words."""
-    if all(b.wavelength is not None for b in bands):
-        return bands, []
-    notes = []
-    if any(_SENTINEL2.fullmatch(sensors.normalise(b.name)) for b in bands):
-        codes = {sensors.normalise(b.name): b for b in sensors.load("sentinel2").bands}
-        guess = {name: own.wavelength for name, own in codes.items()}
-        told = "the names are Sentinel-2's; their wavelengths are assumed"
-    else:
-        guess, told = {}, "wavelengths of {} are nominal, from the names"
-    filled = []
-    for band in bands:
-        nominal = guess.get(sensors.normalise(band.name)) if guess else nominal_wavelength(band.name)
-        filled.append(band if band.wavelength is not None else replace(band, wavelength=nominal))
-    changed = [b.name for b, old in zip(filled, bands, strict=True) if b is not old and b.wavelength]
-    if changed:
-        notes.append(told.format(", ".join(changed)))
-    return filled, notes
-
-
-def _names(info: RasterInfo, stems: Sequence[str]) -> list[str]:
-    """One name a band: its description, else what its file or its colour is called, else "band N"."""
-    names = []
-    for i, (described, stem) in enumerate(zip(info.descriptions, stems, strict=True)):
-        colour = info.colorinterp[i]
-        spare = "" if colour in _NOT_NAMES else colour
-        names.append((described or "").strip() or _short(stem) or spare or f"band {i + 1}")
-    seen: Counter[str] = Counter()
-    for i, name in enumerate(names):
-        seen[name.casefold()] += 1
-        if seen[name.casefold()] > 1:
-            names[i] = f"{name} ({seen[name.casefold()]})"
-    return names
-
-
-def _short(stem: str) -> str:
-    """The part of a file name that names its band ("T32_B08_10m" is "B08"), else all of it."""
-    codes = re.findall(r"(?<![A-Za-z0-9])(B\d{1,2}A?)(?![A-Za-z0-9])", stem, flags=re.IGNORECASE)
-    return codes[-1] if len(codes) == 1 else stem

@@ -8,9 +8,8 @@ from typing import Any, cast
 
 from ..raster import RasterSource
 from ..scene import Scene
-from ..sensors import find
-
-METRES_PER_DEGREE = 111_320.0
+from .place import ground_size
+from .sensorfile import sensor_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +44,7 @@ def optics_of(scene: Scene) -> KnownOptics | None:
     if f_number and pitch:
         smear = _number(tags.get("SMEAR_PIXELS"))
         return KnownOptics(f_number, 1e-6 * pitch, 0.5 if smear is None else smear, "the file's tags")
-    sensor = find(scene.sensor) if scene.sensor else None
+    sensor = sensor_of(scene.sensor) if scene.sensor else None
     if sensor is None or sensor.optics is None or sensor.optics.pixel_pitch is None:
         return None
     optics = sensor.optics
@@ -58,20 +57,13 @@ def optics_of(scene: Scene) -> KnownOptics | None:
 
 
 def pixel_size(scene: Scene) -> float | None:
-    """Mean side of a pixel [m]; None where the scene does not say."""
+    """Mean side of a pixel on the ground [m]; None where the scene does not say."""
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}
         return _number(tags.get("GSD_M"))
-    across = math.hypot(scene.transform.a, scene.transform.d)
-    down = math.hypot(scene.transform.b, scene.transform.e)
-    if scene.crs is None:
-        return None
-    if scene.crs.is_geographic:
-        latitude = scene.transform.f + scene.transform.e * scene.height / 2
-        return METRES_PER_DEGREE * math.sqrt(across * down * max(math.cos(math.radians(latitude)), 0.0))
-    factor = scene.crs.linear_units_factor[1] if scene.crs.is_projected else 1.0
-    return float(factor * math.sqrt(across * down))
+    sides = ground_size(scene.transform, scene.crs, scene.height, scene.width)
+    return None if sides is None else math.sqrt(sides[0] * sides[1])
 
 
 def _number(text: Any) -> float | None:

@@ -1,7 +1,8 @@
-"""Where on Earth a raster or the shapes of a GeoJSON file lie: the latitude and longitude of their middle."""
+"""Where on Earth a raster or the shapes of a GeoJSON file lie, and how large its pixels are on the ground."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,70 @@ from .areas import _crs_of
 from .text import read_json
 
 _LONGITUDE_LATITUDE = "OGC:CRS84"
+_EQUATOR, _ECCENTRICITY2 = 6_378_137.0, 0.006_694_379_990_14
+"""Radius at the equator [m] and squared eccentricity of the WGS 84 ellipsoid."""
+_TRUE = 0.01
+"""Relative error of lengths up to which a map projection is taken at its word: UTM's is at most 0.001."""
+
+
+def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:
+    """Sides of the pixel in the middle of a raster, along its rows and its columns, on the ground [m].
+
+    Degrees are not metres, and web Mercator's metres are too long by 1 / cos(latitude): places one pixel apart are
+    taken to longitude and latitude, and measured there on the ellipsoid.
+
+    Returns
+    -------
+    (float, float) or None
+        None without a CRS or transform, or where they lead nowhere on Earth.
+    """
+    from rasterio._err import CPLE_BaseError
+    from rasterio.errors import RasterioError
+    from rasterio.warp import transform as to_crs
+
+    if transform is None or crs is None or transform.is_identity:
+        return None
+    nominal = math.hypot(transform.a, transform.d), math.hypot(transform.b, transform.e)
+    x, y = transform * (0.5 * width, 0.5 * height)
+    xs = [x, x + 0.5 * transform.a, x - 0.5 * transform.a, x + 0.5 * transform.b, x - 0.5 * transform.b]
+    ys = [y, y + 0.5 * transform.d, y - 0.5 * transform.d, y + 0.5 * transform.e, y - 0.5 * transform.e]
+    if crs.is_geographic:
+        longitudes, latitudes = xs, ys
+    else:
+        try:
+            longitudes, latitudes = to_crs(crs, _LONGITUDE_LATITUDE, xs, ys)
+        except (RasterioError, CPLE_BaseError, ValueError):
+            return None
+    if not np.isfinite([longitudes, latitudes]).all() or abs(latitudes[0]) >= 90.0:
+        return None
+    curved = 1.0 - _ECCENTRICITY2 * math.sin(math.radians(latitudes[0])) ** 2
+    east = math.radians(1.0) * _EQUATOR / math.sqrt(curved) * math.cos(math.radians(latitudes[0]))
+    north = math.radians(1.0) * _EQUATOR * (1.0 - _ECCENTRICITY2) / curved**1.5
+    across, down = (
+        math.hypot(
+            east * ((longitudes[i] - longitudes[j] + 180.0) % 360.0 - 180.0), north * (latitudes[i] - latitudes[j])
+        )
+        for i, j in ((1, 2), (3, 4))
+    )
+    if crs.is_projected:
+        unit = float(crs.linear_units_factor[1])
+        said = unit * nominal[0], unit * nominal[1]
+        if all(abs(found - s) <= _TRUE * s for found, s in zip((across, down), said, strict=True)):
+            return said
+    return across, down
+
+
+def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | None:
+    """Area of the pixel in the middle of a raster on the ground [m2]; None where `ground_size` is.
+
+    Rows and columns may be oblique to each other: the sides are taken with the angle that they have in the raster's
+    own coordinates.
+    """
+    sides = ground_size(transform, crs, height, width)
+    if sides is None:
+        return None
+    lengths = math.hypot(transform.a, transform.d) * math.hypot(transform.b, transform.e)
+    return sides[0] * sides[1] * abs(transform.determinant) / lengths
 
 
 def middle_of(path: str, option: str = "--place") -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Put a sensor preset's facts on the bands of a file: by name, else by wavelength, else by order.
+"""Put a sensor preset's facts on the bands of a file: by name, else by wavelength, else by the number of bands.
 
 What the file itself says is kept; the preset fills in what is missing.
 """
@@ -13,6 +13,7 @@ from ..errors import BandError
 from ..raster import RasterInfo
 from ..scene import Band
 from ..sensors import Sensor, SensorBand
+from .names import band_code, example_names, plain_name
 
 _NEAR = 30.0  # [nm] a band this near to a preset's band may be that band
 _SAME = 60.0  # [nm] a band farther off than this is not the one that its place in the order says
@@ -29,8 +30,17 @@ def sensor_in_tags(info: RasterInfo) -> Sensor | None:
     return None
 
 
-def apply_sensor(bands: Sequence[Band], sensor: Sensor) -> tuple[list[Band], list[str]]:
+def apply_sensor(
+    bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
+) -> tuple[list[Band], list[str]]:
     """Fill wavelength, width, instant and group of bands from a preset.
+
+    Parameters
+    ----------
+    bands : sequence of Band
+    sensor : Sensor
+    unnamed : frozenset of int
+        0-based bands whose name says no more than their place; they get the preset's.
 
     Returns
     -------
@@ -42,8 +52,11 @@ def apply_sensor(bands: Sequence[Band], sensor: Sensor) -> tuple[list[Band], lis
     BandError
         The bands cannot be told apart; the message lists those of the file and of the preset.
     """
-    matched, how = match(bands, sensor)
-    filled = [b if own is None else _fill(b, own) for b, own in zip(bands, matched, strict=True)]
+    matched, how = match(bands, sensor, unnamed)
+    filled = [
+        b if own is None else _fill(b, own, named=i not in unnamed)
+        for i, (b, own) in enumerate(zip(bands, matched, strict=True))
+    ]
     notes = [f"sensor {sensor.name} ({sensor.title}); its bands are matched by {how}"]
     without = [b.name for b, own in zip(bands, matched, strict=True) if own is None]
     if without:
@@ -56,42 +69,60 @@ def apply_sensor(bands: Sequence[Band], sensor: Sensor) -> tuple[list[Band], lis
     return filled, notes
 
 
-def match(bands: Sequence[Band], sensor: Sensor) -> tuple[list[SensorBand | None], str]:
+def match(
+    bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
+) -> tuple[list[SensorBand | None], str]:
     """The preset's band for every band of a file, and by what they were matched.
 
     Raises
     ------
     BandError
-        Neither names nor wavelengths nor the order tell the bands apart.
+        Neither names nor wavelengths nor the number of bands tell the bands apart.
     """
-    by_name = _unique([_named(b.name, sensor) for b in bands])
+    by_name = _unique([None if i in unnamed else named_in(b.name, sensor) for i, b in enumerate(bands)])
     if any(by_name):
         return by_name, "name"
     if all(b.wavelength for b in bands):
         by_wavelength = _unique([_nearest(b.wavelength or 0.0, sensor) for b in bands])
         if all(by_wavelength):
             return by_wavelength, "wavelength"
-    if len(bands) != len(sensor.bands) or not sensor.ordered or not _agree(bands, sensor):
-        raise BandError(_why_not(bands, sensor))
-    return list(sensor.bands), "order"
+    product = sensor.product(len(bands))
+    if not product or not _agree(bands, product):
+        raise BandError(_why_not(bands, sensor, product))
+    if product == sensor.bands:
+        return list(product), "order"
+    assumed = ", ".join(b.name for b in product)
+    return list(product), f"their number: the file is assumed to hold {assumed}, in this order"
 
 
-def _why_not(bands: Sequence[Band], sensor: Sensor) -> str:
+def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand]) -> str:
+    own = ", ".join(b.name for b in sensor.bands)
     if not sensor.ordered:
         why = "its products come in more than one band order, and no band name fits"
-    elif len(bands) != len(sensor.bands):
-        why = f"no band name fits, and {len(bands)} bands are not {len(sensor.bands)}"
+    elif not product:
+        counts = " or ".join(map(str, sensor.counts))
+        why = f"no band name fits, and {len(bands)} bands are not {counts}, as its products have"
     else:
         why = "the wavelengths in the file are not those of the preset"
+    fits = len(bands) <= len(sensor.bands)
+    example = ",".join(b.name for b in sensor.bands[: len(bands)]) if fits else example_names(len(bands))
     return (
-        f"sensor {sensor.name} does not fit the file: {why}. "
-        f"The file has {', '.join(b.name for b in bands)}; "
-        f"the preset has {', '.join(b.name for b in sensor.bands)}. Name the bands, or leave the sensor out."
+        f"sensor {sensor.name} does not fit the file: {why}. The file has {', '.join(b.name for b in bands)}; the "
+        f"preset has {own}. Leave the sensor out, or name the {len(bands)} bands in the file's order, such as "
+        f'--bands "{example}".'
     )
 
 
-def _named(name: str, sensor: Sensor) -> SensorBand | None:
-    return next((b for b in sensor.bands if b.answers_to(name)), None)
+def named_in(name: str, sensor: Sensor) -> SensorBand | None:
+    """The band of a preset that a name means: by name or alias, without words for what its values are, or by code."""
+    plain = plain_name(name)
+    for wanted in (name, plain):
+        found = next((b for b in sensor.bands if b.answers_to(wanted)), None)
+        if found is not None:
+            return found
+    code = band_code(name)
+    fits = [b for b in sensor.bands if code and code in map(band_code, (b.name, *b.aliases))]
+    return fits[0] if len(fits) == 1 else None
 
 
 def _nearest(wavelength: float, sensor: Sensor) -> SensorBand | None:
@@ -104,14 +135,15 @@ def _unique(found: list[SensorBand | None]) -> list[SensorBand | None]:
     return found if len({b.name for b in taken}) == len(taken) else [None] * len(found)
 
 
-def _agree(bands: Sequence[Band], sensor: Sensor) -> bool:
-    pairs = zip(bands, sensor.bands, strict=True)
+def _agree(bands: Sequence[Band], product: Sequence[SensorBand]) -> bool:
+    pairs = zip(bands, product, strict=True)
     return all(b.wavelength is None or abs(b.wavelength - own.wavelength) <= _SAME for b, own in pairs)
 
 
-def _fill(band: Band, own: SensorBand) -> Band:
+def _fill(band: Band, own: SensorBand, *, named: bool) -> Band:
     return replace(
         band,
+        name=band.name if named else own.name,
         wavelength=own.wavelength if band.wavelength is None else band.wavelength,
         width=own.width if band.width is None else band.width,
         time_offset=own.time_offset if band.time_offset is None else band.time_offset,

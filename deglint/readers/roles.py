@@ -6,13 +6,16 @@ for the near infrared because of its place in the file.
 
 from __future__ import annotations
 
+import difflib
+import numbers
 from collections.abc import Sequence
+from typing import Any
 
-from ..checks import check_kind
-from ..errors import BandError
+from ..checks import check_kind, described
+from ..errors import BandError, InputError
 from ..scene import Scene
 from ..sensors import normalise
-from .names import nominal_wavelength
+from .names import band_code, example_names, nominal_wavelength
 
 Wanted = str | int | Sequence[str | int]
 
@@ -20,6 +23,8 @@ NIR_CENTRE = 842.0
 """[nm] The near infrared that is looked for: broad, beyond the red edge, short of water vapour."""
 _NIR_BEST = (750.0, 900.0)
 _NIR_LAST = (900.0, 1050.0)
+_RED_EDGE, _WATER = 750.0, 700.0
+"""[nm] Below the first a plume or a shallow bottom shows, below the second water itself."""
 _SWIR = ((1500.0, 1800.0), (2000.0, 2400.0))
 _ROLES = {
     "blue": ((450.0, 515.0), 490.0),
@@ -47,7 +52,9 @@ def find_nir(scene: Scene, wanted: Wanted | None = None) -> tuple[int, ...]:
     Raises
     ------
     BandError
-        None can be deduced, or a band asked for is not there; the message lists the bands.
+        None can be deduced, or a band asked for is not there or is visible light; the message lists the bands.
+    InputError
+        What is asked for is neither a name nor a number.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     return _choose(scene, wanted)[0]
@@ -73,17 +80,84 @@ def _choose(scene: Scene, wanted: Wanted | None) -> tuple[tuple[int, ...], str]:
     if wanted is None:
         index = _auto_nir(scene)
         if index is None:
-            raise BandError(
-                f"no near-infrared band (750-1050 nm) in {scene.path or 'the scene'}; it has "
-                f"{scene.describe_bands()}. Name one with --nir NUMBER or --nir NAME."
-            )
+            raise BandError(_no_nir(scene))
         return (index,), _reason(scene, index)
     asked = split_wanted(wanted)
     if not asked:
         raise BandError("--nir: want at least one band name or number, got none")
     indexes = tuple(dict.fromkeys(find_band(scene, item) for item in asked))
     said = ", ".join(f"{i + 1} {scene.bands[i].name}" for i in indexes)
-    return indexes, f"NIR is band {said}, as asked for"
+    return indexes, f"NIR is band {said}, as asked for" + _doubts(scene, indexes)
+
+
+def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
+    """What to know of bands that were asked for as NIR; refuses those that are visible light."""
+    known = _wavelengths(scene)
+    for i in indexes:
+        if (known[i] or _WATER) < _WATER:
+            fit = [f"{j + 1} {scene.bands[j].name} ({w:g} nm)" for j, w in enumerate(known) if w and w >= _WATER]
+            raise BandError(
+                f"band {i + 1} {scene.bands[i].name} ({known[i]:g} nm) is no near infrared: it shows the water itself, "
+                "which would be removed with the glint. "
+                + (f"Bands beyond {_WATER:g} nm: {', '.join(fit)}." if fit else _no_nir(scene))
+            )
+    edge = [scene.bands[i].name for i in indexes if _WATER <= (known[i] or 0) < _RED_EDGE]
+    unknown = [scene.bands[i].name for i in indexes if known[i] is None]
+    said = ""
+    if edge:
+        said += (
+            f"; warning: {', '.join(edge)} is red edge (below {_RED_EDGE:g} nm), where plumes and shallow ground show, "
+            "too, and are taken for glint"
+        )
+    if unknown:
+        said += f"; the wavelength of {', '.join(unknown)} is not known, and is taken to be near infrared"
+    return said
+
+
+def _no_nir(scene: Scene) -> str:
+    """Why no band is the near infrared, and what to do: one line."""
+    what, known, bands = scene.path or "the scene", _wavelengths(scene), scene.describe_bands()
+    alpha, example = _alpha(scene), example_of(scene)
+    if all(w is not None and w < _WATER for w in known):
+        hidden = f' If band {alpha}, taken for alpha, is its NIR, say --bands "{example}".' if alpha else ""
+        return (
+            f"no near-infrared band in {what}: it has no band beyond {_WATER:g} nm ({bands}), so that no method that "
+            "follows the near infrared can remove its glint. What can be done: stack a NIR band of the same image with "
+            "it (deglint remove IN NIR.tif OUT), find targets in it as it is (rxdetect score IN OUT), or plan the next "
+            f"flight around glint (deglint plan).{hidden}"
+        )
+    if any(w is None for w in known):
+        at = "475,560,668,842" if len(known) == 4 else ",".join(["NM"] * min(len(known), 3)) + ",..."
+        return (
+            f"no band of {what} is known to be near infrared (750-1050 nm); it has {bands}. Name the bands in their "
+            f'order, such as --bands "{example}", or say --wavelengths {at}, --sensor NAME, or the NIR alone: '
+            "--nir NUMBER."
+        )
+    beyond = [i for i, w in enumerate(known) if w is not None and w >= _WATER]
+    near = min(beyond, key=lambda i: abs((known[i] or 0) - NIR_CENTRE))
+    return (
+        f"no near-infrared band (750-1050 nm) in {what}; it has {bands}. Name another band beyond {_WATER:g} nm to "
+        f"follow, such as --nir {near + 1}, or stack a NIR band of the same image with it."
+    )
+
+
+def _alpha(scene: Scene) -> int | None:
+    """1-based band of the file that is taken for alpha."""
+    found: int | None = getattr(getattr(scene.source, "info", None), "alpha", None)
+    return found
+
+
+def example_of(scene: Scene) -> str:
+    """Names for the bands of a scene as --bands takes them, for messages; those stay that say a colour."""
+    known, hidden = _wavelengths(scene), _alpha(scene) is not None
+    if not any(known):
+        return example_names(len(known) + hidden)
+    names = [b.name if w else f"b{i}" for i, (b, w) in enumerate(zip(scene.bands, known, strict=True), start=1)]
+    if hidden:
+        return ",".join([*names, "nir"])
+    if None in known:
+        names[known.index(None)] = "nir"
+    return ",".join(names)
 
 
 def split_wanted(wanted: Wanted) -> list[str | int]:
@@ -92,40 +166,61 @@ def split_wanted(wanted: Wanted) -> list[str | int]:
     >>> split_wanted("8, 8A"), split_wanted(8), split_wanted([7, "8,9"])
     (['8', '8A'], [8], [7, '8', '9'])
     """
-    if isinstance(wanted, int):
-        return [wanted]
+    if isinstance(wanted, numbers.Integral) and not isinstance(wanted, bool):
+        return [int(wanted)]
     if isinstance(wanted, str):
         return [part.strip() for part in wanted.split(",") if part.strip()]
-    return [part for item in wanted for part in split_wanted(item)]
+    if isinstance(wanted, (list, tuple)):
+        return [part for item in wanted for part in split_wanted(item)]
+    raise InputError(f"want a band by name or by number (from 1), or a list of them, got {described(wanted)}.")
 
 
 def find_band(scene: Scene, wanted: str | int) -> int:
-    """0-based index of a band given as users give it: by name, by 1-based number, or as "nir", "swir".
+    """0-based index of a band given as users give it: by name, by 1-based number, or as "nir", "swir", "red", ...
 
-    A name counts before a number; "8A" also finds "B8A" and "b_8a".
+    A name counts before a number; "8A" also finds "B8A" and "b_8a", and "B2" finds "B02" and "SR_B2".
 
     Raises
     ------
     BandError
         No such band; the message lists the bands.
+    InputError
+        Neither a name nor a number.
     """
-    text = normalise(str(wanted))
+    (item,) = split_wanted(wanted) if not isinstance(wanted, str) else (wanted,)
+    text = normalise(str(item))
     names = [normalise(n) for n in scene.names]
-    if isinstance(wanted, str) and text in names:
+    if isinstance(item, str) and text in names:
         return names.index(text)
-    if text.isdecimal() and 1 <= int(text) <= len(names) and not str(wanted).strip().startswith("-"):
+    if text.isdecimal() and 1 <= int(text) <= len(names) and not str(item).strip().startswith("-"):
         return int(text) - 1
     for guess in (f"b{text}", f"b0{text}", f"band{text}"):
         if text and guess in names:
             return names.index(guess)
-    role = {"nir": _auto_nir, "swir": _auto_swir}.get(text)
-    index = role(scene) if role else None
+    code, codes = band_code(str(item)), [band_code(n) for n in scene.names]
+    if code is not None and codes.count(code) == 1:
+        return codes.index(code)
+    index = _by_role(scene, text)
     if index is not None:
         return index
+    known = {n: scene.names[i] for i, n in enumerate(names)}
+    for role in (*_ROLES, "nir", "swir"):
+        index = _by_role(scene, role)
+        if index is not None:
+            known.setdefault(role, f"{role} (band {index + 1} {scene.names[index]})")
+    near = difflib.get_close_matches(text, known, n=1)
+    hint = f" Did you mean {known[near[0]]}?" if near else ""
     raise BandError(
-        f"no band {wanted!r} in {scene.path or 'the scene'}; allowed are names and numbers "
-        f"1-{len(names)}: {scene.describe_bands()}. Name one with --nir."
+        f"no band {item!r} in {scene.path or 'the scene'}.{hint} Allowed are names and numbers "
+        f"1-{len(names)}: {scene.describe_bands()}."
     )
+
+
+def _by_role(scene: Scene, role: str) -> int | None:
+    if role in _ROLES:
+        return _nearest(scene, *_ROLES[role])
+    found: Any = {"nir": _auto_nir, "swir": _auto_swir}.get(role)
+    return found(scene) if found else None
 
 
 def _auto_nir(scene: Scene) -> int | None:

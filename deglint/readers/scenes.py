@@ -11,25 +11,21 @@ import glob
 import io
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-from urllib.parse import unquote, urljoin
 
 from ..errors import InputError, ReadError
 from ..shown import in_file_name
 from .products import name_of
-from .text import read_json, read_text
+from .stac import bands_of_item, items_of, read_document
+from .text import read_text
 
 MOST_SCENES = 1_000_000
 """Scenes that a list may name."""
 LONGEST_NAME = 150
 """Bytes of a scene's name: what is added for its outputs has to fit, too."""
 _MAGIC = re.compile(r"[*?\[]")
-_REMOTE = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
-_SCHEME = re.compile(r"[A-Za-z][\w+.-]*:")
-_RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf|application/(?:x-)?(?:zip|tar)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -42,10 +38,18 @@ class ListedScene:
         What its outputs are called after; never a path.
     paths : tuple of str
         GDAL names of its files.
+    item : str
+        Name of the STAC Item whose bands they are, as `deglint.open_scene` takes it.
     """
 
     name: str
     paths: tuple[str, ...]
+    item: str = field(default="", compare=False)
+
+    @property
+    def source(self) -> list[str]:
+        """What to open."""
+        return [self.item] if self.item else list(self.paths)
 
 
 def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[ListedScene]:
@@ -58,8 +62,8 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
         files; a CSV (``.csv``) whose column `path` names the file of a scene (several with ";" between them) and whose
         column `name`, if it is there, names the scene; a STAC ItemCollection or Item (``.json``, ``.geojson``).
     assets : sequence of str
-        Keys of the assets of a STAC Item that are its bands, in this order; where empty, the item must have one
-        raster of role "data", or one raster at all.
+        Keys of the assets of a STAC Item that are its bands, in this order; where empty, those that say that they are
+        bands, or one raster of role "data", or one raster at all.
 
     Returns
     -------
@@ -107,7 +111,7 @@ def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
             yield ListedScene(_stem(name), (name,))
     elif ending == ".csv":
         yield from _of_csv(text)
-    elif ending in (".json", ".geojson"):
+    elif ending in (".json", ".geojson") or re.match(r"https?://.+/items/[^/]+$", text, re.IGNORECASE):
         yield from _of_stac(text, assets)
     else:
         yield ListedScene(_stem(text), (text,))
@@ -158,51 +162,7 @@ def _of_csv(path: str) -> Iterator[ListedScene]:
 
 
 def _of_stac(path: str, assets: Sequence[str]) -> Iterator[ListedScene]:
-    document = read_json(path, "list of scenes")
-    items = document.get("features") if document.get("type") == "FeatureCollection" else [document]
-    if not isinstance(items, list):
-        raise InputError(f"{path} is not a STAC ItemCollection: it has no list of features.")
-    for i, item in enumerate(items, start=1):
-        held = item.get("assets") if isinstance(item, Mapping) else None
-        if not isinstance(held, Mapping) or not isinstance(item.get("id"), str):
-            raise InputError(f"{path}: feature {i} is not a STAC Item: it lacks an id or assets.")
-        keys = list(assets) or [_only_raster(held, f"{path}: item {item['id'][:80]!r}")]
-        missing = [k for k in keys if k not in held]
-        if missing:
-            raise InputError(
-                f"{path}: item {item['id'][:80]!r} has no asset {', '.join(missing)}; it has "
-                f"{', '.join(map(str, list(held)[:30]))}. Name them in the recipe: [input] assets."
-            )
-        yield ListedScene(checked_name(item["id"], path), tuple(_href(held[k], path) for k in keys))
-
-
-def _only_raster(assets: Mapping[str, Any], what: str) -> str:
-    """Key of the one raster among assets."""
-    rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
-    data = [k for k, a in rasters.items() if "data" in (a.get("roles") or ())]
-    keys = data or list(rasters) or list(assets)
-    if len(keys) == 1:
-        return keys[0]
-    raise InputError(
-        f"{what} has {len(keys)} rasters: {', '.join(map(str, keys[:30]))}. Name those that are the bands, in their "
-        "order, in the recipe: [input] assets."
-    )
-
-
-def _href(asset: Any, path: str) -> str:
-    """GDAL name of an asset; a relative one starts from the list."""
-    href = asset.get("href") if isinstance(asset, Mapping) else None
-    if not isinstance(href, str) or not href:
-        raise InputError(f"{path}: an asset has no href.")
-    if _REMOTE.match(href):
-        return href
-    if href.lower().startswith("file://"):
-        return unquote(href[7:])
-    if _SCHEME.match(href) or href.startswith("/vsi"):
-        raise InputError(
-            f"{path}: an asset lies at {href[:80]!r}; allowed are files, http(s), s3, gs and az. Name such a scene on "
-            "the command line."
-        )
-    if _REMOTE.match(path):
-        return urljoin(path, href)
-    return str(Path(path).parent / href)
+    for item in items_of(read_document(path), path):
+        files = tuple(asset.path for asset in bands_of_item(item, path, assets))
+        source = f"{path}#{item['id']}" + (f"#{','.join(assets)}" if assets else "")
+        yield ListedScene(checked_name(item["id"], path), files, source)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,8 @@ _UNIT = re.compile(r"wave_?lengths?_units?")
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
 _LARGEST_MICROMETRE = 30.0  # a bare wavelength up to this is micrometres
 _WIDEST_MICROMETRE = 1.0  # a bare width below this is micrometres
-_RANGE = (100.0, 20000.0)  # [nm] what can be a wavelength at all
+SPECTRAL_RANGE = (100.0, 20000.0)
+"""[nm] What can be a wavelength at all."""
 _WIDEST_FILLED_TYPE = 16  # [bit] integers up to this width are filled by detectors
 
 
@@ -43,12 +44,44 @@ def spectral_of(info: RasterInfo) -> list[Spectral]:
         own_unit = _first(tags, _UNIT, unit)
         value, stated = _single(tags, _WAVELENGTH) or (wavelengths[i] if wavelengths else (None, ""))
         wavelength, assumed = (None, False) if value is None else nanometres(value, stated or own_unit)
-        if wavelength is None or not _RANGE[0] <= wavelength <= _RANGE[1]:
+        if wavelength is None or not SPECTRAL_RANGE[0] <= wavelength <= SPECTRAL_RANGE[1]:
             found.append(Spectral())
             continue
         value, stated = _single(tags, _WIDTH) or (widths[i] if widths else (None, ""))
         found.append(Spectral(wavelength, _width(value, stated or own_unit), assumed))
     return found
+
+
+def said_of_wavelength(
+    tags: Mapping[str, Mapping[str, str]], wavelength: float | None, width: float | None = None
+) -> dict[str, Mapping[str, str]]:
+    """Tags of a band that say this wavelength and width [nm], in place of others they held; None leaves them."""
+    done: dict[str, Mapping[str, str]] = dict(tags)
+    for keys, value, name in (((_WAVELENGTH, _UNIT), wavelength, "wavelength_nm"), ((_WIDTH,), width, "fwhm_nm")):
+        if value is None:
+            continue
+        done = {
+            n: {k: v for k, v in own.items() if not any(key.fullmatch(_key(k)) for key in keys)}
+            for n, own in done.items()
+        }
+        done[""] = {**done.get("", {}), name: f"{value:.10g}"}
+    return done
+
+
+def own_facts(info: RasterInfo) -> RasterInfo:
+    """A file's description in which each band says its wavelength, width and full scale itself, not the dataset."""
+    full = re.compile("full_scale")
+    dataset = _first(info.tags, full, "")
+    tags = []
+    for own, known in zip(info.band_tags, spectral_of(info), strict=True):
+        there = _single(own, _WAVELENGTH) is not None
+        said: dict[str, Mapping[str, str]] = (
+            dict(own) if there else said_of_wavelength(own, known.wavelength, known.width)
+        )
+        if dataset and not _first(own, full, ""):
+            said[""] = {**said.get("", {}), "FULL_SCALE": dataset}
+        tags.append(said)
+    return replace(info, band_tags=tuple(tags))
 
 
 def time_offset(tags: Mapping[str, Mapping[str, str]]) -> float | None:
@@ -91,8 +124,12 @@ def _first(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], default:
 
 def _matching(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> list[tuple[str, re.Match[str]]]:
     named = [(name, value) for space in tags.values() for name, value in space.items()]
-    fits = [(value, key.fullmatch(re.sub(r"[\s\-]+", "_", name.strip().lower()))) for name, value in named]
+    fits = [(value, key.fullmatch(_key(name))) for name, value in named]
     return [(value, match) for value, match in fits if match]
+
+
+def _key(name: str) -> str:
+    return re.sub(r"[\s\-]+", "_", name.strip().lower())
 
 
 def _single(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> tuple[float, str] | None:

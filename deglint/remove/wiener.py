@@ -533,7 +533,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
         for p, v, s, at in zip(prediction, value, slopes, level, strict=True)
         if (inside := (v > 0) & (together <= middle)).any()
     ]  # fmt: skip
-    lift = max(0.0, *short)
+    lift = max([0.0, *short])
     lowest, chosen = raised + max(short, default=0.0), raised + lift
     interval = max(float(lowest), 0.0), float(chosen), middle
     levels = [float(at + lift) for at in level]

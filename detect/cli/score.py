@@ -9,7 +9,7 @@ import click
 
 from deglint.cli.console import Console
 from deglint.cli.grouped import SETTINGS, Grouped
-from deglint.cli.options import cluster_of, common, creation_options, names, on_cluster
+from deglint.cli.options import cluster_of, common, creation_options, names, needs_output, on_cluster, opening
 from deglint.pipeline.checksum import begin_checksum
 
 # The keys of detect.pipeline.recipe's tables, which --help must not wait for; a test holds them equal.
@@ -29,7 +29,7 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
-@click.argument("inputs", nargs=-1, required=True, metavar="IN [IN ...]")
+@click.argument("inputs", nargs=-1, metavar="IN [IN ...]")
 @click.argument("output", metavar="OUT")
 @click.option(
     "--method",
@@ -152,6 +152,7 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     rxdetect score scene.tif scores.tif --background sea.geojson --save-background sea.json
     rxdetect score other.tif scores2.tif --background sea.json
     """  # fmt: skip
+    needs_output(inputs, output, "rxdetect score")
     begin_checksum(inputs)
     fields = ("method", "window", "border", "covariance", "ridge", "background", "bands", "nir", "drop", "mask", "pfa",
               "threshold", "min_size", "merge_distance")  # fmt: skip
@@ -160,7 +161,7 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
 
         result = score_file(
             list(inputs), output, Recipe(**{name: given[name] for name in fields}),
-            sensor=given["sensor"], nodata=given["nodata"], threads=given["threads"], cluster=cluster,
+            **opening(given), threads=given["threads"], cluster=cluster,
             progress=console.progress, p_value=given["p_value"], flags=given["flags"], objects=given["objects"],
             background=given["save_background"], overwrite=given["overwrite"], options=given["options"],
         )  # fmt: skip

@@ -26,6 +26,8 @@ from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text
 from deglint.raster.targets import Reads, check_image, check_targets
+from deglint.readers.place import ground_area
+from deglint.readers.stated import Names, Numbers
 from deglint.scene import Scene
 from deglint.tiles import LARGEST, Tile, default_threads
 from deglint.timing import Reporter
@@ -142,8 +144,12 @@ def score_file(
     image: str | Path,
     recipe: Recipe | None = None,
     *,
-    sensor: str | None = None,
+    sensor: str | Path | None = None,
     nodata: float | None = None,
+    bands: Names | None = None,
+    wavelengths: Numbers | None = None,
+    scale: Numbers | None = None,
+    offset: Numbers | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
     cluster: Cluster | None = None,
@@ -159,7 +165,7 @@ def score_file(
         Output, a local GeoTIFF of one float32 band, NaN where not valid. `image`.json is written beside it.
     recipe : Recipe, optional
         Global RX by default.
-    sensor, nodata
+    sensor, nodata, bands, wavelengths, scale, offset
         As `deglint.open_scene`.
     threads : int, optional
         All processors by default. The result is the same for any number.
@@ -194,12 +200,14 @@ def score_file(
     with environment(), _one_blas_thread():
         given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
         read = [file for name in given for file in files_of(name)]
-        named = {"--background": recipe.background, "--mask": recipe.mask, "--sensor": sensor or ""}
+        named = {"--background": recipe.background, "--mask": recipe.mask, "--sensor": str(sensor or "")}
         reads: Reads = {"the input": [*given, *read], **{k: [v] for k, v in named.items()}}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_image(targets.image)
         checksum = Checksum(read)  # before it is opened: what changes from now on is noticed
-        scene = open_scene(source, sensor=sensor, nodata=nodata)
+        scene = open_scene(
+            source, sensor=sensor, nodata=nodata, bands=bands, wavelengths=wavelengths, scale=scale, offset=offset
+        )
         with raster_of(scene):
             return _run(scene, checksum, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
 
@@ -455,7 +463,7 @@ def _write_objects(
     options: dict[str, Any] = {
         "min_size": recipe.min_size,
         "merge_distance": recipe.merge_distance,
-        "pixel_area": marking.pixel_area(scene.transform, scene.crs, size),
+        "pixel_area": ground_area(scene.transform, scene.crs, *size),
     }
     with open_dataset(str(scratch.file(targets.image))) as dataset:
         if (threshold.pfa_achieved or 0) > _SPARSE:

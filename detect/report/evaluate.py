@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from deglint.errors import InputError
+from deglint.readers.place import ground_area
 
-from ..objects import Object, pixel_area
+from ..objects import Object
 from ..roc import (
     Bands,
     ObjectCurve,
@@ -122,7 +123,7 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
         A file cannot be read.
     """
     inputs = read_inputs(request.scores, request.truth, request.mask, lower=request.lower, connected=request.connected)
-    area = pixel_area(inputs.grid.transform, inputs.grid.crs, inputs.valid.shape)
+    area = ground_area(inputs.grid.transform, inputs.grid.crs, *inputs.valid.shape)
     judged = []
     for done, (name, scores) in enumerate(zip(inputs.names, inputs.scores, strict=True)):
         if progress is not None:

@@ -1,0 +1,127 @@
+"""A sensor that the table lacks, from a file of the user's own in the format of the table (`deglint/sensors.toml`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from .. import sensors
+from ..errors import InputError
+from ..sensors import Sensor
+from .text import read_text
+
+MOST_BYTES = 1 << 20
+"""Largest file that is read [byte]."""
+_TEXT, _NUMBER, _NAMES, _LIST, _TABLE, _YES_NO = (
+    "a text",
+    "a number",
+    "a list of texts",
+    "a list",
+    "a table",
+    "true or false",
+)
+_SENSOR = {
+    "title": _TEXT, "bands": _LIST, "aliases": _NAMES, "ordered": _YES_NO, "products": _LIST, "optics": _TABLE,
+    "sources": _NAMES, "wavelength_status": _TEXT, "width_status": _TEXT, "time_status": _TEXT, "group_status": _TEXT,
+}  # fmt: skip
+_BAND = {
+    "name": _TEXT, "wavelength": _NUMBER, "width": _NUMBER, "aliases": _NAMES, "time_offset": _NUMBER,
+    "time_status": _TEXT, "group": _TEXT,
+}  # fmt: skip
+_OPTICS = {
+    "aperture": _NUMBER, "focal_length": _NUMBER, "pixel_pitch": _NUMBER, "f_number": _NUMBER, "status": _TEXT,
+}  # fmt: skip
+_WIDTH = 50.0
+"""[nm] Width of a band whose width is not said: that of most bands of multispectral sensors."""
+_WAVELENGTHS = (300.0, 20_000.0)
+"""[nm] Centres that are allowed."""
+_STATUS = (sensors.VERIFIED, sensors.UNVERIFIED, "defined")
+
+
+def sensor_of(name: str) -> Sensor:
+    """The preset of a name, or the sensor in a file that ends in ``.toml``; its name is that of the file.
+
+    Raises
+    ------
+    ReadError
+        No such file.
+    InputError
+        No such preset, or a file that is not as the table is; the message names the key and what is allowed.
+    """
+    if not name.lower().endswith(".toml"):
+        return sensors.load(name)
+    import tomllib
+
+    try:
+        document = tomllib.loads(read_text(name, "--sensor", MOST_BYTES))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{name} (--sensor) is not TOML: {str(error) or 'it is nested too deep'}.") from error
+    if len(document) != 1 or not isinstance(next(iter(document.values())), Mapping):
+        found = ", ".join(map(str, list(document)[:5])) or "nothing"
+        raise InputError(
+            f"{name} (--sensor): want one table, such as [mycamera], with title and bands in it, got {found}."
+        )
+    ((key, entry),) = document.items()
+    where = f"{name} (--sensor): [{key}]"
+    checked: dict[str, Any] = {"wavelength_status": "defined", "time_status": "defined", "title": key} | dict(entry)
+    _check(where, entry, _SENSOR, ("bands",))
+    checked["bands"] = [_band(f"{where} bands, entry {i}", band) for i, band in enumerate(entry["bands"], start=1)]
+    _check_names(where, checked)
+    if "optics" in entry:
+        _check(f"{where} optics", entry["optics"], _OPTICS)
+        checked["optics"] = {"status": "defined"} | dict(entry["optics"])
+    return sensors.sensor_from(name, checked)
+
+
+def _band(where: str, band: Any) -> dict[str, Any]:
+    if not isinstance(band, Mapping):
+        raise InputError(f'{where}: want a table such as {{ name = "NIR", wavelength = 842 }}, got {str(band)[:60]!r}.')
+    _check(where, band, _BAND, ("name", "wavelength"))
+    if not _WAVELENGTHS[0] <= band["wavelength"] <= _WAVELENGTHS[1]:
+        low, high = _WAVELENGTHS
+        raise InputError(f"{where}: wavelength: allowed is {low:g} to {high:g} nm, got {band['wavelength']}.")
+    return {"width": _WIDTH} | dict(band)
+
+
+def _check_names(where: str, entry: Mapping[str, Any]) -> None:
+    """Refuse names that two bands answer to, and products of bands that are not there."""
+    seen: dict[str, str] = {}
+    for band in entry["bands"]:
+        for name in {sensors.normalise(n) for n in (band["name"], *band.get("aliases", ()))}:
+            if name in seen:
+                raise InputError(f"{where}: bands {seen[name]} and {band['name']} both answer to {name!r}. Rename one.")
+            seen[name] = band["name"]
+    own = [b["name"] for b in entry["bands"]]
+    if not own:
+        raise InputError(f"{where}: bands: want at least one band, got none.")
+    for product in entry.get("products", ()):
+        known = isinstance(product, list) and all(n in own for n in product)
+        if not known:
+            raise InputError(f"{where}: products: want lists of {', '.join(own)}, got {str(product)[:60]}.")
+
+
+def _check(where: str, entry: Mapping[str, Any], allowed: Mapping[str, str], needed: tuple[str, ...] = ()) -> None:
+    for key, value in entry.items():
+        if key not in allowed:
+            raise InputError(f"{where}: {key!r} is not one of {', '.join(allowed)}.")
+        if not _is(allowed[key], value):
+            raise InputError(f"{where}: {key}: want {allowed[key]}, got {str(value)[:60]!r}.")
+        if key.endswith("status") and value not in _STATUS:
+            raise InputError(f"{where}: {key}: want one of {', '.join(_STATUS)}, got {value[:60]!r}.")
+    missing = [key for key in needed if key not in entry]
+    if missing:
+        raise InputError(f"{where}: {missing[0]} is missing; needed are {', '.join(needed)}.")
+
+
+def _is(kind: str, value: Any) -> bool:
+    if kind == _TEXT:
+        return isinstance(value, str) and bool(value)
+    if kind == _NUMBER:
+        return isinstance(value, (int, float)) and not isinstance(value, bool) and value >= 0 and value < float("inf")
+    if kind == _YES_NO:
+        return isinstance(value, bool)
+    if kind == _TABLE:
+        return isinstance(value, Mapping)
+    return isinstance(value, list) and (kind == _LIST or all(isinstance(v, str) for v in value))

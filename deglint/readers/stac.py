@@ -1,0 +1,254 @@
+"""STAC Items: which of their assets are the bands, and what the Item says of each.
+
+An Item stands for its bands wherever a raster does: a local file or a URL, "FILE#ID" for one of an ItemCollection, and
+"FILE#ID#KEY,KEY" for some of its assets. Items come from others: what they name is checked before it is opened.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urljoin
+
+from ..errors import InputError, ReadError
+from ..raster import RasterInfo
+from .names import nominal_wavelength
+from .spectral import nanometres, said_of_wavelength
+from .text import MOST_BYTES, read_json
+
+_REMOTE = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
+_SCHEME = re.compile(r"[A-Za-z][\w+.-]*:")
+_RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf|application/(?:x-)?(?:zip|tar)", re.IGNORECASE)
+_NAME = re.compile(r"(.+\.(?:geo)?json|https?://[^#]+/items/[^#]+)(?:#([^#]*))?(?:#([^#]*))?", re.IGNORECASE)
+_NO_DATA = {"thumbnail", "overview", "visual", "metadata", "rendered_preview", "preview", "tilejson"}
+"""Roles and keys of assets that are pictures or words, not bands."""
+_NOT_BANDS = {"pan", "lwir", "lwir11", "lwir12"}
+"""Common names of bands that are no part of a scene: panchromatic (its finer grid would be all bands') and thermal."""
+_PATIENCE = 60.0
+"""[s] How long a server of Items may say nothing."""
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A file to open, and what a STAC Item says of its bands; nothing for a file of one's own."""
+
+    path: str
+    bands: tuple[Mapping[str, Any], ...] = ()
+    tags: Mapping[str, str] | None = None
+
+    def put_on(self, info: RasterInfo) -> RasterInfo:
+        """The description of the file with what the Item says; what the file itself says of numbers comes first."""
+        if len(self.bands) != info.count:
+            return info
+        names = [b.get("name") for b in self.bands]
+        plain = all(s == 1 for s in info.scales) and all(o == 0 for o in info.offsets)
+        stored = plain and all("float" not in d for d in info.dtypes)
+        tags = []
+        for own, band in zip(info.band_tags, self.bands, strict=True):
+            tags.append(said_of_wavelength(own, band.get("wavelength"), band.get("width")))
+        pairs = list(zip(self.bands, info.nodatas, info.units, strict=True))
+        return replace(
+            info,
+            descriptions=tuple(d or n for d, n in zip(info.descriptions, names, strict=True)),
+            band_tags=tuple(tags),
+            tags={**info.tags, "": {**(self.tags or {}), **info.tags.get("", {})}},
+            scales=tuple(b.get("scale", 1.0) for b in self.bands) if stored else info.scales,
+            offsets=tuple(b.get("offset", 0.0) for b in self.bands) if stored else info.offsets,
+            nodatas=tuple(b.get("nodata") if n is None else n for b, n, _ in pairs),
+            units=tuple(u or b.get("unit") for b, _, u in pairs),
+        )
+
+
+def assets_of(name: str) -> list[Asset]:
+    """The files that a name stands for: the bands of a STAC Item, or what is called so.
+
+    Raises
+    ------
+    ReadError
+        The Item cannot be read.
+    InputError
+        It is none, or its bands cannot be told.
+    """
+    found = _NAME.fullmatch(name)
+    if found is None:
+        return [Asset(name)]
+    path, wanted, keys = found[1], found[2] or "", tuple(k for k in (found[3] or "").split(",") if k)
+    if not _REMOTE.match(path) and (_SCHEME.match(path) or path.startswith("/vsi")):
+        return [Asset(name)]
+    document = read_document(path)
+    items = items_of(document, path)
+    if wanted:
+        items = [i for i in items if i["id"] == wanted]
+    if len(items) != 1:
+        what = f"no item {wanted!r}" if wanted else f"{len(items)} STAC Items"
+        ids = ", ".join(str(i["id"])[:80] for i in items_of(document, path)[:10])
+        raise InputError(f"{path} holds {what}. Name one as {path}#ID; there are {ids or 'none'}.")
+    return bands_of_item(items[0], path, keys)
+
+
+def is_named(name: str) -> bool:
+    """Whether a name may be that of an Item."""
+    return _NAME.fullmatch(name) is not None
+
+
+def read_document(path: str) -> Mapping[str, Any]:
+    """The JSON object in a file or at a URL."""
+    if not re.match(r"https?://", path, re.IGNORECASE):
+        return read_json(path, "STAC")
+    from urllib.error import URLError
+    from urllib.request import Request, urlopen
+
+    try:
+        with urlopen(Request(path, headers={"Accept": "application/json"}), timeout=_PATIENCE) as answer:
+            data = answer.read(MOST_BYTES + 1)
+        document = json.loads(data)
+    except (URLError, OSError, ValueError, RecursionError) as error:
+        why = getattr(error, "reason", None) or error
+        raise ReadError(
+            f"cannot read the STAC Item {path}: {why}. Check the address, or save the Item as a file."
+        ) from error
+    if len(data) > MOST_BYTES or not isinstance(document, Mapping):
+        raise InputError(f"{path} is not a STAC Item: it is no JSON object of at most {MOST_BYTES >> 20} MB.")
+    return document
+
+
+def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
+    """The Items of an ItemCollection, or the one that a document is.
+
+    Raises
+    ------
+    InputError
+        It is neither.
+    """
+    items = document.get("features") if document.get("type") == "FeatureCollection" else [document]
+    if not isinstance(items, list):
+        raise InputError(f"{path} is not a STAC ItemCollection: it has no list of features.")
+    for i, item in enumerate(items, start=1):
+        held = item.get("assets") if isinstance(item, Mapping) else None
+        if not isinstance(held, Mapping) or not isinstance(item.get("id"), str):
+            raise InputError(
+                f"{path}: feature {i} is not a STAC Item: it lacks an id or assets. Name a raster or a STAC Item."
+            )
+    return items
+
+
+def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
+    """The assets of an Item that are its bands, by their keys where these are given.
+
+    Raises
+    ------
+    InputError
+        A key that is not there, or several rasters of which none says that it is a band.
+    """
+    assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
+    missing = [k for k in keys if k not in assets]
+    if missing:
+        raise InputError(
+            f"{what} has no asset {', '.join(missing)}; it has {', '.join(map(str, list(assets)[:30]))}. Name those "
+            "that are the bands, in a recipe as [input] assets."
+        )
+    facts = item.get("properties")
+    facts = facts if isinstance(facts, Mapping) else {}
+    tags = {k: str(facts[k])[:200] for k in ("platform", "datetime") if isinstance(facts.get(k), str)}
+    applied = any(facts.get(f"{p}:boa_offset_applied") is True for p in ("earthsearch", "sentinel"))
+    found = []
+    for key in keys or _chosen(assets, what):
+        bands = _said(assets[key], key, applied=applied)
+        found.append(Asset(href(assets[key], path), bands, tags))
+    return found
+
+
+def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
+    """Keys of the assets that are bands: those of one band each, sorted by wavelength, or one with all bands."""
+    rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
+    usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, a.get("roles") or ())}}
+    said = {k: _said(a, k) for k, a in usable.items()}
+    singles: dict[str, str] = {}
+    for key, bands in said.items():
+        if len(bands) == 1 and "wavelength" in bands[0] and bands[0].get("common") not in _NOT_BANDS:
+            name = str(bands[0]["name"])
+            tiff = "tiff" in str(usable[key].get("type"))  # of a band in two formats, the one that is read in parts
+            if name not in singles or (tiff and "tiff" not in str(usable[singles[name]].get("type"))):
+                singles[name] = key
+    several = [k for k, bands in said.items() if len(bands) > 1]
+    if len(singles) > 1:
+        return sorted(singles.values(), key=lambda k: said[k][0]["wavelength"])
+    if len(several) == 1:
+        return several
+    data = [k for k, a in rasters.items() if "data" in (a.get("roles") or ())]
+    keys = data or list(rasters) or list(assets)
+    if len(keys) == 1:
+        return keys
+    raise InputError(
+        f"{what} has {len(keys)} rasters: {', '.join(map(str, keys[:30]))}. Name those that are the bands, in their "
+        "order, in the recipe: [input] assets."
+    )
+
+
+def _said(asset: Any, key: str, *, applied: bool = False) -> tuple[dict[str, Any], ...]:
+    """What an asset says of its bands: name, common name, wavelength and width [nm], scale, offset, nodata, unit.
+
+    Of STAC 1.1 ("bands"), or of the extensions before ("eo:bands", "raster:bands"). `applied`: the offset that the
+    Item states was applied to the numbers already.
+    """
+    given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
+    lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]
+    count = max(map(len, lists), default=0)
+    found = []
+    for i in range(count):
+        said: dict[str, Any] = {}
+        for own in [asset, *(n[i] for n in lists if len(n) == count)]:
+            said |= {re.sub(r"^(?:eo|raster):", "", str(k)): v for k, v in own.items()}
+        common = str(said.get("common_name") or "")
+        name = said["name"] if isinstance(said.get("name"), str) and said["name"] else str(key)
+        centre, width = _number(said.get("center_wavelength")), _number(said.get("full_width_half_max"))
+        band: dict[str, Any] = {"name": name, "common": common}
+        wavelength = nanometres(centre, "um")[0] if centre else nominal_wavelength(common or name)
+        facts = {
+            "wavelength": wavelength,
+            "width": nanometres(width, "um")[0] if width else None,
+            "scale": _number(said.get("scale")) or None,
+            "offset": 0.0 if applied else _number(said.get("offset")),
+            "nodata": _number(said.get("nodata")),
+            "unit": said.get("unit") if isinstance(said.get("unit"), str) else None,
+        }
+        found.append(band | {k: v for k, v in facts.items() if v is not None})
+    return tuple(found)
+
+
+def _number(value: Any) -> float | None:
+    fit = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < float("inf")
+    return float(value) if fit else None
+
+
+def href(asset: Any, path: str) -> str:
+    """GDAL name of an asset; a relative one starts from the Item.
+
+    Raises
+    ------
+    InputError
+        It has none, or one of a kind that is not allowed.
+    """
+    given = asset.get("href") if isinstance(asset, Mapping) else None
+    if not isinstance(given, str) or not given:
+        raise InputError(f"{path}: an asset has no href.")
+    if _REMOTE.match(given):
+        return given
+    if given.lower().startswith("file://") and _REMOTE.match(path):
+        raise InputError(
+            f"{path}: an Item on a server names a file of this machine, {given[:80]!r}. Name the file itself."
+        )
+    if given.lower().startswith("file://"):
+        return unquote(given[7:])
+    if _SCHEME.match(given) or given.startswith("/vsi"):
+        raise InputError(
+            f"{path}: an asset lies at {given[:80]!r}; allowed are files, http(s), s3, gs and az. Name such a scene on "
+            "the command line."
+        )
+    if _REMOTE.match(path):
+        return urljoin(path, given)
+    return str(Path(path).parent / given)

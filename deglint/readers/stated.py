@@ -1,0 +1,178 @@
+"""What a user states of the bands of a file: names, wavelengths, scale and offset, in place of what the file declares.
+
+It is put where the file itself would say it, so that everything that follows, and the output, has it from there.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from ..checks import described
+from ..errors import InputError
+from ..raster import RasterInfo
+from .names import example_names
+from .spectral import SPECTRAL_RANGE, nanometres, said_of_wavelength
+
+Names = str | Sequence[str]
+Numbers = str | float | Sequence[float]
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a user states of the bands; one entry a band, or none where nothing is stated.
+
+    Attributes
+    ----------
+    names : tuple of str
+    wavelengths : tuple of float
+        [nm]
+    scales, offsets : tuple of float
+        physical = number in the file * scale + offset; a single entry is for all bands.
+    """
+
+    names: tuple[str, ...] = ()
+    wavelengths: tuple[float, ...] = ()
+    scales: tuple[float, ...] = ()
+    offsets: tuple[float, ...] = ()
+
+    @classmethod
+    def of(
+        cls, bands: Names | None, wavelengths: Numbers | None, scale: Numbers | None, offset: Numbers | None
+    ) -> Stated:
+        """Read and check what was given.
+
+        Raises
+        ------
+        InputError
+            Not names or numbers, or numbers that cannot be; the message says what is allowed.
+        """
+        return cls(
+            _names(bands),
+            tuple(_nanometres(w) for w in _numbers("wavelengths", wavelengths, "475,560,668,842")),
+            tuple(_numbers("scale", scale, "0.0001", zero=False)),
+            tuple(_numbers("offset", offset, "-0.1")),
+        )
+
+    @property
+    def count(self) -> int | None:
+        """How many bands are stated one by one."""
+        return max(map(len, (self.names, self.wavelengths)), default=0) or None
+
+    @property
+    def labels(self) -> bool:
+        """Whether names or wavelengths are stated."""
+        return bool(self.names or self.wavelengths)
+
+    def on(self, infos: Sequence[RasterInfo]) -> list[RasterInfo]:
+        """Put it on the bands of one or several files, in their order.
+
+        Raises
+        ------
+        InputError
+            The files have another number of bands.
+        """
+        if self == Stated():
+            return list(infos)
+        total = sum(info.count for info in infos)
+        path = ", ".join(info.paths[0] for info in infos)
+        _check_count("bands", self.names, total, path, f'"{example_names(total)}"; -b chooses bands')
+        _check_count("wavelengths", self.wavelengths, total, path, "475,560,...")
+        each = [
+            v * total if len(v) == 1 else _check_count(k, v, total, path, "N, one for all of them")
+            for k, v in (("scale", self.scales), ("offset", self.offsets))
+        ]
+        done, at = [], 0
+        for info in infos:
+            part = slice(at, at + info.count)
+            at += info.count
+            done.append(_put(info, self.names[part], self.wavelengths[part], each[0][part], each[1][part]))
+        return done
+
+
+def _put(
+    info: RasterInfo,
+    names: tuple[str, ...],
+    wavelengths: tuple[float, ...],
+    scales: tuple[float, ...],
+    offsets: tuple[float, ...],
+) -> RasterInfo:
+    tags = info.band_tags
+    if wavelengths:
+        tags = tuple(said_of_wavelength(t, w) for t, w in zip(tags, wavelengths, strict=True))
+    return replace(
+        info,
+        descriptions=names or info.descriptions,
+        band_tags=tags,
+        scales=scales or info.scales,
+        offsets=offsets or info.offsets,
+    )
+
+
+def _check_count(
+    option: str, values: tuple[float, ...] | tuple[str, ...], total: int, path: str, example: str
+) -> tuple[float, ...]:
+    if values and len(values) != total:
+        raise InputError(
+            f"--{option} gives {len(values)} and {path} has {total} band{'s' if total > 1 else ''}. Give one for each "
+            f"band, in the file's order: --{option} {example}."
+        )
+    return values  # type: ignore[return-value]  # names are only checked
+
+
+def _names(given: Names | None) -> tuple[str, ...]:
+    if given is None:
+        return ()
+    parts = given.split(",") if isinstance(given, str) else given
+    if not isinstance(parts, (list, tuple)) or not all(isinstance(p, str) for p in parts):
+        raise InputError(f'bands: want names such as "blue,green,red,nir" or a list of them, got {described(given)}.')
+    names = tuple(p.strip() for p in parts)
+    if not all(names):
+        raise InputError(f"--bands: name {names.index('') + 1} of {len(names)} is empty. Name every band.")
+    if all(re.fullmatch(r"\d{1,2}", n) for n in names):
+        raise InputError(
+            f"--bands {','.join(names)}: --bands gives bands their names, such as --bands "
+            f'"{example_names(len(names))}". To choose bands by number, use -b {",".join(names)}.'
+        )
+    twice = [n for i, n in enumerate(names) if n.casefold() in [m.casefold() for m in names[:i]]]
+    if twice:
+        raise InputError(f"--bands gives two bands the name {twice[0]!r}. Give each its own.")
+    return names
+
+
+def _numbers(option: str, given: Numbers | None, example: str, *, zero: bool = True) -> list[float]:
+    if given is None:
+        return []
+    parts: Sequence[object] = [given]
+    if isinstance(given, str):
+        parts = given.split(",")
+    elif isinstance(given, (list, tuple)):
+        parts = given
+    elif hasattr(given, "tolist"):  # an array
+        parts = given.tolist() if isinstance(given.tolist(), list) else [given.tolist()]
+    found = []
+    for part in parts:
+        value = math.nan
+        if isinstance(part, (str, numbers.Real)) and not isinstance(part, bool):
+            try:
+                value = float(part)
+            except ValueError:
+                value = math.nan
+        if not math.isfinite(value) or (value == 0 and not zero):
+            what = "numbers" if zero else "numbers other than 0"
+            raise InputError(f"--{option}: want {what} such as {example}, got {described(given)}.")
+        found.append(value)
+    return found
+
+
+def _nanometres(value: float) -> float:
+    found, _ = nanometres(value)
+    if found is None or not SPECTRAL_RANGE[0] <= found <= SPECTRAL_RANGE[1]:
+        low, high = SPECTRAL_RANGE
+        raise InputError(
+            f"--wavelengths: allowed is {low:g} to {high:g} nm (or 0.1 to {high / 1000:g} um), got {value:g}."
+        )
+    return found

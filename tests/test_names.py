@@ -1,0 +1,318 @@
+"""Names of bands as distributors give them, and what users state of bands: names, wavelengths, scale, sensors."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+
+from deglint import sensors
+from deglint.errors import BandError, DeglintError, InputError, ReadError
+from deglint.pipeline import Recipe, remove_glint
+from deglint.readers import find_nir, open_scene
+from deglint.readers.names import short_names, wavelength_in_name
+from deglint.readers.presets import match
+from deglint.scene import Band
+
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+
+
+def named(*names):
+    return [Band(n) for n in names]
+
+
+def at(scene):
+    return [b.wavelength for b in scene.bands]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("Blue-444", 444),
+        ("Red edge 705", 705),
+        ("green_530", 530),
+        ("SWIR 1610", 1610),
+        ("nir_2016", None),
+        ("blue 842", None),
+        ("band_2200", 2200),
+        ("2200", 2200),
+        ("2020", None),
+        ("T53_20160210_B02", None),
+    ],
+)
+def test_a_number_is_a_wavelength_where_it_agrees_with_the_colour(name, expected):
+    assert wavelength_in_name(name) == expected
+
+
+S2 = ("B02", "B03", "B04", "B08")
+
+
+@pytest.mark.parametrize(
+    ("names", "sensor", "expected"),
+    [
+        (("B2", "B3", "B4", "B8"), "sentinel2", S2),
+        (("SREFL_B8", "SREFL_B4"), "sentinel2", ("B08", "B04")),
+        (("band08", "band02"), "sentinel2", ("B08", "B02")),
+        (("nbart_blue", "nbart_nir_1", "nbart_nir_2", "nbart_swir_2"), "sentinel2", ("B02", "B08", "B8A", "B11")),
+        (("nbart_nir", "nbart_swir_2"), "landsat8", ("B5", "B7")),
+        (("nir08", "swir16", "blue"), "landsat8", ("B5", "B6", "B2")),
+        (("SR_B4", "SR_B1"), "landsat7", ("B4", "B1")),
+        (("red_edge", "Coastal_Blue"), "planetscope", ("rededge", "coastal_blue")),
+        (("Red edge-717", "Blue-444", "NIR"), "micasense10", ("Red edge", "Blue-444", "NIR")),
+        (("R", "RE", "NIR"), "mavic3m", ("Red", "RedEdge", "NIR")),
+        (("nir", "pan"), "worldview2", (None, None)),
+    ],
+)
+def test_names_of_distributors_find_the_bands_of_a_sensor(names, sensor, expected):
+    if not any(expected):
+        with pytest.raises(BandError, match=r"no band name fits, and 2 bands are not 4 or 8"):
+            match(named(*names), sensors.load(sensor))
+        return
+    found, how = match(named(*names), sensors.load(sensor))
+    assert how == "name"
+    assert tuple(b.name if b else None for b in found) == expected
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (("B2", "B3", "B4", "B8"), [492.4, 559.8, 664.6, 832.8]),
+        (("nbart_red_edge_1", "nbart_nir_1", "nbart_swir_3"), [704.1, 832.8, 2202.4]),
+        (("SR_B2", "SR_B5", "SR_B6"), [482, 865, 1608]),
+        (("SR_B2", "SR_B5"), [None, None]),
+        (("R", "G", "B", "NIR"), [660, 555, 485, 840]),
+        (("Blue-444", "Red edge 705", "rededge", "NIR"), [444, 705, 720, 840]),
+        (("Band 1", "Band 2", "Band 3"), [None, None, None]),
+    ],
+)
+def test_wavelengths_from_names_alone(tmp_path, write, names, expected):
+    path = write(tmp_path / "a.tif", np.zeros((len(names), 4, 5), np.uint16), names=names)
+    assert at(open_scene(path)) == expected
+
+
+@pytest.mark.parametrize(
+    ("stems", "expected"),
+    [
+        (["T53_20160210_B02_10m", "T53_20160210_B8A_20m"], ["B02", "B8A"]),
+        (["ortho_red", "ortho_near infrared"], ["red", "near infrared"]),
+        (["S2_blue_10m", "S2_green_10m"], ["blue", "green"]),
+        (["IMG_0192_1", "IMG_0192_2"], ["IMG_0192_1", "IMG_0192_2"]),
+        (["a", "a"], ["a", "a"]),
+        (["", "nir"], ["", "nir"]),
+    ],
+)
+def test_files_of_one_band_are_named_after_what_tells_them_apart(stems, expected):
+    assert short_names(stems) == expected
+
+
+@pytest.mark.parametrize(
+    ("sensor", "count", "last"),
+    [("sentinel2", 4, 832.8), ("sentinel2", 10, 2202.4), ("sentinel2", 12, 2202.4), ("sentinel2", 13, 2202.4),
+     ("planetscope", 4, 865), ("worldview3", 4, 832.5), ("worldview3", 8, 950), ("landsat8", 7, 2200)],
+)  # fmt: skip
+def test_bands_without_names_are_known_by_their_number(tmp_path, write, sensor, count, last):
+    path = write(tmp_path / "a.tif", np.zeros((count, 4, 5), np.uint16), names=())
+    scene = open_scene(path, sensor=sensor)
+    assert at(scene)[-1] == last
+    assert scene.names == tuple(b.name for b in sensors.load(sensor).product(count))
+    said = [n for n in scene.notes if "matched by" in n]
+    whole = count == len(sensors.load(sensor).bands)
+    assert len(said) == 1
+    assert ("is assumed to hold" in said[0]) != whole
+
+
+# what cannot be opened
+
+WHAT = [
+    (b"hello\n", "text file"), (b"", "is empty"), (b"<!DOCTYPE html><html>", "web page"),
+    (b"\x1f\x8b\x08", "/vsigzip/"),
+    (b"PK\x03\x04", "/vsizip/"),
+    (b"version https://git-lfs", "git lfs pull"), (b"\0" * 600, "zeros"),
+    (b"ENVI\nsamples = 3\n", "image beside it"), (b"\x7fELF\x02\x01\x01\0", "no format that is known"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("head", "says"), WHAT)
+def test_what_is_no_raster_is_named_for_what_it_is_and_not_called_truncated(tmp_path, head, says):
+    (tmp_path / "a.tif").write_bytes(head)
+    with pytest.raises(ReadError, match=f"is not a raster GDAL can read: it .*{says}") as caught:
+        open_scene(tmp_path / "a.tif")
+    assert "truncated" not in str(caught.value)
+
+
+def test_an_output_that_is_forgotten_is_asked_for(deglint, rxdetect, tmp_path, write, sea):
+    path = write(tmp_path / "a.tif", sea())
+    for program, name in ((deglint, "remove"), (rxdetect, "score")):
+        ran = program(name, path)
+        assert ran.code == 2
+        assert "OUT is missing" in ran.err
+        assert f"{name} {path} {path[:-4]}_out.tif" in ran.err
+
+
+# what users state
+
+
+def test_bands_and_wavelengths_name_a_file_without_metadata(tmp_path, write, sea):
+    path = write(tmp_path / "a.tif", sea(), names=())
+    with pytest.raises(BandError, match=r'such as --bands "blue,green,red,nir", or say --wavelengths 475,560,668,842'):
+        find_nir(open_scene(path))
+    named = open_scene(path, bands="blue,green,red,nir")
+    assert named.names == ("blue", "green", "red", "nir")
+    assert find_nir(named) == (3,)
+    assert at(open_scene(path, wavelengths=[0.475, 560, 668, 842])) == [475, 560, 668, 842]
+    both = open_scene(path, bands=["a", "b", "c", "d"], wavelengths="475,560,668,842")
+    assert both.names == ("a", "b", "c", "d")
+    assert find_nir(both) == (3,)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6, 7, 8, 10, 13])
+def test_the_message_that_no_band_is_named_is_followed_to_a_result(deglint, tmp_path, write, count):
+    import re
+
+    path = write(tmp_path / "a.tif", np.ones((count, 20, 20), np.uint16), names=())
+    said = deglint("info", path).out
+    (names,) = re.findall(r'--bands ("[^"]*")', said)
+    assert names.count(",") == count - 1
+    scene = open_scene(path, bands=names.strip('"'))
+    assert find_nir(scene)
+    assert deglint("info", path, "--bands", names.strip('"')).code == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"bands": "blue,nir"}, r'--bands gives 2 and .*a\.tif has 4 bands.*--bands "blue,green,red,nir"; -b chooses'),
+        ({"bands": "1,2,3,4"}, r"use -b 1,2,3,4"),
+        ({"bands": "a,b,a,d"}, r"two bands the name 'a'"),
+        ({"bands": "a,,c,d"}, r"name 2 of 4 is empty"),
+        ({"bands": 4}, r"bands: want names such as .*got 4"),
+        ({"wavelengths": "475,560,blue,842"}, r"--wavelengths: want numbers such as 475,560,668,842, got "),
+        ({"wavelengths": [475, 560, 668, 90]}, r"allowed is 100 to 20000 nm .*got 90"),
+        ({"wavelengths": (475, 560)}, r"--wavelengths gives 2 and "),
+        ({"scale": 0}, r"--scale: want numbers other than 0 such as 0\.0001, got 0"),
+        ({"scale": True}, r"--scale: want"),
+        ({"offset": [1, 2, 3]}, r"--offset gives 3 and .*--offset N, one for all"),
+        ({"offset": "nan"}, r"--offset: want numbers"),
+        ({"nodata": "none at all"}, r"nodata: want a number"),
+        ({"sensor": 3}, r"sensor: want the name of a preset or of a file that ends in \.toml, got 3"),
+        ({"grid": 1.5}, r"grid: want 'finest', or a file by its number \(from 1\) or name"),
+        ({"nir": 4.0}, r"want a band by name or by number \(from 1\)"),
+    ],
+)
+def test_wrong_values_are_named_in_one_line(tmp_path, write, options, says):
+    path = write(tmp_path / "a.tif", np.zeros((4, 4, 5), np.uint16), names=())
+    with pytest.raises(DeglintError, match=says) as caught:
+        open_scene(path, **options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("path", [None, 3, b"a.tif", np.zeros((2, 2)), ["a.tif", 3]])
+def test_what_is_no_name_of_a_file_is_said_so(path):
+    with pytest.raises(InputError, match="path: want a file name, got "):
+        open_scene(path)
+
+
+def test_a_fourth_band_that_gdal_takes_for_alpha_is_the_nir_where_bands_are_named(tmp_path, write):
+    array = np.full((4, 4, 5), 9, np.uint8)
+    path = write(tmp_path / "a.tif", array, names=(), photometric="rgb", alpha="yes")
+    plain = open_scene(path)
+    assert len(plain.bands) == 3
+    assert any('--bands "red,green,blue,nir"' in n for n in plain.notes)
+    with pytest.raises(BandError, match=r'no band beyond 700 nm.*taken for alpha.*--bands "red,green,blue,nir"'):
+        find_nir(plain)
+    assert find_nir(open_scene(path, bands="red,green,blue,nir")) == (3,)
+
+
+def test_scale_and_offset_win_over_the_file_and_the_output_says_them(tmp_path, write, sea, read):
+    def declare(dataset):
+        dataset.scales, dataset.offsets = (0.5,) * 4, (7.0,) * 4
+
+    path = write(tmp_path / "a.tif", sea(), describe=declare)
+    scene = open_scene(path, scale=1e-4, offset=(-0.1, -0.1, -0.1, 0))
+    raw = read(path)
+    np.testing.assert_allclose(scene.read()[0], raw[0] * 1e-4 - 0.1, atol=1e-7)
+    np.testing.assert_allclose(scene.read()[3], raw[3] * 1e-4, atol=1e-7)
+    out = tmp_path / "out.tif"
+    remove_glint(path, out, Recipe(method="hedley", sample="all", mask="none"), scale="1e-4", offset=-0.1)
+    with rasterio.open(out) as dataset:
+        assert dataset.scales == (1e-4,) * 4
+        assert dataset.offsets == (-0.1,) * 4
+        np.testing.assert_array_equal(dataset.read(4), raw[3])
+
+
+# a sensor of one's own
+
+CAMERA = """
+[mycam]
+title = "My camera"
+bands = [
+  { name = "deep", wavelength = 450, width = 30, time_offset = 0.0 },
+  { name = "lime", aliases = ["L"], wavelength = 550, time_offset = 0.1 },
+  { name = "far", wavelength = 860, time_offset = 0.2 },
+]
+products = [["lime", "far"]]
+optics = { f_number = 4, pixel_pitch = 5 }
+"""
+
+
+def test_a_sensor_of_ones_own(tmp_path, write):
+    from deglint.readers.optics import optics_of
+
+    toml = tmp_path / "cam.toml"
+    toml.write_text(CAMERA)
+    scene = open_scene(write(tmp_path / "a.tif", np.zeros((3, 4, 5), np.uint16), names=()), sensor=toml)
+    assert scene.names == ("deep", "lime", "far")
+    assert [b.time_offset for b in scene.bands] == [0, 0.1, 0.2]
+    assert optics_of(scene).f_number == 4
+    two = open_scene(write(tmp_path / "b.tif", np.zeros((2, 4, 5), np.uint16), names=()), sensor=str(toml))
+    assert at(two) == [550, 860]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("wavelength = 550", "wavelenght = 550", r"bands, entry 2: 'wavelenght' is not one of name, wavelength, width"),
+        ("wavelength = 550, ", "", r"bands, entry 2: wavelength is missing; needed are name, wavelength"),
+        ("wavelength = 550", 'wavelength = "550"', r"bands, entry 2: wavelength: want a number, got '550'"),
+        ("wavelength = 550", "wavelength = 0.55", r"wavelength: allowed is 300 to 20000 nm, got 0\.55"),
+        ('["L"]', '["Deep"]', r"bands deep and lime both answer to 'deep'"),
+        ('"lime", "far"]', '"lime", "near"]', r"products: want lists of deep, lime, far"),
+        ("f_number", "fnumber", r"\[mycam\] optics: 'fnumber' is not one of aperture, focal_length"),
+        ("[mycam]", "", r"want one table, such as \[mycamera\]"),
+        ("title = ", "title : ", "is not TOML"),
+    ],
+)
+def test_a_sensor_file_with_a_mistake_names_key_and_what_is_allowed(tmp_path, write, old, new, says):
+    toml = tmp_path / "cam.toml"
+    assert old in CAMERA
+    toml.write_text(CAMERA.replace(old, new, 1))
+    path = write(tmp_path / "a.tif", np.zeros((3, 4, 5), np.uint16), names=())
+    with pytest.raises(InputError, match=says) as caught:
+        open_scene(path, sensor=str(toml))
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ReadError, match=r"no such file: none\.toml"):
+        open_scene(path, sensor="none.toml")
+
+
+# beside the project
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared scenes are not beside the project")
+def test_shared_four_bands_without_names(deglint):
+    path = SHARED / "real" / "sdb" / "image.tif"
+    assert '--bands "blue,green,red,nir"' in deglint("info", path).out
+    found = json.loads(deglint("info", path, "--bands", "blue,green,red,nir", "--json").out)
+    assert found["nir"] == ["nir"]
+    assert found["r2"]["blue"] > 0.1
+    assert at(open_scene(path, sensor="sentinel2")) == [492.4, 559.8, 664.6, 832.8]
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared scenes are not beside the project")
+def test_shared_ten_bands_are_named_as_the_cameras_name_them():
+    scene = open_scene(SHARED / "real" / "micasense" / "aligned_0192.tif")
+    assert at(scene)[5:] == [444, 531, 650, 705, 740]
+    assert find_nir(scene) == (3,)
+    assert None not in [b.width for b in open_scene(scene.path, sensor="micasense10").bands]

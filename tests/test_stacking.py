@@ -1,0 +1,164 @@
+"""What went in comes out: files of one band, and STAC Items, become scenes that every next command knows."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+
+from deglint.errors import InputError
+from deglint.pipeline import Recipe, remove_glint
+from deglint.readers import find_nir, open_scene
+from deglint.readers.scenes import list_scenes
+
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+CODES = ("B02", "B03", "B04", "B08")
+RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+
+
+@pytest.fixture
+def files(tmp_path, write, sea):
+    """Four files of one band without names, each with its wavelength in its own tags and a unit."""
+    made = []
+    for code, band, wavelength in zip(CODES, sea(), (492, 560, 665, 833), strict=True):
+
+        def describe(dataset, wavelength=wavelength):
+            dataset.update_tags(WAVELENGTH=f"{wavelength} nm", FULL_SCALE=f"{wavelength}")
+            dataset.units = ("DN",)
+
+        made.append(write(tmp_path / f"T31_2020_{code}_10m.tif", band[None], names=(), describe=describe))
+    return made
+
+
+def said_of(path):
+    with rasterio.open(path) as dataset:
+        tags = [dataset.tags(i) for i in dataset.indexes]
+        return dataset.descriptions, [t.get("wavelength_nm") for t in tags], dataset.units
+
+
+def test_stacked_files_say_names_wavelengths_and_units(deglint, files, tmp_path):
+    out = tmp_path / "out.tif"
+    scene = open_scene(files)
+    assert [b.saturation for b in scene.bands] == [492, 560, 665, 833]
+    ran = deglint("remove", *files, out, *RUN)
+    assert ran.code == 0, ran.err
+    assert said_of(out) == (CODES, ["492", "560", "665", "833"], ("DN",) * 4)
+    known = json.loads(deglint("info", out, "--json").out)
+    assert [b["wavelength"] for b in known["bands"]] == [492, 560, 665, 833]
+    assert known["nir"] == ["B08"]
+
+
+@pytest.mark.parametrize("option", [("-b", "B02"), ("--mask", "water"), ("--method", "residual", "--nir", "B08")])
+def test_the_next_command_knows_the_bands_of_a_stack(rxdetect, files, tmp_path, option):
+    remove_glint(files, tmp_path / "out.tif", Recipe(method="hedley", sample="all", mask="none"))
+    ran = rxdetect("score", tmp_path / "out.tif", tmp_path / "scores.tif", *option)
+    assert ran.code == 0, ran.err
+
+
+def test_a_stack_says_its_bands_where_nothing_is_corrected_too(deglint, write, sea, tmp_path):
+    path = write(tmp_path / "a.tif", sea(512, 512), names=(), tiled=True, blockxsize=256, blockysize=256)
+    out = tmp_path / "out.tif"
+    ran = deglint("remove", path, out, "--bands", "blue,green,red,nir", "--wavelengths", "475,560,668,842", *RUN)
+    assert ran.code == 0, ran.err
+    assert said_of(out)[:2] == (("blue", "green", "red", "nir"), ["475", "560", "668", "842"])
+    from deglint.raster.output import Layout, copied_whole
+    from deglint.raster.scratch import Scratch
+
+    scene = open_scene(path, bands="a,b,c,d")
+    layout = Layout(scene.source.info, (0, 1, 2, 3), "uint16")
+    with Scratch() as scratch:
+        assert not copied_whole(scratch, layout, tmp_path / "copy.tif")
+
+
+def test_a_batch_of_stacks_names_them(deglint, files, tmp_path):
+    (tmp_path / "r.toml").write_text(
+        '[recipe]\nmethod = "hedley"\nsample = "all"\nmask = "none"\n[input]\nbands = "blue,green,red,nir"\n'
+        "wavelengths = [475, 560, 668, 842]\nscale = 1e-4\noffset = [0, 0, 0, -0.1]\n"
+        f'[output]\ndirectory = "{tmp_path}/out"\n'
+    )
+    (tmp_path / "list.csv").write_text(f"name,path\none,{';'.join(files)}\n")
+    ran = deglint("batch", tmp_path / "r.toml", tmp_path / "list.csv", "-q")
+    assert ran.code == 0, ran.err + ran.out
+    out = tmp_path / "out" / "one_deglinted.tif"
+    assert said_of(out)[:2] == (("blue", "green", "red", "nir"), ["475", "560", "668", "842"])
+    with rasterio.open(out) as dataset:
+        assert (dataset.scales, dataset.offsets) == ((1e-4,) * 4, (0, 0, 0, -0.1))
+
+
+# STAC
+
+
+def item_of(files, *, new=False, **properties):
+    """An Item as catalogues have it: bands in files of their own, a picture, and a band in two formats."""
+    assets = {"visual": {"href": "v.tif", "type": "image/tiff", "roles": ["visual"], "eo:bands": [{"name": "red"}] * 3}}
+    for key, path, common, wave in zip(
+        ("b2", "b3", "b4", "b8"), files, ("blue", "green", "red", "nir"), (0.49, 0.56, 0.665, 0.842), strict=True
+    ):
+        eo = {"name": key.upper(), "common_name": common, "center_wavelength": wave, "full_width_half_max": 0.03}
+        raster = {"scale": 0.0001, "offset": -0.1, "nodata": 7, "unit": "1"}
+        if new:
+            said = {"bands": [{k if k == "name" else f"eo:{k}": v for k, v in eo.items()}]}
+            said |= {"raster:scale": 0.0001, "raster:offset": -0.1, "nodata": 7, "unit": "1"}
+        else:
+            said = {"eo:bands": [eo], "raster:bands": [raster]}
+        assets[f"{key}-jp2"] = {"href": "s3://x/y.jp2", "type": "image/jp2", "roles": ["data"], **said}
+        assets[key] = {"href": Path(path).name, "type": "image/tiff; application=geotiff", "roles": ["data"], **said}
+    facts = {"platform": "sentinel-2b", "datetime": "2020-01-01T00:00:00Z", **properties}
+    return {"type": "Feature", "stac_version": "1.0.0", "id": "tile 7", "assets": assets, "properties": facts}
+
+
+@pytest.mark.parametrize("new", [False, True])
+def test_a_stac_item_is_a_scene(deglint, files, tmp_path, new):
+    (tmp_path / "item.json").write_text(json.dumps(item_of(files, new=new)))
+    scene = open_scene(tmp_path / "item.json")
+    assert scene.names == ("B2", "B3", "B4", "B8")
+    assert scene.sensor == "sentinel2"
+    assert find_nir(scene) == (3,)
+    info = scene.source.info
+    assert (info.scales, info.offsets, info.nodatas) == ((1e-4,) * 4, (-0.1,) * 4, (7,) * 4)
+    with rasterio.open(files[0]) as dataset:
+        np.testing.assert_allclose(scene.read()[0], dataset.read(1) * 1e-4 - 0.1, atol=1e-6)
+    out = tmp_path / "out.tif"
+    ran = deglint("remove", tmp_path / "item.json", out, *RUN)
+    assert ran.code == 0, ran.err
+    assert said_of(out)[0] == ("B2", "B3", "B4", "B8")
+    assert json.loads(deglint("info", out, "--json").out)["sensor"] == "sentinel2"
+    ran = deglint("info", tmp_path / "item.json", "-vv")
+    assert ran.code == 0, ran.err
+
+
+def test_an_offset_that_was_applied_is_not_applied_again(files, tmp_path):
+    (tmp_path / "item.json").write_text(json.dumps(item_of(files, **{"earthsearch:boa_offset_applied": True})))
+    assert open_scene(tmp_path / "item.json").source.info.offsets == (0,) * 4
+
+
+def test_items_of_a_collection_are_scenes_of_a_batch(deglint, files, tmp_path):
+    items = [item_of(files) | {"id": name} for name in ("one", "two")]
+    collection = tmp_path / "items.json"
+    collection.write_text(json.dumps({"type": "FeatureCollection", "features": items}))
+    with pytest.raises(InputError, match=r"holds 2 STAC Items\. Name one as .*items\.json#ID; there are one, two"):
+        open_scene(collection)
+    assert open_scene(f"{collection}#two").names == ("B2", "B3", "B4", "B8")
+    assert open_scene(f"{collection}#two#b8,b2").names == ("B8", "B2")
+    assert [s.paths for s in list_scenes([str(collection)])] == [tuple(files)] * 2
+    (tmp_path / "r.toml").write_text(
+        f'[recipe]\nmethod = "hedley"\nsample = "all"\nmask = "none"\n[output]\ndirectory = "{tmp_path}/out"\n'
+    )
+    ran = deglint("batch", tmp_path / "r.toml", collection, "-q")
+    assert ran.code == 0, ran.err + ran.out
+    assert said_of(tmp_path / "out" / "one_deglinted.tif")[0] == ("B2", "B3", "B4", "B8")
+    assert "finished before" in deglint("batch", tmp_path / "r.toml", collection, "-q").out
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared scenes are not beside the project")
+def test_shared_files_of_one_band(deglint, tmp_path):
+    files = [SHARED / "real" / "cartagena" / f"{code}.tiff" for code in (*CODES, "B11")]
+    scene = open_scene(files)
+    assert scene.names == (*CODES, "B11")
+    assert [b.wavelength for b in scene.bands] == [492.4, 559.8, 664.6, 832.8, 1613.7]
+    out = tmp_path / "out.tif"
+    assert deglint("remove", *files, out, *RUN, "--compensate", "off").code == 0
+    assert said_of(out)[0] == (*CODES, "B11")
+    assert find_nir(open_scene(out)) == (3,)
