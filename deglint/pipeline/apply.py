@@ -38,6 +38,7 @@ from .saved import saved
 from .sidecar import sidecar
 from .tally import Tally
 from .uncertain import with_stderr
+from .undeclared import settled
 
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
 """Types that an output may be given."""
@@ -130,7 +131,7 @@ def remove_glint(
     model: GlintModel | None = None,
     chain: Chain | None = None,
     sensor: str | None = None,
-    nodata: float | None = None,
+    nodata: float | str | None = None,
     grid: str | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -194,7 +195,7 @@ def remove_glint(
         reads: Reads = {"the input": given, **{k: [v] for k, v in named.items()}, "an input": targets.reads}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_image(targets.image)
-        scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
+        scene = settled(open_scene(source, sensor=sensor, nodata=nodata, grid=grid))
         with raster_of(scene):
             check_unread(targets.every(), {"the input": set(raster_of(scene).info.paths) - set(map(str, given))})
             return _run(
@@ -329,6 +330,7 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     check_kind(fitted, Fitted, "fitted", "Make it with deglint.fit_scene.")
+    scene = fitted.undeclared.on(scene)
     try:
         (top, bottom), (left, right) = window or ((0, scene.height), (0, scene.width))
     except (TypeError, ValueError):
