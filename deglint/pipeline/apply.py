@@ -40,6 +40,7 @@ from .saved import saved
 from .sidecar import sidecar
 from .tally import Tally
 from .uncertain import with_stderr
+from .undeclared import settled
 
 CHAIN_COPIES = 3
 """How many times the memory of a tile a chain takes, against removal alone."""
@@ -55,7 +56,7 @@ def remove_glint(
     model: GlintModel | None = None,
     chain: Chain | None = None,
     sensor: str | Path | None = None,
-    nodata: float | None = None,
+    nodata: float | str | None = None,
     grid: str | int | None = None,
     bands: Names | None = None,
     wavelengths: Numbers | None = None,
@@ -130,6 +131,7 @@ def remove_glint(
             source, sensor=sensor, nodata=nodata, grid=grid, bands=bands, wavelengths=wavelengths, scale=scale,
             offset=offset,
         )  # fmt: skip
+        scene = settled(scene)
         with raster_of(scene):
             return _run(
                 scene, checksum, recipe, targets, model, chain, threads or tiling.default_threads(),
@@ -263,6 +265,7 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     check_kind(fitted, Fitted, "fitted", "Make it with deglint.fit_scene.")
+    scene = fitted.undeclared.on(scene)
     try:
         (top, bottom), (left, right) = window or ((0, scene.height), (0, scene.width))
     except (TypeError, ValueError):

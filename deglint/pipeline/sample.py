@@ -12,7 +12,7 @@ import numpy.typing as npt
 from .. import tiles as tiling
 from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
-from ..readers.areas import Area, open_area
+from ..readers.areas import open_area
 from ..remove import SampleTile
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
@@ -91,7 +91,7 @@ def _auto_sampler(scene: Scene, look: Look, threads: int, clean: Sequence[FloatA
     return Sampler(look.tiles, mask, bands, rule.halo, pixels, numbers)
 
 
-def sample_reader(scene: Scene, look: Look, sampler: Sampler | None, area: Area | None) -> Callable[[Tile], SampleTile]:
+def sample_reader(scene: Scene, look: Look, sampler: Sampler | None) -> Callable[[Tile], SampleTile]:
     """What reads a tile with all bands and its open water, for methods that look at neighbours.
 
     Parameters
@@ -100,10 +100,8 @@ def sample_reader(scene: Scene, look: Look, sampler: Sampler | None, area: Area 
     look : Look
     sampler : Sampler, optional
         The sample that the user named; all open water by default.
-    area : Area, optional
-        What the user said is to be corrected, in place of the water.
     """
-    rule = look.water if area is None else None
+    rule = look.water if sampler is None else None
     halo, every = 0 if rule is None else rule.halo, list(range(len(scene.bands)))
 
     def work(tile: Tile) -> SampleTile:
@@ -112,15 +110,13 @@ def sample_reader(scene: Scene, look: Look, sampler: Sampler | None, area: Area 
         wide = scene.source.read(outer.window, every)
         block = np.ascontiguousarray(wide[(slice(None), *inner)])
         if sampler is not None:
-            named = sampler.mask(block, every, tile)
-            return SampleTile(block, named, named, origin)
-        if area is not None:
-            found = area.read(tile.window)
+            found = np.ascontiguousarray(sampler.mask(block, every, tile))
         elif rule is None:
             found = np.ones(tile.shape, np.bool_)
         else:
             found = np.ascontiguousarray(water([wide[b] for b in role_bands(look.roles)], rule)[inner])
-        return SampleTile(block, found, away_from_shore(found), origin)
+        away = away_from_shore(found)
+        return SampleTile(block, found, away if away.any() else found, origin)
 
     return work
 

@@ -37,7 +37,7 @@ def open_scene(
     *,
     sensor: Path | None = None,
     nir: Wanted | None = None,
-    nodata: float | None = None,
+    nodata: float | str | None = None,
     grid: str | int | None = None,
     bands: Names | None = None,
     wavelengths: Numbers | None = None,
@@ -57,8 +57,8 @@ def open_scene(
         in what the file does not say of its bands. By default the one that a tag of the file names, if it fits.
     nir : str, int or sequence, optional
         Near-infrared band(s), only checked and noted here; see `find_nir`.
-    nodata : float, optional
-        Number (or NaN) that says "not valid", in place of what the files declare.
+    nodata : float or "none", optional
+        Number (or NaN) that says "not valid", in place of what the files declare; "none": every number is data.
     grid : str or int, optional
         Whose grid to use: "finest" (the default), or a file by 1-based number or name.
     bands : str or sequence of str, optional
@@ -89,8 +89,8 @@ def open_scene(
     (6,)
     """
     paths = [as_path(p, "path") for p in (path if isinstance(path, (list, tuple)) else [path])]
-    if nodata is not None and nodata == nodata:  # NaN is allowed
-        check_number(nodata, -math.inf, math.inf, "nodata")
+    if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
+        check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
     if not paths:
         raise InputError("want at least one file to open, got none")
     _check_kinds(sensor, grid)
@@ -173,13 +173,15 @@ def _colours(info: RasterInfo) -> list[str]:
     return [*(info.colorinterp if named else [f"b{i}" for i in range(1, info.count + 1)]), "nir"]
 
 
-def with_nodata(info: RasterInfo, nodata: float | None, notes: list[str]) -> RasterInfo:
+def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) -> RasterInfo:
     """The nodata of each band: the caller's, else the file's where its type can hold it."""
+    if isinstance(nodata, str):
+        return replace(info, nodatas=(None,) * info.count, nodata_given=True)
     if nodata is not None:
         for dtype in info.dtypes:
             if not _holds(dtype, nodata):
                 raise InputError(f"nodata: allowed is {_range(dtype)} for {dtype}, got {nodata:g}")
-        return replace(info, nodatas=(float(nodata),) * info.count)
+        return replace(info, nodatas=(float(nodata),) * info.count, nodata_given=True)
     kept = []
     for i, (declared, dtype) in enumerate(zip(info.nodatas, info.dtypes, strict=True), start=1):
         usable = declared is None or _holds(dtype, declared)

@@ -22,6 +22,7 @@ from deglint.pipeline.checksum import Checksum
 from deglint.pipeline.cluster import Cluster, writing_images
 from deglint.pipeline.log import log_scene
 from deglint.pipeline.look import core_of, raster_of
+from deglint.pipeline.undeclared import settled
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text
@@ -145,7 +146,7 @@ def score_file(
     recipe: Recipe | None = None,
     *,
     sensor: str | Path | None = None,
-    nodata: float | None = None,
+    nodata: float | str | None = None,
     bands: Names | None = None,
     wavelengths: Numbers | None = None,
     scale: Numbers | None = None,
@@ -208,6 +209,7 @@ def score_file(
         scene = open_scene(
             source, sensor=sensor, nodata=nodata, bands=bands, wavelengths=wavelengths, scale=scale, offset=offset
         )
+        scene = settled(scene)
         with raster_of(scene):
             return _run(scene, checksum, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
 
