@@ -38,15 +38,16 @@ def log_scene(scene: Scene) -> None:
     if len(times) > 1:
         source = f"known for {scene.sensor}" if scene.sensor else "read from file"
         log.info("band delays %s: up to %.0f ms", source, 1e3 * (max(times) - min(times)))
-    if scene.product is None:
-        why(scene.notes)
-    for line in scene.notes if scene.product else ():  # what a product gives and lacks is not for -v alone
-        log.info("  %s", line)
+    for line in scene.notes:  # what a product gives and lacks, and what was assumed, is not for -v alone
+        log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
 
 
 def log_nir(scene: Scene, bands: Sequence[int], notes: Sequence[str]) -> None:
     """Which bands show the glint."""
     log.info("NIR: %s", ", ".join(_band(scene, b) for b in bands))
+    for doubt in (n.partition("; warning: ")[2] for n in notes):
+        if doubt:
+            log.warning("%s", doubt)
     why(notes)
 
 

@@ -110,7 +110,7 @@ def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
             "too, and are taken for glint"
         )
     if unknown:
-        said += f"; the wavelength of {', '.join(unknown)} is not known, and is taken to be near infrared"
+        said += f"; warning: the wavelength of {', '.join(unknown)} is not known, and is taken to be near infrared"
     return said
 
 
