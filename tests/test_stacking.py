@@ -128,6 +128,18 @@ def test_a_stac_item_is_a_scene(deglint, files, tmp_path, new):
     assert ran.code == 0, ran.err
 
 
+def test_neither_an_item_nor_its_bands_are_written_over(deglint, files, tmp_path):
+    item = tmp_path / "item.json"
+    item.write_text(json.dumps(item_of(files)))
+    for target in (*files, tmp_path / "item.tif"):
+        (tmp_path / "item.tif.json").unlink(missing_ok=True)
+        Path(target).exists() or (tmp_path / "item.tif.json").symlink_to(item)
+        before = [Path(f).read_bytes() for f in (*files, item)]
+        ran = deglint("remove", item, target, "--overwrite", *RUN)
+        assert ran.code == 1, ran.err
+        assert [Path(f).read_bytes() for f in (*files, item)] == before
+
+
 def test_an_offset_that_was_applied_is_not_applied_again(files, tmp_path):
     (tmp_path / "item.json").write_text(json.dumps(item_of(files, **{"earthsearch:boa_offset_applied": True})))
     assert open_scene(tmp_path / "item.json").source.info.offsets == (0,) * 4

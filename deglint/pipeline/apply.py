@@ -107,7 +107,7 @@ def remove_glint(
     >>> remove_glint("scene.tif", "clean.tif", Recipe(method="hedley"))  # doctest: +SKIP
     """
     from ..readers import open_scene
-    from ..readers.products import files_of
+    from ..readers.stac import files_of
 
     if "model_file" in outputs:
         outputs["model"] = outputs.pop("model_file")

@@ -14,8 +14,8 @@ from typing import Any
 from ..errors import DeglintError, InputError
 from ..raster.environment import environment
 from ..raster.targets import check_unread
-from ..readers.products import files_of
 from ..readers.scenes import ListedScene
+from ..readers.stac import files_of
 from ..readers.text import read_json
 from .checksum import are_as, is_as
 from .order import EXTRAS, Order
@@ -98,7 +98,7 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = 
             )
     there = [p for job in jobs for p in job.every() if p.exists()]  # what is not there yet can be no file that is read
     if there:
-        scenes_files = [p for job in jobs for name in job.scene.paths for p in (name, *files_of(name))]
+        scenes_files = [p for job in jobs for name in job.scene.source for p in (name, *files_of(name))]
         named = [order.recipe.sample, order.recipe.mask, order.sensor or "", *reads]
         with environment():
             check_unread(there, {"a scene": scenes_files, "an input": named})
@@ -122,7 +122,7 @@ def state_of(job: Job, request: str) -> tuple[str, str]:
     if batch.get("request") != request:
         return FAILED, f"{job.image} was made by another recipe"
     with environment():
-        same = are_as([p for name in job.scene.paths for p in files_of(name)], inputs)
+        same = are_as([p for name in job.scene.source for p in files_of(name)], inputs)
     if not same:
         return FAILED, f"{job.image} was made of another state of the scene"
     if len(there) < len(job.every()):

@@ -97,7 +97,7 @@ def open_scene(
     sensor = None if sensor is None else os.fspath(sensor)
     stated = Stated.of(bands, wavelengths, scale, offset)
     notes: list[str] = []
-    assets = [a for p in paths for a in (stac.assets_of(p) if _is_item(p) else [stac.Asset(p)])]
+    assets = [a for p in paths for a in (stac.assets_of(p) if stac.is_item(p) else [stac.Asset(p)])]
     alone = stated.count if len(assets) == 1 else None
     opened = [_opened(a, lambda name: _describe(name, sensor, nir, notes, alone)) for a in assets]
     notes += products.notes_of(opened)
@@ -122,11 +122,6 @@ def open_scene(
         footprints=products.footprints(opened, reference),
     )
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
-
-
-def _is_item(path: str) -> bool:
-    """Whether a name is that of a STAC Item, and not of a product's metadata."""
-    return stac.is_named(path) and products.name_of(path) is None
 
 
 def _opened(asset: stac.Asset, describe_one: Callable[[str], RasterInfo]) -> products.Opened:

@@ -10,12 +10,14 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urljoin
 
-from ..errors import InputError, ReadError
+from ..errors import DeglintError, InputError, ReadError
 from ..raster import RasterInfo
+from . import products
 from .names import nominal_wavelength
 from .spectral import nanometres, said_of_wavelength
 from .text import MOST_BYTES, read_json
@@ -90,15 +92,30 @@ def assets_of(name: str) -> list[Asset]:
     return bands_of_item(items[0], path, keys)
 
 
-def is_named(name: str) -> bool:
-    """Whether a name may be that of an Item."""
-    return _NAME.fullmatch(name) is not None
+def is_item(name: str) -> bool:
+    """Whether a name is that of a STAC Item, and not of a product's metadata."""
+    return _NAME.fullmatch(name) is not None and products.name_of(name) is None
+
+
+def files_of(name: str) -> tuple[str, ...]:
+    """GDAL names of the files that a name stands for: a STAC Item and its bands, those of a product, else itself."""
+    if not is_item(name):
+        return products.files_of(name)
+    try:
+        assets = assets_of(name)
+    except DeglintError:  # said where it is opened
+        return (name,)
+    found = [file for asset in assets for file in products.files_of(asset.path)]
+    return (name.partition("#")[0], *found) if assets != [Asset(name)] else (name,)
 
 
 def read_document(path: str) -> Mapping[str, Any]:
     """The JSON object in a file or at a URL."""
-    if not re.match(r"https?://", path, re.IGNORECASE):
-        return read_json(path, "STAC")
+    return _fetched(path) if re.match(r"https?://", path, re.IGNORECASE) else read_json(path, "STAC")
+
+
+@lru_cache(maxsize=16)  # an Item is asked for its files, and then opened
+def _fetched(path: str) -> Mapping[str, Any]:
     from urllib.error import URLError
     from urllib.request import Request, urlopen
 

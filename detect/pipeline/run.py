@@ -191,7 +191,7 @@ def score_file(
     >>> score_file("clean.tif", "scores.tif", Recipe(method="local", window=(5, 21)))  # doctest: +SKIP
     """
     from deglint.readers import open_scene
-    from deglint.readers.products import files_of
+    from deglint.readers.stac import files_of
 
     recipe = recipe or Recipe()
     files = ("p_value", "flags", "objects", "background")
