@@ -28,6 +28,7 @@ from .pipeline.apply import given_model, marking
 from .pipeline.chunks import Nothing, over_tiles
 from .pipeline.correct import Correction
 from .pipeline.outputs import DTYPES
+from .pipeline.undeclared import settled
 from .raster.output import Layout
 from .readers.areas import open_area
 from .readers.arrays import open_array
@@ -43,7 +44,7 @@ def fit(
     recipe: Recipe | str = "auto",
     *,
     sensor: str | None = None,
-    nodata: float | None = None,
+    nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Fitted:
     """Fit a recipe to a DataArray; of a lazy one, what the sample needs is computed now.
@@ -83,7 +84,7 @@ def apply(
     chain: Chain | None = None,
     dtype: str | None = None,
     sensor: str | None = None,
-    nodata: float | None = None,
+    nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Any:
     """Correct a DataArray with what was fitted; of a lazy one nothing is computed.
@@ -115,12 +116,16 @@ def apply(
     need_xarray()
     opened = open_array(array, sensor=sensor, nodata=nodata)
     if isinstance(fitted, GlintModel):
+        if mask == "auto":  # else nothing is computed yet
+            opened = replace(opened, scene=settled(opened.scene))
         fitted = given_model(opened.scene, Recipe(mask=mask), fitted, threads or default_threads(), chain)
     elif opened.scene.names != fitted.model.band_names[: len(opened.scene.bands)]:
         raise InputError(
             f"fitted to bands {', '.join(fitted.model.band_names)}; the array has {', '.join(opened.scene.names)}. "
             "Pass fitted.model (and chain=fitted.chain) to use it on another scene."
         )
+    else:
+        opened = replace(opened, scene=fitted.undeclared.on(opened.scene))
     work = _correction(opened.scene, fitted, dtype)
     every = (len(opened.scene.bands), np.dtype(work.layout.dtype))
     return opened.like(over_tiles(opened, partial(_corrected, work), work.reach, every, threads=threads))
@@ -133,7 +138,7 @@ def remove(
     *,
     dtype: str | None = None,
     sensor: str | None = None,
-    nodata: float | None = None,
+    nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Any:
     """Fit a recipe to a DataArray and correct it: `fit`, then `apply`.

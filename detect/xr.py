@@ -17,6 +17,7 @@ import numpy.typing as npt
 from deglint.checks import checked_keywords
 from deglint.errors import InputError
 from deglint.pipeline.chunks import over_tiles
+from deglint.pipeline.undeclared import settled
 from deglint.readers.arrays import open_array
 from deglint.scene import Scene
 from deglint.tiles import Tile, default_threads
@@ -36,7 +37,7 @@ def fit(
     recipe: Recipe | str = "rx",
     *,
     sensor: str | None = None,
-    nodata: float | None = None,
+    nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Background:
     """Fit the background of a DataArray; a lazy one is computed once, chunk by chunk, now.
@@ -64,7 +65,7 @@ def fit(
     if recipe.method == "local":
         raise InputError("local takes the ring around each pixel as its background: there is none to fit.")
     opened = open_array(array, sensor=sensor, nodata=nodata)
-    plan = make_plan(opened.scene, recipe, threads or default_threads())
+    plan = make_plan(settled(opened.scene), recipe, threads or default_threads())
     return replace(plan.given or fit_background(plan), names=plan.names)
 
 
@@ -75,7 +76,7 @@ def score(
     *,
     background: Background | None = None,
     sensor: str | None = None,
-    nodata: float | None = None,
+    nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Any:
     """Score every pixel of a DataArray by how little it belongs; of a lazy one the scores are lazy.
@@ -106,6 +107,8 @@ def score(
     if background is not None and background.names and not recipe.bands:
         recipe = replace(recipe, bands=background.names)
     opened = open_array(array, sensor=sensor, nodata=nodata)
+    if background is None or recipe.mask == "water":  # else nothing is computed yet
+        opened = replace(opened, scene=settled(opened.scene))
     plan = make_plan(opened.scene, recipe, threads or default_threads())
     ready = None
     if plan.rule is None:

@@ -68,4 +68,5 @@ def lines(found: dict[str, Any]) -> list[str]:
     if found["glint_level"] is not None:
         out.append(f"{'glint level':<18}{found['glint_level']:.4g} (mean NIR of the sample above its 5th percentile)")
     out.append(f"{'suggested method':<18}{found['suggested_method'] or 'none'}: {found['reason']}")
-    return [*out, "", *found["needs_said"]]
+    decided = [n for n in found["notes"] if n not in found["needs_said"] and n != found["reason"]]
+    return [*out, "", *decided, *found["needs_said"]]

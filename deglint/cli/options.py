@@ -32,14 +32,14 @@ def names(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...])
     return tuple(part.strip() for text in values for part in text.split(",") if part.strip())
 
 
-def nodata(_ctx: click.Context, _param: click.Parameter, value: str | None) -> float | None:
-    """Read a number or "nan"."""
-    if value is None:
-        return None
+def nodata(_ctx: click.Context, _param: click.Parameter, value: str | None) -> float | str | None:
+    """Read a number, "nan" or "none"."""
+    if value is None or value == "none":
+        return value
     try:
         return float(value)
     except ValueError:
-        raise click.BadParameter(f"{value!r} is not a number or nan.") from None
+        raise click.BadParameter(f"{value!r} is not a number, nan or none.") from None
 
 
 def common(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -50,7 +50,8 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
                          "bands (worldview3, sentinel2, planetscope, micasense, landsat8, ...)."),
             click.option("--nir", multiple=True, callback=names, metavar="BAND[,BAND]",
                          show_default="deduced from the wavelengths", help="NIR band by name or number (from 1)."),
-            click.option("--nodata", callback=nodata, metavar="NUMBER|nan", help="Value that means: not valid."),
+            click.option("--nodata", callback=nodata, metavar="NUMBER|nan|none",
+                         help="Value that means: not valid; none: every number is data."),
             click.option("--threads", type=click.IntRange(1, 1024), metavar="N",
                          show_default="all processors", help="The result does not depend on it."),
             click.option("-v", "--verbose", count=True, show_default=False,

@@ -39,6 +39,7 @@ from .saved import saved
 from .sidecar import sidecar
 from .tally import Tally
 from .uncertain import with_stderr
+from .undeclared import settled
 
 CHAIN_COPIES = 3
 """How many times the memory of a tile a chain takes, against removal alone."""
@@ -54,7 +55,7 @@ def remove_glint(
     model: GlintModel | None = None,
     chain: Chain | None = None,
     sensor: str | None = None,
-    nodata: float | None = None,
+    nodata: float | str | None = None,
     grid: str | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -118,7 +119,7 @@ def remove_glint(
         reads: Reads = {"the input": given, **{k: [v] for k, v in named.items()}, "an input": targets.reads}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_image(targets.image)
-        scene = open_scene(source, sensor=sensor, nodata=nodata, grid=grid)
+        scene = settled(open_scene(source, sensor=sensor, nodata=nodata, grid=grid))
         with raster_of(scene):
             check_unread(targets.every(), {"the input": set(raster_of(scene).info.paths) - set(map(str, given))})
             return _run(
@@ -263,6 +264,7 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     check_kind(fitted, Fitted, "fitted", "Make it with deglint.fit_scene.")
+    scene = fitted.undeclared.on(scene)
     try:
         (top, bottom), (left, right) = window or ((0, scene.height), (0, scene.width))
     except (TypeError, ValueError):

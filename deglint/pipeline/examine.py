@@ -16,6 +16,7 @@ from ..tiles import Tile, default_threads
 from .fit import fit_scene
 from .look import look_at, raster_of
 from .recipe import Recipe, make_request
+from .undeclared import settled
 
 USEFUL_R2 = 0.3
 """Below this R2 in every visible band a removal that follows the NIR does nothing useful."""
@@ -43,6 +44,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(nir=8).")
     threads = threads or default_threads()
+    scene = settled(scene)
     out: dict[str, Any] = _header(scene)
     notes: list[str] = list(scene.notes)
     out |= {"nir": None, "valid_fraction": None, "water_fraction": None, "looked_at_pixels": None,
@@ -56,10 +58,14 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
             nir = request.indexes[0].bands[0]
             look = look_at(scene, nir, threads, wanted=True)
             out |= _validity(scene, look.tiles, nir, threads)
-            if look.water is not None:
-                out["water_fraction"] = look.water.water_fraction
-                notes.append(look.water.reason)
-            fitted = fit_scene(scene, recipe, threads=threads)
+            water = look.water
+            try:
+                fitted = fit_scene(scene, recipe, threads=threads)
+                water = fitted.water or water
+            finally:
+                if water is not None:
+                    out["water_fraction"] = water.water_fraction
+                    notes.append(water.reason)
     except DeglintError as error:
         out["reason"] = str(error)
         return out

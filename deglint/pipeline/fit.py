@@ -36,11 +36,12 @@ from ..tiles import Tile, default_threads
 from .blocks import Blocks, cleaned
 from .compensation import Plan, fit_after, fit_before, may_open, plan
 from .log import log_model, log_needs, log_nir, log_sample, log_scene, log_water
-from .look import LOOK_SIDE, Look, core_of, looks, role_bands
+from .look import LOOK_SIDE, Look, check_size, core_of, looks, role_bands, where_to_sample
 from .recipe import Recipe, make_request
 from .sample import Sampler, sample_reader, sampler_of, some, tiles_of
 from .strips import strips_finder, strips_of_footprints
 from .tolerance import Sampling, short_of
+from .undeclared import Undeclared, undeclared
 from .warming import warming
 
 Progress = Callable[[str, int, int], None]
@@ -71,6 +72,8 @@ class Fitted:
         What the scene needs, and does not.
     chain : Chain
         Stages of compensation around the removal; empty where the scene needs none.
+    undeclared : Undeclared
+        Nodata and offsets that the pixels have shown.
     """
 
     model: GlintModel
@@ -82,6 +85,7 @@ class Fitted:
     water_bands: tuple[int, ...] = ()
     chain: Chain = field(default_factory=Chain)
     needs: Needs = field(default_factory=Needs)
+    undeclared: Undeclared = field(default_factory=Undeclared)
 
     def __repr__(self) -> str:
         return f"Fitted({self.model!r}, compensation {self.chain.text if self.chain.runs else 'none'})"
@@ -138,18 +142,23 @@ def fit_scene(
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     threads = threads or default_threads()
     with environment():
+        found = undeclared(scene)
+        scene = found.on(scene)
         log_scene(scene)
+        check_size(scene, recipe)
         request, notes = make_request(scene, recipe)
         log_nir(scene, [b for i in request.indexes for b in i.bands], notes)
         request = replace(request, regression=_regression(recipe))
-        wanted = recipe.mask == "auto" or (_is_sampled(recipe) and recipe.sample == "auto")
         nir = request.indexes[0].bands[0]
+        if _is_sampled(recipe):
+            recipe = replace(recipe, sample=where_to_sample(scene, recipe, nir, threads))
+        wanted = recipe.mask == "auto" or (_is_sampled(recipe) and recipe.sample == "auto")
         with warming(may_open(scene, recipe)):
             for look in looks(scene, nir, threads, wanted=wanted):
                 try:
                     fitted = _fit_look(scene, recipe, request, look, notes, threads, want_sample, progress, run)
                     if look.whole or recipe.sample != "auto" or not short_of(fitted.numbers):
-                        return fitted
+                        return replace(fitted, undeclared=found)
                 except (NoWaterError, FitError):
                     # a look at a part may have missed the water, or the deep of it: look at more
                     if look.whole or (recipe.sample != "auto" and (look.water is None or look.water.has_water)):

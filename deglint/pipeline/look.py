@@ -19,7 +19,10 @@ from ..readers.roles import band_roles
 from ..remove.wiener import SAMPLE_SIDE
 from ..scene import Scene
 from ..tiles import Tile
+from .recipe import Recipe
 
+LEAST_PIXELS = 256
+"""Pixels of the smallest scene in which a sample is looked for."""
 LOOK_PIXELS = 300_000
 """Pixels of a first look at a scene."""
 SMALL_PIXELS = 600_000
@@ -110,6 +113,29 @@ def look_at(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Look:
         if look.water is None or look.water.has_water:
             break
     return look
+
+
+def check_size(scene: Scene, recipe: Recipe) -> None:
+    """Refuse to look for a sample in a scene in which there is too little to fit anything to."""
+    if recipe.sample == "auto" and scene.height * scene.width < LEAST_PIXELS:
+        raise NoWaterError(
+            f"{scene.path}: {scene.height} x {scene.width} pixels are too few to fit a correction to (at least "
+            f"{LEAST_PIXELS}). Give a larger piece, apply a model fitted to one (--model), or pass --sample all."
+        )
+
+
+def where_to_sample(scene: Scene, recipe: Recipe, nir: int, threads: int) -> str:
+    """The sample that a recipe means: what the user has said is water, where that was said.
+
+    A mask in a file says it, and nothing is searched for. Without a mask all pixels are the sample where no water is
+    found.
+    """
+    if recipe.sample != "auto" or recipe.mask == "auto":
+        return recipe.sample
+    if recipe.mask != "none":
+        return recipe.mask
+    look = look_at(scene, nir, threads, wanted=True)
+    return "auto" if look.water is not None and look.water.has_water else "all"
 
 
 def raster_of(scene: Scene) -> RasterSource:

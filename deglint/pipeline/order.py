@@ -52,7 +52,7 @@ class Order:
     dtype: str | None = None
     options: Mapping[str, str] = field(default_factory=dict)
     sensor: str | None = None
-    nodata: float | None = None
+    nodata: float | str | None = None
     grid: str | None = None
     assets: tuple[str, ...] = ()
 

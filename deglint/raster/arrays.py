@@ -32,6 +32,12 @@ class ArraySource(RasterSource):
         super().__init__([FileBands(info.paths[0], tuple(range(1, info.count + 1)), info.nodatas)], info)
         self.values, self.origin = values, origin
 
+    def declared(self, info: RasterInfo) -> ArraySource:
+        """The same pixels with another nodata and offset declared."""
+        found = ArraySource(self.values, info, self.origin)
+        found.settled = True
+        return found
+
     def __getstate__(self) -> dict[str, Any]:
         return {**super().__getstate__(), "values": self.values, "origin": self.origin}
 

@@ -73,6 +73,8 @@ class RasterInfo:
         Ground control points, their crs, and rational polynomial coefficients.
     flat : FlatField, optional
         What is corrected while the file is read; `dtypes` are then those that come of it.
+    nodata_given, offset_given : bool
+        The caller has said what they are, so that pixels are not asked.
     """
 
     paths: tuple[str, ...]
@@ -103,6 +105,8 @@ class RasterInfo:
     gcps_crs: Any = None
     rpcs: Any = None
     flat: FlatField | None = None
+    nodata_given: bool = False
+    offset_given: bool = False
 
     @property
     def count(self) -> int:

@@ -15,6 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..errors import InputError, ReadError
 from ..scene import FloatArray, Window
 from .convert import Raw, Valid, to_physical
@@ -50,6 +52,16 @@ class RasterSource:
         self._lock = threading.Lock()
         self._idle: list[Handle] = []
         self._closed = False
+        self.settled = False  # whether the pixels were asked what the file does not declare
+
+    def declared(self, info: RasterInfo) -> RasterSource:
+        """The same pixels with another nodata and offset declared."""
+        ends = np.cumsum([len(f.indexes) for f in self.files])
+        nodatas = [info.nodatas[end - len(f.indexes) : end] for end, f in zip(ends, self.files, strict=True)]
+        files = [replace(f, nodatas=tuple(n)) for f, n in zip(self.files, nodatas, strict=True)]
+        found = RasterSource(files, info)
+        found.settled = True
+        return found
 
     def __getstate__(self) -> dict[str, Any]:
         return {"files": tuple(replace(f, path=_absolute(f.path)) for f in self.files), "info": self.info}

@@ -70,7 +70,7 @@ class ArrayScene:
         return out
 
 
-def open_array(array: Any, *, sensor: str | None = None, nodata: float | None = None) -> ArrayScene:
+def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | None = None) -> ArrayScene:
     """Open a DataArray as a scene; no pixel is computed.
 
     Parameters
@@ -80,8 +80,8 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | None = 
         as time, of size 1. Wavelengths [um up to 30, else nm] or common names in coordinates or attributes.
     sensor : str, optional
         Name of a preset, as `deglint.open_scene` takes it.
-    nodata : float, optional
-        Number (or NaN) that says "not valid", in place of what the array declares.
+    nodata : float or "none", optional
+        Number (or NaN) that says "not valid", in place of what the array declares; "none": every number is data.
 
     Raises
     ------

@@ -41,7 +41,7 @@ def open_scene(
     *,
     sensor: str | None = None,
     nir: Wanted | None = None,
-    nodata: float | None = None,
+    nodata: float | str | None = None,
     grid: str | int | None = None,
 ) -> Scene:
     """Open one raster or product, or several of one place, as a scene; no pixel is read.
@@ -57,8 +57,8 @@ def open_scene(
         By default the one that a tag of the file names, if it fits.
     nir : str, int or sequence, optional
         Near-infrared band(s), only checked and noted here; see `find_nir`.
-    nodata : float, optional
-        Number (or NaN) that says "not valid", in place of what the files declare.
+    nodata : float or "none", optional
+        Number (or NaN) that says "not valid", in place of what the files declare; "none": every number is data.
     grid : str or int, optional
         Whose grid to use: "finest" (the default), or a file by 1-based number or name.
 
@@ -127,13 +127,17 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
     return info
 
 
-def with_nodata(info: RasterInfo, nodata: float | None, notes: list[str]) -> RasterInfo:
+def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) -> RasterInfo:
     """The nodata of each band: the caller's, else the file's where its type can hold it."""
+    if isinstance(nodata, str):
+        if nodata != "none":
+            raise InputError(f'nodata: allowed is a number, nan or "none", got {nodata!r}.')
+        return replace(info, nodatas=(None,) * info.count, nodata_given=True)
     if nodata is not None:
         for dtype in info.dtypes:
             if not _holds(dtype, nodata):
                 raise InputError(f"nodata: allowed is {_range(dtype)} for {dtype}, got {nodata:g}")
-        return replace(info, nodatas=(float(nodata),) * info.count)
+        return replace(info, nodatas=(float(nodata),) * info.count, nodata_given=True)
     kept = []
     for i, (declared, dtype) in enumerate(zip(info.nodatas, info.dtypes, strict=True), start=1):
         usable = declared is None or _holds(dtype, declared)

@@ -22,6 +22,7 @@ from deglint.pipeline.checksum import Checksum
 from deglint.pipeline.cluster import Cluster, writing_images
 from deglint.pipeline.log import log_scene
 from deglint.pipeline.look import core_of, raster_of
+from deglint.pipeline.undeclared import settled
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text
@@ -143,7 +144,7 @@ def score_file(
     recipe: Recipe | None = None,
     *,
     sensor: str | None = None,
-    nodata: float | None = None,
+    nodata: float | str | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
     cluster: Cluster | None = None,
@@ -196,7 +197,7 @@ def score_file(
                  "--sensor": [sensor or ""]}  # fmt: skip
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_image(targets.image)
-        scene = open_scene(source, sensor=sensor, nodata=nodata)
+        scene = settled(open_scene(source, sensor=sensor, nodata=nodata))
         with raster_of(scene):
             check_unread(targets.every(), {"the input": set(raster_of(scene).info.paths) - set(map(str, given))})
             return _run(scene, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)

@@ -1,0 +1,210 @@
+"""What a bounded look at the pixels says that the file does not: numbers that stand for no data, and a lost offset.
+
+Opening a scene reads no pixels. `settled` is called once, before a scene is examined, fitted or corrected.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import sensors
+from .. import tiles as tiling
+from ..raster.info import RasterInfo
+from ..raster.source import RasterSource
+from ..scene import Scene
+from ..tiles import Tile
+
+LOOKED_AT = 400_000
+"""Pixels of a scene that are looked at; a smaller one is looked at as a whole."""
+SIDE = 128
+"""Side of the tiles that are looked at [pixel]."""
+MOST_TILES = 1 << 18
+"""Tiles that are listed."""
+LEAST_SHARE = 0.02
+"""Share of the pixels from which on one number in all bands, at the edge of the image, is no data."""
+ALONE = 0.99
+"""A band is given that number as nodata where this share of its occurrences is in all bands at once: a band of dark
+water may be 0 in many a pixel."""
+SOLID = 8
+"""Inside the image such numbers lie in squares of this side, and fill as much [pixel]."""
+S2_OFFSET, S2_QUANTIFICATION = 1000, 10_000
+"""Sentinel-2 products since baseline 04.00 (2022-01-25): reflectance = (DN - 1000) / 10000."""
+S2_FLOOR, S2_DARK = (950, 1150), 1300
+"""The least DN of the darkest band lies between these where the offset is still in, and no NIR or SWIR is brighter than
+the last at its darkest: water and shadow reflect next to nothing there. A desert without the offset is brighter."""
+VISIBLE = 700.0
+"""Wavelength beyond which water is dark [nm]."""
+
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Undeclared:
+    """What was found, one number a band (empty: nothing), and one line for each finding."""
+
+    nodatas: tuple[float | None, ...] = ()
+    offsets: tuple[float, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def on(self, scene: Scene) -> Scene:
+        """The scene with these declared."""
+        if not self.notes or not isinstance(scene.source, RasterSource):
+            return scene
+        info = scene.source.info
+        info = replace(info, nodatas=self.nodatas or info.nodatas, offsets=self.offsets or info.offsets)
+        kept = [n for n in self.notes if n not in scene.notes]
+        return replace(scene, source=scene.source.declared(info), notes=(*scene.notes, *kept))
+
+
+def settled(scene: Scene) -> Scene:
+    """The scene with undeclared nodata and a lost offset declared; a scene that was settled comes back as it is."""
+    return undeclared(scene).on(scene)
+
+
+def undeclared(scene: Scene) -> Undeclared:
+    """Look for numbers that stand for no data and for the offset of Sentinel-2 that a cut file has lost.
+
+    Nodata is one number in all bands that fills at least 2 % of the image and reaches its edge or fills whole squares,
+    unless the file, or the caller, says what nodata is.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Undeclared
+    """
+    source = scene.source
+    if not isinstance(source, RasterSource) or source.settled:
+        return Undeclared()
+    info, found = source.info, Undeclared()
+    silent = not info.nodata_given and all(n is None for n in info.nodatas) and _unmasked(source)
+    cut = _cut_sentinel2(scene, info)
+    if silent or cut:
+        blocks = [(t, *source.read_raw(t.window)) for t in _tiles(scene)]
+        if silent and info.count > 1:
+            found = _nodata(scene, info, [(t, raw) for t, raw, _ in blocks])
+        if cut:
+            found = _offset(scene, info, [(raw, valid) for _, raw, valid in blocks], found)
+    source.settled = True
+    return found
+
+
+def _unmasked(source: RasterSource) -> bool:
+    return not any(f.dataset_mask or f.band_masks or f.alpha is not None for f in source.files)
+
+
+def _tiles(scene: Scene) -> list[Tile]:
+    """All of a small scene; of a larger one some tiles, the corners and the middles of the edges among them."""
+    if scene.height * scene.width <= LOOKED_AT:
+        return tiling.tiles(scene.height, scene.width, (SIDE, SIDE))
+    pitch = SIDE * max(1, math.isqrt(scene.height * scene.width // (SIDE * SIDE * MOST_TILES)))
+    corners = tiling.tiles(scene.height, scene.width, (pitch, pitch))
+    spread = [_cut(t) for t in tiling.spread(corners, LOOKED_AT * (pitch // SIDE) ** 2)]
+    rows, columns = (sorted({0, max(n // 2 - SIDE, 0), max(n - SIDE, 0)}) for n in (scene.height, scene.width))
+    edge = [
+        Tile(r, min(r + SIDE, scene.height), c, min(c + SIDE, scene.width))
+        for r in rows for c in columns if r in (rows[0], rows[-1]) or c in (columns[0], columns[-1])
+    ]  # fmt: skip
+    return [*edge, *spread]
+
+
+def _cut(tile: Tile) -> Tile:
+    return Tile(tile.row0, min(tile.row0 + SIDE, tile.row1), tile.col0, min(tile.col0 + SIDE, tile.col1))
+
+
+def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:
+    """The number that all bands have in areas, as nodata of the bands that have it nowhere else."""
+    same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw in blocks]
+    value = _commonest(same)
+    if value is None:
+        return Undeclared()
+    total = fill = areas = 0
+    single = np.zeros(info.count)
+    for tile, raw, alike in same:
+        here = alike & (raw[0] == value)
+        total, fill = total + here.size, fill + int(here.sum())
+        single += (raw == value).sum(axis=(1, 2))
+        areas += int((_solid(here) | _at_edge(scene, tile, here)).sum())
+    nodatas = tuple(value if fill >= ALONE * count else None for count in single)
+    if not LEAST_SHARE * total <= areas < total or all(n is None for n in nodatas):
+        return Undeclared()
+    note = (
+        f"{value:g} in all bands, {fill / total:.1%} of the pixels, is taken for nodata and left out; "
+        "if these are data, pass --nodata none"
+    )
+    return Undeclared(nodatas, notes=(note,))
+
+
+def _commonest(same: list[tuple[Tile, npt.NDArray[Any], npt.NDArray[np.bool_]]]) -> float | None:
+    """The number that most pixels have in all bands."""
+    counts: Counter[float] = Counter()
+    for _tile, raw, alike in same:
+        values, many = np.unique(raw[0][alike], return_counts=True)
+        best = np.argsort(many)[-4:]
+        counts.update({float(values[i]): int(many[i]) for i in best if math.isfinite(values[i])})
+    return counts.most_common(1)[0][0] if counts else None
+
+
+def _solid(mask: Mask) -> Mask:
+    """What lies in squares of SOLID pixels: areas, not saturated sparkle."""
+    import cv2
+
+    square = np.ones((SOLID, SOLID), np.uint8)
+    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square).view(np.bool_))
+
+
+def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
+    """What is connected, within the tile, to the edge of the image."""
+    import cv2
+
+    rim = np.zeros_like(mask)
+    rim[0] |= tile.row0 == 0
+    rim[-1] |= tile.row1 == scene.height
+    rim[:, 0] |= tile.col0 == 0
+    rim[:, -1] |= tile.col1 == scene.width
+    if not (mask & rim).any():
+        return np.zeros_like(mask)
+    _, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=4)
+    return mask & np.isin(labels, np.unique(labels[mask & rim]))
+
+
+def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
+    """Whether the bands are Sentinel-2's in whole numbers, with no offset declared."""
+    known = {sensors.normalise(b.name) for b in sensors.load("sentinel2").bands}
+    named = all(sensors.normalise(name) in known for name in scene.names)
+    scaled = all(s in (1.0, 1.0 / S2_QUANTIFICATION) for s in info.scales)
+    silent = not info.offset_given and not any(info.offsets)
+    return silent and info.dtype.kind in "iu" and len(scene.bands) > 2 and named and scaled
+
+
+def _offset(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:
+    """The findings, and the offset where it is."""
+    nodatas = found.nodatas or info.nodatas
+    floors = []
+    for band, nodata in enumerate(nodatas):
+        values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for raw, valid in blocks])
+        floors.append(float(np.percentile(values, 0.1)) if values.size else math.inf)
+    dark = [f for f, b in zip(floors, scene.bands, strict=True) if b.wavelength and b.wavelength > VISIBLE]
+    if not (S2_FLOOR[0] <= min(floors) <= S2_FLOOR[1] and dark and max(dark) <= S2_DARK):
+        return found
+    note = (
+        f"no band is darker than {min(floors):.0f}: the numbers hold the offset of Sentinel-2 products since 2022 "
+        f"(reflectance = (DN - {S2_OFFSET}) / {S2_QUANTIFICATION}); if they do not, pass --offset 0"
+    )
+    offsets = tuple(-S2_OFFSET * scale for scale in info.scales)
+    return replace(found, offsets=offsets, notes=(*found.notes, note))
+
+
+def _kept(raw: Any, valid: Any, band: int, nodata: float | None) -> npt.NDArray[np.bool_]:
+    kept = np.ones(raw.shape[1:], np.bool_) if valid is None else valid[band].copy()
+    if nodata is not None:
+        kept &= raw[band] != nodata
+    return kept & (raw != 0).any(axis=0)

@@ -1,0 +1,139 @@
+"""What a file does not say: numbers that mean no data, and an offset that a cut product has lost."""
+
+import numpy as np
+import pytest
+
+from deglint import open_scene
+from deglint.masks import Roles, fit_water, water
+from deglint.pipeline.undeclared import settled, undeclared
+from deglint.xr import remove as remove_array
+
+S2 = ("B02", "B03", "B04", "B08")
+
+
+def bordered(sea, value, dtype="float32", **options):
+    """A sea with a border of one number and a ragged corner of it."""
+    scene = sea(100, 120, dtype=dtype, **options)
+    scene[:, :6] = value
+    scene[:, np.add.outer(np.arange(100), np.arange(120)) < 30] = value
+    return scene
+
+
+@pytest.mark.parametrize(
+    ("value", "dtype"),
+    [(0, "uint16"), (65535, "uint16"), (-999, "int16"), (-9999, "float32"), (-3e38, "float32"), (1e20, "float64")],
+)
+def test_a_border_of_one_number_is_left_out_and_kept_to_the_bit(value, dtype, sea, write, read, deglint, tmp_path):
+    scene = bordered(sea, value, dtype)
+    source, out = write(tmp_path / "in.tif", scene), tmp_path / "out.tif"
+    assert settled(open_scene(source)).source.info.nodatas == (float(np.array(value, dtype)),) * 4
+    ran = deglint("remove", source, out, "--compensate", "off")
+    assert ran.code == 0, ran.err
+    assert ran.err.count("is taken for nodata and left out; if these are data, pass --nodata none") == 1
+    fill, got = (scene == np.array(value, dtype)).all(axis=0), read(out)
+    np.testing.assert_array_equal(got[:, fill], scene[:, fill])
+    assert (got != scene)[:3][:, ~fill].mean() > 0.5
+    whole = deglint("remove", source, tmp_path / "same.tif", "--compensate", "off", "--nodata", value)
+    assert whole.code == 0, whole.err
+    np.testing.assert_array_equal(got, read(tmp_path / "same.tif"))
+
+
+def test_nodata_none_says_that_they_are_data(sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", bordered(sea, 0, "uint16"))
+    assert settled(open_scene(source, nodata="none")).source.info.nodatas == (None,) * 4
+    with pytest.raises(Exception, match='a number, nan or "none"'):
+        open_scene(source, nodata="all")
+
+
+def test_info_and_rxdetect_say_the_same(sea, write, deglint, tmp_path):
+    from detect.cli import run as rxdetect
+
+    source = write(tmp_path / "in.tif", bordered(sea, -9999))
+    said = deglint("info", source)
+    assert "-9999 in all bands" in said.out + said.err
+    assert rxdetect(["score", source, str(tmp_path / "s.tif"), "--mask", "water"]) == 0
+
+
+def test_a_band_of_dark_water_that_is_often_0_keeps_its_zeros(sea, write, tmp_path):
+    scene = bordered(sea, 0, "uint16")
+    scene[3][scene[3] < 110] = 0
+    found = settled(open_scene(write(tmp_path / "in.tif", scene)))
+    assert found.source.info.nodatas == (0, 0, 0, None)
+
+
+def test_sparkle_that_saturates_all_bands_is_data(sea, write, tmp_path):
+    scene = sea(100, 120)
+    scene[:, np.random.default_rng(1).random((100, 120)) < 0.05] = 4095
+    scene[:, 40:45, 40:45] = 4095
+    assert not undeclared(open_scene(write(tmp_path / "in.tif", scene))).notes
+
+
+def test_what_is_declared_is_not_asked_for(sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", bordered(sea, -9999), nodata=0)
+    assert not undeclared(open_scene(source)).notes
+
+
+def test_only_a_part_of_a_large_scene_is_looked_at(sea, write, tmp_path, monkeypatch):
+    monkeypatch.setattr("deglint.pipeline.undeclared.LOOKED_AT", 3000)
+    monkeypatch.setattr("deglint.pipeline.undeclared.SIDE", 16)
+    scene = open_scene(write(tmp_path / "in.tif", bordered(sea, 0, "uint16")))
+    asked = []
+    read_raw = scene.source.read_raw
+    scene.source.read_raw = lambda window: asked.append(window) or read_raw(window)
+    assert settled(scene).source.info.nodatas == (0,) * 4
+    assert len(asked) < 28
+
+
+def test_arrays_are_settled_too(sea):
+    xarray = pytest.importorskip("xarray")
+    scene = bordered(sea, -9999)
+    given = xarray.DataArray(scene, dims=("band", "y", "x"), coords={"band": ["blue", "green", "red", "nir"]})
+    got = remove_array(given).values
+    fill = (scene == -9999).all(axis=0)
+    np.testing.assert_array_equal(got[:, fill], scene[:, fill])
+    assert (got != scene)[:3][:, ~fill].mean() > 0.5
+
+
+# ------------------------------------------------------------------------------------------ the offset of Sentinel-2
+def lost_offset(sea, offset=1000):
+    """Clear water and a coast in whole numbers of reflectance x 10000, as Level-2A has them."""
+    scene = sea(100, 120, dtype="int32") // 3
+    scene[:, :, 90:] = np.array([400, 700, 800, 2500])[:, None, None] + scene[:, :, 90:] // 4
+    return (scene + offset).astype("uint16")
+
+
+def test_a_lost_offset_is_found_and_leaves_the_output_in_its_own_numbers(sea, write, read, deglint, tmp_path):
+    plain, cut = (write(tmp_path / f"{n}.tif", lost_offset(sea, n), names=S2) for n in (0, 1000))
+    assert not undeclared(open_scene(plain)).notes
+    found = settled(open_scene(cut))
+    assert found.source.info.offsets == (-1000.0,) * 4
+    outs = []
+    for source in (plain, cut):
+        outs.append(tmp_path / "out.tif")
+        ran = deglint("remove", source, outs[-1], "--overwrite", "--compensate", "off")
+        assert ran.code == 0, ran.err
+        assert ("hold the offset of Sentinel-2" in ran.err) is (source == cut)
+        outs[-1] = read(outs[-1]).astype(int)
+    np.testing.assert_array_equal(outs[1], outs[0] + 1000)
+
+
+@pytest.mark.parametrize("how", ["names", "declared", "desert"])
+def test_no_offset_is_made_up(how, sea, write, tmp_path):
+    scene = lost_offset(sea)
+    if how == "desert":
+        scene = (scene * np.array([1, 2, 3, 4])[:, None, None]).astype("uint16")
+    source = write(tmp_path / "in.tif", scene, names=None if how == "names" else S2)
+    if how == "declared":
+        import rasterio
+
+        with rasterio.open(source, "r+") as data:
+            data.offsets = (-1000.0,) * 4
+    assert not undeclared(open_scene(source)).offsets
+
+
+def test_the_mask_does_not_depend_on_the_offset(sea):
+    scene, roles = lost_offset(sea).astype(np.float32), Roles(blue=0, green=1, red=2, nir=3)
+    with_offset, without = (water(s, fit_water([s], roles, pixel=10.0)) for s in (scene, scene - 1000))
+    np.testing.assert_array_equal(with_offset, without)
+    assert with_offset[:, :90].mean() > 0.99
+    assert not with_offset[:, 90:].any()
