@@ -124,7 +124,7 @@ def test_the_exit_code_of_no_water_is_3_with_a_traceback_too(deglint, sea, write
         (["--regression", "magic"], list(REGRESSIONS)),
         (["--nir-use", "magic"], ["mean", "best", "set"]),
         (["--dtype", "complex64"], ["float32", "uint16"]),
-        (["--nodata", "none"], ["not a number"]),
+        (["--nodata", "nothing"], ["not a number"]),
         (["--threads", "0"], ["1<=x<=1024"]),
         (["--floor-percentile", "101"], ["0<=x<=100"]),
         (["--co", "ZSTD"], ["NAME=VALUE"]),
