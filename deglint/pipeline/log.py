@@ -53,8 +53,7 @@ def log_nir(scene: Scene, bands: Sequence[int], notes: Sequence[str]) -> None:
 def log_water(rule: WaterRule | None, mask: str) -> None:
     """What is corrected."""
     if rule is not None and rule.has_water:
-        log.info("water: %.0f %% of the scene", 100 * rule.water_fraction)
-        why([rule.reason])
+        log.info("water: %s", rule.reason)
     elif mask == "none":
         log.info("mask: none, every valid pixel is corrected")
     elif mask != "auto":

@@ -19,6 +19,7 @@ from ..raster.info import RasterInfo
 from ..raster.source import RasterSource
 from ..scene import Scene
 from ..tiles import Tile
+from .log import log
 
 LOOKED_AT = 400_000
 """Pixels of a scene that are looked at; a smaller one is looked at as a whole."""
@@ -94,6 +95,8 @@ def undeclared(scene: Scene) -> Undeclared:
         if cut:
             found = _offset(scene, info, [(raw, valid) for _, raw, valid in blocks], found)
     source.settled = True
+    for note in found.notes:
+        log.warning("%s", note)
     return found
 
 
