@@ -83,8 +83,8 @@ def open_scene(
     (6,)
     """
     paths = [as_path(p, "path") for p in (path if isinstance(path, (list, tuple)) else [path])]
-    if nodata is not None and nodata == nodata:  # NaN is allowed
-        check_number(nodata, -math.inf, math.inf, "nodata")
+    if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
+        check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
     if not paths:
         raise InputError("want at least one file to open, got none")
     notes: list[str] = []
@@ -130,8 +130,6 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
 def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) -> RasterInfo:
     """The nodata of each band: the caller's, else the file's where its type can hold it."""
     if isinstance(nodata, str):
-        if nodata != "none":
-            raise InputError(f'nodata: allowed is a number, nan or "none", got {nodata!r}.')
         return replace(info, nodatas=(None,) * info.count, nodata_given=True)
     if nodata is not None:
         for dtype in info.dtypes:
