@@ -33,12 +33,11 @@ LEAST_WATER = 25
 """Water has at least this many pixels, in squares of 5 x 5 [pixel]: less is shadow or a dark roof."""
 COMPACT = 0.7
 """Brown water has the colours of a town in units of radiance, but of a town less than this lies in such squares."""
-BEYOND = 1.2
+BEYOND = 1.4
 """The gap between water and land is sought up to this many times the distance from the median of the water's NIR to
 where as many pixels have the colour of water as have not."""
-FLAT, INTO_GAP = 2.0, 0.25
-"""The gap is where the density of the NIR is at most so many times the least; the threshold lies nearer to water, as
-ships, piers and mixed pixels fill the rest."""
+INTO_GAP = 0.25
+"""The threshold lies in the gap, nearer to the water: ships, piers and mixed pixels fill the rest."""
 ENOUGH_TO_RANK = 100_000
 """Values that a percentile is determined from; of more, every k-th."""
 BINS = 64
@@ -187,7 +186,7 @@ def fit_water(looks: Sequence[FloatArray], roles: Roles, *, pixel: float | None 
     True
     """
     _check_looks(looks, roles)
-    view = _View(looks, [valid_for(b, roles) & _not_empty(b, roles) for b in looks], roles)
+    view = _View(looks, [valid_for(b, roles) for b in looks], roles)
     nothing = WaterRule(roles, pixels=view.pixels)
     widest = WIDEST if pixel is None else _widest(pixel)
     for brown in (False, True) if view.pixels else ():
@@ -312,11 +311,6 @@ def _widest(pixel: float) -> int:
     return next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
 
 
-def _not_empty(block: FloatArray, roles: Roles) -> BoolArray:
-    """Where NIR and visible are not both 0, as they are outside of what was seen."""
-    return np.asarray((block[roles.nir] != 0) | (block[roles.visible[0]] != 0))
-
-
 class _Found(NamedTuple):
     threshold: float
     nir_level: float
@@ -438,20 +432,25 @@ def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: 
         threshold = min(tail, sheet)
     else:
         limit = min(level + BEYOND * (highest - level), sheet, tail, float(nir[-1]))
-        threshold = _foot(nir, level, end, limit)
+        threshold = _foot(nir, level, limit)
     return _Found(threshold, level, darkest)
 
 
-def _foot(nir: FloatArray, level: float, low: float, high: float) -> float:
-    """A little into the flat of the density of the NIR between two values, beyond the foot of the water's peak."""
-    if not high > low:
+def _foot(nir: FloatArray, level: float, high: float) -> float:
+    """A quarter into the gap above the water's peak, counted from the foot of the peak, where the density bends.
+
+    The bend is where the logarithm of the density lies farthest below the straight line from its peak to the end, the
+    triangle method of Zack, Rogers, Latt (1977), J. Histochem. Cytochem. 25, 741-753, doi:10.1177/25.7.70454.
+    """
+    if not high > level:
         return high
     counts, edges = np.histogram(nir, BINS, (level, high))
     kernel = np.exp(-0.5 * (np.arange(-4, 5) / 2) ** 2)
-    density = np.convolve(np.pad(counts, 4, "edge"), kernel / kernel.sum(), "valid")
-    first = int(np.searchsorted(edges[1:], low))
-    flat = edges[1:][first:][density[first:] <= FLAT * density[first:].min()]
-    return float(flat[0] + INTO_GAP * (flat[-1] - flat[0]))
+    density = np.log(np.convolve(np.pad(counts, 4, "edge"), kernel / kernel.sum(), "valid") + 0.5)
+    peak = int(np.argmax(density))
+    line = np.linspace(density[peak], density[-1], BINS - peak)
+    bend = edges[1:][peak + int(np.argmax(line - density[peak:]))]
+    return float(bend + INTO_GAP * (high - bend))
 
 
 def _near(mask: BoolArray, side: int) -> BoolArray:
