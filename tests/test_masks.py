@@ -226,7 +226,7 @@ def test_rules_are_plain_numbers(coast):
     sample = fit_sample([coast[0]], rule)
     assert json.loads(json.dumps(rule.numbers()))["roles"]["nir"] == 3
     assert json.loads(json.dumps(sample.numbers()))["pixels"] == sample.pixels
-    assert "pixels are water" in rule.reason
+    assert "looked at are water" in rule.reason
 
 
 def test_describe():

@@ -127,14 +127,14 @@ class WaterRule:
         if not self.has_water:
             return (
                 "no water: nowhere is the visible brighter than the NIR over a dark, even area. Check which band is "
-                "the NIR (--nir); to correct all pixels, pass --mask none; to say what is water, pass --mask FILE."
+                "the NIR (--nir), or pass --mask none (all is water) or --mask FILE (polygons or a raster of it)."
             )
         if self.all_water:
-            return f"all of {self.pixels} pixels are water"
+            return f"all of the {self.pixels} pixels looked at are water"
         wide = f" over {self.window} x {self.window} pixels" if self.window > 1 else ""
         return (
-            f"{100 * self.water_fraction:.2f} % of {self.pixels} pixels are water; the rest is land, ships, clouds or "
-            f"surf: NIR above {self.threshold:.6g}{wide}"
+            f"{100 * self.water_fraction:.2f} % of {self.pixels} pixels looked at are water; the rest (land, ships, "
+            f"clouds, surf: NIR above {self.threshold:.6g}{wide}) is left as it is"
         )
 
     def numbers(self) -> dict[str, Any]:
