@@ -15,8 +15,8 @@ import numpy.typing as npt
 import rasterio
 
 from deglint import Recipe, open_scene, remove_glint
+from deglint.masks import Roles, fit_water, water
 from deglint.masks.sample import deep_water, fit_sample
-from deglint.masks.surface import Roles, fit_water, water
 
 from .implants import SIZES, STEP, Array, survive
 from .timing import say

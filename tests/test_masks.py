@@ -467,3 +467,25 @@ def test_sample_of_real_scenes(name):
     assert rule.share == pytest.approx(sample.mean())
     assert water(scene, rule.water)[sample].all()
     np.testing.assert_array_equal(tiled(deep_water, scene, rule, 128), sample)
+
+
+def test_land_that_the_looks_have_missed_is_land():
+    """A part of the scene may be all water: then the threshold holds beyond it, too."""
+    scene = sea()
+    put(scene, np.indices((200, 240))[1] > 200, LAND, 0.2)
+    rule = fit_water([scene[:, :, :120]], ROLES, pixel=10.0, whole=False)
+    assert rule.water_fraction == 1.0
+    assert not rule.all_water
+    found = water(scene, rule)
+    assert not found[:, 201:].any()
+    assert found[:, :201].mean() > 0.9999
+
+
+@pytest.mark.parametrize("step", [0.002, 0.005])
+def test_coarse_whole_numbers_do_not_cut_the_water(step):
+    scene = np.round(sea(glint=0.002) / step)
+    assert fit_water([scene], ROLES, pixel=10.0).water_fraction > 0.999
+    put(scene, np.indices((200, 240))[1] > 200, np.array(LAND) / step, 0.2)
+    found = water(scene, fit_water([scene], ROLES, pixel=10.0))
+    assert not found[:, 201:].any()
+    assert found[:, :201].mean() > 0.999

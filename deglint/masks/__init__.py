@@ -9,8 +9,9 @@ Thresholds come from the scene, because its unit is not known (digital numbers, 
 room reads no files, keeps no state, and never changes a pixel.
 """
 
+from .find import fit_water
 from .sample import SampleRule, away_from_shore, deep_water, describe, fit_sample, sample_halo
-from .surface import Roles, WaterRule, brightness, fit_water, near_water, opened, valid_for, water
+from .surface import Roles, WaterRule, brightness, near_water, opened, valid_for, water
 
 __all__ = [
     "Roles", "SampleRule", "WaterRule", "away_from_shore", "brightness", "deep_water", "describe", "fit_sample",

@@ -67,7 +67,12 @@ def looks(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Loo
         chosen = _everywhere(scene, nir, threads) if last else _lattice(scene, pixels)
         rule = None
         if wanted and roles.visible and chosen:
-            rule = fit_water(read_looks(scene, chosen, roles, threads), _compact(roles), pixel=pixel_size(scene))
+            rule = fit_water(
+                read_looks(scene, chosen, roles, threads),
+                _compact(roles),
+                pixel=pixel_size(scene),
+                whole=last and total <= MOST_PIXELS,
+            )
         elif not chosen:
             raise NoWaterError(f"{scene.path} holds no valid pixel in band {scene.bands[nir].name}. Check --nodata.")
         yield Look(tuple(chosen), roles, rule, last)

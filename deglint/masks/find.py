@@ -1,0 +1,270 @@
+"""Find water: a threshold of the NIR that the colours of the scene's pixels vote for.
+
+Every criterion is a difference or a rank, so that neither the unit nor an offset that all bands share matters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..scene import FloatArray
+from .surface import BoolArray, Roles, WaterRule, _check_looks, _square, opened, thinned, valid_for
+
+Votes = npt.NDArray[np.int8]
+
+GLINT_SIZE = 5.0
+"""Width of the widest patches that glint makes in the image of a fine sensor [m]: facets of waves, blurred."""
+WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)
+"""Sides of the opening that are tried, smallest first [pixel]."""
+WIDEST, RARE = 13, 2e-3
+"""The same where the size of a pixel is not known [pixel], and the share of isolated bright pixels below which they
+are boats and piers at coarse pixels and not glint, which is everywhere in the sea."""
+TAIL, LEAST_TAIL = 3.0, 0.5
+"""The NIR of water ends within 3 times the distance from its median to its 99th percentile: brightness of glint falls
+off exponentially, and four in a million pixels lie beyond. Water without glint, or rounded to whole numbers, is given
+half of the difference between its visible and its NIR."""
+DARKEST, MAX_SHEET = 10, 8.0
+"""Glint and haze lift whole areas above the darkest tenth of the water by up to 8 times the difference between its
+visible and its NIR; clouds are brighter."""
+LEAST_WATER = 25
+"""Water has at least this many pixels, in squares of 5 x 5 [pixel]: less is shadow or a dark roof."""
+COMPACT = 0.7
+"""Brown water has the colours of a town in units of radiance, but of a town less than this lies in such squares."""
+BEYOND = 1.4
+"""The gap between water and land is sought up to this many times the distance from the median of the water's NIR to
+where as many pixels have the colour of water as have not."""
+INTO_GAP = 0.25
+"""The threshold lies in the gap, nearer to the water: ships, piers and mixed pixels fill the rest."""
+BINS = 64
+"""Bins of the histogram in which the gap between water and land is sought."""
+
+
+def fit_water(
+    looks: Sequence[FloatArray], roles: Roles, *, pixel: float | None = None, whole: bool = True
+) -> WaterRule:
+    """Decide from some blocks of a scene how to tell water from land, clouds, foam and ships.
+
+    Water absorbs the NIR, so that it is darker there than in the visible, with glint or without: the sign of the NDWI.
+    The sign does not change with the unit or with an offset that all bands share, but it is noisy: roofs and shadows
+    have it, and some water has not. So it votes for a threshold of the NIR: the one that parts the two signs with
+    the fewest errors, moved into the gap beside it that the fewest pixels lie in.
+
+    At fine pixels glint is sparkle, as bright as land: not water is only what is bright over a whole square. Its side
+    is the smallest that leaves no isolated bright pixels of the colour of glint, up to the size of glint's patches.
+
+    Parameters
+    ----------
+    looks : sequence of (band, row, column) ndarray
+        Blocks that stand for the scene, or the whole scene [any unit]; NaN is not valid.
+    roles : Roles
+        Which band is what.
+    pixel : float, optional
+        Side of a pixel on the ground [m].
+    whole : bool
+        The blocks are all of the scene; else there may be land that they do not show.
+
+    Returns
+    -------
+    WaterRule
+        `has_water` is False where nothing looks like water; raising is left to the caller.
+
+    Raises
+    ------
+    BandError
+        No visible band is named, or a block lacks a band.
+    InputError
+        No blocks, or not three-dimensional.
+
+    References
+    ----------
+    McFeeters, S. K. (1996), "The use of the Normalized Difference Water Index (NDWI) in the delineation of
+    open water features", Int. J. Remote Sensing 17, 1425-1432, doi:10.1080/01431169608948714.
+
+    Examples
+    --------
+    >>> sea = np.stack([np.full((32, 32), 0.05), np.full((32, 32), 0.01)])
+    >>> fit_water([sea], Roles(nir=1, green=0)).all_water
+    True
+    """
+    _check_looks(looks, roles)
+    view = _View(looks, [valid_for(b, roles) for b in looks], roles)
+    nothing = WaterRule(roles, pixels=view.pixels, whole=whole)
+    widest = WIDEST if pixel is None else _widest(pixel)
+    for brown in (False, True) if view.pixels else ():
+        for window in WINDOWS:
+            votes = view.votes(window, brown=brown)
+            found = _threshold(view.nir(window), view.contrast, view.flat(votes), sparkle=window > 1)
+            if found is None or window >= widest:
+                break
+            if pixel is None and view.sparkle(found.threshold, window, widest, votes) <= RARE:
+                break
+            if pixel is not None and not view.sparkle(found.threshold, window, widest, None):
+                break
+        if found is None:
+            continue
+        solid = view.brighter(found.threshold, window)
+        if view.is_water(solid, votes, COMPACT if brown else 0.0):
+            other = sum(int(s.sum()) for s in solid)
+            return replace(nothing, window=window, water_fraction=1.0 - other / view.pixels, **found._asdict())
+    return nothing
+
+
+def _widest(pixel: float) -> int:
+    """Widest window that glint may need [pixel]."""
+    return next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
+
+
+class _Found(NamedTuple):
+    threshold: float
+    nir_level: float
+    contrast: float
+
+
+class _View:
+    """The blocks in which water is sought, and which of their pixels are valid."""
+
+    def __init__(self, blocks: Sequence[FloatArray], valid: Sequence[BoolArray], roles: Roles) -> None:
+        kept = [(b, v) for b, v in zip(blocks, valid, strict=True) if v.any()]
+        self.blocks, self.valid, self.roles = [b for b, _ in kept], [v for _, v in kept], roles
+        self.pixels = int(sum(v.sum() for v in self.valid))
+
+    def flat(self, arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+        """Some of the valid pixels of all blocks, the same ones of every array."""
+        return thinned(np.concatenate([a[v] for a, v in zip(arrays, self.valid, strict=True)]))
+
+    @cached_property
+    def contrast(self) -> FloatArray:
+        """Visible minus NIR."""
+        visible = self.roles.visible[0]
+        return self.flat([b[visible] - b[self.roles.nir] for b in self.blocks])
+
+    def nir(self, window: int) -> FloatArray:
+        """NIR without what is bright and smaller than a window."""
+        nir = [b[self.roles.nir] for b in self.blocks]
+        return self.flat(
+            nir if window == 1 else [_opened_band(b, v, window) for b, v in zip(nir, self.valid, strict=True)]
+        )
+
+    def votes(self, window: int, *, brown: bool) -> list[Votes]:
+        """What the colour says of each pixel: 1 water, -1 not water, 0 either.
+
+        Water has less NIR than visible. Soil and towns, too, where bands are radiances, and then red is above green,
+        as in brown water. Means over a square are compared: bands that are not simultaneous catch sparkle at different
+        places.
+        """
+        roles = self.roles
+        found = []
+        for block, valid in zip(self.blocks, self.valid, strict=True):
+            like = _summed(block[roles.visible[0]] - block[roles.nir], valid, window) > 0
+            votes = np.where(like, np.int8(1), np.int8(-1))
+            if not brown and roles.red is not None and roles.green is not None:
+                votes[like & (_summed(block[roles.red] - block[roles.green], valid, window) > 0)] = 0
+            found.append(votes)
+        return found
+
+    def brighter(self, threshold: float, window: int) -> list[BoolArray]:
+        """Where the NIR is above a threshold all over a window."""
+        nir = self.roles.nir
+        return [opened(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
+
+    def sparkle(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> float:
+        """Share of the sea where a window leaves bright pixels far from what the widest window leaves.
+
+        Where votes are given, only bright pixels of the colour of water under glint.
+        """
+        solid, left = self.brighter(threshold, widest), self.brighter(threshold, window)
+        apart = [b & ~_near(o, widest) for b, o in zip(left, solid, strict=True)]
+        if votes is not None:
+            apart = [a & (v > 0) for a, v in zip(apart, votes, strict=True)]
+        return sum(int(a.sum()) for a in apart) / max(self.pixels - sum(int(o.sum()) for o in solid), 1)
+
+    def is_water(self, solid: Sequence[BoolArray], votes: Sequence[Votes], compact: float) -> bool:
+        """Whether the rest has mostly the colour of water and lies together, a share `compact` of it in squares.
+
+        Where compactness is asked for, something must have voted against water, too.
+        """
+        found = alike = together = 0
+        side = min(5, *(n for v in self.valid for n in v.shape))
+        for o, vote, v in zip(solid, votes, self.valid, strict=True):
+            like = v & ~o & (vote > 0)
+            found, alike = found + int((v & ~o).sum()), alike + int(like.sum())
+            together += int(opened(like, ~v, side).sum())
+        enough = 2 * alike > found and together >= max(min(LEAST_WATER, side * side), compact * found)
+        return enough and (not compact or any((o & (a < 0)).any() for o, a in zip(solid, votes, strict=True)))
+
+
+def _summed(values: FloatArray, valid: BoolArray, side: int) -> FloatArray:
+    """Sum of the valid values of a square."""
+    values = np.where(valid, values, 0)
+    if side == 1:
+        return values
+    import cv2
+
+    summed = cv2.boxFilter(values, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(summed, values.dtype)
+
+
+def _opened_band(band: FloatArray, valid: BoolArray, window: int) -> FloatArray:
+    """A band without what is brighter than its surroundings and smaller than a square; what is missing is neutral."""
+    import cv2
+
+    square = _square(window)
+    low = cv2.erode(np.where(valid, band, band.dtype.type(np.inf)), square)
+    return np.asarray(cv2.dilate(np.where(valid, low, band.dtype.type(-np.inf)), square), band.dtype)
+
+
+def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: bool) -> _Found | None:
+    """The threshold that parts the votes with the fewest errors, moved into the gap; None where no water wins."""
+    order = np.argsort(nir, kind="stable")
+    nir, contrast, votes = nir[order], contrast[order], votes[order]
+    won = np.cumsum(votes, dtype=np.int64)
+    won[:-1][nir[:-1] == nir[1:]] = -1  # equal values are not parted
+    last = nir.size - 1 - int(np.argmax(won[::-1]))
+    if won[last] <= 0:
+        return None
+    few = last // DARKEST + 1
+    darkest = float(np.median(contrast[:few]))
+    sheet = float(np.median(nir[:few])) + MAX_SHEET * abs(darkest)
+    alone, highest = last == nir.size - 1, float(nir[last])  # nothing else is in view
+    water = nir[: max(int(np.searchsorted(nir[: last + 1], sheet, "right")), 1)]
+    level, end = (float(p) for p in np.percentile(water, (50, 99)))
+    tail = level + max(TAIL * (end - level), LEAST_TAIL * abs(darkest))
+    if sparkle:
+        threshold = sheet if alone else min(highest, sheet)
+    elif alone:
+        threshold = min(tail, sheet)
+    else:
+        limit = min(level + BEYOND * (float(nir[last + 1]) - level), sheet, tail)
+        threshold = _foot(nir, level, limit)
+    return _Found(threshold, level, darkest)
+
+
+def _foot(nir: FloatArray, level: float, high: float) -> float:
+    """A quarter into the gap above the water's peak, counted from the foot of the peak, where the density bends.
+
+    The bend is where the logarithm of the density lies farthest below the straight line from its peak to the end, the
+    triangle method of Zack, Rogers, Latt (1977), J. Histochem. Cytochem. 25, 741-753, doi:10.1177/25.7.70454.
+    """
+    if not high > level:
+        return high
+    between = nir[np.searchsorted(nir, level) : np.searchsorted(nir, high, "right")]
+    bins = min(BINS, 1 + int(np.count_nonzero(np.diff(between))))  # no more than there are numbers
+    counts, edges = np.histogram(between, bins, (level, high))
+    kernel = np.exp(-0.5 * (np.arange(-4, 5) / (2 * bins / BINS)) ** 2)
+    density = np.log(np.convolve(np.pad(counts, 4, "edge"), kernel / kernel.sum(), "valid") + 0.5)
+    peak = int(np.argmax(density))
+    line = np.linspace(density[peak], density[-1], bins - peak)
+    bend = edges[1:][peak + int(np.argmax(line - density[peak:]))]
+    return float(bend + INTO_GAP * (high - bend))
+
+
+def _near(mask: BoolArray, side: int) -> BoolArray:
+    import cv2
+
+    return np.asarray(cv2.dilate(mask.view(np.uint8), _square(2 * side + 1)).view(np.bool_))
