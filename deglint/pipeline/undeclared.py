@@ -27,8 +27,9 @@ SIDE = 128
 """Side of the tiles that are looked at [pixel]."""
 MOST_TILES = 1 << 18
 """Tiles that are listed."""
-LEAST_SHARE = 0.02
-"""Share of the pixels from which on one number in all bands, at the edge of the image, is no data."""
+LEAST_SHARE, LEAST_OF_NOTHING = 0.02, 0.001
+"""Share of the pixels from which on one number in all bands, at the edge of the image, is no data; and the same for 0
+and less, which no sensor gives in all bands."""
 ALONE = 0.99
 """A band is given that number as nodata where this share of its occurrences is in all bands at once: a band of dark
 water may be 0 in many a pixel."""
@@ -137,7 +138,8 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray
         single += (raw == value).sum(axis=(1, 2))
         areas += int((_solid(here) | _at_edge(scene, tile, here)).sum())
     nodatas = tuple(value if fill >= ALONE * count else None for count in single)
-    if not LEAST_SHARE * total <= areas < total or all(n is None for n in nodatas):
+    least = LEAST_SHARE if value > 0 else LEAST_OF_NOTHING
+    if not least * total <= areas < total or all(n is None for n in nodatas):
         return Undeclared()
     note = (
         f"{value:g} in all bands, {fill / total:.1%} of the pixels, is taken for nodata and left out; "
@@ -147,13 +149,13 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray
 
 
 def _commonest(same: list[tuple[Tile, npt.NDArray[Any], npt.NDArray[np.bool_]]]) -> float | None:
-    """The number that most pixels have in all bands."""
+    """The number that most pixels have in all bands; 0 and less before all others."""
     counts: Counter[float] = Counter()
     for _tile, raw, alike in same:
         values, many = np.unique(raw[0][alike], return_counts=True)
         best = np.argsort(many)[-4:]
         counts.update({float(values[i]): int(many[i]) for i in best if math.isfinite(values[i])})
-    return counts.most_common(1)[0][0] if counts else None
+    return max(counts, key=lambda value: (value <= 0, counts[value]), default=None)
 
 
 def _solid(mask: Mask) -> Mask:
