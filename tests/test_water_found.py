@@ -121,6 +121,27 @@ def test_land_alone_is_no_water(kinds, offset):
     assert all(word in rule.reason for word in ("--nir", "--mask none", "--mask FILE"))
 
 
+SUN = (np.array([1950, 1830, 1560, 1040]) / 1830)[:, None, None]
+PATH = np.array([0.06, 0.035, 0.02, 0.008])[:, None, None]
+
+
+@pytest.mark.parametrize("kind", ["clear ocean", "heavy glint", "salt lake", "forest coast"])
+@pytest.mark.parametrize("pixel", [10.0, 2.0])
+def test_water_is_found_in_radiance_too(kind, pixel):
+    """In radiance above the atmosphere towns and soil have less NIR than green, like water."""
+    scene, truth = made(kind)
+    scene = ((scene + PATH) * SUN).astype(np.float32)
+    found = water(scene, fit_water([scene], ROLES, pixel=pixel))
+    assert (found & truth).sum() / (found | truth).sum() > (0.92 if kind == "heavy glint" else 0.97)
+    assert found[truth].mean() > 0.98
+
+
+@pytest.mark.parametrize("kinds", [(FOREST,), (SOIL,), (TOWN,), (FOREST, SOIL, TOWN), (CRUST,), (CLOUD,)])
+def test_land_alone_is_no_water_in_radiance_either(kinds):
+    scene = ((land_of(*kinds) + PATH) * SUN).astype(np.float32)
+    assert not fit_water([scene], ROLES, pixel=10.0).has_water
+
+
 def test_ships_piers_and_clouds_are_no_water_and_a_reef_is():
     scene, things = sea(CLEAR, 3, 0.01).astype(np.float32), np.zeros(SHAPE, bool)
     things[30:34, 40:52] = things[90:93, 100:103] = things[140:144, :60] = True

@@ -32,6 +32,13 @@ half of the difference between its visible and its NIR."""
 DARKEST, MAX_SHEET = 10, 8.0
 """Glint and haze lift whole areas above the darkest tenth of the water by up to 8 times the difference between its
 visible and its NIR; clouds are brighter."""
+WHITEST, WHITE = 0.2, 2.0
+"""Share of the pixels that may show what is white [%], and how many times as bright as the darkest they are: turbid
+water is not."""
+PLAIN, SUN = (1.0, 1.0), (0.85, 0.57)
+"""Red and NIR over green of what is white, in reflectance and in radiance: the sun's irradiance at 660, 840, 560 nm."""
+WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
+"""How red and NIR of what is white may compare to its green where the bands are radiances."""
 LEAST_WATER = 25
 """Water has at least this many pixels, in squares of 5 x 5 [pixel]: less is shadow or a dark roof."""
 COMPACT = 0.7
@@ -46,7 +53,12 @@ BINS = 64
 
 
 def fit_water(
-    looks: Sequence[FloatArray], roles: Roles, *, pixel: float | None = None, whole: bool = True
+    looks: Sequence[FloatArray],
+    roles: Roles,
+    *,
+    pixel: float | None = None,
+    whole: bool = True,
+    reflectance: bool = False,
 ) -> WaterRule:
     """Decide from some blocks of a scene how to tell water from land, clouds, foam and ships.
 
@@ -66,6 +78,8 @@ def fit_water(
         Which band is what.
     pixel : float, optional
         Side of a pixel on the ground [m].
+    reflectance : bool
+        The bands are known to be reflectances; else it is looked at what is white.
     whole : bool
         The blocks are all of the scene; else there may be land that they do not show.
 
@@ -93,26 +107,38 @@ def fit_water(
     True
     """
     _check_looks(looks, roles)
-    view = _View(looks, [valid_for(b, roles) for b in looks], roles)
+    view = _View(looks, roles)
     nothing = WaterRule(roles, pixels=view.pixels, whole=whole)
-    widest = WIDEST if pixel is None else _widest(pixel)
-    for brown in (False, True) if view.pixels else ():
-        for window in WINDOWS:
-            votes = view.votes(window, brown=brown)
-            found = _threshold(view.nir(window), view.contrast, view.flat(votes), sparkle=window > 1)
-            if found is None or window >= widest:
-                break
-            if pixel is None and view.sparkle(found.threshold, window, widest, votes) <= RARE:
-                break
-            if pixel is not None and not view.sparkle(found.threshold, window, widest, None):
-                break
-        if found is None:
-            continue
-        solid = view.brighter(found.threshold, window)
-        if view.is_water(solid, votes, COMPACT if brown else 0.0):
+    if not view.pixels:
+        return nothing
+    white = PLAIN if reflectance else view.white
+    for brown in (False, True):
+        fitted = _fit(view, white, pixel, brown=brown)
+        if fitted is not None:
+            found, window, solid = fitted
             other = sum(int(s.sum()) for s in solid)
             return replace(nothing, window=window, water_fraction=1.0 - other / view.pixels, **found._asdict())
     return nothing
+
+
+def _fit(
+    view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool
+) -> tuple[_Found, int, list[BoolArray]] | None:
+    """Threshold, window and what is not water, where there is water under these assumptions."""
+    widest = WIDEST if pixel is None else _widest(pixel)
+    for window in [w for w in WINDOWS if w <= widest]:
+        votes = view.votes(window, light, brown=brown)
+        found = _threshold(view.nir(window), view.contrast, view.flat(votes), sparkle=window > 1)
+        if found is None:
+            return None
+        left = 0.0
+        if window < widest:
+            left = view.sparkle(found.threshold, window, widest, votes if pixel is None else None)
+        if left <= (RARE if pixel is None else 0.0):
+            break
+    assert found is not None
+    solid = view.brighter(found.threshold, window)
+    return (found, window, solid) if view.is_water(solid, votes, COMPACT if brown else 0.0) else None
 
 
 def _widest(pixel: float) -> int:
@@ -129,7 +155,8 @@ class _Found(NamedTuple):
 class _View:
     """The blocks in which water is sought, and which of their pixels are valid."""
 
-    def __init__(self, blocks: Sequence[FloatArray], valid: Sequence[BoolArray], roles: Roles) -> None:
+    def __init__(self, blocks: Sequence[FloatArray], roles: Roles) -> None:
+        valid = [valid_for(b, roles) for b in blocks]
         kept = [(b, v) for b, v in zip(blocks, valid, strict=True) if v.any()]
         self.blocks, self.valid, self.roles = [b for b, _ in kept], [v for _, v in kept], roles
         self.pixels = int(sum(v.sum() for v in self.valid))
@@ -151,22 +178,47 @@ class _View:
             nir if window == 1 else [_opened_band(b, v, window) for b, v in zip(nir, self.valid, strict=True)]
         )
 
-    def votes(self, window: int, *, brown: bool) -> list[Votes]:
+    def votes(self, window: int, light: tuple[float, float], *, brown: bool) -> list[Votes]:
         """What the colour says of each pixel: 1 water, -1 not water, 0 either.
 
-        Water has less NIR than visible. Soil and towns, too, where bands are radiances, and then red is above green,
-        as in brown water. Means over a square are compared: bands that are not simultaneous catch sparkle at different
-        places.
+        Water has less NIR than visible. Where red is above green it may be soil or a town, if the light is not as white
+        as was assumed, or brown water. Means over a square are compared: bands that are not simultaneous catch sparkle
+        at different places.
         """
-        roles = self.roles
+        roles, (red, nir) = self.roles, light
         found = []
         for block, valid in zip(self.blocks, self.valid, strict=True):
-            like = _summed(block[roles.visible[0]] - block[roles.nir], valid, window) > 0
+            scale = block.dtype.type
+            like = _summed(block[roles.visible[0]] * scale(nir) - block[roles.nir], valid, window) > 0
             votes = np.where(like, np.int8(1), np.int8(-1))
             if not brown and roles.red is not None and roles.green is not None:
-                votes[like & (_summed(block[roles.red] - block[roles.green], valid, window) > 0)] = 0
+                votes[like & (_summed(block[roles.red] - block[roles.green] * scale(red), valid, window) > 0)] = 0
+                if nir < 1:
+                    redder = _summed(block[roles.nir] - block[roles.red] * scale(nir / red), valid, window) > 0
+                    votes[like & redder] = 0
             found.append(votes)
         return found
+
+    @cached_property
+    def white(self) -> tuple[float, float]:
+        """Red and NIR of what is white, over its green: 1 in reflectance, the colour of the sun's light in radiance.
+
+        The brightest pixels are white: roofs, sand, clouds, or glint. Where they are not, or are not bright enough, or
+        their NIR is as bright as their green, the bands are taken for reflectance.
+        """
+        roles = self.roles
+        if roles.green is None or roles.red is None:
+            return PLAIN
+        green, red, nir = (self.flat([b[i] for b in self.blocks]) for i in (roles.green, roles.red, roles.nir))
+        both, dark = green + nir, float(np.percentile(green, 1))
+        chosen = both >= np.percentile(both, 100 - WHITEST)  # in both: sparkle may be in one of them alone
+        bright = float(np.median(green[chosen]))
+        if not bright > WHITE * dark > 0:
+            return PLAIN
+        up = bright - dark
+        red_of, nir_of = ((float(np.median(x[chosen])) - float(np.percentile(x, 1))) / up for x in (red, nir))
+        radiance = WHITE_RED[0] < red_of < WHITE_RED[1] and WHITE_NIR[0] < nir_of < WHITE_NIR[1]
+        return SUN if radiance else PLAIN
 
     def brighter(self, threshold: float, window: int) -> list[BoolArray]:
         """Where the NIR is above a threshold all over a window."""

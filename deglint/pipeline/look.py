@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
@@ -72,10 +73,17 @@ def looks(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Loo
                 _compact(roles),
                 pixel=pixel_size(scene),
                 whole=last and total <= MOST_PIXELS,
+                reflectance=_reflectance(scene),
             )
         elif not chosen:
             raise NoWaterError(f"{scene.path} holds no valid pixel in band {scene.bands[nir].name}. Check --nodata.")
         yield Look(tuple(chosen), roles, rule, last)
+
+
+def _reflectance(scene: Scene) -> bool:
+    """Whether the bands are those of a product in reflectance: Sentinel-2's, or Landsat's."""
+    known = (scene.sensor or "").startswith(("sentinel2", "landsat"))
+    return known or all(re.fullmatch(r"(sr_)?b(0\d|1\d|8a)", name.lower()) for name in scene.names)
 
 
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:
