@@ -41,7 +41,7 @@ def test_a_border_of_one_number_is_left_out_and_kept_to_the_bit(value, dtype, se
 def test_nodata_none_says_that_they_are_data(sea, write, tmp_path):
     source = write(tmp_path / "in.tif", bordered(sea, 0, "uint16"))
     assert settled(open_scene(source, nodata="none")).source.info.nodatas == (None,) * 4
-    with pytest.raises(Exception, match='"none": every number is data.* want a number'):
+    with pytest.raises(Exception, match=r'"none": every number is data.* want a number'):
         open_scene(source, nodata="all")
 
 

@@ -37,6 +37,9 @@ WHITEST, WHITE = 0.2, 2.0
 water is not."""
 PLAIN, SUN = (1.0, 1.0), (0.85, 0.57)
 """Red and NIR over green of what is white, in reflectance and in radiance: the sun's irradiance at 660, 840, 560 nm."""
+COARSE = 1.0
+"""Where pixels are smaller, or their size is not known, dense glint may be brighter than all else, and is not white in
+bands of different instants [m]."""
 WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
 """How red and NIR of what is white may compare to its green where the bands are radiances."""
 LEAST_WATER = 25
@@ -79,7 +82,7 @@ def fit_water(
     pixel : float, optional
         Side of a pixel on the ground [m].
     reflectance : bool
-        The bands are known to be reflectances; else it is looked at what is white.
+        The bands are known to be reflectances; else, from 1 m on, the brightest pixels tell.
     whole : bool
         The blocks are all of the scene; else there may be land that they do not show.
 
@@ -111,7 +114,7 @@ def fit_water(
     nothing = WaterRule(roles, pixels=view.pixels, whole=whole)
     if not view.pixels:
         return nothing
-    white = PLAIN if reflectance else view.white
+    white = PLAIN if reflectance or pixel is None or pixel < COARSE else view.white
     for brown in (False, True):
         fitted = _fit(view, white, pixel, brown=brown)
         if fitted is not None:
