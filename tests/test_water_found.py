@@ -204,3 +204,29 @@ def test_land_of_real_ports_alone_is_no_water():
                 part = slice(row, row + 160), slice(column, column + 160)
                 if not truth[part].any():
                     assert not fit_water([scene[:, *part]], ROLES, pixel=10.0).has_water
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("name", "roles", "pixel", "share"),
+    [
+        ("real/micasense/aligned_0192", Roles(blue=0, green=1, red=2, nir=3), None, 0.999),
+        ("real/sdb/image", ROLES, 10.0, 0.99),
+        ("sentinel2/wistari", Roles(blue=1, green=2, red=3, nir=7), 10.0, 0.999),
+        ("wide/p124_w9_wv3", Roles(blue=1, green=2, red=4, nir=6), 1.24, 1.0),
+        ("wide/into_glint_w9_60ms", Roles(blue=1, green=2, red=4, nir=6), 0.25, 1.0),
+        ("wide/planetscope4_w9", ROLES, 3.0, 1.0),
+    ],
+)
+def test_reefs_and_the_densest_glint_are_water(name, roles, pixel, share):
+    """All but an island and surf of sdb is water."""
+    rasterio = pytest.importorskip("rasterio")
+    path = DATA / f"{name}.tif"
+    if not path.is_file():
+        pytest.skip(f"{name} is not there")
+    with rasterio.open(path) as data:
+        scene = data.read().astype(np.float32) * np.array(data.scales, np.float32)[:, None, None]
+    found = water(scene, fit_water([scene], roles, pixel=pixel))
+    assert found.mean() >= share
+    if "sdb" in name:
+        assert found.mean() < 0.998
