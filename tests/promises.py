@@ -77,9 +77,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.promises", description=__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true", help=f"write {PAGE.relative_to(ROOT)}")
     given = parser.parse_args()
-    named = [
-        f"{ROOT / 'tests' / file}.py::{t}" for rows in PROMISES.values() for _w, file, ts in rows for t in ts.split()
-    ]
+    named = [f"{ROOT / 'tests' / row['file']}.py::{test}" for row in _ROWS for test in row["tests"]]
     counts = Counts()
     code = pytest.main(["-q", "-p", "no:cacheprovider", *named], plugins=[counts])
     text = page(counts)
