@@ -117,7 +117,7 @@ class Background:
             mean, rest, matrix = (np.array(found[k], np.float64) for k in ("mean", "rest", "covariance"))
             names = tuple(str(name) for name in found["names"])
             n, rule, shrinkage = int(found["n"]), str(found["rule"]), float(found["shrinkage"])
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise InputError("not a saved background; make one with --save-background.") from error
         whole = mean.ndim == 1 and len(mean) and rest.shape == mean.shape and matrix.shape == mean.shape * 2
         if not whole or not (np.isfinite(matrix).all() and np.isfinite(mean).all()) or len(names) not in (0, len(mean)):

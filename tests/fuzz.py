@@ -114,7 +114,7 @@ COMMANDS = {
     "background.json": ("rxdetect score -q {tif} {out} --background {text}",),
 }
 """What is run on a file of each kind; on all others what is run on scenes."""
-PRODUCTS = ("o.tif", "o.tif.json", "scores.tif.json", "raw.bin", "envi.img.aux.xml")
+PRODUCTS = ("o.tif", "o.tif.json", "scores.tif.json", "raw.bin", "envi.img.aux.xml", "plain.png.aux.xml")
 BESIDE = ("plain.tif", "mosaic.vrt", "raw.bin", "envi.img", "envi.hdr")
 """Files that others lead to."""
 

@@ -20,12 +20,12 @@ PROMISES = {name: [r for r in _ROWS if r["promise"] == name] for name in dict.fr
 """For each promise what was tried ("tried"), and the tests: their "file", and "tests" by name."""
 _HEAD = """# What is promised, and how it is tested
 
-`python -m tests.promises --write` runs the tests that are named here, counts, and makes this page. Each was tried as
-often as the second column says; what did not hold would stand in the third.
+`python -m tests.promises --write` runs the tests of this page, counts their cases and writes it. The second column
+says how often something was tried, the third how often the promise held.
 
-Three words: *refused* is one line that says what is wrong and what to do, exit code 1, and nothing touched; *scratch*
-are the hidden files beside an output until it is whole; *behind* an input are all files that are read with it: headers,
-masks, overviews, sources of VRTs at any depth.
+A command *refuses* with one line that says what is wrong and what to do, with exit code 1, before it touches any file.
+*Scratch files* are the hidden files beside an output until it is complete. The files *behind* an input are all files
+that are read with it: headers, masks, overviews, sources of VRTs at any depth.
 """
 _LIMITS = """
 ## What is not promised
@@ -77,9 +77,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.promises", description=__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true", help=f"write {PAGE.relative_to(ROOT)}")
     given = parser.parse_args()
-    named = [
-        f"{ROOT / 'tests' / file}.py::{t}" for rows in PROMISES.values() for _w, file, ts in rows for t in ts.split()
-    ]
+    named = [f"{ROOT / 'tests' / row['file']}.py::{test}" for row in _ROWS for test in row["tests"]]
     counts = Counts()
     code = pytest.main(["-q", "-p", "no:cacheprovider", *named], plugins=[counts])
     text = page(counts)

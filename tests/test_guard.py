@@ -1,5 +1,6 @@
 """An output never replaces a file that is read, whatever it is called and whoever reads it; nor another output."""
 
+import importlib
 import json
 import os
 import shutil
@@ -295,6 +296,29 @@ def test_a_source_that_changes_under_way_is_noticed(deglint, scene, monkeypatch,
     assert ran.code == 1
     assert "was changed while it was read" in ran.err or "cannot read" in ran.err
     assert not Path("out.tif").exists()
+
+
+def test_a_mask_or_score_that_changes_under_way_is_noticed(deglint, capfd, scene, write, monkeypatch):
+    monkeypatch.chdir(scene)
+    from deglint.pipeline import correct
+
+    evaluating = importlib.import_module("detect.report.evaluate")
+
+    def changing(file, whole):
+        def call(*arguments, **options):
+            os.utime(file, ns=(1, 1))
+            return whole(*arguments, **options)
+
+        return call
+
+    monkeypatch.setattr(correct.Correction, "__call__", changing("m.tif", correct.Correction.__call__))
+    assert "m.tif was changed while it was read" in deglint("remove", "src.tif", "o.tif", *RUN[:-1], "m.tif").err
+    write("t.tif", np.eye(80, 100, dtype=np.uint8)[None], names=None)
+    monkeypatch.setattr(evaluating, "read_inputs", changing("src.tif", evaluating.read_inputs))
+    code, said = rxdetect(capfd, "roc", "src.tif", "t.tif", "--report", "r.html", "--bootstrap", "0")
+    assert code == 1
+    assert "src.tif was changed while it was read" in said
+    assert not {"o.tif", "r.html"} & {p.name for p in scene.iterdir()}
 
 
 @pytest.mark.parametrize("how", ["truncated", "written anew"])

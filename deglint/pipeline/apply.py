@@ -126,7 +126,8 @@ def remove_glint(
         reads: Reads = {"the input": [*given, *files], **{k: [v] for k, v in named.items()}, "an input": targets.reads}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_image(targets.image)
-        checksum = Checksum(files)  # before it is opened: what changes from now on is noticed
+        # before it is opened: what changes from now on is noticed
+        checksum = Checksum(files, [recipe.sample, recipe.mask, *map(str, targets.reads)])
         scene = open_scene(
             source, sensor=sensor, nodata=nodata, grid=grid, bands=bands, wavelengths=wavelengths, scale=scale,
             offset=offset,

@@ -50,13 +50,16 @@ class Checksum:
     ----------
     names : sequence of str
         GDAL names; the files behind them are those of `deglint.raster.files.files_behind`.
+    aside : sequence of str
+        Names of what is read beside them, such as a mask: it must not change either, and is not listed.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
-        self._names = tuple(names)
+    def __init__(self, names: Sequence[str], aside: Sequence[str] = ()) -> None:
+        self._names, self._aside = tuple(names), tuple(aside)
         self._found: list[dict[str, Any]] = []
         ahead = {name: known for name in self._names if (known := _AHEAD.pop(name, None)) is not None}
-        self._before = {path: _stamp(path) for path in behind(self._names)}
+        self._listed = behind(self._names)
+        self._before = {path: _stamp(path) for path in (*self._listed, *behind(self._aside))}
         self._ahead = {name: known for name, known in ahead.items() if known.before == self._before.get(name)}
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
@@ -82,7 +85,7 @@ class Checksum:
     def changed(self) -> str | None:
         """A file that was changed, came or went since this was begun."""
         crcs = {file["path"]: file["crc32"] for file in self._found}
-        after = {path: _stamp(path) for path in behind(self._names)}
+        after = {path: _stamp(path) for path in (*behind(self._names), *behind(self._aside))}
         for path in {**self._before, **after}:
             if path.endswith(_ASIDE):
                 continue
@@ -90,13 +93,13 @@ class Checksum:
             if one is None or two is None or one[:3] != two[:3]:
                 if one != two or (path in self._before) != (path in after):
                     return path
-            elif one != two and fingerprint(path)["crc32"] != crcs.get(path):
+            elif one != two and fingerprint(path)["crc32"] != crcs.get(path, ""):
                 return path  # its time was set back
         return None
 
     def _work(self) -> None:
         found = []
-        for path in self._before:
+        for path in self._listed:
             known = self._ahead.get(path)
             found.append({"path": path, **(fingerprint(path) if known is None else known.result())})
         self._found = found

@@ -388,14 +388,14 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
 
     losses : of each support, the power that it leaves in each group
     """
-    best = losses[min(losses, key=lambda s: float(losses[s].sum()))]
-    out = []
+    least = min(losses, key=lambda s: float(losses[s].sum()))
+    best, out = losses[least], []
     for support, loss in losses.items():
-        excess = (loss - best) / best.sum()
+        excess = (loss - best) / max(best.sum(), np.finfo(float).tiny)  # 0 where a band is constant
         chance = np.sqrt(len(excess)) * excess.std(ddof=1) if len(excess) > 1 else np.inf
         if excess.sum() <= max(2 * WORTH, chance):
             out.append(support)
-    return out
+    return out or [least]  # losses that are not finite
 
 
 def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:

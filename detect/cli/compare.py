@@ -57,7 +57,9 @@ def _read(path: str, said: str) -> Any:
 
     try:
         return json.loads(read_text(path, said))
-    except (json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # numbers of thousands of digits are no JSONDecodeError
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"{path} ({said}) is not JSON: {error}. Give the file that rxdetect bench wrote.") from error
 
 

@@ -63,7 +63,7 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     from deglint.raster.targets import check_targets
 
     from ..report import Request, evaluate, page
-    from ..report.provenance import provenance
+    from ..report.provenance import begin_inputs, provenance
     from ..report.words import table
 
     report = None if given["report"] is None else Path(given["report"])
@@ -78,8 +78,9 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     )  # fmt: skip
     start = time.perf_counter()
     with Console(given) as console, environment():
+        checksum = begin_inputs(request)
         found = evaluate(request, console.progress)
-        made = provenance(request, _command(scores, truth, given), time.perf_counter() - start)
+        made = provenance(request, _command(scores, truth, given), time.perf_counter() - start, checksum)
         numbers = plain(found.numbers | {"made": made})
         if report is not None and beside is not None:
             with Scratch(overwrite=given["overwrite"]) as scratch:

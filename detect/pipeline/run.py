@@ -205,7 +205,8 @@ def score_file(
         reads: Reads = {"the input": [*given, *read], **{k: [v] for k, v in named.items()}}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_image(targets.image)
-        checksum = Checksum(read)  # before it is opened: what changes from now on is noticed
+        # before it is opened: what changes from now on is noticed
+        checksum = Checksum(read, [recipe.background, recipe.mask])
         scene = open_scene(
             source, sensor=sensor, nodata=nodata, bands=bands, wavelengths=wavelengths, scale=scale, offset=offset
         )

@@ -14,7 +14,12 @@ from deglint.pipeline.sidecar import versions
 from .evaluate import Request
 
 
-def provenance(request: Request, command: str, seconds: float) -> dict[str, Any]:
+def begin_inputs(request: Request) -> Checksum:
+    """The checksums of what is judged, begun before it is read."""
+    return Checksum([*request.scores, request.truth, *([request.mask] if request.mask else [])])
+
+
+def provenance(request: Request, command: str, seconds: float, checksum: Checksum) -> dict[str, Any]:
     """Everything that another needs to make the report again.
 
     Parameters
@@ -23,14 +28,20 @@ def provenance(request: Request, command: str, seconds: float) -> dict[str, Any]
     command : str
     seconds : float
         That judging took [s].
+    checksum : Checksum
+        From `begin_inputs`.
+
+    Raises
+    ------
+    ReadError
+        A file was changed while it was read.
     """
     import cv2
     import scipy
 
-    files = [*request.scores, request.truth, *([request.mask] if request.mask else [])]
     inputs = [
         {"path": f["path"], "bytes": f["bytes"], "crc32": f["crc32"]}
-        for f in Checksum(files).result()
+        for f in checksum.result()
         if f["bytes"] is not None
     ]
     return {
