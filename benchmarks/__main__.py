@@ -11,6 +11,7 @@ from detect.bench import EXPERIMENTS
 
 BENCHMARKS = {
     "away": ("away", ("quick",)),
+    "depths": ("depths", ()),
     "error": ("error", ("quick",)),
     "targets": ("targets", ("quick",)),
     "uncertainty": ("uncertainty", ("quick", "those_that_set")),

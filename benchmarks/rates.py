@@ -84,7 +84,7 @@ def work_of(path: Path, recipe: Recipe, *, memory: bool = False) -> tuple[Correc
     if fitted.chain.runs:
         shape = tiling.compact(shape, block_of(scene), len(scene.bands), fitted.chain.halo)
     layout = Layout(info, tuple(range(len(scene.bands))), info.dtype.name, info.nodata, {})
-    work = Correction(scene, fitted.model, False, False, layout, None, None, fitted.water_bands, None, fitted.chain, ())
+    work = Correction(scene, fitted.model, False, False, layout, None, None, fitted.water_bands, fitted.chain, ())
     return work, tiling.tiles(scene.height, scene.width, shape)
 
 

@@ -99,6 +99,7 @@ def test_reading_a_chain():
         ("psf:2", "psf serves identify-level"),
         ("psf, remove, identify-level, replace-level", "psf serves identify-level"),
         ("identify-level, psf, replace-level", "psf serves identify-level"),
+        ("match, identify-level, replace-level", "stage 'match' is not one of"),
     ],
 )
 def test_refusals_are_one_clear_line(text, words):
@@ -157,7 +158,7 @@ def test_a_saved_kernel_is_the_fitted_one(radius):
 @pytest.mark.parametrize(
     "data",
     [
-        {}, {"stage": "sharpen"}, {"stage": "median", "size": 3}, {"stage": "median", "largest": 4},
+        {}, {"stage": "match", "reference": 3}, {"stage": "median", "size": 3}, {"stage": "median", "largest": 4},
         {"stage": "psf", "iterations": 2}, {"stage": "psf", "iterations": 2, "kernels": [[[1, 2], [3]]]},
         {"stage": "psf", "iterations": 2, "kernels": [[[-1.0]]]}, {"stage": "normalise", "levels": [1]},
     ],

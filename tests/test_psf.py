@@ -1,21 +1,16 @@
-"""Point spread functions, sharpening and matching of bands, against closed forms, brute force and other programs."""
-
-from pathlib import Path
+"""Point spread functions and sharpening, against closed forms, brute force and other programs."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deglint.compensate.match import FORMS as MATCH_FORMS
-from deglint.compensate.match import RIDGE, apply_match, fit_match, match
 from deglint.compensate.psf import kernel_psf, system_psf
 from deglint.compensate.sharpen import FORMS, SLAB, richardson_lucy, sharpen_halo
 from deglint.errors import InputError
 from deglint.physics.presets import preset
 from deglint.physics.sensor import mtf
 
-SCENES = Path(__file__).parents[2] / "shared" / "data" / "simulated"
 GREEN = system_psf(545.0, f_number=10, pitch=8e-6)
 WIDE = system_psf(832.5, f_number=30, pitch=8e-6)
 LOPSIDED = kernel_psf([[0, 1, 0], [2, 8, 4], [0, 3, 1]])
@@ -137,12 +132,6 @@ def test_iterations_by_blur():
         (lambda: richardson_lucy(np.ones((2, 2)), GREEN, form="cubic"), "separable, fir, fft"),
         (lambda: richardson_lucy(np.ones((2, 2)), GREEN, iterations=-1), "0 to 20"),
         (lambda: richardson_lucy(np.ones((2, 2)), GREEN, rank=4), "1, 2 or 3"),
-        (lambda: fit_match([GREEN], 1), "band index 1"),
-        (lambda: fit_match([GREEN], 0, radius=-1), "0 to 32"),
-        (lambda: match(np.ones((2, 4, 4)), [GREEN], 0), "one a band"),
-        (lambda: match(np.ones((1, 4, 4)), [GREEN], 0, form="iir"), "fir, fft"),
-        (lambda: match(np.full((1, 4, 4), np.nan), [GREEN], 0, form="fft"), "not finite"),
-        (lambda: apply_match(np.ones((2, 4, 4)), fit_match([GREEN], 0)), "1 bands"),
     ],
 )  # fmt: skip
 def test_refusals_are_one_clear_line(call, words):
@@ -310,117 +299,3 @@ def test_slabs_do_not_show(form, monkeypatch):
     in_slabs = richardson_lucy(band, GREEN, form=form)
     monkeypatch.setattr("deglint.compensate.sharpen.SLAB", 10_000)
     np.testing.assert_array_equal(in_slabs, richardson_lucy(band, GREEN, form=form))
-
-
-# ------------------------------------------------------------------------------------------------------ matching
-
-
-def optics(f_number, *wavelengths):
-    return [system_psf(w, f_number=f_number, pitch=8e-6) for w in wavelengths]
-
-
-def test_fourier_form_is_the_formula():
-    psfs = optics(10, 480.0, 832.5)
-    rng = np.random.default_rng(0)
-    image = rng.gamma(0.3, 200.0, (2, 96, 96))
-    side = 96 + 2 * 64
-    padded = np.pad(image[0], 64, mode="reflect")
-
-    def otf(psf):
-        grid = np.zeros((side, side))
-        half = len(psf.wide) // 2
-        grid[: len(psf.wide), : len(psf.wide)] = psf.wide
-        return np.fft.fft2(np.roll(grid, (-half, -half), (0, 1)))
-
-    band, nir = map(otf, psfs)
-    transfer = nir * band.conj() / (np.abs(band) ** 2 + RIDGE) * (1 + RIDGE)
-    wanted = np.fft.ifft2(np.fft.fft2(padded) * transfer).real[64:-64, 64:-64]
-    got = match(image, psfs, 1, form="fft")
-    np.testing.assert_allclose(got[0], wanted, atol=1e-2 * wanted.std())
-    np.testing.assert_array_equal(got[1], image[1].astype(np.float32))
-
-
-@pytest.mark.parametrize("f_number", [10, 30])
-def test_matched_bands_have_the_same_point(f_number):
-    psfs = optics(f_number, 480.0, 660.0, 832.5)
-    points = np.zeros((3, 161, 161))
-    for plane, psf in zip(points, psfs, strict=True):
-        half = len(psf.wide) // 2
-        inside = slice(max(half - 80, 0), half + 81)
-        at = slice(80 - min(half, 80), 81 + min(half, 80))
-        plane[at, at] = psf.wide[inside, inside]
-    apart = np.abs(points - points[2]).max(axis=(1, 2))
-    for form, left in (("fft", 0.02), ("fir", 0.02)):
-        matched = match(points, psfs, 2, form=form)
-        assert (np.abs(matched - points[2].astype(np.float32)).max(axis=(1, 2))[:2] < left * apart[:2]).all()
-        np.testing.assert_allclose(matched.sum(axis=(1, 2)), points.sum(axis=(1, 2)), rtol=5e-3)
-
-
-def test_kernels_keep_the_level_and_say_what_is_left():
-    psfs = optics(10, 480.0, 832.5, 950.0)
-    model = fit_match(psfs, 1)
-    assert model.kernels[0].sum() == pytest.approx(1.0, abs=1e-12)
-    assert model.kernels[1] is None
-    assert model.kernels[2] is None  # blurrier than the reference
-    assert model.residual[0] < 0.02
-    assert model.residual[1] == 0
-    assert model.numbers()["halo"] == model.halo == psfs[1].radius
-    assert fit_match(psfs, 1, radius=8).residual[0] < model.residual[0]
-
-
-@pytest.mark.parametrize("form", MATCH_FORMS)
-def test_matching_takes_any_shape_and_leaves_the_input(form):
-    psfs = optics(10, 480.0, 832.5)
-    for shape in ((2, 1, 1), (2, 1, 9), (2, 3, 2), (2, 0, 4)):
-        image = np.full(shape, 5, np.uint16)
-        out = match(image, psfs, 1, form=form)
-        np.testing.assert_allclose(out, image, rtol=1e-5)
-        assert (image == 5).all()
-
-
-def test_matching_leaves_holes(sea):
-    psfs = optics(10, 480.0, 832.5)
-    image = np.stack([sea, sea])
-    out = match(image, psfs, 1)
-    np.testing.assert_array_equal(out[~np.isfinite(image)], image[~np.isfinite(image)])
-    assert np.isfinite(out[np.isfinite(image)]).all()
-
-
-@settings(max_examples=25)
-@given(data=st.data())
-@pytest.mark.parametrize("f_number", [10, 30])
-def test_matched_tiles_are_the_whole_to_the_bit(f_number, data):
-    model = MODELS[f_number]
-    rng = np.random.default_rng(data.draw(st.integers(0, 3)))
-    shape = data.draw(st.sampled_from([(60, 91), (SLAB + 30, 40)]))
-    image = rng.gamma(0.3, 200.0, (2, *shape)).astype(np.float32)
-    image[rng.random(image.shape) < data.draw(st.sampled_from([0.0, 0.02, 0.9]))] = np.nan
-    whole = apply_match(image, model)
-    (r0, r1), (c0, c1) = (sorted(data.draw(st.lists(st.integers(0, n), min_size=2, max_size=2))) for n in shape)
-    top, left, halo = max(r0 - model.halo, 0), max(c0 - model.halo, 0), model.halo
-    tile = apply_match(image[:, top : r1 + halo, left : c1 + halo], model)
-    np.testing.assert_array_equal(tile[:, r0 - top :, c0 - left :][:, : r1 - r0, : c1 - c0], whole[:, r0:r1, c0:c1])
-
-
-MODELS = {f: fit_match(optics(f, 480.0, 832.5), 1) for f in (10, 30)}
-
-
-@pytest.mark.shared
-@pytest.mark.skipif(not SCENES.exists(), reason="the shared scenes do not lie beside the project")
-@pytest.mark.parametrize("form", MATCH_FORMS)
-def test_matching_more_than_halves_the_error_of_hedley(form):
-    """Simultaneous bands at f/10, by another simulator; a trial by another program went from 57 to 24 %."""
-    from deglint import open_scene, remove
-
-    scene = open_scene(SCENES / "wind09_delay00.tif")
-    truth = open_scene(SCENES / "wind09_delay00_truth.tif").read()[:5].astype(float)
-    sample = np.zeros(truth.shape[1:], bool)
-    sample[:, :184] = True
-    psfs = optics(10, *(b.wavelength for b in scene.bands))
-    errors = []
-    for image in (scene.read().astype(float), match(scene.read(), psfs, 6, form=form)):
-        model = remove.fit("hedley", image, nir=6, sample=sample, bands=scene.bands, regression="ols")
-        away = (remove.apply(image, model)[:5] - truth).astype(float)
-        each = np.sqrt((away**2).mean(axis=(1, 2))) / np.median(truth, axis=(1, 2))
-        errors.append(100 * np.sqrt((each**2).mean()))
-    assert errors == pytest.approx([57.5, 24.0], abs=0.6)

@@ -33,7 +33,6 @@ CHAINS = (
     "psf:2, identify-level:13, replace-level",
     "psf:1, identify-level:7, replace-level, identify-level:5, replace-level",
     "psf:1, identify-level:7, identify-level:5, replace-level",
-    "match, identify-level:5, replace-level",
     "psf-image:1, identify-median, median:9",
     "normalise:30, psf:1, identify-level:5, replace-level",
     "normalise, identify-median:5, replace-bands, median:5",

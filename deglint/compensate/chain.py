@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from ..errors import InputError
 from ..scene import FloatArray
 from .evidence import Protection, protection_from
 from .identify import IdentifyLevel, IdentifyMedian
-from .match import Matching, apply_match
 from .median import Median
 from .noise import Spread
 from .normalise import Normalise
@@ -35,7 +34,6 @@ STAGES: dict[str, str] = {
     "normalise": "divide by the median of deep water; by its mode where glint covers more than N %",
     "psf": "N iterations of Richardson-Lucy, to build the level only",
     "psf-image": "N iterations of Richardson-Lucy, as the image itself",
-    "match": "blur every band as the longest is blurred, for bands of one instant",
     "identify-median": "glint is above median + K lower-side deviations",
     "identify-level": "glint is above the opened level (element of N pixels)",
     "replace-bands": "from the spectrally nearest clean band",
@@ -98,30 +96,6 @@ class Sharpen:
             may = np.isfinite(band) if state.where is None else np.isfinite(band) & state.where
             np.copyto(band, richardson_lucy(band, psf, iterations=self.iterations), where=may)
             state.replaced[b] |= may
-
-
-@dataclass(frozen=True)
-class Match:
-    """OTF matching: every band is blurred as the longest is, so that removal sees the same sparkle in all.
-
-    Attributes
-    ----------
-    matching : Matching
-        Kernels; see `deglint.compensate.match`.
-    """
-
-    matching: Matching
-    name: ClassVar[str] = "match"
-
-    @property
-    def halo(self) -> int:
-        """Radius of the kernels."""
-        return self.matching.halo
-
-    def apply(self, state: State) -> None:
-        """Blur the bands."""
-        state.image[...] = apply_match(state.image, self.matching)
-        state.replaced[...] = True if state.where is None else state.where
 
 
 @dataclass(frozen=True)
@@ -329,10 +303,6 @@ def _plain(stage: Stage) -> dict[str, Any]:
     if isinstance(stage, Sharpen):
         kernels = [p.kernel.tolist() for p in stage.psfs]
         return {"stage": stage.name, "iterations": stage.iterations, "kernels": kernels}
-    if isinstance(stage, Match):
-        kernels = [None if k is None else k.tolist() for k in stage.matching.kernels]
-        residual = list(stage.matching.residual)
-        return {"stage": stage.name, "kernels": kernels, "reference": stage.matching.reference, "residual": residual}
     found = asdict(stage)
     if "saturation" in found:  # JSON knows no infinity
         found["saturation"] = tuple(s if np.isfinite(s) else None for s in found["saturation"])
@@ -356,9 +326,6 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
         if name in ("psf", "psf-image"):
             psfs = tuple(PSF(np.array(k, np.float64), len(k) // 2) for k in data["kernels"])
             return Sharpen(psfs, int(data["iterations"]), name == "psf-image")
-        if name == "match":
-            matched = tuple(None if k is None else np.array(k) for k in data["kernels"])
-            return Match(Matching(matched, int(data["reference"]), tuple(data["residual"])))
         return kinds[name](**rest)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved stage of a compensation ({error}); fit and save it again.") from error

@@ -13,10 +13,9 @@ import numpy as np
 
 from ..errors import FitError, InputError
 from ..scene import Band, Window
-from .chain import ITERATIONS, Crop, Match, Sharpen, Stage, Step, run, spares
+from .chain import ITERATIONS, Crop, Sharpen, Stage, Step, run, spares
 from .identify import FEWEST, THESIS_K, fit_identify_level, fit_identify_median
 from .level import SMALLEST
-from .match import fit_match
 from .median import Median
 from .normalise import fit_normalise
 from .opening import opening_halo
@@ -161,8 +160,6 @@ def reach_of(step: Step, psfs: Sequence[PSF] | None) -> int:
         return Sharpen(tuple(psfs), size or ITERATIONS, step.name == "psf-image").halo
     if step.name == "identify-level":
         return opening_halo(size or ELEMENT, size or ELEMENT)
-    if step.name == "match" and psfs:
-        return max(p.radius for p in psfs)
     return Median(size or REACH).halo if step.name == "median" else 0
 
 
@@ -210,10 +207,6 @@ def _fit_stage(step: Step, sample: Sample, setting: Setting, bands: Any, left: A
                 f"{step.name} needs the sensor's optics, which are not known. Name a --sensor, or leave it out."
             )
         return Sharpen(setting.psfs, size or ITERATIONS, step.name == "psf-image")
-    if step.name == "match":
-        if setting.psfs is None:
-            raise InputError("match needs the sensor's optics, which are not known. Name a --sensor, or leave it out.")
-        return Match(fit_match(setting.psfs, setting.order[-1]))
     if step.name == "identify-median":
         k = THESIS_K if step.number is None else step.number
         return fit_identify_median(sample.values(), setting.saturation, k=k, floor=floor)

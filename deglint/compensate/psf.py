@@ -1,7 +1,7 @@
 """The point spread function (PSF) of a band: what the optics, the detector and the motion make of a point of light.
 
-Built from the sensor's optics, or taken from any kernel. It is what sharpening (`deglint.compensate.sharpen`) and
-matching of bands (`deglint.compensate.match`) work with. Arrays only; it never looks at an image.
+Built from the sensor's optics, or taken from any kernel. Sharpening (`deglint.compensate.sharpen`) works
+with it. Arrays only; it never looks at an image.
 """
 
 from __future__ import annotations

@@ -290,15 +290,15 @@ def mirrored(band: npt.NDArray[Any], rows: tuple[int, int], halo: int, columns: 
     return np.asarray(cv2.copyMakeBorder(part, *margins, cv2.BORDER_REFLECT_101))
 
 
-def share_of(valid: BoolArray, blur: Blur, radius: int, least: float = LEAST_RATIO) -> Float32Array:
-    """Share of the kernel that lies on valid pixels: exactly 1 where all do, NaN where it is below `least`."""
+def share_of(valid: BoolArray, blur: Blur, radius: int) -> Float32Array:
+    """Share of the kernel that lies on valid pixels: exactly 1 where all do, NaN where it is below `LEAST_RATIO`."""
     import cv2
 
     share = blur(valid.astype(np.float32), None)
     square = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     touched = cv2.dilate((~valid).view(np.uint8), square).view(np.bool_)
     share[~touched] = 1.0
-    share[share < least] = np.nan
+    share[share < LEAST_RATIO] = np.nan
     return share
 
 

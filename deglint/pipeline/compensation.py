@@ -413,7 +413,7 @@ def _psfs(scene: Scene, wanted: Sequence[Step] | None) -> tuple[PSF, ...] | None
 
 
 def _wants_psf(wanted: Sequence[Step] | None) -> bool:
-    return wanted is None or any(s.name.startswith(("psf", "match")) for s in wanted)
+    return wanted is None or any(s.name.startswith("psf") for s in wanted)
 
 
 def estimated_psfs(scene: Scene, blocks: Blocks) -> tuple[tuple[PSF, ...] | None, str]:

@@ -88,7 +88,8 @@ def fit_reference(looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: 
     rule = ReferenceRule(band, np.inf, np.inf, low, (high - low) / GRAINS or 1.0, edge)
     tops, means = [], []
     for values, sample in looks:
-        mean, count = _local_mean(values, sample, rule)
+        total, count = _sums(_grains(values, rule), sample)
+        mean = _mean(total, count, rule)
         excess = np.where(sample & (count >= LEAST_PIXELS), values - mean, -np.inf)
         means.append(float(mean[sample].min(initial=np.inf)))
         for row in range(0, sample.shape[0], CELL):
@@ -121,37 +122,64 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
         Water where the band exceeds its surroundings by more than glint does; None where there is none.
     """
     water = water & np.isfinite(values)
-    bright = bool((values > rule.least)[water].any())
-    if not bright and water.all():
+    bright = water & (values > rule.least)
+    everywhere = bool(water.all())
+    if everywhere and not bright.any():
         return values, None
-    kept = inner = water & ~_grown(~water, rule.edge)
-    over = None
-    for _ in range(2 if bright else 0):  # again without what exceeded, so that a ship does not raise its own sea
-        mean, count = _local_mean(values, kept, rule)
-        over = inner & (count >= LEAST_PIXELS) & (values > mean + rule.limit)
-        over = _grown(over, rule.edge) & inner
+    kept = inner = water if everywhere else water & ~_grown(~water, rule.edge)
+    grains, over = _grains(values, rule), None
+    bright &= inner
+    for _ in range(2 if bright.any() else 0):  # again without what exceeded: a ship does not raise its own sea
+        found = _exceeding(values, bright, _sums(grains, kept), rule)
+        if not found.any():  # nor does anything the second time
+            break
+        over = _grown(found, rule.edge) & inner
         kept = inner & ~over
+    if everywhere and over is None:
+        return values, None
     out = np.zeros_like(values)
-    for mask in (water, kept):  # narrow water is all edge, and has its own mean
-        mean, count = _local_mean(values, mask, rule)
-        np.copyto(out, mean, where=count > 0, casting="same_kind")
+    total, count = _sums(grains, kept)
+    np.copyto(out, _mean(total, count, rule), where=count > 0, casting="same_kind")
+    if not count.all():  # narrow water is all edge, and has its own mean
+        total, around = _sums(grains, water)
+        np.copyto(out, _mean(total, around, rule), where=(count == 0) & (around > 0), casting="same_kind")
     np.copyto(out, values, where=kept)
     return out, over
 
 
-def _local_mean(values: FloatArray, kept: Mask, rule: ReferenceRule) -> tuple[FloatArray, npt.NDArray[np.int32]]:
-    """Mean over the kept pixels in the square around each pixel (`rule.low` for none), and their number."""
+def _grains(values: FloatArray, rule: ReferenceRule) -> npt.NDArray[np.uint16]:
+    """The values counted in integers; anything where they are not finite."""
+    counted = values - values.dtype.type(rule.low)
+    counted /= values.dtype.type(rule.step)
+    with np.errstate(invalid="ignore"):
+        return np.rint(np.clip(counted, 0, GRAINS, out=counted), out=counted).astype(np.uint16)
+
+
+def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Sum of the integers over the kept pixels in the square around each pixel, and their number."""
     import cv2
 
-    grains = np.zeros(values.shape, np.uint16)
-    counted = np.clip((values - rule.low) / rule.step, 0, GRAINS)
-    np.copyto(grains, np.rint(counted, out=counted), where=kept, casting="unsafe")
     square = SIZE, SIZE
-    total = cv2.boxFilter(grains, cv2.CV_32S, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    some = grains if kept.all() else grains * kept
+    total = cv2.boxFilter(some, cv2.CV_32S, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
     counts = kept.view(np.uint8)
     count = cv2.boxFilter(counts, cv2.CV_32S, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    mean = total / np.maximum(count, 1) * rule.step + rule.low
-    return mean, np.asarray(count, np.int32)
+    return np.asarray(total, np.int32), np.asarray(count, np.int32)
+
+
+def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> npt.NDArray[np.float64]:
+    """Mean of the values behind sums of integers; `rule.low` for none."""
+    return np.asarray(total / np.maximum(count, 1) * rule.step + rule.low)
+
+
+def _exceeding(
+    values: FloatArray, among: Mask, sums: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]], rule: ReferenceRule
+) -> Mask:
+    """Which of some pixels exceed the mean of the water around them by more than glint does."""
+    total, count = (s[among] for s in sums)
+    out = np.zeros(values.shape, np.bool_)
+    out[among] = (count >= LEAST_PIXELS) & (values[among] > _mean(total, count, rule) + rule.limit)
+    return out
 
 
 def _grown(mask: Mask, edge: int) -> Mask:

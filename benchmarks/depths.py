@@ -1,0 +1,104 @@
+"""Depths from the bands after removal: does removal cost an analyst anything that the water told?
+
+Soundings are regressed on the logarithms of the bands (Lyzenga, Malinas, Tanis 2006, doi:10.1109/TGRS.2006.872909) and
+on the ratio of logarithms of blue and green (Stumpf, Holderied, Sinclair 2003, doi:10.4319/lo.2003.48.1_part_2.0547).
+The error is that of predictions by fits to other parts of the scene: soundings lie in tracks, and a neighbour left in
+would tell the depth of the one left out.
+"""
+
+from __future__ import annotations
+
+import struct
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint import Recipe, open_scene, remove_glint
+
+from .timing import say
+
+Array = npt.NDArray[np.float64]
+
+FOLDER = Path(__file__).parents[2] / "shared" / "data" / "real" / "sdb"
+METHODS = ("hedley", "wiener")
+NIR = ("4",)
+BLOCKS = 10
+"""Parts of the scene that are left out in turn."""
+SIDE = 16
+"""Side of the squares that the parts are made of [pixel]: wider than the tracks of soundings are apart."""
+DIVISIONS = 8
+"""Divisions into parts that are averaged over."""
+LEAST = 1e-4
+"""Values below this share of a band's median have no logarithm worth the name."""
+
+
+def soundings(path: Path) -> Array:
+    """X, Y and depth of a table of numbers in dBASE format, (row, 3)."""
+    data = path.read_bytes()
+    count, head, size = struct.unpack("<IHH", data[4:12])
+    widths = [data[i + 16] for i in range(32, head - 1, 32)]
+    starts = np.cumsum([1, *widths])
+    rows = [data[head + n * size : head + (n + 1) * size] for n in range(count)]
+    return np.array([[float(row[a : a + w]) for a, w in zip(starts[:3], widths[:3], strict=False)] for row in rows])
+
+
+def predictors(bands: Array) -> dict[str, Array]:
+    """Columns of each regression, from blue, green and red (3, row)."""
+    logs = np.log(np.maximum(bands, LEAST * np.median(bands, axis=1, keepdims=True)))
+    ratio = np.log(1000 * np.maximum(bands, 1e-6))
+    one = np.ones(bands.shape[1])
+    return {"log bands": np.stack([*logs, one], axis=1), "log ratio": np.stack([ratio[0] / ratio[1], one], axis=1)}
+
+
+def inside(path: Path, soundings: Array) -> tuple[Array, Array, npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Raw bands of an image, and depth, row and column of the soundings that lie on it."""
+    scene = open_scene(path)
+    column, row = (np.floor(v).astype(int) for v in ~scene.transform * (soundings[:, 0], soundings[:, 1]))
+    on = (row >= 0) & (row < scene.height) & (column >= 0) & (column < scene.width)
+    return scene.read().astype(np.float64), soundings[on, 2], row[on], column[on]
+
+
+def error(columns: Array, depth: Array, part: npt.NDArray[np.intp]) -> float:
+    """Root mean square error of depths predicted from the other parts [unit of depth]."""
+    away = np.empty_like(depth)
+    for n in np.unique(part):
+        out = part == n
+        weights = np.linalg.lstsq(columns[~out], depth[~out], rcond=None)[0]
+        away[out] = columns[out] @ weights - depth[out]
+    return float(np.sqrt((away**2).mean()))
+
+
+def parts(row: npt.NDArray[np.intp], column: npt.NDArray[np.intp], seed: int = 0) -> npt.NDArray[np.intp]:
+    """Which of `BLOCKS` parts each pixel belongs to: squares of the scene, dealt out at random."""
+    _, square = np.unique(row // SIDE * 100_000 + column // SIDE, return_inverse=True)
+    dealt = np.random.default_rng(seed).permutation(square.max() + 1) % BLOCKS
+    return np.asarray(dealt[square])
+
+
+def deglinted(image: Path, method: str) -> Array:
+    """All bands after removal by a method, without compensation."""
+    with tempfile.TemporaryDirectory() as place:
+        recipe = Recipe(method=method, nir=NIR, mask="none", sample="all", compensate="off")
+        remove_glint(image, out := Path(place) / "clean.tif", recipe)
+        return open_scene(out).read().astype(np.float64)
+
+
+def main() -> None:
+    """Print the error of depths from the raw image and after each method."""
+    if not FOLDER.exists():
+        print(f"no soundings at {FOLDER}: nothing was measured")
+        return
+    image, rows, head = FOLDER / "image.tif", [], ["bands"]
+    raw, depth, row, column = inside(image, soundings(FOLDER / "depth_sample.dbf"))
+    for name in ("raw", *METHODS):
+        bands = (raw if name == "raw" else deglinted(image, name))[:3, row, column]
+        found = predictors(bands)
+        means = [np.mean([error(x, depth, parts(row, column, s)) for s in range(DIVISIONS)]) for x in found.values()]
+        head = ["bands", *found, "zero or less"]
+        rows.append([name, *(f"{m:.3f}" for m in means), f"{(bands <= 0).mean():.2%}"])
+    say(
+        f"Error of {len(depth)} depths, {depth.min():.1f} to {depth.max():.1f} m: RMSE [m]", head, rows,
+        f"Mean of {DIVISIONS} random divisions of squares of {SIDE} pixels into {BLOCKS} parts.",
+    )  # fmt: skip

@@ -1,0 +1,40 @@
+"""The benchmark of depths: its table, its divisions, and that removal does not cost depth."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from benchmarks import depths
+
+
+def test_soundings_are_read_from_dbase(tmp_path):
+    fields = b"".join(n.encode().ljust(11, b"\0") + b"N" + bytes(4) + bytes([w]) + bytes(15) for n, w in
+                      (("X", 12), ("Y", 12), ("Z", 8), ("NOTE", 5)))  # fmt: skip
+    rows = b"".join(f" {x:12.2f}{x + 1:12.2f}{z:8.3f}train".encode() for x, z in ((1.5, 2.25), (3e5, 11.5)))
+    head = struct.pack("<4sIHH20x", b"\x03\0\0\0", 2, 32 + len(fields) + 1, 38)
+    (tmp_path / "a.dbf").write_bytes(head + fields + b"\r" + rows)
+    np.testing.assert_array_equal(depths.soundings(tmp_path / "a.dbf"), [[1.5, 2.5, 2.25], [3e5, 300001, 11.5]])
+
+
+def test_neighbours_are_left_out_together():
+    row, column = np.mgrid[:80, :80].reshape(2, -1)
+    part = depths.parts(row, column)
+    squares = part.reshape(5, 16, 5, 16).swapaxes(1, 2).reshape(25, -1)
+    assert (squares == squares[:, :1]).all()
+    assert len(np.unique(part)) == depths.BLOCKS
+    assert depths.error(np.stack([row, np.ones_like(row)], 1).astype(float), 2.0 * row + 3, part) < 1e-9
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not depths.FOLDER.exists(), reason="the shared soundings do not lie beside the project")
+def test_removal_does_not_cost_depth():
+    image = depths.FOLDER / "image.tif"
+    raw, depth, row, column = depths.inside(image, depths.soundings(depths.FOLDER / "depth_sample.dbf"))
+    clean = depths.deglinted(image, "wiener")
+    before, after = (
+        np.mean([depths.error(depths.predictors(b[:3, row, column])["log bands"], depth, depths.parts(row, column, s))
+                 for s in range(4)]) for b in (raw, clean)
+    )  # fmt: skip
+    assert after <= before
+    assert clean[:3, row, column].min() > 0
