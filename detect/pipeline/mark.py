@@ -150,7 +150,7 @@ class Marker:
             real = 1 - min(rate * clutter.area / rank, 1.0)
             rated.append(Rated(o, "afloat", share * rate, real))
         most = share * clutter.false_per_km2(threshold.value)
-        beside = marking.find_among(*self._beside, **self._options)
+        beside = [o for o in marking.find_among(*self._beside, **self._options) if o.score_max > threshold.value]
         for rank, o in enumerate(sorted(beside, key=_likeness, reverse=True), start=1):
             rate = share * rank / clutter.area  # each of them may be a pier
             if not rate > most:

@@ -26,8 +26,8 @@ SIDES = ("bright", "both")
 """Which anomalies count: what is brighter than the water around, or what is darker, too."""
 WINDOW = 61
 """Side of the window of the water around [pixel]: several ships wide; 31 and 101 find fewer."""
-SCALES = (1, 3)
-"""Sides of the squares that are averaged [pixel]."""
+SCALES = (1,)
+"""Sides of the squares that are averaged [pixel]: where a pixel is as large as a boat, means over more dilute it."""
 _FINE_SCALES = (1, 3, 5)
 """The same where pixels are finer than an object: sparkle is averaged out."""
 _FINE = 5.0

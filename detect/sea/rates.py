@@ -31,7 +31,7 @@ and at pixels finer than a boat."""
 _LARGE = 40
 """Least pixels of what is confirmed: a ship of 100 m by 30 m at 10 m, with its blur. Waves and sparkle are smaller."""
 _LEAST = 50
-"""Least candidates to fit the law of peaks to."""
+"""Least peaks to fit a law to."""
 _MOST_RATE = 1e6
 """Expected false objects per km2 of what is not worth a number."""
 
@@ -53,7 +53,8 @@ class Clutter:
     confirmed, confirmed_pixels : int
         Objects that were taken out, and their pixels.
     shape, scale : float
-        Of the generalised Pareto law of the peaks; NaN where they are too few or too alike.
+        Of the generalised Pareto law of the peaks above `low`, which extrapolates beyond the highest of them; NaN where
+        they are too few or too alike.
     """
 
     tail: Tail
@@ -76,13 +77,13 @@ class Clutter:
             return math.nan
         if score <= self.low:
             return _MOST_RATE
-        count = len(self.peaks)
-        if not self.fitted:
-            above = count - int(np.searchsorted(self.peaks, score, side="left"))
-            return max(above, 1) / self.area  # the tail carries no estimate below one object in the scene
-        y = (score - self.low) / self.scale
-        return count / self.area * (math.exp(-y) if abs(self.shape) < 1e-9 else max(1 + self.shape * y, 0.0)
-                                    ** (-1 / self.shape))  # fmt: skip
+        above = len(self.peaks) - int(np.searchsorted(self.peaks, score, side="left"))
+        if above or not self.fitted:
+            return max(above, 1) / self.area  # every candidate that is not confirmed counts as false
+        y, least = ((x - self.low) / self.scale for x in (score, self.peaks[-1]))
+        ratio = (1 + self.shape * y) / (1 + self.shape * least) if abs(self.shape) > 1e-9 else 0.0
+        share = ratio ** (-1 / self.shape) if ratio > 0 else math.exp(least - y)
+        return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
         """Score that so many false objects per km2 are expected to exceed.
@@ -100,9 +101,12 @@ class Clutter:
         wanted = false_per_km2 * self.area
         if wanted >= count:
             return self.low
-        if not self.fitted:
+        if wanted >= 1 or not self.fitted:
             return float(self.peaks[count - 1 - math.floor(wanted)])
-        return self.low + pareto.excess_at(count / wanted, self.shape, self.scale)
+        y = (self.peaks[-1] - self.low) / self.scale
+        if abs(self.shape) < 1e-9:
+            return float(self.peaks[-1] - self.scale * math.log(wanted))
+        return float(self.low + self.scale * ((1 + self.shape * y) * wanted**-self.shape - 1) / self.shape)
 
     def threshold(self, pfa: float) -> Threshold:
         """Score that a share `pfa` of the clutter exceeds."""
@@ -147,12 +151,12 @@ def clutter_of(
         tail = _without(tail, np.concatenate(taken))
     low = LOW * q90
     peaks = np.sort([o.score_max for o, known in zip(candidates, sure, strict=True) if not known]).astype(np.float64)
-    excess = peaks - low
-    excess = excess[excess > 0]
     shape = scale = math.nan
-    if len(excess) >= _LEAST and excess[0] < excess[-1]:
+    if len(peaks) > _LEAST:
+        excess = peaks[peaks > low] - low
         with suppress(FitError):
-            shape, scale, _moments = pareto.fit(excess)
+            if excess[0] < excess[-1]:
+                shape, scale, _moments = pareto.fit(excess)
     return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale)
 
 
