@@ -31,6 +31,8 @@ Places = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[Any]]
 """Rows, columns and scores of pixels, in row-major order."""
 CANDIDATES = 0.04
 """Share of the sea whose scores are kept: more than exceeds `detect.sea.rates.LOW`."""
+_UNKNOWN_PIERS = 3
+"""Added to the rank of what is attached to land: where none is known to be false, three may be (at 95 %)."""
 _ROUND = 1.3
 """Length over width below which an object has no bearing."""
 
@@ -152,7 +154,7 @@ class Marker:
         most = share * clutter.false_per_km2(threshold.value)
         beside = [o for o in marking.find_among(*self._beside, **self._options) if o.score_max > threshold.value]
         for rank, o in enumerate(sorted(beside, key=_likeness, reverse=True), start=1):
-            rate = share * rank / clutter.area  # each of them may be a pier
+            rate = share * (rank + _UNKNOWN_PIERS) / clutter.area  # each of them may be a pier
             if not rate > most:
                 rated.append(Rated(o, "alongside", rate, math.nan))
         if clutter.area > 0:

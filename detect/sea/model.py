@@ -24,8 +24,8 @@ from .region import ALONGSIDE, RIM, WATER, Classes
 Array = npt.NDArray[Any]
 SIDES = ("bright", "both")
 """Which anomalies count: what is brighter than the water around, or what is darker, too."""
-WINDOW = 61
-"""Side of the window of the water around [pixel]: several ships wide; 31 and 101 find fewer."""
+WINDOW = 51
+"""Side of the window of the water around [pixel]: several ships wide; 31 and 101 find fewer ships in real ports."""
 SCALES = (1,)
 """Sides of the squares that are averaged [pixel]: where a pixel is as large as a boat, means over more dilute it."""
 _FINE_SCALES = (1, 3, 5)

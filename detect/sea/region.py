@@ -26,7 +26,7 @@ MOST = 128
 """Most pixels of a length: at fine pixels larger holes of the water are land or a moored ship, and tiles stay small."""
 _SHORTEST = 50.0
 """Least length of a protrusion that is taken for a ship [m]: five pixels of 10 m, fewer have no shape."""
-_FILL = 0.6
+_FILL = 0.55
 """Least share of its smallest rectangle that a ship alongside fills: a hull fills 0.7 to 0.9, corners of quays less."""
 _ELONGATION = 1.8
 """Least length over width of a ship alongside: ships have 4 to 8, and the blur of a pixel lowers it."""

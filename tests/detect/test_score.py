@@ -34,7 +34,7 @@ def scores_of(path):
 
 def test_choices_are_the_tables():
     assert set(command.METHOD_NAMES) == {"auto", *recipe.METHODS}
-    assert command.SIDE_NAMES == ("auto", *sea.SIDES)
+    assert ("auto", *sea.SIDES) == command.SIDE_NAMES
     assert tuple(background.COVARIANCES) == command.COVARIANCE_NAMES
     assert tuple(recipe.THRESHOLDS) == command.THRESHOLD_NAMES
     assert local.BORDERS == command.BORDER_NAMES
