@@ -148,9 +148,7 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
     help="Write outlines, places (WGS 84), sizes and scores of what exceeds the threshold; a .gpkg gets a QGIS style.",
 )
 @click.option("--chips", metavar="FOLDER", help="Write a picture of every object: raw, clean, score.")
-@click.option(
-    "--min-size", type=click.IntRange(1), default=1, metavar="PIXELS", help="Drop smaller objects."
-)
+@click.option("--min-size", type=click.IntRange(1), default=1, metavar="PIXELS", help="Drop smaller objects.")
 @click.option(
     "--merge-distance",
     type=click.FloatRange(0),

@@ -1,4 +1,4 @@
-"""Where pixels lie on the ground: their true size, and places as longitude and latitude."""
+"""Where pixels lie on the ground: places as longitude and latitude, distances and bearings between them."""
 
 from __future__ import annotations
 
@@ -37,17 +37,3 @@ def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -
     east = math.sin(lon1 - lon0) * math.cos(lat1)
     north = math.cos(lat0) * math.sin(lat1) - math.sin(lat0) * math.cos(lat1) * math.cos(lon1 - lon0)
     return 2 * _EARTH * math.asin(min(math.sqrt(half), 1.0)), math.degrees(math.atan2(east, north)) % 360
-
-
-def pixel_sides(scene: Scene) -> tuple[float, float] | None:
-    """True width and height of a pixel in the middle of the scene [m]; None where the scene has no CRS.
-
-    Measured on a sphere: a pixel of Web Mercator is smaller on the ground than its coordinates say.
-    """
-    move = to_wgs84(scene)
-    if move is None:
-        return None
-    x, y = scene.width / 2, scene.height / 2
-    centre, right, below = move([(x, y), (x + 1, y), (x, y + 1)])
-    sides = distance_and_bearing(centre, right)[0], distance_and_bearing(centre, below)[0]
-    return sides if all(math.isfinite(s) and s > 0 for s in sides) else None

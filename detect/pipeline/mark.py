@@ -13,6 +13,7 @@ import numpy.typing as npt
 from rasterio.windows import Window
 
 from deglint.raster.output import Scratch
+from deglint.readers.place import ground_area
 from deglint.tiles import LARGEST
 
 from .. import objects as marking
@@ -22,7 +23,7 @@ from ..sea.rates import LOW
 from ..sea.region import rectangle
 from ..threshold import Tail, Threshold
 from .chips import write_chips
-from .ground import distance_and_bearing, pixel_sides, to_wgs84
+from .ground import distance_and_bearing, to_wgs84
 from .plan import Plan, Progress
 from .recipe import Outputs
 from .vectors import Feature, write_features
@@ -76,8 +77,8 @@ class Marker:
 
     @property
     def _options(self) -> dict[str, Any]:
-        recipe, sides = self._plan.recipe, pixel_sides(self._plan.scene)
-        area = sides[0] * sides[1] if sides else None
+        recipe, scene = self._plan.recipe, self._plan.scene
+        area = ground_area(scene.transform, scene.crs, scene.height, scene.width)
         return {"min_size": recipe.min_size, "merge_distance": recipe.merge_distance, "pixel_area": area}
 
     def threshold(self, tail: Tail) -> Threshold:

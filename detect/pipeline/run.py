@@ -43,6 +43,7 @@ from .plan import KEPT, Kept, Plan, Progress, Read, both, make_plan, read
 from .recipe import NO_LAW, Outputs, Recipe
 from .sea_plan import fit_sea, read_sea
 from .sidecar import describe, notes_on, warnings_of
+from .vectors import check_vector
 
 log = logging.getLogger(__name__)
 
@@ -221,6 +222,7 @@ def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> Non
                          "--false-per-km2.")  # fmt: skip
     if targets.chips and not targets.objects:
         raise InputError("chips are pictures of objects: give --objects FILE, too.")
+    check_vector(targets.objects)
     _check_method(recipe, targets)
 
 

@@ -12,13 +12,13 @@ from deglint import tiles as tiling
 from deglint.errors import BandError, DeglintError, NoWaterError
 from deglint.masks import Roles, WaterRule
 from deglint.pipeline.look import role_bands
+from deglint.readers.place import ground_area
 from deglint.readers.roles import band_roles
 from deglint.readers.text import read_json
 from deglint.scene import Scene
 from deglint.tiles import Tile
 
 from .. import sea
-from .ground import pixel_sides
 from .recipe import WINDOW, Recipe
 
 if TYPE_CHECKING:
@@ -70,9 +70,9 @@ class SeaPlan:
 
 def plan_sea(scene: Scene, recipe: Recipe) -> SeaPlan:
     """Sizes of what may float on the sea of a scene."""
-    sides = pixel_sides(scene)
-    area = sides[0] * sides[1] if sides else float("nan")
-    pixel = float(np.sqrt(area)) if sides else _UNKNOWN
+    known = ground_area(scene.transform, scene.crs, scene.height, scene.width)
+    area = known or float("nan")
+    pixel = float(np.sqrt(area)) if known else _UNKNOWN
     side = None if recipe.side == "auto" else recipe.side
     return SeaPlan(sea.SeaRule(pixel, *recipe.largest_object), area, side)
 

@@ -7,8 +7,9 @@ around it; `rates` turns scores into thresholds and into expected false objects 
 from .model import SIDES, SeaModel, fit, score
 from .rates import Clutter, clutter_of
 from .region import AFLOAT, ALONGSIDE, NOT_SEA, RIM, WATER, SeaRule, region
+from .search import Search, score_scene
 
 __all__ = [
-    "AFLOAT", "ALONGSIDE", "NOT_SEA", "RIM", "SIDES", "WATER", "Clutter", "SeaModel", "SeaRule", "clutter_of", "fit",
-    "region", "score",
+    "AFLOAT", "ALONGSIDE", "NOT_SEA", "RIM", "SIDES", "WATER", "Clutter", "SeaModel", "SeaRule", "Search",
+    "clutter_of", "fit", "region", "score", "score_scene",
 ]  # fmt: skip

@@ -165,7 +165,7 @@ def test_tiles_give_the_same_scores(rxdetect, scene, tmp_path, monkeypatch):
     ("options", "method", "why"),
     [
         ((), "sea", "there is water"),
-        (("--nir", "1"), "rx", "no water"),
+        (("--nir", "1"), "rx", "no near infrared"),
         (("--background", "0,0,50,50"), "rx", "--background is an option of it"),
         (("--threshold", "f", "--pfa", "1e-3"), "rx", "the law of its scores"),
         (("--mask", "0,0,200,200"), "sea", "there is water"),
@@ -196,3 +196,12 @@ def test_refusals(rxdetect, scene, tmp_path, monkeypatch, options, message):
     ran = rxdetect("score", scene, "out.tif", *options)
     assert (ran.code, message in ran.err) == (1, True), ran.err
     assert {p.name for p in tmp_path.iterdir()} == {"port.tif"}
+
+
+def test_a_scene_in_memory_gives_a_table_of_objects():
+    pandas = pytest.importorskip("pandas")
+    image, water = port()
+    found = sea.score_scene(image[:3], water & (image[3] < 2000), pixel=10.0, pfa=1e-3)
+    table = pandas.DataFrame(found.objects).head(4)
+    assert {(round(r - 1.5), round(c - 5.5)) for r, c in zip(table.row, table.column, strict=True)} == set(SHIPS)
+    assert (table.false_per_km2 < 0.2).all()
