@@ -15,6 +15,8 @@ from deglint import __version__
 
 if TYPE_CHECKING:
     from .background import Background as Background
+    from .lines import LineScorer as LineScorer
+    from .lines import score_lines as score_lines
     from .local import local_rx as local_rx
     from .objects import Object as Object
     from .pipeline.recipe import Recipe as Recipe
@@ -26,15 +28,19 @@ if TYPE_CHECKING:
     from .rx import rx_utd as rx_utd
     from .rx import subspace_rx as subspace_rx
     from .rx import utd as utd
+    from .sea.search import Search as Search
+    from .sea.search import score_scene as score_scene
     from .threshold import Tail as Tail
     from .threshold import Threshold as Threshold
 
 _HOMES = {
     "Background": "background",
+    "LineScorer": "lines",
     "Object": "objects",
     "Recipe": "pipeline.recipe",
     "Result": "pipeline.run",
     "Roc": "roc.curve",
+    "Search": "sea.search",
     "Tail": "threshold",
     "Threshold": "threshold",
     "local_rx": "local",
@@ -42,14 +48,16 @@ _HOMES = {
     "rx": "rx",
     "rx_utd": "rx",
     "score_file": "pipeline.run",
+    "score_lines": "lines",
+    "score_scene": "sea.search",
     "subspace_rx": "rx",
     "utd": "rx",
 }
 """Where each name lives; type checkers read the imports above, and a test holds the two equal."""
 
 __all__ = [
-    "Background", "Object", "Recipe", "Result", "Roc", "Tail", "Threshold", "__version__", "local_rx", "residual_rx",
-    "rx", "rx_utd", "score_file", "subspace_rx", "utd",
+    "Background", "LineScorer", "Object", "Recipe", "Result", "Roc", "Search", "Tail", "Threshold", "__version__",
+    "local_rx", "residual_rx", "rx", "rx_utd", "score_file", "score_lines", "score_scene", "subspace_rx", "utd",
 ]  # fmt: skip
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())

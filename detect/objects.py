@@ -7,9 +7,10 @@ counted from the array's upper left; outlines run along the edges of pixels.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from .outlines import Ring, polygons
 
 Mask = npt.NDArray[np.bool_]
 Places = npt.NDArray[np.int64]
+Move = Callable[[Sequence[tuple[float, float]]], list[tuple[float, float]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +251,9 @@ def _check(mask: Mask, scores: npt.NDArray[Any], min_size: int, merge_distance: 
         raise InputError(f"connectivity: allowed are 4 and 8, got {connectivity}.")
 
 
-def to_geojson(objects: Sequence[Object], transform: Any = None, crs: Any = None, **members: Any) -> dict[str, Any]:
+def to_geojson(
+    objects: Sequence[Object], transform: Any = None, crs: Any = None, *, move: Move | None = None, **members: Any
+) -> dict[str, Any]:
     """A GeoJSON FeatureCollection of objects' outlines and numbers.
 
     Parameters
@@ -259,6 +263,8 @@ def to_geojson(objects: Sequence[Object], transform: Any = None, crs: Any = None
         From (column, row) to the CRS; pixel corners as they stand where it is None.
     crs : optional
         As rasterio gives it; named in a `crs` member as GDAL and QGIS do, where an authority knows it.
+    move : callable, optional
+        In place of transform and crs: turns (column, row) corners into longitude and latitude, as RFC 7946 wants.
     **members
         Further properties of every feature, such as the threshold.
 
@@ -267,22 +273,20 @@ def to_geojson(objects: Sequence[Object], transform: Any = None, crs: Any = None
     dict
         Outer rings are counter-clockwise in the CRS, as RFC 7946 asks.
     """
-    document: dict[str, Any] = {
-        "type": "FeatureCollection",
-        "features": [_feature(o, transform, members) for o in objects],
-    }
+    if move is None:
+
+        def move(ring: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+            return [_at(transform, *p) for p in ring]
+
+    document: dict[str, Any] = {"type": "FeatureCollection", "features": [_feature(o, move, members) for o in objects]}
     authority = crs.to_authority() if crs is not None else None
     if authority:
         document["crs"] = {"type": "name", "properties": {"name": f"urn:ogc:def:crs:{authority[0]}::{authority[1]}"}}
     return document
 
 
-def _feature(found: Object, transform: Any, members: dict[str, Any]) -> dict[str, Any]:
-    north_up = transform is not None and transform.a * transform.e - transform.b * transform.d < 0
-    shapes = [
-        [[_at(transform, *p) for p in (ring[::-1] if north_up else ring)] for ring in polygon]
-        for polygon in found.outline
-    ]
+def _feature(found: Object, move: Move, members: dict[str, Any]) -> dict[str, Any]:
+    shapes = [[_turned(move(ring), hole=i > 0) for i, ring in enumerate(polygon)] for polygon in found.outline]
     single = len(shapes) == 1
     (row0, row1), (col0, col1) = found.bounds
     properties = {
@@ -295,9 +299,15 @@ def _feature(found: Object, transform: Any, members: dict[str, Any]) -> dict[str
     return {"type": "Feature", "id": found.label, "properties": properties, "geometry": geometry}
 
 
-def _at(transform: Any, x: float, y: float) -> list[float]:
+def _turned(ring: Sequence[tuple[float, float]], *, hole: bool) -> list[list[float]]:
+    """An outer ring counter-clockwise, a hole clockwise, whatever the map did to it."""
+    area = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in pairwise(ring))
+    return [list(p) for p in (ring[::-1] if (area < 0) != hole else ring)]
+
+
+def _at(transform: Any, x: float, y: float) -> tuple[float, float]:
     """Affine transform of a corner, written out: versions of affine differ in the operator for it."""
     if transform is None:
-        return [x, y]
+        return x, y
     t = transform
-    return [t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f]
+    return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f

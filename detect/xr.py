@@ -28,6 +28,7 @@ from .local import cell_side
 from .pipeline import Recipe
 from .pipeline.plan import make_plan
 from .pipeline.run import Scoring, fit_background
+from .pipeline.sea_plan import fit_sea
 from .rx import detector
 
 
@@ -62,8 +63,9 @@ def fit(
     """
     need_xarray()
     recipe = recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
-    if recipe.method == "local":
-        raise InputError("local takes the ring around each pixel as its background: there is none to fit.")
+    if recipe.method in ("local", "sea"):
+        raise InputError(f"{recipe.method} has a background for every pixel: there is none to fit.")
+    recipe = replace(recipe, method="rx") if recipe.method == "auto" else recipe
     opened = open_array(array, sensor=sensor, nodata=nodata)
     plan = make_plan(settled(opened.scene), recipe, threads or default_threads())
     return replace(plan.given or fit_background(plan), names=plan.names)
@@ -110,15 +112,18 @@ def score(
     if background is None or recipe.mask == "water":  # else nothing is computed yet
         opened = replace(opened, scene=settled(opened.scene))
     plan = make_plan(opened.scene, recipe, threads or default_threads())
-    ready = None
-    if plan.rule is None:
+    recipe, ready = plan.recipe, None
+    if plan.sea is not None:
+        plan = replace(plan, sea=fit_sea(plan))
+    elif plan.rule is None:
         fitted = background or plan.given or fit_background(plan)
         if fitted.bands != len(plan.bands):
             raise InputError(f"the background has {fitted.bands} bands, the array is used with {len(plan.bands)}.")
         ready = detector(recipe.method, fitted, drop=recipe.drop, nir=plan.nir)
     bare = replace(opened.scene, source=None)  # type: ignore[arg-type]
     work = Scoring(replace(plan, scene=bare, mask=replace(plan.mask, scene=bare), tiles=[]), ready, None, None, False)
-    reach = (plan.rule.halo if plan.rule else 0) + (plan.mask.water.halo if plan.mask.water else 0)
+    reach = plan.rule.halo if plan.rule else plan.sea.halo if plan.sea else 0
+    reach += plan.mask.water.halo if plan.mask.water else 0
     step = cell_side(len(plan.bands)) if plan.rule else 1
     scores = over_tiles(opened, partial(_scored, work), reach, (1, np.dtype(np.float32)), step=step, threads=threads)
     return opened.plane(scores[0], recipe.method)

@@ -201,7 +201,9 @@ def _write_tiles(
     halo = fitted.chain.halo if fitted.chain.runs else fitted.model.halo
     if halo:
         shape = tiling.compact(shape, block_of(scene), len(scene.bands), halo)
-    image = Layout(info, every, dtype.name, nodata, targets.options, masked=masked, tile=shape)
+    # bands of files without descriptions are known by their files' names, and must be in the output, too
+    named = tuple(info.descriptions[b] or scene.bands[b].name for b in every)
+    image = Layout(info, every, dtype.name, nodata, targets.options, names=named, masked=masked, tile=shape)
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, len(scene.bands) * (CHAIN_COPIES if fitted.chain.runs else 1))
     rule, bands = None if area else fitted.water, fitted.water_bands

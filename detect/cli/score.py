@@ -13,9 +13,10 @@ from deglint.cli.options import cluster_of, common, creation_options, names, nee
 from deglint.pipeline.checksum import begin_checksum
 
 # The keys of detect.pipeline.recipe's tables, which --help must not wait for; a test holds them equal.
-METHOD_NAMES = ("rx", "local", "utd", "rx-utd", "subspace", "residual")
+METHOD_NAMES = ("auto", "sea", "rx", "local", "utd", "rx-utd", "subspace", "residual")
 COVARIANCE_NAMES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")
 THRESHOLD_NAMES = ("gpd", "empirical", "f", "chi2")
+SIDE_NAMES = ("auto", "bright", "both")
 BORDER_NAMES = ("shrink", "mirror", "shift")
 
 
@@ -28,15 +29,25 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
     return inner, outer
 
 
+def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[float, float]:
+    """Read "LENGTH,WIDTH"."""
+    try:
+        length, width = (float(part) for part in value.split(","))
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is not LENGTH,WIDTH, such as 400,60.") from None
+    return length, width
+
+
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("inputs", nargs=-1, metavar="IN [IN ...]")
 @click.argument("output", metavar="OUT")
 @click.option(
     "--method",
     type=click.Choice(METHOD_NAMES),
-    default="rx",
-    help="Compared with the whole background: rx, utd, rx-utd, subspace (rx without the leading eigenvectors), "
-    "residual (rx after regression on the NIR). Compared with the ring around each pixel: local.",
+    default="auto",
+    help="auto: sea where there is water, else rx. Compared with the water around, ships and boats of the sea "
+    "included: sea. Compared with the whole background: rx, utd, rx-utd, subspace (rx without the leading "
+    "eigenvectors), residual (rx after regression on the NIR). Compared with the ring around each pixel: local.",
 )
 @click.option(
     "--window",
@@ -93,10 +104,10 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
 )
 @click.option(
     "--mask",
-    default="none",
-    metavar="none|water|FILE|WINDOW",
+    default="auto",
+    metavar="auto|none|water|FILE|WINDOW",
     help="Where to score: everywhere, on water as found in the scene, or in a raster (not 0) or GeoJSON. What lies "
-    "outside is in no background either.",
+    "outside is in no background either; sea closes it over what floats. auto: water for sea, else everywhere.",
 )
 @click.option(
     "--pfa",
@@ -111,7 +122,32 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
     help="How it is found: by a law fitted to the scores' tail, their own quantile, or the law of a normal background "
     "(F, or chi-squared), which real scenes seldom keep.",
 )
-@click.option("--objects", metavar="FILE.geojson", help="Write outlines and scores of what exceeds the threshold.")
+@click.option(
+    "--false-per-km2",
+    type=click.FloatRange(0, min_open=True),
+    metavar="RATE",
+    help="For sea, in place of --pfa: false objects wanted per square kilometre of sea, such as 0.1.",
+)
+@click.option(
+    "--largest-object",
+    default="400,60",
+    callback=sizes,
+    metavar="LENGTH,WIDTH",
+    help="For sea: length and width of the largest object that floats, in metres; 0,0 searches the mask as it is.",
+)
+@click.option(
+    "--side",
+    type=click.Choice(SIDE_NAMES),
+    default="auto",
+    help="For sea: search what is brighter than the water around, or what is darker, too. auto: bright from pixels of "
+    "5 m on, else both.",
+)
+@click.option(
+    "--objects",
+    metavar="FILE.geojson|.gpkg",
+    help="Write outlines, places (WGS 84), sizes and scores of what exceeds the threshold; a .gpkg gets a QGIS style.",
+)
+@click.option("--chips", metavar="FOLDER", help="Write a picture of every object: raw, clean, score.")
 @click.option("--min-size", type=click.IntRange(1), default=1, metavar="PIXELS", help="Drop smaller objects.")
 @click.option(
     "--merge-distance",
@@ -142,12 +178,14 @@ def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[in
 def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Score every pixel of IN by how little it belongs, and write OUT, a GeoTIFF of one float32 band.
 
-    Scores are squared Mahalanobis distances: about the number of bands where nothing is odd. Pixels that are not valid
-    are NaN. OUT.json beside OUT says what was done. What exceeds the threshold for --pfa is marked with --objects.
+    Scores of sea are distances from the water around, in standard deviations; all others are squared Mahalanobis
+    distances: about the number of bands where nothing is odd. Pixels that are not valid are NaN. OUT.json beside OUT
+    says what was done. What exceeds the threshold for --pfa or --false-per-km2 is marked with --objects.
 
     \b
     rxdetect score clean.tif scores.tif
     rxdetect score clean.tif scores.tif --pfa 1e-4 --objects found.geojson
+    rxdetect score clean.tif scores.tif --false-per-km2 0.1 --objects found.gpkg --chips chips
     rxdetect score scene.tif scores.tif --method local --window 5,21 --mask water
     rxdetect score scene.tif scores.tif --background sea.geojson --save-background sea.json
     rxdetect score other.tif scores2.tif --background sea.json
@@ -155,7 +193,7 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     needs_output(inputs, output, "rxdetect score")
     begin_checksum(inputs)
     fields = ("method", "window", "border", "covariance", "ridge", "background", "bands", "nir", "drop", "mask", "pfa",
-              "threshold", "min_size", "merge_distance")  # fmt: skip
+              "threshold", "min_size", "merge_distance", "false_per_km2", "largest_object", "side")  # fmt: skip
     with Console(given) as console, cluster_of(given) as cluster:
         from ..pipeline import Recipe, score_file
 
@@ -163,7 +201,8 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
             list(inputs), output, Recipe(**{name: given[name] for name in fields}),
             **opening(given), threads=given["threads"], cluster=cluster,
             progress=console.progress, p_value=given["p_value"], flags=given["flags"], objects=given["objects"],
-            background=given["save_background"], overwrite=given["overwrite"], options=given["options"],
+            background=given["save_background"], chips=given["chips"], overwrite=given["overwrite"],
+            options=given["options"],
         )  # fmt: skip
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))

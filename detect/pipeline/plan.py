@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,11 +23,14 @@ from deglint.tiles import Tile
 from ..background import Background
 from ..local import WindowRule, cell_side, window_rule
 from .recipe import Recipe
+from .sea_plan import SeaPlan, no_nir, plan_sea, visible_bands, water_of_removal, why_not_sea
 
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
 Read = Callable[[Scene, Tile, Sequence[int]], npt.NDArray[Any]]
 """What reads the pixels of a tile: `read`, or something that is called like it."""
+SEA_TILE = 1024
+"""Side of the tiles of sea, whose halo is some hundred pixels [pixel]."""
 KEPT = 96 << 20
 """Pixels that are kept from the first pass over a scene to the second [byte]."""
 
@@ -56,6 +59,8 @@ class Plan:
         Of local RX.
     notes : tuple of str
     progress : callable, optional
+    sea : SeaPlan or None
+        Of "sea".
     """
 
     scene: Scene
@@ -71,6 +76,7 @@ class Plan:
     rule: WindowRule | None
     notes: tuple[str, ...] = ()
     progress: Progress | None = None
+    sea: SeaPlan | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -111,16 +117,16 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, progress: Progress | N
     BandError, InputError, ReadError, NoWaterError
         A band, file or window that cannot be used, or no water where it was asked for.
     """
+    recipe, mask, notes = _chosen(scene, recipe, threads)
     given, area = _background(scene, recipe)
     bands = _bands(scene, recipe, given)
-    notes, nir = [], tuple[int, ...]()
+    nir = tuple[int, ...]()
     if recipe.method == "residual":
         found = find_nir(scene, list(recipe.nir) or None)
         notes.append(explain_nir(scene, list(recipe.nir) or None))
         if not set(found) <= set(bands):
             raise BandError("residual needs the NIR among the bands in use: name it with -b, too.")
         nir = tuple(bands.index(b) for b in found)
-    mask = _masking(scene, recipe, threads)
     if mask.water is not None:
         notes.append(mask.water.reason)
     rule = None
@@ -131,9 +137,37 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, progress: Progress | N
     shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
     if rule is not None:
         shape = _local_shape(shape, scene, threads, cell_side(len(bands)))
+    of_sea = plan_sea(scene, recipe) if recipe.method == "sea" else None
+    if of_sea is not None:
+        shape = (SEA_TILE, SEA_TILE)
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
-    return Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, rule, tuple(notes), progress)
+    return Plan(
+        scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, rule, tuple(notes), progress, of_sea
+    )
+
+
+def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking, list[str]]:
+    """The recipe with its detector and mask chosen, where to score, and why."""
+    if recipe.method != "auto":
+        mask = recipe.mask if recipe.mask != "auto" else "water" if recipe.method == "sea" else "none"
+        recipe = replace(recipe, mask=mask)
+        return recipe, _masking(scene, recipe, threads), []
+    why = why_not_sea(scene, recipe)
+    if not why:
+        try:
+            searched = replace(recipe, method="sea", mask="water" if recipe.mask == "auto" else recipe.mask)
+            return searched, _masking(scene, searched, threads), ["auto: sea, since there is water to compare with"]
+        except BandError as error:
+            why = no_nir(error)
+        except (InputError, NoWaterError) as error:
+            if recipe.mask not in ("auto", "water"):
+                raise
+            why = str(error).split(".", 1)[0]
+    if recipe.false_per_km2 is not None:
+        raise InputError(f"false-per-km2 needs the sea, and auto takes rx: {why}. Give --pfa, or --mask FILE.")
+    recipe = replace(recipe, method="rx", mask="none" if recipe.mask == "auto" else recipe.mask)
+    return recipe, _masking(scene, recipe, threads), [f"auto: rx, since {why}"]
 
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
@@ -157,6 +191,8 @@ def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int,
         bands = tuple(dict.fromkeys(find_band(scene, b) for b in recipe.bands))
     elif given is not None and given.names:
         bands = tuple(scene.index(name) for name in given.names)
+    elif recipe.method == "sea":
+        bands = visible_bands(scene)
     else:
         bands = tuple(range(len(scene.bands)))
     if given is not None and len(bands) != given.bands:
@@ -173,6 +209,8 @@ def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
     if recipe.mask != "water":
         return Masking(scene, open_area(recipe.mask, scene, "--mask"))
     nir = find_nir(scene, list(recipe.nir) or None)[0]
+    if (known := water_of_removal(scene, nir)) is not None:
+        return Masking(scene, None, *known)
     look = look_at(scene, nir, threads, wanted=True)
     if look.water is None:
         raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,9 +12,15 @@ from deglint.errors import InputError
 from ..background import COVARIANCES, RIDGE, check_rule
 from ..local import BORDERS
 from ..rx import METHODS as GLOBAL_METHODS
+from ..sea import SIDES
+from ..sea.region import LARGEST
 
-METHODS = {"local": "squared Mahalanobis distance from the ring around the pixel (--window)", **GLOBAL_METHODS}
-"""Detectors, with what they are."""
+METHODS = {
+    "sea": "distance from the water around, floating objects of the sea included",
+    "local": "squared Mahalanobis distance from the ring around the pixel (--window)",
+    **GLOBAL_METHODS,
+}
+"""Detectors, with what they are; "auto" is sea where there is water and pixels are compared with it, else rx."""
 THRESHOLDS = {
     "gpd": "tail fitted to the scores",
     "empirical": "quantile of the scores",
@@ -22,7 +28,7 @@ THRESHOLDS = {
     "chi2": "chi-squared",
 }
 """How the threshold for --pfa is found."""
-NO_LAW = ("utd", "rx-utd")
+NO_LAW = ("utd", "rx-utd", "sea")
 """Detectors whose scores follow no known law even over a normal background."""
 WINDOW = (5, 21)
 """Guard and window of local RX, unless they are said [pixel]."""
@@ -35,7 +41,7 @@ class Recipe:
     Attributes
     ----------
     method : str
-        A key of `METHODS`.
+        "auto", or a key of `METHODS`.
     window : (int, int)
         Guard and window of "local" [pixel].
     border, ddof : str, int
@@ -49,16 +55,23 @@ class Recipe:
     drop : int
         Leading eigenvectors that "subspace" leaves out.
     mask : str
-        Where to score: "none" (everywhere), "water" (found in the scene), or a raster, GeoJSON file or window.
+        Where to score: "none" (everywhere), "water" (found in the scene), or a raster, GeoJSON file or window; "auto"
+        is water for "sea", else everywhere. "sea" closes the mask over what floats.
     pfa : float, optional
         False alarms wanted per pixel.
     threshold : str
         A key of `THRESHOLDS`.
+    false_per_km2 : float, optional
+        False objects wanted per km2 of sea, in place of pfa; for "sea".
+    largest_object : (float, float)
+        Length and width of the largest object that floats [m]; for "sea".
+    side : str
+        "auto", "bright" or "both": which anomalies count; for "sea".
     min_size, merge_distance
         As `detect.objects.find`.
     """
 
-    method: str = "rx"
+    method: str = "auto"
     window: tuple[int, int] = WINDOW
     border: str = "shrink"
     ddof: int = 1
@@ -68,14 +81,21 @@ class Recipe:
     bands: tuple[str, ...] = ()
     nir: tuple[str, ...] = ()
     drop: int = 1
-    mask: str = "none"
+    mask: str = "auto"
     pfa: float | None = None
     threshold: str = "gpd"
+    false_per_km2: float | None = None
+    largest_object: tuple[float, float] = LARGEST
+    side: str = "auto"
     min_size: int = 1
     merge_distance: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, known in (("method", METHODS), ("threshold", THRESHOLDS), ("covariance", COVARIANCES)):
+        known: Sequence[str]
+        for name, known in (
+            ("method", ("auto", *METHODS)), ("threshold", tuple(THRESHOLDS)), ("covariance", tuple(COVARIANCES)),
+            ("side", ("auto", *SIDES)),
+        ):  # fmt: skip
             if getattr(self, name) not in known:
                 raise InputError(f"{name} {getattr(self, name)!r} is not one of {', '.join(known)}.")
         check_rule(self.covariance, self.ridge)
@@ -84,10 +104,27 @@ class Recipe:
         if self.pfa is not None and not 0 < self.pfa < 1:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
         self._check_local()
+        self._check_sea()
         if self.pfa is not None and self.threshold in ("chi2", "f") and self.method in NO_LAW:
             raise InputError(
                 f"{self.method} scores follow neither chi-squared nor F: take --threshold empirical or gpd."
             )
+
+    @property
+    def thresholded(self) -> bool:
+        """Whether a threshold is wanted."""
+        return self.pfa is not None or self.false_per_km2 is not None
+
+    def _check_sea(self) -> None:
+        if self.false_per_km2 is not None:
+            if not self.false_per_km2 > 0:
+                raise InputError(f"false-per-km2: allowed is above 0, got {self.false_per_km2}.")
+            if self.pfa is not None:
+                raise InputError("pfa and false-per-km2 are two ways to say one thing: give one of them.")
+            if self.method not in ("auto", "sea"):
+                raise InputError(f"false-per-km2 needs --method sea, got {self.method}. Give --pfa.")
+        if self.method == "sea" and self.threshold in ("chi2", "f"):
+            raise InputError("sea scores follow neither chi-squared nor F: take --threshold gpd or empirical.")
 
     def _check_local(self) -> None:
         if self.method != "local":
@@ -119,6 +156,8 @@ class Outputs:
         Replace what exists.
     options : mapping
         GDAL creation options.
+    chips : Path, optional
+        Folder of a picture of every object.
     """
 
     image: Path
@@ -128,6 +167,7 @@ class Outputs:
     background: Path | None = None
     overwrite: bool = False
     options: Mapping[str, str] = field(default_factory=dict)
+    chips: Path | None = None
 
     @property
     def sidecar(self) -> Path:

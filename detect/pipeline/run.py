@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from rasterio.windows import Window
 
 from deglint import tiles as tiling
 from deglint.checks import checked_keywords
@@ -27,26 +26,26 @@ from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text
 from deglint.raster.targets import Reads, check_image, check_targets
-from deglint.readers.place import ground_area
 from deglint.readers.stated import Names, Numbers
 from deglint.scene import Scene
-from deglint.tiles import LARGEST, Tile, default_threads
+from deglint.tiles import Tile, default_threads
 from deglint.timing import Reporter
 
-from .. import objects as marking
+from .. import sea
 from .. import threshold as cutting
 from ..background import Background, Gathering, combine, estimate, fourth_moments, part_of, sample_share
 from ..local import DEFICIENT, TOO_FEW, score_part
 from ..rx import Detector, detector, score
 from ..threshold import Tail, Threshold
-from .flags import Flags, flags_of
+from .flags import Flags, flags_of, flags_of_sea
+from .mark import CANDIDATES, Marker, Places, joined
 from .plan import KEPT, Kept, Plan, Progress, Read, both, make_plan, read
 from .recipe import NO_LAW, Outputs, Recipe
+from .sea_plan import fit_sea, read_sea
 from .sidecar import describe, notes_on, warnings_of
+from .vectors import check_vector
 
 log = logging.getLogger(__name__)
-_SPARSE = 1 / 64
-"""Share of the pixels up to which a list of those detected takes less memory than the whole scene."""
 
 
 @dataclass
@@ -75,6 +74,7 @@ class Scored:
     tail: Tail | None = None
     p_values: npt.NDArray[np.float32] | None = None
     flags: Flags | None = None
+    beside: Places | None = None
 
 
 class Highest:
@@ -139,7 +139,7 @@ class Result:
         return f"Result({self.tally.scored} of {self.tally.total} pixels scored{cut}{marked})"
 
 
-@checked_keywords("p_value", "flags", "objects", "background", "overwrite", "options")
+@checked_keywords("p_value", "flags", "objects", "background", "chips", "overwrite", "options")
 def score_file(
     source: str | Path | Sequence[str | Path],
     image: str | Path,
@@ -165,7 +165,7 @@ def score_file(
     image : path
         Output, a local GeoTIFF of one float32 band, NaN where not valid. `image`.json is written beside it.
     recipe : Recipe, optional
-        Global RX by default.
+        The sea by default, where there is water; else global RX.
     sensor, nodata, bands, wavelengths, scale, offset
         As `deglint.open_scene`.
     threads : int, optional
@@ -175,7 +175,7 @@ def score_file(
     cluster : Cluster, optional
         Workers in place of threads, as `deglint.remove_glint`; the result is the same to the bit.
     **outputs
-        p_value, flags, objects, background, overwrite, options: see `Outputs`.
+        p_value, flags, objects, background, chips, overwrite, options: see `Outputs`.
 
     Returns
     -------
@@ -194,7 +194,7 @@ def score_file(
     from deglint.readers.stac import files_of
 
     recipe = recipe or Recipe()
-    files = ("p_value", "flags", "objects", "background")
+    files = ("p_value", "flags", "objects", "background", "chips")
     paths: dict[str, Any] = {k: Path(v) if k in files and v else v for k, v in outputs.items()}
     targets = Outputs(Path(image), **paths)
     _check_targets(recipe, targets, threads)
@@ -218,12 +218,22 @@ def score_file(
 def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> None:
     if threads is not None and threads < 1:
         raise InputError(f"threads: want at least 1, got {threads}.")
-    if targets.objects and recipe.pfa is None:
-        raise InputError("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4.")
+    if targets.objects and not recipe.thresholded:
+        raise InputError("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4, or "
+                         "--false-per-km2.")  # fmt: skip
+    if targets.chips and not targets.objects:
+        raise InputError("chips are pictures of objects: give --objects FILE, too.")
+    check_vector(targets.objects)
+    _check_method(recipe, targets)
+
+
+def _check_method(recipe: Recipe, targets: Outputs) -> None:
+    """Refuse what a detector cannot give."""
     if targets.p_value and recipe.method in NO_LAW:
         raise InputError(f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx.")
-    if targets.background and recipe.method == "local":
-        raise InputError("local has a background for every pixel, none to save. Leave out --save-background.")
+    if targets.background and recipe.method in ("local", "sea"):
+        raise InputError(f"{recipe.method} has a background for every pixel, none to save. Leave out "
+                         "--save-background, or take --method rx.")  # fmt: skip
 
 
 @contextmanager
@@ -241,12 +251,18 @@ def _run(
 ) -> Result:  # fmt: skip
     begun = time.perf_counter()
     log_scene(scene)
+    if recipe.method == "auto" and (targets.p_value or targets.background):
+        recipe = replace(recipe, method="rx")  # the only detector that gives both
     plan = make_plan(scene, recipe, threads, progress)
     for note in plan.notes:
         log.info("%s", note)
+    recipe = plan.recipe
+    _check_method(recipe, targets)
     kept = Kept(KEPT if raster_of(scene).info.compression else 0)  # to read again what is not compressed is as quick
     background = None
-    if plan.rule is None:
+    if plan.sea is not None:
+        plan = replace(plan, sea=fit_sea(plan))
+    elif plan.rule is None:
         background = plan.given or (
             fit_background(plan, reader=kept.read) if cluster is None else fit_background(plan, cluster.run)
         )
@@ -257,13 +273,15 @@ def _run(
     law = _law(recipe, ready, background, len(plan.bands))
     with Scratch(overwrite=targets.overwrite) as scratch:
         work = _scoring(plan, targets, ready, law, read if cluster else kept.last)
-        tally, tail = _write_tiles(scratch, work, targets, cluster, progress)
+        tally, tail, beside = _write_tiles(scratch, work, targets, cluster, progress)
         if not tally.scored:
             raise NoWaterError(f"nothing to score in {scene.path}: {_why_nothing(tally)}. Check --nodata and --mask.")
-        threshold = None if tail is None else _threshold(recipe, tail, law, tally)
-        found = None
-        if targets.objects and threshold:
-            found = _write_objects(scratch, plan, targets, threshold, progress)
+        threshold, found = None, None
+        if tail is not None:
+            with open_dataset(str(scratch.file(targets.image))) as scores:
+                marker = Marker(plan, targets, scores, beside)
+                threshold = marker.threshold(tail) if plan.sea else _threshold(recipe, tail, law, tally)
+                found = marker.write(threshold, scratch, progress)
         if targets.background and background:
             write_text(scratch, targets.background, replace(background, names=plan.names).to_json() + "\n")
         said = plain(
@@ -381,6 +399,8 @@ class Scoring:
     def __call__(self, tile: Tile) -> Scored:
         """Read a tile, score it, and count."""
         plan, states = self.plan, None
+        if plan.sea is not None:
+            return self._of_sea(tile)
         if plan.rule is None and self.ready is not None:
             mask = plan.mask.read(tile)
             block = self.reader(plan.scene, tile, plan.bands)
@@ -406,6 +426,27 @@ class Scoring:
             flags = flags_of(block, mask, area, states)
         return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
+    def _of_sea(self, tile: Tile) -> Scored:
+        """The same of a tile of sea, with the classes of its pixels."""
+        plan = self.plan
+        assert plan.sea is not None
+        assert plan.sea.model is not None
+        outer = tile.grown(plan.sea.halo, plan.scene.height, plan.scene.width)
+        block, classes = read_sea(plan, outer, plan.bands)
+        core = core_of(tile.crop_of(outer), classes.shape)
+        scores = sea.score(block, classes, plan.sea.model)[core]
+        classes, valid = classes[core], np.isfinite(block[(slice(None), *core)]).all(axis=0)
+        tail = None
+        if self.highest is not None:
+            tail = self.highest.of(np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores))
+        flags = flags_of_sea(valid, classes) if self.want_flags else None
+        tally = Tally(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
+        tally.not_valid = int(np.count_nonzero(~valid))
+        tally.masked_out = tally.total - tally.scored - tally.not_valid
+        rows, columns = np.nonzero((classes == sea.ALONGSIDE) & np.isfinite(scores))
+        beside = rows + tile.row0, columns + tile.col0, scores[rows, columns]
+        return Scored(scores, tally, tail, None, flags, beside)
+
 
 def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
     tally = Tally(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
@@ -418,18 +459,20 @@ def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
 
 
 def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None, reader: Read) -> Scoring:
-    pfa = plan.recipe.pfa
-    highest = None if pfa is None else Highest(Tail.keep_for(pfa, plan.scene.height * plan.scene.width))
+    recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
+    rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
+    highest = Highest(Tail.keep_for(rate, pixels)) if recipe.thresholded else None
     silent = replace(plan, progress=None)
     return Scoring(silent, ready, law, highest, bool(targets.p_value), bool(targets.flags), reader)
 
 
 def _write_tiles(
     scratch: Scratch, work: Scoring, targets: Outputs, cluster: Cluster | None, progress: Progress | None
-) -> tuple[Tally, Tail | None]:
+) -> tuple[Tally, Tail | None, Places]:
     plan, highest, tally = replace(work.plan, progress=progress), work.highest, Tally()
     info = raster_of(plan.scene).info
     info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
+    beside: list[Places] = []
     options = dict(targets.options)
     if info.compression == "deflate" and "compress" not in map(str.lower, options):
         options = {"ZLEVEL": "1", **options}  # scores are mostly noise: to try harder takes twice the time for nothing
@@ -448,51 +491,11 @@ def _write_tiles(
                 if (block := getattr(scored, what)) is not None:
                     writer.write(block, tile.window)
             tally.add(scored.tally)
+            if scored.beside is not None:
+                beside.append(scored.beside)
             if highest and scored.tail:
                 highest.add(scored.tail)
-    return tally, highest.total() if highest else None
-
-
-def _write_objects(
-    scratch: Scratch, plan: Plan, targets: Outputs, threshold: Threshold, progress: Progress | None
-) -> int:
-    """Mark objects in the scores that were just written; returns how many."""
-    if targets.objects is None:
-        return 0
-    if progress:
-        progress("objects", 0, 1)
-    scene, recipe = plan.scene, plan.recipe
-    size = (scene.height, scene.width)
-    options: dict[str, Any] = {
-        "min_size": recipe.min_size,
-        "merge_distance": recipe.merge_distance,
-        "pixel_area": ground_area(scene.transform, scene.crs, *size),
-    }
-    with open_dataset(str(scratch.file(targets.image))) as dataset:
-        if (threshold.pfa_achieved or 0) > _SPARSE:
-            scores = dataset.read(1)
-            found = marking.find(threshold.exceeded(scores), scores, **options)
-        else:
-            found = marking.find_among(*_detected(dataset, threshold), **options)
-    document = marking.to_geojson(
-        found, scene.transform, scene.crs, threshold=threshold.value, pfa=threshold.pfa_designed
-    )
-    write_json(scratch, targets.objects, document)
-    if progress:
-        progress("objects", 1, 1)
-    return len(found)
-
-
-def _detected(dataset: Any, threshold: Threshold) -> tuple[Any, Any, Any]:
-    """Rows, columns and scores of what exceeds the threshold, read in strips."""
-    found = []
-    for top in range(0, dataset.height, LARGEST):
-        window = Window(0, top, dataset.width, min(LARGEST, dataset.height - top))
-        scores = dataset.read(1, window=window)
-        rows, columns = np.nonzero(threshold.exceeded(scores))
-        found.append((rows + top, columns, scores[rows, columns]))
-    rows, columns, scores = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return rows, columns, scores
+    return tally, highest.total() if highest else None, joined(beside)
 
 
 def _why_nothing(tally: Tally) -> str:

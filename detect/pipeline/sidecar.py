@@ -17,6 +17,7 @@ from ..threshold import Threshold
 from .flags import MEANINGS
 from .plan import Plan
 from .recipe import Outputs
+from .sea_plan import explain
 
 if TYPE_CHECKING:
     from .run import Tally
@@ -53,6 +54,7 @@ def describe(
         "recipe": recipe,
         "background": _numbers(background) if background else None,
         "water": water.numbers() if water else None,
+        "sea": plan.sea.model.numbers() if plan.sea and plan.sea.model else None,
         "threshold": asdict(threshold) if threshold else None,
         "pixels": asdict(tally),
     }
@@ -67,7 +69,7 @@ def _numbers(background: Background) -> dict[str, Any]:
 
 def notes_on(plan: Plan, background: Background | None) -> list[str]:
     """What was decided, one line each."""
-    notes = [f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
+    notes = [*explain(plan), f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
     if background is not None:
         where = "read from a file" if plan.given else f"{background.n} pixels"
         shrunk = f", {background.rule} {background.shrinkage:.3g}" if background.shrinkage else ""

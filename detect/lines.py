@@ -1,0 +1,127 @@
+"""RX line by line, with statistics of the lines before: for push-broom sensors, on board, in bounded memory.
+
+Mean and covariance are exponential averages over the lines that have passed. A line is scored against them first, and
+enters them afterwards, without the pixels that stand out: a target never raises its own background.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import InputError
+
+from .covariance import ridged, whitener
+
+LINES = 64
+"""Lines that the statistics remember, unless said otherwise."""
+_FIRST = 4
+"""Pixels per band before statistics are taken for known: with fewer the first lines are scored against themselves."""
+_OUT = 5.0
+"""Times the number of bands: squared distances above it leave the statistics; of normal pixels of 4 bands 5e-4 do."""
+_RIDGE = 1e-6
+"""Share of each band's variance that is added: collinear bands have a covariance that can be inverted."""
+
+
+class LineScorer:
+    """Scores lines as they come.
+
+    Parameters
+    ----------
+    lines : int
+        Lines that the statistics remember (time constant of the exponential average).
+
+    Attributes
+    ----------
+    n : int
+        Lines scored.
+
+    Examples
+    --------
+    >>> scorer = LineScorer()
+    >>> lines = np.random.default_rng(0).normal(50, 2, (100, 4, 200))
+    >>> lines[80, :, 30] += 40
+    >>> scores = np.stack([scorer.score(line) for line in lines])
+    >>> tuple(int(i) for i in np.unravel_index(scores.argmax(), scores.shape))
+    (80, 30)
+    """
+
+    def __init__(self, lines: int = LINES) -> None:
+        if lines < 1:
+            raise InputError(f"lines: allowed is 1 or more, got {lines}.")
+        self.n = 0
+        self._keep = 1 - 1 / lines
+        self._weight = 0.0
+        self._mean: npt.NDArray[np.float64] | None = None
+        self._second = np.zeros((0, 0))
+
+    def score(self, line: npt.ArrayLike) -> npt.NDArray[np.float32]:
+        """Squared Mahalanobis distance of every pixel of a line from the lines before.
+
+        Parameters
+        ----------
+        line : (band, column) array
+            NaN where not valid.
+
+        Returns
+        -------
+        (column,) ndarray of float32
+            NaN where not valid, and until enough pixels have passed.
+
+        Raises
+        ------
+        InputError
+            The number of bands changes.
+        """
+        values = np.asarray(line, np.float64)
+        if values.ndim != 2 or (self._mean is not None and len(values) != len(self._mean)):
+            raise InputError(f"line must be (band, column), always of the same bands, got shape {values.shape}.")
+        valid = np.isfinite(values).all(axis=0)
+        out = np.full(values.shape[1], np.nan, np.float32)
+        self.n += 1
+        taken = values if valid.all() else values[:, valid]
+        if self._mean is not None and self._weight >= _FIRST * len(values):
+            away = taken - self._mean[:, None]
+            white = whitener(ridged(self._second, _RIDGE)) @ away
+            found = np.einsum("ij,ij->j", white, white)
+            out[valid] = found
+            inside = found <= _OUT * len(values)
+            if not inside.all() and 2 * np.count_nonzero(inside) > inside.size:  # else it is a new background
+                taken = taken[:, inside]
+        self._learn(taken)
+        return out
+
+    def _learn(self, taken: npt.NDArray[np.float64]) -> None:
+        """Take a line into the averages."""
+        count = taken.shape[1]
+        if not count:
+            return
+        centre = taken.mean(axis=1)
+        away = taken - centre[:, None]
+        second = away @ away.T / count
+        if self._mean is None:
+            self._mean, self._second, self._weight = centre, second, float(count)
+            return
+        self._weight *= self._keep
+        share = count / (self._weight + count)
+        step = centre - self._mean
+        self._mean = self._mean + share * step
+        self._second = (1 - share) * (self._second + share * np.outer(step, step)) + share * second
+        self._weight += count
+
+
+def score_lines(lines: Iterable[Any], memory: int = LINES) -> Iterator[npt.NDArray[np.float32]]:
+    """Scores of lines, one after the other, as they come; see `LineScorer`.
+
+    Parameters
+    ----------
+    lines : iterable of (band, column) array
+    memory : int
+        Lines that the statistics remember.
+    """
+    scorer = LineScorer(memory)
+    for line in lines:
+        yield scorer.score(line)

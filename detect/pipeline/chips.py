@@ -1,0 +1,103 @@
+"""Chips: a small picture of every object, as it was taken, as it was scored, and its scores, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.raster.output import Scratch
+from deglint.readers.roles import band_roles
+from deglint.readers.text import read_json
+from deglint.scene import Scene
+
+from ..objects import Object
+from .plan import Plan
+from .recipe import Outputs
+
+SIDE = 64
+"""Least side of a chip [pixel of the scene]."""
+_MARGIN = 12
+"""Pixels around an object."""
+_SIZE = 192
+"""Side of a panel [pixel of the picture], at least."""
+_STRETCH = (2.0, 99.8)
+"""Percentiles that become black and white: few pixels of a chip are the object."""
+
+
+def write_chips(
+    plan: Plan, targets: Outputs, scores: Any, found: Sequence[Object], scratch: Scratch
+) -> list[str | None]:
+    """Write a PNG of every object into the folder of `targets`; returns their names.
+
+    Panels: the scene before glint removal, where its sidecar tells the file; the scene; the scores.
+    """
+    if targets.chips is None:
+        return [None] * len(found)
+    import cv2
+    from rasterio.windows import Window
+
+    targets.chips.mkdir(parents=True, exist_ok=True)
+    scenes = [*_raw_of(plan.scene), plan.scene]
+    names: list[str | None] = []
+    for o in found:
+        (rows, columns) = (_around(*ends, size) for ends, size in zip(
+            o.bounds, (plan.scene.height, plan.scene.width), strict=True))  # fmt: skip
+        panels = [_coloured(scene.read((rows, columns), bands=_rgb(scene))) for scene in scenes]
+        window = Window(columns[0], rows[0], columns[1] - columns[0], rows[1] - rows[0])
+        panels.append(_coloured(np.stack([scores.read(1, window=window)] * 3)))
+        times = max(-(-_SIZE // max(panels[0].shape[:2])), 1)
+        gap = np.full((panels[0].shape[0] * times, 4, 3), 255, np.uint8)
+        large = [p.repeat(times, axis=0).repeat(times, axis=1) for p in panels]
+        picture = np.concatenate([x for p in large for x in (p, gap)][:-1], axis=1)
+        name = f"object_{o.label:04d}.png"
+        done, data = cv2.imencode(".png", np.ascontiguousarray(picture[:, :, ::-1]))
+        assert done
+        place = scratch.add(targets.chips / name)
+        place.write_bytes(data.tobytes())
+        names.append(f"{targets.chips.name}/{name}")
+    return names
+
+
+def _around(start: int, stop: int, size: int) -> tuple[int, int]:
+    """Range that holds an object and its surroundings."""
+    side = min(max(stop - start + 2 * _MARGIN, SIDE), size)
+    low = min(max((start + stop - side) // 2, 0), size - side)
+    return low, low + side
+
+
+def _rgb(scene: Scene) -> list[int]:
+    roles = band_roles(scene)
+    visible = [roles["red"], roles["green"], roles["blue"]]
+    known = [i for i in visible if i is not None]
+    return [i for i in visible if i is not None] if len(known) == 3 else [(known or [0])[0]] * 3
+
+
+def _raw_of(scene: Scene) -> list[Scene]:
+    """The scene before removal, where the sidecar tells its files and they fit."""
+    from deglint.errors import DeglintError
+    from deglint.readers import open_scene
+
+    try:
+        files = read_json(f"{scene.path}.json", "sidecar")["input"]["files"]
+        paths = [str(f["path"] if isinstance(f, dict) else f) for f in files]
+        raw = open_scene([str(Path(p)) for p in paths])
+    except (DeglintError, KeyError, TypeError, OSError):
+        return []
+    return [raw] if (raw.height, raw.width) == (scene.height, scene.width) else []
+
+
+def _coloured(image: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    """(band, row, column) to (row, column, band) of bytes, every band stretched alike."""
+    finite = image[np.isfinite(image)]
+    if not finite.size:
+        return np.zeros((*image.shape[1:], 3), np.uint8)
+    out = []
+    for band in image:
+        good = band[np.isfinite(band)]
+        low, high = np.percentile(good, _STRETCH) if good.size else (0.0, 1.0)
+        out.append(np.clip((band - low) / max(high - low, 1e-12), 0, 1))
+    return np.asarray(np.nan_to_num(np.stack(out, axis=-1)) * 255, np.uint8)

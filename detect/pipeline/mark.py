@@ -1,0 +1,226 @@
+"""From scores that were written to a threshold and to objects: detected pixels, their sizes, rates and files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from rasterio.windows import Window
+
+from deglint.raster.output import Scratch
+from deglint.readers.place import ground_area
+from deglint.tiles import LARGEST
+
+from .. import objects as marking
+from .. import sea
+from ..objects import Object
+from ..sea.rates import LOW
+from ..sea.region import rectangle
+from ..threshold import Tail, Threshold
+from .chips import write_chips
+from .ground import distance_and_bearing, to_wgs84
+from .plan import Plan, Progress
+from .recipe import Outputs
+from .vectors import Feature, write_features
+
+Places = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[Any]]
+"""Rows, columns and scores of pixels, in row-major order."""
+CANDIDATES = 0.04
+"""Share of the sea whose scores are kept: more than exceeds `detect.sea.rates.LOW`."""
+_UNKNOWN_PIERS = 3
+"""Added to the rank of what is attached to land: where none is known to be false, three may be (at 95 %)."""
+_ROUND = 1.3
+"""Length over width below which an object has no bearing."""
+
+
+def joined(parts: Sequence[Places]) -> Places:
+    """Pixels of all tiles, in row-major order."""
+    if not parts:
+        nothing = np.zeros(0, np.int64)
+        return nothing, nothing, np.zeros(0, np.float32)
+    rows, columns, scores = (np.concatenate(part) for part in zip(*parts, strict=True))
+    order = np.lexsort((columns, rows))
+    return rows[order], columns[order], scores[order]
+
+
+@dataclass(frozen=True, eq=False)
+class Rated:
+    """An object, what it is, and how many false ones to expect."""
+
+    found: Object
+    kind: str
+    false_per_km2: float
+    probability: float
+
+
+class Marker:
+    """Finds the threshold of a scored sea, and marks objects in any scores.
+
+    Parameters
+    ----------
+    plan : Plan
+    targets : Outputs
+    scores : rasterio dataset
+        That was just written.
+    beside : Places
+        Pixels of the sea that are attached to land.
+    """
+
+    def __init__(self, plan: Plan, targets: Outputs, scores: Any, beside: Places) -> None:
+        self._plan, self._targets, self._scores, self._beside = plan, targets, scores, beside
+        self._tail: Tail | None = None
+
+    @property
+    def _options(self) -> dict[str, Any]:
+        recipe, scene = self._plan.recipe, self._plan.scene
+        area = ground_area(scene.transform, scene.crs, scene.height, scene.width)
+        return {"min_size": recipe.min_size, "merge_distance": recipe.merge_distance, "pixel_area": area}
+
+    def threshold(self, tail: Tail) -> Threshold:
+        """Threshold of the sea, from the clutter that is left when confirmed objects are taken out."""
+        recipe = self._plan.recipe
+        self._tail = tail
+        clutter = self._clutter
+        if recipe.false_per_km2 is not None:
+            value = clutter.score_at(recipe.false_per_km2 / self._strata)
+            above = clutter.tail.above(value)
+            rate = (above or 0) / max(clutter.tail.n, 1)
+            notes = () if clutter.fitted else ("too few candidates for a law of their peaks: their ranks are used",)
+            return Threshold(value, "peaks", rate, None if above is None else rate, clutter.tail.n, notes=notes)
+        if recipe.threshold == "empirical":
+            from ..threshold import from_quantile
+
+            return from_quantile(clutter.tail, float(recipe.pfa or 0))
+        return clutter.threshold(float(recipe.pfa or 0))
+
+    @cached_property
+    def _clutter(self) -> sea.Clutter:
+        """What is not confirmed as an object."""
+        of_sea, tail = self._plan.sea, self._tail
+        assert of_sea is not None
+        assert of_sea.model is not None
+        assert tail is not None
+        low = LOW * of_sea.model.q90
+        rows, columns, scores = self._open(low)
+        found = marking.find_among(rows, columns, scores)
+        parts = _pixels_of(found, rows, columns, scores)
+        area = tail.n * of_sea.area / 1e6
+        fine = of_sea.model.side == "both"
+        return sea.clutter_of(tail, found, parts, of_sea.model.q90, area=area, fine=fine)
+
+    @property
+    def _strata(self) -> int:
+        """Kinds of objects that share the false alarms: afloat, and attached to land."""
+        return 2 if len(self._beside[0]) else 1
+
+    def _above(self, value: float) -> Places:
+        """Rows, columns and scores above a value, read in strips."""
+        found = []
+        dataset = self._scores
+        for top in range(0, dataset.height, LARGEST):
+            window = Window(0, top, dataset.width, min(LARGEST, dataset.height - top))
+            scores = dataset.read(1, window=window)
+            with np.errstate(over="ignore"):
+                rows, columns = np.nonzero(scores > value)
+            found.append((rows + top, columns, scores[rows, columns]))
+        rows, columns, scores = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return rows, columns, scores
+
+    def _open(self, value: float) -> Places:
+        """The same of what is not attached to land."""
+        rows, columns, scores = self._above(value)
+        if not len(self._beside[0]):
+            return rows, columns, scores
+        width = self._plan.scene.width
+        apart = ~np.isin(rows * width + columns, self._beside[0] * width + self._beside[1])
+        return rows[apart], columns[apart], scores[apart]
+
+    def objects(self, threshold: Threshold) -> list[Rated]:
+        """What exceeds the threshold, the least false alarms first."""
+        if self._plan.sea is None:
+            found = marking.find_among(*self._above(threshold.value), **self._options)
+            return [Rated(o, "anomaly", math.nan, math.nan) for o in found]
+        clutter, share = self._clutter, self._strata
+        afloat = marking.find_among(*self._open(threshold.value), **self._options)
+        rated = []
+        for rank, o in enumerate(afloat, start=1):  # the highest score first
+            rate = clutter.false_per_km2(o.score_max)
+            real = 1 - min(rate * clutter.area / rank, 1.0)
+            rated.append(Rated(o, "afloat", share * rate, real))
+        most = share * clutter.false_per_km2(threshold.value)
+        beside = [o for o in marking.find_among(*self._beside, **self._options) if o.score_max > threshold.value]
+        for rank, o in enumerate(sorted(beside, key=_likeness, reverse=True), start=1):
+            rate = share * (rank + _UNKNOWN_PIERS) / clutter.area  # each of them may be a pier
+            if not rate > most:
+                rated.append(Rated(o, "alongside", rate, math.nan))
+        if clutter.area > 0:
+            rated.sort(key=lambda r: (r.false_per_km2, -r.found.score_max))
+        return [replace(r, found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
+
+    def write(self, threshold: Threshold, scratch: Scratch, progress: Progress | None) -> int | None:
+        """Write the objects above a threshold; returns how many, or None where no objects are wanted."""
+        if self._targets.objects is None:
+            return None
+        if progress:
+            progress("objects", 0, 1)
+        rated = self.objects(threshold)
+        chips = write_chips(self._plan, self._targets, self._scores, [r.found for r in rated], scratch)
+        move = to_wgs84(self._plan.scene)
+        common = {"threshold": threshold.value, "pfa": threshold.pfa_designed}
+        features = [
+            Feature(r.found, {**_described(r, self._plan), **common, **({"chip": chip} if chip else {})})
+            for r, chip in zip(rated, chips, strict=True)
+        ]
+        write_features(scratch, self._targets.objects, features, move)
+        if progress:
+            progress("objects", 1, 1)
+        return len(rated)
+
+
+def _likeness(found: Object) -> float:
+    """How much an object attached to land is like a ship: its area times the share of its rectangle that it fills."""
+    length, width, _ = rectangle(found.footprint)
+    return found.size * found.size / (length * width)
+
+
+def _pixels_of(found: Sequence[Object], rows: Any, columns: Any, scores: Any) -> list[npt.NDArray[Any]]:
+    """Scores of each object's pixels."""
+    width = int(columns.max()) + 1 if len(columns) else 1
+    place = rows * width + columns
+    out = []
+    for o in found:
+        (top, _), (left, _) = o.bounds
+        y, x = np.nonzero(o.footprint)
+        out.append(scores[np.searchsorted(place, (y + top) * width + x + left)])
+    return out
+
+
+def _described(rated: Rated, plan: Plan) -> dict[str, Any]:
+    """Numbers of an object that an operator reads."""
+    found, move = rated.found, to_wgs84(plan.scene)
+    known = math.isfinite(rated.false_per_km2)
+    score = found.score_max
+    if known:
+        score = -math.log10(max(rated.false_per_km2, 1e-300))
+    numbers: dict[str, Any] = {
+        "score": score, "false_per_km2": rated.false_per_km2 if known else None,
+        "probability": rated.probability if math.isfinite(rated.probability) else None, "kind": rated.kind,
+    }  # fmt: skip
+    length, width, angle = rectangle(found.footprint)
+    bearing = None
+    if move is not None:
+        row, column = found.centroid
+        x, y = column + 0.5, row + 0.5
+        across, up = math.sin(math.radians(angle)), -math.cos(math.radians(angle))
+        centre, along, beside = move([(x, y), (x + across, y + up), (x - up, y + across)])
+        unit, direction = distance_and_bearing(centre, along)
+        numbers |= {"longitude": centre[0], "latitude": centre[1]}
+        length, width = length * unit, width * distance_and_bearing(centre, beside)[0]
+        bearing = direction % 180 if length >= _ROUND * width else None
+        numbers |= {"length_m": length, "width_m": width}
+    return numbers | {"bearing": bearing}

@@ -1,0 +1,174 @@
+"""Objects as files: GeoJSON, or GeoPackage with its style for QGIS, both in longitude and latitude of WGS 84."""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from deglint.errors import InputError
+from deglint.raster.output import Scratch, write_json, write_text
+
+from ..objects import Object, to_geojson
+
+Move = Callable[[Sequence[tuple[float, float]]], list[tuple[float, float]]]
+SUFFIXES = (".geojson", ".json", ".gpkg")
+"""Files that objects can be written to."""
+_WGS84 = (
+    'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],PRIMEM["Greenwich",0],'
+    'UNIT["degree",0.0174532925199433],AUTHORITY["EPSG","4326"]]'
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Feature:
+    """An object, and what is known of it beyond its pixels."""
+
+    found: Object
+    properties: dict[str, Any]
+
+
+def check_vector(path: Path | None) -> None:
+    """Refuse a name whose format is not known."""
+    if path is not None and path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{path} (--objects): allowed are {', '.join(SUFFIXES)}.")
+
+
+def collection(features: Sequence[Feature], move: Move | None) -> dict[str, Any]:
+    """A GeoJSON FeatureCollection (RFC 7946): longitude and latitude, or pixels where `move` is None."""
+    document = to_geojson([f.found for f in features], move=move)
+    for feature, known in zip(document["features"], features, strict=True):
+        feature["properties"] |= known.properties
+    return document
+
+
+def write_features(scratch: Scratch, path: Path, features: Sequence[Feature], move: Move | None) -> None:
+    """Write objects in the format that the name of the file says, and beside a GeoPackage a style of the same name."""
+    document = collection(features, move)
+    if path.suffix.lower() != ".gpkg":
+        write_json(scratch, path, document)
+        return
+    place = scratch.add(path)
+    place.unlink(missing_ok=True)
+    write_geopackage(place, document, geographic=move is not None)
+    write_text(scratch, style_of(path), STYLE)
+
+
+def style_of(path: Path) -> Path:
+    """Name of the style that QGIS reads beside a layer."""
+    return path.with_suffix(".qml")
+
+
+def write_geopackage(path: Path, document: dict[str, Any], *, geographic: bool = True) -> None:
+    """Write a FeatureCollection as a GeoPackage (OGC 12-128r19) with one layer, `objects`.
+
+    Parameters
+    ----------
+    path : Path
+        Must not exist.
+    document : dict
+        GeoJSON of polygons.
+    geographic : bool
+        Coordinates are longitude and latitude of WGS 84; else undefined Cartesian.
+    """
+    rows = document["features"]
+    columns = {k: _sql_type(v) for row in rows for k, v in row["properties"].items() if v is not None}
+    srs = 4326 if geographic else -1
+    boxes = [_box(row["geometry"]) for row in rows]
+    whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
+    with sqlite3.connect(path) as db:
+        db.executescript(_TABLES)
+        db.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?,?,?,?,?,?)", [
+            ("WGS 84", 4326, "EPSG", 4326, _WGS84, "longitude and latitude"),
+            ("Undefined Cartesian SRS", -1, "NONE", -1, "undefined", None),
+            ("Undefined geographic SRS", 0, "NONE", 0, "undefined", None),
+        ])  # fmt: skip
+        declared = "".join(f', "{name}" {kind}' for name, kind in columns.items())
+        db.execute(f"CREATE TABLE objects (fid INTEGER PRIMARY KEY AUTOINCREMENT, geom MULTIPOLYGON{declared})")
+        db.execute(
+            "INSERT INTO gpkg_contents (table_name, data_type, identifier, min_x, min_y, max_x, max_y, srs_id) "
+            "VALUES ('objects', 'features', 'objects', ?, ?, ?, ?, ?)", (*whole, srs),
+        )  # fmt: skip
+        db.execute("INSERT INTO gpkg_geometry_columns VALUES ('objects', 'geom', 'MULTIPOLYGON', ?, 0, 0)", (srs,))
+        names = "".join(f', "{name}"' for name in columns)
+        marks = ",?" * len(columns)
+        db.executemany(
+            f"INSERT INTO objects (geom{names}) VALUES (?{marks})",
+            [(_binary(row["geometry"], srs, box), *(_plain(row["properties"].get(c)) for c in columns))
+             for row, box in zip(rows, boxes, strict=True)],
+        )  # fmt: skip
+    db.close()
+
+
+def _sql_type(value: Any) -> str:
+    return "INTEGER" if isinstance(value, int) else "REAL" if isinstance(value, float) else "TEXT"
+
+
+def _plain(value: Any) -> Any:
+    return str(value) if isinstance(value, (list, dict)) else value
+
+
+def _polygons(geometry: dict[str, Any]) -> list[Any]:
+    return [geometry["coordinates"]] if geometry["type"] == "Polygon" else list(geometry["coordinates"])
+
+
+def _box(geometry: dict[str, Any]) -> tuple[float, float, float, float]:
+    points = [p for polygon in _polygons(geometry) for p in polygon[0]]
+    xs, ys = [p[0] for p in points], [p[1] for p in points]
+    return min(xs), min(ys), max(xs), max(ys)
+
+
+def _binary(geometry: dict[str, Any], srs: int, box: tuple[float, float, float, float]) -> bytes:
+    """GeoPackage header with an envelope, and the geometry as well-known binary of a multi-polygon."""
+    head = struct.pack("<2sBBi4d", b"GP", 0, 0b011, srs, box[0], box[2], box[1], box[3])
+    polygons = _polygons(geometry)
+    out = [head, struct.pack("<BII", 1, 6, len(polygons))]
+    for rings in polygons:
+        out.append(struct.pack("<BII", 1, 3, len(rings)))
+        out += [struct.pack(f"<I{2 * len(ring)}d", len(ring), *(x for p in ring for x in p[:2])) for ring in rings]
+    return b"".join(out)
+
+
+_TABLES = """
+PRAGMA application_id = 1196444487;
+PRAGMA user_version = 10300;
+CREATE TABLE gpkg_spatial_ref_sys (srs_name TEXT NOT NULL, srs_id INTEGER PRIMARY KEY, organization TEXT NOT NULL,
+  organization_coordsys_id INTEGER NOT NULL, definition TEXT NOT NULL, description TEXT);
+CREATE TABLE gpkg_contents (table_name TEXT NOT NULL PRIMARY KEY, data_type TEXT NOT NULL, identifier TEXT UNIQUE,
+  description TEXT DEFAULT '', last_change DATETIME NOT NULL DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')),
+  min_x DOUBLE, min_y DOUBLE, max_x DOUBLE, max_y DOUBLE, srs_id INTEGER,
+  CONSTRAINT fk_gc_r_srs_id FOREIGN KEY (srs_id) REFERENCES gpkg_spatial_ref_sys(srs_id));
+CREATE TABLE gpkg_geometry_columns (table_name TEXT NOT NULL, column_name TEXT NOT NULL,
+  geometry_type_name TEXT NOT NULL, srs_id INTEGER NOT NULL, z TINYINT NOT NULL, m TINYINT NOT NULL,
+  CONSTRAINT pk_geom_cols PRIMARY KEY (table_name, column_name),
+  CONSTRAINT fk_gc_tn FOREIGN KEY (table_name) REFERENCES gpkg_contents(table_name),
+  CONSTRAINT fk_gc_srs FOREIGN KEY (srs_id) REFERENCES gpkg_spatial_ref_sys (srs_id));
+"""
+
+STYLE = """<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>
+<qgis version="3.22" styleCategories="Symbology|Labeling" labelsEnabled="1">
+ <renderer-v2 type="categorizedSymbol" attr="kind" enableorderby="0" symbollevels="0" forceraster="0">
+  <categories>
+   <category value="afloat" symbol="0" label="afloat" render="true"/>
+   <category value="alongside" symbol="1" label="alongside: ship or short pier" render="true"/>
+   <category value="" symbol="2" label="anomaly" render="true"/>
+  </categories>
+  <symbols>
+   <symbol type="fill" name="0" alpha="1"><layer class="SimpleLine" enabled="1" pass="0">
+    <Option type="Map"><Option name="line_color" type="QString" value="255,60,0,255"/>
+    <Option name="line_width" type="QString" value="0.7"/></Option></layer></symbol>
+   <symbol type="fill" name="1" alpha="1"><layer class="SimpleLine" enabled="1" pass="0">
+    <Option type="Map"><Option name="line_color" type="QString" value="255,200,0,255"/>
+    <Option name="line_width" type="QString" value="0.4"/></Option></layer></symbol>
+   <symbol type="fill" name="2" alpha="1"><layer class="SimpleLine" enabled="1" pass="0">
+    <Option type="Map"><Option name="line_color" type="QString" value="255,0,200,255"/>
+    <Option name="line_width" type="QString" value="0.5"/></Option></layer></symbol>
+  </symbols>
+ </renderer-v2>
+ <labeling type="simple"><settings><text-style fieldName="label" fontSize="8" isExpression="0"/></settings></labeling>
+</qgis>
+"""
+"""Outlines by what an object is, with its number, as QGIS reads it."""

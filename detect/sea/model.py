@@ -1,0 +1,269 @@
+"""Contrast with the water around: a local mean and variance of water, the correlation of its bands, several scales.
+
+At every scale s the bands are averaged over s x s pixels of the sea, so that an object fills one of the means. Let m
+and v be the mean and the variance of water within the window around a pixel, z = (y - m) / sqrt(v), and R the
+correlation of z over the sea. The score is the Mahalanobis distance sqrt(z' R^-1 z). Its median and its 99.9 % quantile
+over water make the scales comparable, and the largest over the scales counts. Pixels that are far from the water at the
+largest scale (ships, wakes, slicks, plumes, clouds) leave the statistics, and the statistics are computed again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import InputError, NoWaterError
+
+from ..covariance import whitener
+from .region import ALONGSIDE, RIM, WATER, Classes
+
+Array = npt.NDArray[Any]
+SIDES = ("bright", "both")
+"""Which anomalies count: what is brighter than the water around, or what is darker, too."""
+WINDOW = 51
+"""Side of the window of the water around [pixel]: several ships wide; 31 and 101 find fewer ships in real ports."""
+SCALES = (1,)
+"""Sides of the squares that are averaged [pixel]: where a pixel is as large as a boat, means over more dilute it."""
+_FINE_SCALES = (1, 3, 5)
+"""The same where pixels are finer than an object: sparkle is averaged out."""
+_FINE = 5.0
+"""Pixels below this see parts of boats, and objects under water that may be darker than it [m]."""
+_ROUNDS = 3
+"""How often the statistics are made."""
+_CUT = 6.0
+"""Medians of the distance above which a pixel leaves the statistics: normal water has less than 1e-9 there."""
+_PRIOR = 30.0
+"""Pixels' worth of the whole sea in every local variance: narrow water has few pixels of its own."""
+_FLOOR = 0.1
+"""Least local variance, as a share of the whole sea's: water that happens to be even is no better known than that."""
+_FAR = 1e4
+"""Robust standard deviations at which a value is cut off, so that float32 sums over a window hold it."""
+_RARE = 1e-3
+"""Share of water above the quantile that makes scales comparable."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeaModel:
+    """What the detector learnt of a scene: plain numbers, so that every block is scored alike.
+
+    Attributes
+    ----------
+    centre, spread : (band,) ndarray
+        Median, and robust standard deviation of water.
+    variance : (scale, band) ndarray
+        Of water about its local mean, in units of spread squared.
+    whiteners : tuple of (rank, band) ndarray
+        Of the correlation at each scale.
+    middle, rare : (scale,) ndarray
+        Median and 99.9 % quantile of the distance at each scale.
+    q90 : float
+        90 % quantile of the score over water.
+    scales, window, side
+        As used.
+    """
+
+    centre: npt.NDArray[np.float64]
+    spread: npt.NDArray[np.float64]
+    variance: npt.NDArray[np.float64]
+    whiteners: tuple[npt.NDArray[np.float64], ...]
+    middle: npt.NDArray[np.float64]
+    rare: npt.NDArray[np.float64]
+    q90: float
+    scales: tuple[int, ...] = SCALES
+    window: int = WINDOW
+    side: str = "bright"
+
+    @property
+    def halo(self) -> int:
+        """Pixels around a block that its scores depend on."""
+        return _ROUNDS * (self.window // 2 + self.scales[-1] // 2 + 2)
+
+    def numbers(self) -> dict[str, Any]:
+        """For a sidecar."""
+        return {
+            "centre": self.centre.tolist(), "spread": self.spread.tolist(), "window": self.window,
+            "scales": list(self.scales), "side": self.side, "q90": self.q90,
+        }  # fmt: skip
+
+
+def fit(
+    blocks: Sequence[tuple[Array, Classes]], *, pixel: float | None = None, side: str | None = None,
+    scales: tuple[int, ...] | None = None, window: int = WINDOW,
+) -> SeaModel:  # fmt: skip
+    """Learn what the water of a scene looks like.
+
+    Parameters
+    ----------
+    blocks : sequence of ((band, row, column) ndarray, (row, column) ndarray of uint8)
+        Parts of the scene, or all of it, and their classes from `region`.
+    pixel : float, optional
+        Side of a pixel [m]: chooses `side` and `scales` where these are not given.
+    side : str, optional
+        One of `SIDES`.
+    scales : tuple of int, optional
+        Odd sides of the squares that are averaged, ascending [pixel].
+    window : int
+        Odd side of the window of the water around [pixel].
+
+    Raises
+    ------
+    NoWaterError
+        The blocks hold too few pixels of water.
+    """
+    fine = pixel is not None and pixel < _FINE
+    side = side or ("both" if fine else "bright")
+    scales = scales or (_FINE_SCALES if fine else SCALES)
+    if side not in SIDES:
+        raise InputError(f"side {side!r} is not one of {', '.join(SIDES)}.")
+    if window < 3 or any(s % 2 == 0 for s in (window, *scales)):
+        raise InputError(f"window and scales: allowed are odd numbers, window 3 or more, got {window}, {scales}.")
+    centre, spread = _robust(blocks)
+    bands = len(centre)
+    model = SeaModel(
+        centre, spread, np.ones((len(scales), bands)), tuple(np.eye(bands) for _ in scales), np.zeros(len(scales)),
+        np.ones(len(scales)), 1.0, scales, window, side,
+    )  # fmt: skip
+    states = [_State(block, classes, model) for block, classes in blocks]
+    for last in (*(False,) * (_ROUNDS - 1), True):
+        model = _learn(states, model)
+        if not last:
+            for state in states:
+                state.narrow(model)
+    scored = np.concatenate([_combined(s, model)[s.open] for s in states])
+    return replace(model, q90=float(np.quantile(scored, 0.9)))
+
+
+def score(block: Array, classes: Classes, model: SeaModel) -> npt.NDArray[np.float32]:
+    """Distance of every pixel of the sea from the water around [standard deviation]; NaN elsewhere and on the rim.
+
+    Parameters
+    ----------
+    block : (band, row, column) ndarray
+        With `model.halo` more pixels around what is wanted.
+    classes : (row, column) ndarray of uint8
+        From `region`.
+    model : SeaModel
+        From `fit`.
+    """
+    state = _State(block, classes, model)
+    for _ in range(_ROUNDS - 1):
+        state.narrow(model)
+    found = _combined(state, model)
+    found[(classes == RIM) | ~state.sea] = np.nan
+    return found
+
+
+class _State:
+    """A block in robust units, its means at every scale, and which of its water is in the statistics."""
+
+    def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
+        valid = np.isfinite(block).all(axis=0)
+        self.sea = (classes > 0) & valid
+        water = ((classes == WATER) | (classes == RIM)) & valid
+        self.open = (classes == WATER) & valid
+        self.shore = classes == ALONGSIDE
+        shape = (-1, 1, 1)
+        x = (np.asarray(block, np.float32) - model.centre.reshape(shape)) / model.spread.reshape(shape)
+        x = np.where(self.sea, np.clip(x, -_FAR, _FAR), 0).astype(np.float32)
+        self.x = x
+        count = {s: np.maximum(_sums(self.sea.astype(np.float32), s), 1) for s in model.scales}
+        self.means = [x if s == 1 else np.stack([_sums(b, s) for b in x]) / count[s] for s in model.scales]
+        self.water, self.window = water, model.window
+        # before there are any statistics: what is as bright as land
+        self.used = water & (np.abs(self.means[-1]) < 30).all(axis=0)
+
+    def local(self) -> tuple[Array, Array]:
+        """Mean of the water in use within the window, and its pixels."""
+        count = _sums(self.used.astype(np.float32), self.window)
+        total = np.stack([_sums(np.where(self.used, b, 0), self.window) for b in self.x])
+        return total / (count + 1), count  # one pixel at the median of the scene, where there is no water
+
+    def standardised(self, variance: npt.NDArray[np.float64]) -> list[Array]:
+        """z at every scale, given the variance of the whole sea."""
+        mean, count = self.local()
+        out = []
+        for means, whole in zip(self.means, variance, strict=True):
+            d = means - mean
+            share = np.stack([_sums(np.where(self.used, b * b, 0), self.window) for b in d])
+            v = (share + _PRIOR * whole[:, None, None]) / (count + _PRIOR)
+            out.append(d / np.sqrt(np.maximum(v, _FLOOR * whole[:, None, None])))
+        return out
+
+    def narrow(self, model: SeaModel) -> None:
+        """Take out of the statistics what is far from the water, and two pixels around it."""
+        import cv2
+
+        z = self.standardised(model.variance)[-1]
+        far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
+        self.used = self.water & ~cv2.dilate(far.view(np.uint8), np.ones((5, 5), np.uint8)).view(np.bool_)
+
+
+def _sums(values: Array, side: int) -> Array:
+    """Sums over squares, what lies outside being 0."""
+    import cv2
+
+    return np.asarray(cv2.boxFilter(values, cv2.CV_32F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT))
+
+
+def _distance(z: Array, white: npt.NDArray[np.float64], side: str) -> npt.NDArray[np.float32]:
+    flat = white.astype(np.float32) @ z.reshape(len(z), -1)
+    d = np.sqrt(np.einsum("ij,ij->j", flat, flat)).reshape(z.shape[1:])
+    if side == "bright":
+        d[z.sum(axis=0) <= 0] = 0
+    return np.asarray(d, np.float32)
+
+
+def _robust(blocks: Sequence[tuple[Array, Classes]]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Median and robust standard deviation of water in every band."""
+    parts = []
+    for block, classes in blocks:
+        water = (classes == WATER) & np.isfinite(block).all(axis=0)
+        parts.append(np.asarray(block, np.float64)[:, water])
+    sample = np.concatenate(parts, axis=1)
+    if sample.shape[1] < 100:
+        raise NoWaterError(f"{sample.shape[1]} pixels of water are too few to compare with. Check --mask.")
+    centre = np.median(sample, axis=1)
+    spread = 1.4826 * np.median(np.abs(sample - centre[:, None]), axis=1)
+    spread = np.where(spread > 0, spread, sample.std(axis=1))
+    return centre, np.where(spread > 0, spread, 1.0)
+
+
+def _learn(states: Sequence[_State], model: SeaModel) -> SeaModel:
+    """Variance, correlation and usual distance at every scale, over the water in use."""
+    variance = np.zeros_like(model.variance)
+    total = max(sum(int(s.used.sum()) for s in states), 1)
+    for state in states:
+        mean, _count = state.local()
+        for i, means in enumerate(state.means):
+            d = (means - mean)[:, state.used].astype(np.float64)
+            variance[i] += (d * d).sum(axis=1) / total
+    variance = np.maximum(variance, 1e-12)
+    standard = [state.standardised(variance) for state in states]
+    whiteners, middle, rare = [], [], []
+    for i in range(len(model.scales)):
+        used = np.concatenate([z[i][:, s.used] for z, s in zip(standard, states, strict=True)], axis=1)
+        second = used.astype(np.float64) @ used.T.astype(np.float64) / max(used.shape[1], 1)
+        white = whitener(second)
+        whiteners.append(white)
+        both = np.concatenate([_distance(z[i], white, "both")[s.water] for z, s in zip(standard, states, strict=True)])
+        middle.append(float(np.median(both)) or 1.0)
+        d = np.concatenate([_distance(z[i], white, model.side)[s.open] for z, s in zip(standard, states, strict=True)])
+        rare.append(max(float(np.quantile(d, 1 - _RARE)), middle[-1] * (1 + 1e-6)))
+    return replace(model, variance=variance, whiteners=tuple(whiteners), middle=np.array(middle), rare=np.array(rare))
+
+
+def _combined(state: _State, model: SeaModel) -> npt.NDArray[np.float32]:
+    """The largest distance over the scales, each in the units of the first."""
+    best: npt.NDArray[np.float32] | None = None
+    for z, white, middle, rare in zip(
+        state.standardised(model.variance), model.whiteners, model.middle, model.rare, strict=True
+    ):
+        d = (_distance(z, white, model.side) - middle) / (rare - middle)
+        best = d if best is None else np.maximum(best, d)
+    assert best is not None
+    low, high = float(model.middle[0]), float(model.rare[0])
+    return np.asarray(np.maximum(low + (high - low) * best, 0), np.float32)

@@ -1,0 +1,171 @@
+"""False alarms of the sea: per pixel for a requested rate, and per square kilometre for an object's score.
+
+Clutter is heavy-tailed, and the ships themselves sit in the tail. What is larger and brighter than clutter can be is
+taken out first; a generalised Pareto law is fitted to what remains. Small unconfirmed objects stay: nobody can
+distinguish them from clutter, and to count them as false alarms is the safe side.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import FitError, InputError
+
+from .. import pareto
+from ..objects import Object
+from ..threshold import Tail, Threshold, from_gpd, from_quantile
+
+Scores = npt.NDArray[Any]
+LOW = 1.5
+"""Candidates exceed this many 90 % quantiles of water: one to three percent of the sea."""
+_CONFIRMED = (9.0, 4.5)
+"""90 % quantiles that a peak must exceed to be no clutter: at coarse pixels, where wakes and clouds reach half of it,
+and at pixels finer than a boat."""
+_LARGE = 40
+"""Least pixels of what is confirmed: a ship of 100 m by 30 m at 10 m, with its blur. Waves and sparkle are smaller."""
+_LEAST = 50
+"""Least peaks to fit a law to."""
+_MOST_RATE = 1e6
+"""Expected false objects per km2 of what is not worth a number."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clutter:
+    """The tail of what is not confirmed as an object.
+
+    Attributes
+    ----------
+    tail : Tail
+        Scores of clutter pixels.
+    low : float
+        Score from which on peaks are counted.
+    peaks : (objects,) ndarray
+        Peak scores of unconfirmed candidates, ascending.
+    area : float
+        Of the sea that was searched [km2]; NaN where pixels have no size.
+    confirmed, confirmed_pixels : int
+        Objects that were taken out, and their pixels.
+    shape, scale : float
+        Of the generalised Pareto law of the peaks above `low`, which extrapolates beyond the highest of them; NaN where
+        they are too few or too alike.
+    """
+
+    tail: Tail
+    low: float
+    peaks: npt.NDArray[np.float64]
+    area: float
+    confirmed: int
+    confirmed_pixels: int
+    shape: float
+    scale: float
+
+    @property
+    def fitted(self) -> bool:
+        """Whether a law describes the peaks; else their own ranks are used."""
+        return math.isfinite(self.shape)
+
+    def false_per_km2(self, score: float) -> float:
+        """Expected false objects per km2 whose peak is at least so high."""
+        if not self.area > 0:
+            return math.nan
+        if score <= self.low:
+            return _MOST_RATE
+        above = len(self.peaks) - int(np.searchsorted(self.peaks, score, side="left"))
+        if above or not self.fitted:
+            return max(above, 1) / self.area  # every candidate that is not confirmed counts as false
+        y, least = ((x - self.low) / self.scale for x in (score, self.peaks[-1]))
+        ratio = (1 + self.shape * y) / (1 + self.shape * least) if abs(self.shape) > 1e-9 else 0.0
+        share = ratio ** (-1 / self.shape) if ratio > 0 else math.exp(least - y)
+        return min(share, 1.0) / self.area
+
+    def score_at(self, false_per_km2: float) -> float:
+        """Score that so many false objects per km2 are expected to exceed.
+
+        Raises
+        ------
+        InputError
+            The area of the sea is not known, or the rate is not positive.
+        """
+        if not false_per_km2 > 0:
+            raise InputError(f"false-per-km2: allowed is above 0, got {false_per_km2}.")
+        if not self.area > 0:
+            raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
+        count = len(self.peaks)
+        wanted = false_per_km2 * self.area
+        if wanted >= count:
+            return self.low
+        if wanted >= 1 or not self.fitted:
+            return float(self.peaks[count - 1 - math.floor(wanted)])
+        y = (self.peaks[-1] - self.low) / self.scale
+        if abs(self.shape) < 1e-9:
+            return float(self.peaks[-1] - self.scale * math.log(wanted))
+        return float(self.low + self.scale * ((1 + self.shape * y) * wanted**-self.shape - 1) / self.shape)
+
+    def threshold(self, pfa: float) -> Threshold:
+        """Score that a share `pfa` of the clutter exceeds."""
+        note = f"{self.confirmed} objects ({self.confirmed_pixels} pixels) are certainly no clutter: its tail was fitted without them"
+        try:
+            found = from_gpd(self.tail, pfa)
+        except FitError as error:
+            found = from_quantile(self.tail, pfa)
+            reason = str(error).split(".", 1)[0]
+            found = replace(found, notes=(*found.notes, f"{reason}: the quantile of the scores is used"))
+        if pfa * self.tail.n < 1:
+            one = f"less than one pixel of {self.tail.n}"
+            found = replace(found, notes=(*found.notes, f"the rate is extrapolated: {pfa:g} is {one}"))
+        return replace(found, notes=(*found.notes, note)) if self.confirmed else found
+
+
+def clutter_of(
+    tail: Tail, candidates: Sequence[Object], scores: Sequence[Scores], q90: float, *, area: float, fine: bool = False
+) -> Clutter:
+    """Separate clutter from what is confirmed, and fit its tail.
+
+    Parameters
+    ----------
+    tail : Tail
+        Scores of the searched sea.
+    candidates : sequence of Object
+        Connected pixels above `LOW` times `q90`.
+    scores : sequence of ndarray
+        The scores of each candidate's pixels.
+    q90 : float
+        90 % quantile of water.
+    area : float
+        Of the searched sea [km2].
+    fine : bool
+        Whether pixels are finer than a boat.
+    """
+    peak = _CONFIRMED[fine] * q90
+    sure = [o.size >= _LARGE and o.score_max > peak for o in candidates]
+    taken = [s for s, known in zip(scores, sure, strict=True) if known]
+    pixels = sum(len(s) for s in taken)
+    if pixels:
+        tail = _without(tail, np.concatenate(taken))
+    low = LOW * q90
+    peaks = np.sort([o.score_max for o, known in zip(candidates, sure, strict=True) if not known]).astype(np.float64)
+    shape = scale = math.nan
+    if len(peaks) > _LEAST:
+        excess = peaks[peaks > low] - low
+        with suppress(FitError):
+            if excess[0] < excess[-1]:
+                shape, scale, _moments = pareto.fit(excess)
+    return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale)
+
+
+def _without(tail: Tail, taken: Scores) -> Tail:
+    """The tail less some of its scores, each once."""
+    kept = taken[taken >= tail.values[-1]] if len(tail.values) else taken[:0]
+    values, counts = np.unique(np.concatenate([tail.values, kept.astype(tail.values.dtype)]), return_counts=True)
+    of_taken = np.zeros(len(values), np.int64)
+    where, gone = np.unique(kept.astype(tail.values.dtype), return_counts=True)
+    of_taken[np.searchsorted(values, where)] = gone
+    left = np.repeat(values, np.maximum(counts - 2 * of_taken, 0))[::-1]
+    return Tail(tail.n - len(taken), left, tail.keep)

@@ -1,0 +1,105 @@
+"""The whole search of an array: region, model, scores, and objects as plain records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import InputError
+
+from ..objects import find
+from ..threshold import Tail, Threshold
+from .model import SeaModel, fit, score
+from .rates import LOW, Clutter, clutter_of
+from .region import ALONGSIDE, Classes, SeaRule, region
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What a search of the sea found.
+
+    Attributes
+    ----------
+    scores : (row, column) ndarray of float32
+        Distance from the water around [standard deviation]; NaN where there is no sea.
+    classes : (row, column) ndarray of uint8
+        From `detect.sea.region`.
+    objects : list of dict
+        One record an object, the highest score first: `pandas.DataFrame(search.objects)` is a table of them.
+    threshold : Threshold
+    clutter : Clutter
+        Turns a score into expected false objects per km2.
+    model : SeaModel
+    """
+
+    scores: npt.NDArray[np.float32]
+    classes: Classes
+    objects: list[dict[str, Any]]
+    threshold: Threshold
+    clutter: Clutter
+    model: SeaModel
+
+
+def score_scene(
+    image: npt.ArrayLike, water: npt.ArrayLike | None = None, *, pixel: float = 10.0, pfa: float = 1e-4,
+    side: str | None = None,
+) -> Search:  # fmt: skip
+    """Search the sea of an image for ships, boats and swimmers.
+
+    Parameters
+    ----------
+    image : (band, row, column) array
+        NaN where not valid. The visible bands of a deglinted scene find most.
+    water : (row, column) array of bool, optional
+        Water without what floats on it; everywhere by default.
+    pixel : float
+        Side of a pixel [m].
+    pfa : float
+        False alarms wanted per pixel.
+    side : str, optional
+        "bright" or "both"; by the size of a pixel by default.
+
+    Returns
+    -------
+    Search
+
+    Raises
+    ------
+    InputError
+        Shapes differ.
+    NoWaterError
+        There is too little water to compare with.
+
+    Examples
+    --------
+    >>> sea = np.random.default_rng(0).normal(100, 3, (3, 200, 200))
+    >>> sea[:, 50:53, 60:70] += 60
+    >>> [(o["pixels"], o["row"], o["column"]) for o in score_scene(sea).objects[:1]]
+    [(30, 51.0, 64.5)]
+    """
+    values = np.asarray(image)
+    if values.ndim != 3:
+        raise InputError(f"image must be (band, row, column), got an array of shape {values.shape}.")
+    valid = np.isfinite(values).all(axis=0)
+    mask = valid if water is None else np.asarray(water, np.bool_) & valid
+    if mask.shape != values.shape[1:]:
+        raise InputError(f"water and image must be of one shape, got {mask.shape} and {values.shape[1:]}.")
+    classes = region(mask, SeaRule(pixel), valid)
+    model = fit([(values, classes)], pixel=pixel, side=side)
+    scores = score(values, classes, model)
+    searched = np.where(classes == ALONGSIDE, np.float32(np.nan), scores)
+    tail = Tail.of(searched, Tail.keep_for(max(pfa, 0.04), searched.size))
+    candidates = find(searched > LOW * model.q90, scores)
+    parts = [scores[slice(*o.bounds[0]), slice(*o.bounds[1])][o.footprint] for o in candidates]
+    area = pixel * pixel
+    clutter = clutter_of(tail, candidates, parts, model.q90, area=tail.n * area / 1e6, fine=model.side == "both")
+    threshold = clutter.threshold(pfa)
+    found = find(threshold.exceeded(searched), scores, pixel_area=area)
+    records = [
+        {"label": o.label, "score": o.score_max, "pixels": o.size, "area_m2": o.area, "row": o.centroid[0],
+         "column": o.centroid[1], "false_per_km2": clutter.false_per_km2(o.score_max)} for o in found
+    ]  # fmt: skip
+    return Search(scores, classes, records, threshold, clutter, model)

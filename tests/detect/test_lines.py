@@ -1,0 +1,62 @@
+"""Lines scored as they come."""
+
+import time
+
+import numpy as np
+import pytest
+
+from deglint.errors import InputError
+from detect import LineScorer, rx, score_lines
+
+
+def test_scores_follow_the_background_and_never_the_line_itself():
+    rng = np.random.default_rng(0)
+    drift = np.linspace(0, 300, 400)[:, None, None]
+    lines = rng.normal(0, 3, (400, 4, 256)) @ np.eye(256) + 100 + drift
+    lines[300, ::2, 100:104] += 60
+    scores = np.stack(list(score_lines(lines, memory=16)))
+    assert np.isfinite(scores[1:]).all()
+    assert np.median(scores[50:]) == pytest.approx(3.36, rel=0.2)  # chi-squared with 4 degrees of freedom
+    assert scores[300, 100:104].min() > 100 > 3 * np.quantile(scores[301:], 0.99)
+    later = lines.copy()
+    later[350:] = 0
+    np.testing.assert_array_equal(np.stack(list(score_lines(later, memory=16)))[:350], scores[:350])
+
+
+def test_an_even_sea_gives_what_rx_gives():
+    lines = np.random.default_rng(1).normal(50, 2, (300, 3, 200))
+    scores = np.stack(list(score_lines(lines, memory=10_000)))
+    np.testing.assert_allclose(scores[250:], rx.rx(lines.swapaxes(0, 1))[250:], rtol=0.1, atol=0.1)
+
+
+def test_invalid_pixels_have_no_score_and_teach_nothing():
+    lines = np.random.default_rng(2).normal(50, 2, (50, 3, 100))
+    lines[:, :, :10] = np.nan
+    scores = np.stack(list(score_lines(lines)))
+    assert np.isnan(scores[:, :10]).all()
+    np.testing.assert_allclose(scores[5:, 10:], np.stack(list(score_lines(lines[:, :, 10:])))[5:], rtol=1e-6)
+
+
+def test_a_new_background_is_learnt():
+    lines = np.random.default_rng(4).normal(50, 2, (200, 3, 100))
+    lines[100:] += np.array([100, -20, 60])[:, None]
+    scores = np.stack(list(score_lines(lines, memory=16)))
+    assert scores[100].min() > 100
+    assert np.median(scores[190:]) < 10
+
+
+def test_refusals():
+    scorer = LineScorer()
+    scorer.score(np.zeros((3, 5)))
+    with pytest.raises(InputError, match="always of the same bands"):
+        scorer.score(np.zeros((4, 5)))
+    with pytest.raises(InputError, match="1 or more"):
+        LineScorer(0)
+
+
+def test_fast_enough_for_a_push_broom_sensor():
+    lines = np.random.default_rng(3).normal(50, 2, (300, 8, 1024)).astype(np.float32)
+    begun = time.process_time()
+    for _ in score_lines(lines):
+        pass
+    assert 300 / (time.process_time() - begun) > 1500

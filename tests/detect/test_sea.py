@@ -1,0 +1,207 @@
+"""The sea and what floats on it: region, detector, false-alarm rates, files of objects."""
+
+import json
+import sqlite3
+import struct
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.transform import from_origin
+
+from detect import sea
+from detect.objects import find
+from detect.pipeline import plan
+from detect.sea import AFLOAT, ALONGSIDE, NOT_SEA, RIM, WATER, SeaRule
+from detect.threshold import Tail
+
+SHIPS = [(40, 60), (90, 150), (150, 40), (60, 210)]
+
+
+def port(seed=0, ships=SHIPS):
+    """Four bands of sea with swell, land on the right with a quay, ships of 4 x 12 pixels, and the water."""
+    rng = np.random.default_rng(seed)
+    rows, columns = np.mgrid[:200, :300]
+    swell = 12 * np.sin(columns / 3 + rows / 9) + rng.gamma(2, 6, (200, 300))
+    image = np.stack([level + share * swell + rng.normal(0, 3, (200, 300))
+                      for level, share in ((900, 0.7), (700, 0.8), (450, 0.9), (200, 1.0))])  # fmt: skip
+    water = columns < 260
+    land = ~water
+    land[100:104, 215:260] = True  # a quay of 450 m
+    image[:, land] = np.array([1500, 1700, 1800, 3000])[:, None] + rng.normal(0, 200, (4, land.sum()))
+    for row, column in ships:
+        image[:, row : row + 4, column : column + 12] = np.array([2500, 2500, 2600, 2700])[:, None, None]
+    return image.astype(np.uint16), ~land
+
+
+@pytest.fixture
+def scene(tmp_path, write):
+    image, _ = port()
+    return write(tmp_path / "port.tif", image, transform=from_origin(400_000, 800_000, 10, 10))
+
+
+def test_holes_and_protrusions_of_a_ships_size_are_sea():
+    water = np.ones((120, 160), bool)
+    water[:, 130:] = False
+    water[20:24, 30:45] = False  # 150 m by 40 m, afloat
+    water[60:80, 30:50] = False  # an island of 200 m by 200 m
+    water[40:45, 112:130] = False  # a ship at the quay, 180 m by 50 m
+    water[90:93, 80:130] = False  # a pier of 500 m
+    found = sea.region(water, SeaRule(10.0))
+    at = {"afloat": (22, 40), "island": (70, 40), "ship": (42, 120), "pier": (91, 100), "land": (10, 150),
+          "open": (10, 10), "shore": (10, 129)}  # fmt: skip
+    assert {k: int(found[p]) for k, p in at.items()} == {
+        "afloat": AFLOAT, "island": NOT_SEA, "ship": ALONGSIDE, "pier": NOT_SEA, "land": NOT_SEA, "open": WATER,
+        "shore": RIM}  # fmt: skip
+    exact = sea.region(water, SeaRule(10.0, 0, 0))
+    assert not np.isin(exact, (AFLOAT, ALONGSIDE)).any()
+
+
+@pytest.mark.parametrize("side", sea.SIDES)
+def test_dark_anomalies_count_where_both_are_wanted(side):
+    image, water = port(ships=())
+    image[:3, 80:86, 80:86] = 100
+    classes = sea.region(water, SeaRule(10.0))
+    scores = sea.score(image[:3], classes, sea.fit([(image[:3], classes)], side=side))
+    inside = scores[81:85, 81:85]
+    assert (inside.min() > 6) == (side == "both")
+    assert np.isnan(scores[classes == RIM]).all()
+
+
+def test_a_block_with_its_halo_scores_as_the_whole():
+    image, water = port()
+    rule = SeaRule(10.0)
+    classes = sea.region(water, rule)
+    model = sea.fit([(image, classes)])
+    whole = sea.score(image, classes, model)
+    halo = model.halo + rule.halo
+    part = slice(0, 100 + halo)
+    block = sea.score(image[:, part], sea.region(water[part], rule), model)
+    np.testing.assert_allclose(block[:100], whole[:100], rtol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("pfa", [1e-3, 1e-4])
+def test_the_requested_rate_is_the_observed_one_below_anomalies(seed, pfa):
+    rng = np.random.default_rng(seed)
+    shape = (1000, 1000)
+    scores = np.abs(rng.standard_t(6, shape))
+    ships = np.zeros(shape, bool)
+    for row, column in rng.integers(20, 970, (40, 2)):
+        ships[row : row + 8, column : column + 14] = True
+    scores[ships] = 60 + rng.normal(0, 5, ships.sum())  # 0.4 % of the sea: more than either rate
+    q90 = float(np.quantile(scores[~ships], 0.9))
+    candidates = find(scores > 1.5 * q90, scores, connectivity=4)
+    parts = [scores[slice(*o.bounds[0]), slice(*o.bounds[1])][o.footprint] for o in candidates]
+    clutter = sea.clutter_of(Tail.of(scores), candidates, parts, q90, area=100.0)
+    threshold = clutter.threshold(pfa)
+    assert clutter.confirmed >= 35
+    assert 0.5 < (scores[~ships] > threshold.value).mean() / pfa < 2
+    rates = [clutter.false_per_km2(s) for s in np.linspace(clutter.low + 0.1, 90, 50)]
+    assert (np.diff(rates) <= 0).all()
+    for rate in (10.0, 0.5, 0.005):
+        assert clutter.false_per_km2(clutter.score_at(rate)) == pytest.approx(rate, rel=0.05, abs=1.01 / 100)
+
+
+def test_few_candidates_are_ranked_not_fitted():
+    scores = np.zeros((50, 50))
+    scores[::10, ::10] = 5 + np.arange(25).reshape(5, 5)
+    candidates = find(scores > 3, scores)
+    clutter = sea.clutter_of(Tail.of(scores), candidates, [scores[:1, :1]] * 25, 1.0, area=25.0)
+    assert not clutter.fitted
+    assert clutter.false_per_km2(100.0) == pytest.approx(1 / 25)
+    assert "quantile" in " ".join(clutter.threshold(0.01).notes)
+
+
+@pytest.mark.parametrize("given", [("--pfa", "1e-3"), ("--false-per-km2", "0.5")])
+def test_ships_are_found_and_placed(rxdetect, scene, tmp_path, given):
+    marked, chips = tmp_path / "found.geojson", tmp_path / "chips"
+    options = (*given, "--objects", marked, "--chips", chips, "--flags", tmp_path / "f.tif", "--json")
+    ran = rxdetect("score", scene, tmp_path / "out.tif", *options)
+    assert ran.code == 0, ran.err
+    said = json.loads(ran.out)
+    assert said["recipe"]["method"] == "sea"
+    document = json.loads(marked.read_text())
+    assert "crs" not in document
+    first = [f["properties"] for f in document["features"][:4]]
+    assert {(round(p["row"] - 1.5), round(p["column"] - 5.5)) for p in first} == set(SHIPS)
+    for p in first:
+        assert p["length_m"] == pytest.approx(120, abs=25)
+        assert p["bearing"] == pytest.approx(90, abs=10)
+        assert p["false_per_km2"] < 0.2 < p["probability"]
+        assert 120 < p["longitude"] < 135
+        assert (tmp_path / p["chip"]).read_bytes().startswith(b"\x89PNG")
+    flags = rasterio.open(tmp_path / "f.tif").read(1)
+    assert (flags[41, 65] & 64, flags[10, 290] & 2, flags[10, 259] & 32) == (64, 2, 32)
+
+
+def test_geopackage_holds_what_geojson_does(rxdetect, scene, tmp_path):
+    for name in ("found.gpkg", "found.geojson"):
+        ran = rxdetect("score", scene, tmp_path / "o.tif", "--pfa", "1e-3", "--objects", tmp_path / name, "--overwrite")
+        assert ran.code == 0, ran.err
+    features = json.loads((tmp_path / "found.geojson").read_text())["features"]
+    with sqlite3.connect(tmp_path / "found.gpkg") as db:
+        assert db.execute("PRAGMA application_id").fetchone()[0] == 0x47504B47
+        rows = db.execute("SELECT geom, label, longitude, kind FROM objects ORDER BY fid").fetchall()
+        assert db.execute("SELECT srs_id FROM gpkg_contents").fetchone() == (4326,)
+    assert [r[1] for r in rows] == [f["properties"]["label"] for f in features]
+    blob, _, longitude, kind = rows[0]
+    assert (blob[:2], struct.unpack("<i", blob[4:8])[0], kind) == (b"GP", 4326, "afloat")
+    low, high = struct.unpack("<2d", blob[8:24])
+    assert low < longitude < high
+    assert "<qgis" in (tmp_path / "found.qml").read_text()
+
+
+def test_tiles_give_the_same_scores(rxdetect, scene, tmp_path, monkeypatch):
+    images = []
+    for tile in (512, 64):
+        monkeypatch.setattr(plan, "SEA_TILE", tile)
+        assert rxdetect("score", scene, tmp_path / f"{tile}.tif").code == 0
+        images.append(rasterio.open(tmp_path / f"{tile}.tif").read(1))
+    np.testing.assert_allclose(*images, rtol=2e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "method", "why"),
+    [
+        ((), "sea", "there is water"),
+        (("--nir", "1"), "rx", "no near infrared"),
+        (("--background", "0,0,50,50"), "rx", "--background is an option of it"),
+        (("--threshold", "f", "--pfa", "1e-3"), "rx", "the law of its scores"),
+        (("--mask", "0,0,200,200"), "sea", "there is water"),
+    ],
+)
+def test_auto_says_what_it_takes_and_why(rxdetect, scene, tmp_path, options, method, why):
+    ran = rxdetect("score", scene, tmp_path / "out.tif", *options, "--json")
+    assert ran.code == 0, ran.err
+    assert json.loads(ran.out)["recipe"]["method"] == method
+    assert f"auto: {method}" in ran.err
+    assert why in ran.err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--false-per-km2", "1", "--pfa", "1e-3"), "give one of them"),
+        (("--false-per-km2", "1", "--method", "rx"), "needs --method sea"),
+        (("--method", "sea", "--pfa", "1e-3", "--threshold", "f"), "neither chi-squared nor F"),
+        (("--method", "sea", "--save-background", "b.json"), "take --method rx"),
+        (("--pfa", "1e-3", "--chips", "chips"), "give --objects"),
+        (("--pfa", "1e-3", "--objects", "o.shp"), "allowed are .geojson"),
+        (("--largest-object", "60,400"), "length of at least its width"),
+    ],
+)
+def test_refusals(rxdetect, scene, tmp_path, monkeypatch, options, message):
+    monkeypatch.chdir(tmp_path)
+    ran = rxdetect("score", scene, "out.tif", *options)
+    assert (ran.code, message in ran.err) == (1, True), ran.err
+    assert {p.name for p in tmp_path.iterdir()} == {"port.tif"}
+
+
+def test_a_scene_in_memory_gives_a_table_of_objects():
+    pandas = pytest.importorskip("pandas")
+    image, water = port()
+    found = sea.score_scene(image[:3], water & (image[3] < 2000), pixel=10.0, pfa=1e-3)
+    table = pandas.DataFrame(found.objects).head(4)
+    assert {(round(r - 1.5), round(c - 5.5)) for r, c in zip(table.row, table.column, strict=True)} == set(SHIPS)
+    assert (table.false_per_km2 < 0.2).all()
