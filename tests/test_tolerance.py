@@ -110,7 +110,7 @@ def test_single_pixels_are_kept_of_every_batch_alike(monkeypatch, scene):
 def test_an_automatic_sample_is_looked_for_in_more_of_the_scene(sea, write, tmp_path):
     raw = sea(900, 900).astype(np.float32)
     path = write(tmp_path / "in.tif", raw)
-    usual = fit_scene(open_scene(path), Recipe(compensate="off"))
+    usual = fit_scene(open_scene(path), Recipe("joyce", compensate="off"))
     fitted, easy = said(path, 0.05, sample="auto", mask="auto")
     assert easy["met"]
     assert easy["effective_cells"] > 40
@@ -204,7 +204,7 @@ def test_what_cannot_be_is_refused_in_one_line(options, message):
 
 
 def test_command(deglint, scene, tmp_path):
-    run = ("--method", "joyce", "--sample", "all", "--mask", "none", "--compensate", "off")
+    run = ("--method", "joyce", "--sample", "all", "--mask", "none", "--compensate", "off", "-v")
     ran = deglint("remove", scene(), tmp_path / "out.tif", *run, "--tolerance", "0.01")
     assert ran.code == 0
     assert "tolerance 0.01 of the slopes: reached" in ran.err

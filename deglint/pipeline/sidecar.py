@@ -75,6 +75,7 @@ def _not_looked_at(tally: Tally) -> dict[str, str]:
 def resolved(fitted: Fitted) -> dict[str, Any]:
     """The recipe with the bands that were taken where it left them to be found."""
     recipe, model = asdict(fitted.recipe), fitted.model
+    recipe["regression"] = model.regression
     if recipe["nir_use"] == "auto":
         recipe["nir_use"] = "set" if len(model.indexes) > 1 else "mean"
     recipe["nir"] = [model.band_names[b] for b in model.index_bands]

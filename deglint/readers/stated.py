@@ -109,6 +109,7 @@ def _put(
         band_tags=tags,
         scales=scales or info.scales,
         offsets=offsets or info.offsets,
+        offset_given=bool(offsets) or info.offset_given,
     )
 
 
