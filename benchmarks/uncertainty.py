@@ -46,7 +46,7 @@ def deglinted(path: Path, compensate: str = "auto") -> tuple[Parts, Array, tuple
         fitted = fit_scene(scene, Recipe(mask="none", compensate=compensate), threads=1)
         info = raster_of(scene).info
         layout = Layout(info, tuple(range(len(scene.bands))), "float32", None, {})
-        work = Correction(scene, fitted.model, False, False, layout, None, None, (), None, fitted.chain)
+        work = Correction(scene, fitted.model, False, False, layout, None, None, (), fitted.chain)
         whole = Tile(0, scene.height, 0, scene.width)
         work = with_stderr(work, [whole], (), 1)
         parts = replace(work, uncertainty=None)(whole).parts
