@@ -122,6 +122,7 @@ class _SetFit:
     pixels: int
 
 
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of degenerate samples, which are refused
 def fit(
     request: FitRequest,
     tiles: Sequence[SampleTile],
@@ -335,6 +336,11 @@ def _fit_set(band_set: _BandSet, grams: LagGrams, supports: Sequence[tuple[int, 
               for i in range(count)]  # fmt: skip
     total = np.sum(groups, axis=0)
     usable = [s for s in supports if len(s) <= grams.references and total[grams.centre(len(s) - 1)].any()]
+    if not usable or not np.isfinite(total).all():
+        raise FitError(
+            "the NIR does not vary over the sample, or its squares are beyond double precision, so no kernel can be "
+            "fitted. Choose another --nir, or a --sample where glint varies."
+        )
     losses = {s: _held_out(groups, total, _inputs(grams, s), outputs) for s in usable}
     chosen = _supports(losses)
     out = []
