@@ -19,7 +19,6 @@ BENCHMARKS = {
     "rates": ("rates", ("quick", "rounds", "directory")),
     "plan": ("plan_speed", ("quick", "rounds")),
     "scale": ("scale", ("quick", "directory", "docs")),
-    "segmented": ("segmented", ("directory",)),
     "ships": ("ships", ("directory",)),
     "stages": ("stages", ("quick",)),
     "workers": ("workers", ("quick", "directory")),

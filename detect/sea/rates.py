@@ -110,8 +110,7 @@ class Clutter:
 
     def threshold(self, pfa: float) -> Threshold:
         """Score that a share `pfa` of the clutter exceeds."""
-        counted = f"{self.confirmed} objects ({self.confirmed_pixels} pixels)"
-        note = f"{counted} are certainly no clutter: its tail was fitted without them"
+        note = f"{self.confirmed} objects ({self.confirmed_pixels} pixels) are no clutter: the tail leaves them out"
         try:
             found = from_gpd(self.tail, pfa)
         except FitError as error:
