@@ -21,6 +21,7 @@ BENCHMARKS = {
     "scale": ("scale", ("quick", "directory", "docs")),
     "ships": ("ships", ("directory",)),
     "stages": ("stages", ("quick",)),
+    "wiener-pictures": ("wiener_pictures", ("directory",)),
     "workers": ("workers", ("quick", "directory")),
 }
 """What is no experiment of `rxdetect bench`: module of each, and the options that its `main` takes."""
@@ -54,7 +55,10 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="less of everything")
     parser.add_argument("--rounds", type=int, help="rates, plan: runs of everything")
     parser.add_argument(
-        "--directory", type=Path, help="rates, scale, workers: where scratch files go; ships: where the scenes lie"
+        "--directory",
+        type=Path,
+        help="rates, scale, workers: where scratch files go; ships: where the scenes lie; "
+        "wiener-pictures: where they go, docs by default",
     )
     parser.add_argument("--docs", action="store_true", help="scale: write the picture and the tables of docs/, too")
     parser.add_argument(

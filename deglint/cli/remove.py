@@ -34,13 +34,14 @@ if TYPE_CHECKING:
     "--method",
     type=click.Choice(["auto", *METHOD_NAMES]),
     default="auto",
-    help="How to remove glint; auto takes multiband after compensation, else joyce, or hedley where there is much.",
+    help="How to remove glint; auto takes wiener, or multiband after compensation.",
 )
 @click.option(
     "--sample",
     default="auto",
     metavar="auto|all|FILE.geojson|WINDOW",
-    help="Deep, glinted water to fit to. WINDOW is column,row,width,height in pixels.",
+    help="Water to fit to; auto: all open water for wiener, else deep, glinted water. WINDOW is "
+    "column,row,width,height in pixels.",
 )
 @click.option(
     "--compensate",
