@@ -37,9 +37,11 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..scene import Band, FloatArray
+from .colour import SharedGlint, shared_glint
 from .detrend import SIZE as LOCAL_MEAN
 from .detrend import detrend
-from .lags import LagGrams, gather, merge, offsets, solve, unexplained
+from .kernels import SUPPORTS, WORTH, BandSet, KernelFit, fit_kernels, joined
+from .lags import LagGrams, gather, merge, offsets
 from .levels import even_share
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import predicted
@@ -53,18 +55,8 @@ Mask = npt.NDArray[np.bool_]
 
 SAMPLE_SIDE = 192
 """Side of the tiles of a sample [pixel]."""
-SUPPORTS = ((1,), (3,), (3, 1), (3, 3), (5,), (5, 3))
-"""Sides of the kernels on the first and on the second reference, plainest first [pixel]."""
-WORTH = 0.01
-"""Relative noise that a wider kernel, a second reference, or any removal at all must save."""
-GROUPS = 16
-"""Groups of squares that are left out in turn: an error estimated from 16 is itself known to 18 %."""
 SURE = 3.0
 """Standard errors by which the glint that the bands share must exceed zero."""
-COLOUR = 0.2
-"""Relative uncertainty of the colour of glint: aerosol that is not known changes blue against NIR by a fifth."""
-SUN_ZENITH = 40.0
-"""Of the expected colour, which changes by less than `COLOUR` from 20 to 60 degrees [degree]."""
 FAR_OUT = 8.0
 """Robust standard deviations from the local mean beyond which a pixel teaches nothing: a ship, surf, a rare flash."""
 LEAST_GLINT = 0.2
@@ -99,27 +91,6 @@ class SampleTile:
     water: Mask
     sample: Mask
     origin: tuple[int, int] = (0, 0)
-
-
-@dataclass(frozen=True)
-class _BandSet:
-    """Bands that follow the same references; `bands` are places among the request's bands to correct."""
-
-    references: tuple[int, ...]
-    bands: tuple[int, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _SetFit:
-    """Kernels of one set: coefficients (variable, band), responses to even glint, all and without each group."""
-
-    band_set: _BandSet
-    support: tuple[int, ...]
-    coefficients: Float64
-    response: Float64
-    left_out: Float64
-    loss: Float64
-    pixels: int
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of degenerate samples, which are refused
@@ -161,9 +132,9 @@ def fit(
         kernels = find_kernels(grams[0], len(sets[0].bands))
         strips = None if kernels is None else strips(StripFinder(request, rules, kernels))
     kinds = [grams] if strips is None else _by_strip(grams, strips)
-    found = [[f for s, g in zip(sets, some, strict=True) for f in _fit_set(s, g, supports)] for some in kinds]
-    response, covariance = _joined([f for some in found for f in some], len(request.correct))
-    shared = _shared_glint(response, covariance, request, sets)
+    found = [[f for s, g in zip(sets, some, strict=True) for f in fit_kernels(s, g, supports)] for some in kinds]
+    response, covariance = joined([f for some in found for f in some], len(request.correct))
+    shared = shared_glint(response, covariance, request, sets)
     model = _model(request, found[0], rules, shared, covariance)
     if len(found) > 1:
         second = _model(request, found[1], rules, shared, covariance)
@@ -195,7 +166,7 @@ class StripFinder:
 
 
 def _prepared(
-    request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[_BandSet]
+    request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[BandSet]
 ) -> tuple[list[_Learnt], dict[int, ReferenceRule]]:
     """Tiles with cleaned references and without what teaches nothing."""
     rules = _rules(request, tiles, sets)
@@ -204,7 +175,7 @@ def _prepared(
     return [_without_outliers(tile, limits) for tile in learnt], rules
 
 
-def _gathered(band_set: _BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
+def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
     size = 0 if request.regression == "ols" else LOCAL_MEAN
     parts = [
         gather(
@@ -249,7 +220,7 @@ def _nothing(model: GlintModel, why: str) -> GlintModel:
     return replace(model, fits=(), references=(), warnings=(f"{why}. Nothing was corrected.",))
 
 
-def band_sets(request: FitRequest) -> list[_BandSet]:
+def band_sets(request: FitRequest) -> list[BandSet]:
     """Bands by what they follow: the NIR taken with them, then SWIR or another NIR that is not itself corrected."""
     out: dict[tuple[int, ...], list[int]] = {}
     for place, follows in enumerate(request.follows):
@@ -257,7 +228,7 @@ def band_sets(request: FitRequest) -> list[_BandSet]:
         others = [i for i, b in enumerate(request.bands) if i != first and i not in request.correct and _serves(b)]
         others.sort(key=lambda i: _preference(request.bands[i]))
         out.setdefault((first, *others[:1]), []).append(place)
-    return [_BandSet(references, tuple(bands)) for references, bands in out.items()]
+    return [BandSet(references, tuple(bands)) for references, bands in out.items()]
 
 
 def _serves(band: Band) -> bool:
@@ -275,7 +246,7 @@ def _preference(band: Band) -> tuple[int, float]:
     return (0, abs(band.wavelength - 1610)) if band.wavelength > 1100 else (1, abs(band.wavelength - 865))
 
 
-def _rules(request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[_BandSet]) -> dict[int, ReferenceRule]:
+def _rules(request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[BandSet]) -> dict[int, ReferenceRule]:
     used = sorted({r for s in sets for r in s.references})
     samples = [(t.block, t.sample & np.isfinite(t.block[used]).all(axis=0)) for t in tiles]
     rules = {}
@@ -328,166 +299,12 @@ def _without_outliers(tile: _Learnt, limits: Sequence[float]) -> _Learnt:
     return replace(tile, teaches=tile.sample & ~near)
 
 
-def _fit_set(band_set: _BandSet, grams: LagGrams, supports: Sequence[tuple[int, ...]]) -> list[_SetFit]:
-    """The kernels of a set of bands, for each support that suits some of them best."""
-    outputs = [grams.band(i) for i in range(len(band_set.bands))]
-    count = min(GROUPS, len(grams.grams))
-    groups = [grams.grams[i * len(grams.grams) // count : (i + 1) * len(grams.grams) // count].sum(axis=0)
-              for i in range(count)]  # fmt: skip
-    total = np.sum(groups, axis=0)
-    usable = [s for s in supports if len(s) <= grams.references and total[grams.centre(len(s) - 1)].any()]
-    if not usable or not np.isfinite(total).all():
-        raise FitError(
-            "the NIR does not vary over the sample, or its squares are beyond double precision, so no kernel can be "
-            "fitted. Choose another --nir, or a --sample where glint varies."
-        )
-    losses = {s: _held_out(groups, total, _inputs(grams, s), outputs) for s in usable}
-    chosen = _supports(losses)
-    out = []
-    for support in dict.fromkeys(chosen):
-        mine = [k for k, s in enumerate(chosen) if s == support]
-        wanted = [outputs[k] for k in mine]
-        left_out = [_response(grams, total - g, support, wanted) for g in groups] if count > 1 else []
-        out.append(
-            _SetFit(
-                _BandSet(band_set.references, tuple(band_set.bands[k] for k in mine)),
-                support,
-                solve(total, _inputs(grams, support), wanted),
-                _response(grams, total, support, wanted),
-                np.array(left_out),
-                losses[support].sum(axis=0)[mine],
-                int(grams.pixels.sum()),
-            )
-        )
-    return out
-
-
-def _inputs(grams: LagGrams, support: tuple[int, ...]) -> list[int]:
-    return [c for reference, side in enumerate(support) for c in grams.columns(reference, side)]
-
-
-def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Power (group, band) that a fit to the other groups leaves in each, over the power of the band in all."""
-    power = np.maximum(total[outputs, outputs], np.finfo(float).tiny)
-    alone = len(groups) == 1
-    left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
-    return np.array(left) / power
-
-
-def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """The support of each band: that which suits all of them, but where a band clearly wants another.
-
-    losses : of each support, the relative power that it leaves, (group, band)
-    """
-    power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
-    least = np.min(list(power.values()), axis=0)
-    common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]
-    out = []
-    for k in range(len(least)):
-        own = _within_chance({s: loss[:, k] / least[k] for s, loss in losses.items()})
-        out.append(common if common in own else own[0])
-    return out
-
-
-def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """The supports, plainest first, that leave at most `WORTH` more noise than the best, or not more beyond chance.
-
-    losses : of each support, the power that it leaves in each group
-    """
-    least = min(losses, key=lambda s: float(losses[s].sum()))
-    best, out = losses[least], []
-    for support, loss in losses.items():
-        excess = (loss - best) / max(best.sum(), np.finfo(float).tiny)  # 0 where a band is constant
-        chance = np.sqrt(len(excess)) * excess.std(ddof=1) if len(excess) > 1 else np.inf
-        if excess.sum() <= max(2 * WORTH, chance):
-            out.append(support)
-    return out or [least]  # losses that are not finite
-
-
-def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:
-    """How each band follows a rise of 1 in its NIR everywhere; the second reference rises as it follows the first."""
-    inputs = _inputs(grams, support)
-    coefficients = solve(gram, inputs, outputs)
-    first = grams.columns(0, support[0])
-    out, start = np.zeros(len(outputs)), 0
-    for reference, side in enumerate(support):
-        rise = 1.0 if reference == 0 else float(solve(gram, first, [grams.centre(reference)]).sum())
-        out += rise * coefficients[start : start + side * side].sum(axis=0)
-        start += side * side
-    return out
-
-
-def _joined(found: Sequence[_SetFit], bands: int) -> tuple[Float64, Float64]:
-    """Responses of all bands, the mean over strips, and their covariance by the jackknife over groups."""
-    share = np.zeros(bands)
-    for f in found:
-        share[list(f.band_set.bands)] += f.pixels
-    groups = min((len(f.left_out) for f in found), default=0)
-    response, left_out = np.zeros(bands), np.zeros((groups, bands))
-    for f in found:
-        mine = list(f.band_set.bands)
-        response[mine] += f.response * f.pixels / share[mine]
-        if groups:
-            left_out[:, mine] += f.left_out[:groups] * f.pixels / share[mine]
-    if groups < 2:
-        return response, np.diag(response**2)
-    away = left_out - left_out.mean(axis=0)
-    return response, (groups - 1) / groups * away.T @ away
-
-
-@dataclass(frozen=True, eq=False)
-class _Shared:
-    """The glint that all bands share: weights of the bands in it, responses drawn to its colour, its significance."""
-
-    weights: Float64
-    response: Float64
-    significance: float
-
-
-def _shared_glint(response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[_BandSet]) -> _Shared:
-    """Generalised least squares for the strength of glint of known colour, then the posterior mean of each band.
-
-    Radiance and reflectance are told apart by which of the two colours fits.
-    """
-    tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
-    if request.regression == "ols":
-        weights = np.linalg.pinv(covariance + tiny) @ response
-        return _Shared(weights, response, _significance(weights, response, covariance))
-    tried = []
-    for colour in _colours(request, sets):
-        size = float(np.median(response / colour))
-        for _ in range(3):  # the prior is relative to the size, which converges at once
-            prior = np.diag((COLOUR * size * colour) ** 2)
-            weights = np.asarray(np.linalg.solve(covariance + prior + tiny, colour), np.float64)
-            size = float(weights @ response / (weights @ colour))
-        away = response - size * colour
-        scaled = np.linalg.solve(covariance + prior + tiny, away)
-        posterior = np.asarray(size * colour + prior @ scaled, np.float64)
-        shared = _Shared(weights, posterior, _significance(weights, response, covariance))
-        tried.append((float(away @ scaled), shared))
-    return min(tried, key=lambda t: t[0])[1]
-
-
-def _significance(weights: Float64, response: Float64, covariance: Float64) -> float:
-    spread = float(weights @ covariance @ weights)
-    return float(weights @ response) / np.sqrt(spread) if spread > 0 else np.inf
-
-
-def _colours(request: FitRequest, sets: Sequence[_BandSet]) -> list[Float64]:
-    """Glint in each band over that in the NIR it follows: grey (reflectance), and the sun's colour (radiance)."""
-    from ..physics.atmosphere import irradiance
-
-    grey = np.ones(len(request.correct))
-    follows = {b: s.references[0] for s in sets for b in s.bands}
-    pairs = [(request.bands[b].wavelength, request.bands[follows[i]].wavelength) for i, b in enumerate(request.correct)]
-    if not all(w and 300 <= w <= 1000 for pair in pairs for w in pair):
-        return [grey]
-    own, nir = (irradiance(np.array(w, float), SUN_ZENITH).direct for w in zip(*pairs, strict=True))
-    return [grey, own / nir]
-
-
 def _model(
-    request: FitRequest, found: Sequence[_SetFit], rules: dict[int, ReferenceRule], shared: _Shared, covariance: Float64
+    request: FitRequest,
+    found: Sequence[KernelFit],
+    rules: dict[int, ReferenceRule],
+    shared: SharedGlint,
+    covariance: Float64,
 ) -> GlintModel:
     """Kernels of the posterior responses: what is added has the kernel of the glint that the bands share."""
     indexes: dict[int, GlintIndex] = {}

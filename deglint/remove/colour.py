@@ -1,0 +1,70 @@
+"""The colour of glint, which all bands share: that of the sun in radiance, grey in reflectance. Arrays only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .kernels import BandSet
+from .request import FitRequest
+
+Float64 = npt.NDArray[np.float64]
+
+COLOUR = 0.2
+"""Relative uncertainty of the colour of glint: aerosol that is not known changes blue against NIR by a fifth."""
+SUN_ZENITH = 40.0
+"""Of the expected colour, which changes by less than `COLOUR` from 20 to 60 degrees [degree]."""
+
+
+@dataclass(frozen=True, eq=False)
+class SharedGlint:
+    """The glint that all bands share: weights of the bands in it, responses drawn to its colour, its significance."""
+
+    weights: Float64
+    response: Float64
+    significance: float
+
+
+def shared_glint(response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[BandSet]) -> SharedGlint:
+    """Generalised least squares for the strength of glint of known colour, then the posterior mean of each band.
+
+    Radiance and reflectance are told apart by which of the two colours fits.
+    """
+    tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
+    if request.regression == "ols":
+        weights = np.linalg.pinv(covariance + tiny) @ response
+        return SharedGlint(weights, response, _significance(weights, response, covariance))
+    tried = []
+    for colour in _colours(request, sets):
+        size = float(np.median(response / colour))
+        for _ in range(3):  # the prior is relative to the size, which converges at once
+            prior = np.diag((COLOUR * size * colour) ** 2)
+            weights = np.asarray(np.linalg.solve(covariance + prior + tiny, colour), np.float64)
+            size = float(weights @ response / (weights @ colour))
+        away = response - size * colour
+        scaled = np.linalg.solve(covariance + prior + tiny, away)
+        posterior = np.asarray(size * colour + prior @ scaled, np.float64)
+        shared = SharedGlint(weights, posterior, _significance(weights, response, covariance))
+        tried.append((float(away @ scaled), shared))
+    return min(tried, key=lambda t: t[0])[1]
+
+
+def _significance(weights: Float64, response: Float64, covariance: Float64) -> float:
+    spread = float(weights @ covariance @ weights)
+    return float(weights @ response) / np.sqrt(spread) if spread > 0 else np.inf
+
+
+def _colours(request: FitRequest, sets: Sequence[BandSet]) -> list[Float64]:
+    """Glint in each band over that in the NIR it follows: grey (reflectance), and the sun's colour (radiance)."""
+    from ..physics.atmosphere import irradiance
+
+    grey = np.ones(len(request.correct))
+    follows = {b: s.references[0] for s in sets for b in s.bands}
+    pairs = [(request.bands[b].wavelength, request.bands[follows[i]].wavelength) for i, b in enumerate(request.correct)]
+    if not all(w and 300 <= w <= 1000 for pair in pairs for w in pair):
+        return [grey]
+    own, nir = (irradiance(np.array(w, float), SUN_ZENITH).direct for w in zip(*pairs, strict=True))
+    return [grey, own / nir]
