@@ -24,7 +24,7 @@ _WINDOW = 31
 _SIGMA = 6.0
 """Robust standard deviations that each copy must exceed: a boat is in all bands, noise and sparkle in one."""
 _CHANCE = 0.05
-"""Most motions that detections spread at random would give a detection: among many crests of waves some line up."""
+"""Most motions that detections spread at random would give in an image: among many crests of waves some line up."""
 _NEAR = 1.0
 """Distance from an even motion within which a band must show the boat [pixel]."""
 _SLOWEST = 0.25
@@ -119,7 +119,9 @@ def find_moving(
     meets = [min(math.pi * _NEAR**2 * d, 1.0) for d in density]
     reach = math.pi * (fastest * float(np.ptp(times)) / pixel) ** 2
     last = int(np.argmax(times))
-    chance = reach * density[last] * math.prod(m for i, m in enumerate(meets) if i not in (first, last))
+    chance = (
+        len(places[first]) * reach * density[last] * math.prod(m for i, m in enumerate(meets) if i not in (first, last))
+    )
     if chance > _CHANCE:
         return []
     found = [m for p in places[first] if (m := _followed(p, first, places, times, pixel, fastest)) is not None]
