@@ -29,8 +29,8 @@ _CONFIRMED = (9.0, 3.0)
 """90 % quantiles that a peak must exceed to be no clutter: at coarse pixels, where wakes and clouds reach half of it,
 and at pixels finer than a boat."""
 _LARGE = (40, 12)
-"""Least pixels of what is confirmed, likewise: a ship of 100 m by 30 m at 10 m, with its blur; a boat. Waves and sparkle
-are smaller."""
+"""Least pixels of what is confirmed, likewise: a ship of 100 m by 30 m at 10 m, with its blur; a boat. Waves and
+sparkle are smaller."""
 _LEAST = 50
 """Least peaks to fit a law to."""
 _MOST_RATE = 1e6
