@@ -62,7 +62,7 @@ def test_errors_are_all_that_quiet_shows(deglint, sea, write, tmp_path):
 
 
 def test_scores_are_logged(rxdetect, sea, write, tmp_path):
-    ran = rxdetect("score", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", "--json")
+    ran = rxdetect("score", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", "--method", "rx", "--json")
     assert json.loads(ran.out)["pixels"]
     lines = ran.err.splitlines()
     assert lines[0].endswith("in.tif: 4 bands, 100 x 80 pixels")

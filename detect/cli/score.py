@@ -147,6 +147,11 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
     metavar="FILE.geojson|.gpkg",
     help="Write outlines, places (WGS 84), sizes and scores of what exceeds the threshold; a .gpkg gets a QGIS style.",
 )
+@click.option(
+    "--moving",
+    is_flag=True,
+    help="Give objects a speed and a heading, where three bands or more look at known, different times.",
+)
 @click.option("--chips", metavar="FOLDER", help="Write a picture of every object: raw, clean, score.")
 @click.option("--min-size", type=click.IntRange(1), default=1, metavar="PIXELS", help="Drop smaller objects.")
 @click.option(
@@ -193,7 +198,8 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     needs_output(inputs, output, "rxdetect score")
     begin_checksum(inputs)
     fields = ("method", "window", "border", "covariance", "ridge", "background", "bands", "nir", "drop", "mask", "pfa",
-              "threshold", "min_size", "merge_distance", "false_per_km2", "largest_object", "side")  # fmt: skip
+              "threshold", "min_size", "merge_distance", "false_per_km2", "largest_object", "side",
+              "moving")  # fmt: skip
     with Console(given) as console, cluster_of(given) as cluster:
         from ..pipeline import Recipe, score_file
 

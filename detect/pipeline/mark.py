@@ -24,6 +24,7 @@ from ..sea.region import rectangle
 from ..threshold import Tail, Threshold
 from .chips import write_chips
 from .ground import distance_and_bearing, to_wgs84
+from .motion import motions
 from .plan import Plan, Progress
 from .recipe import Outputs
 from .vectors import Feature, write_features
@@ -171,10 +172,13 @@ class Marker:
         rated = self.objects(threshold)
         chips = write_chips(self._plan, self._targets, self._scores, [r.found for r in rated], scratch)
         move = to_wgs84(self._plan.scene)
+        moved: list[dict[str, Any]] = [{} for _ in rated]
+        if self._plan.recipe.moving:
+            moved = motions(self._plan.scene, [r.found for r in rated])
         common = {"threshold": threshold.value, "pfa": threshold.pfa_designed}
         features = [
-            Feature(r.found, {**_described(r, self._plan), **common, **({"chip": chip} if chip else {})})
-            for r, chip in zip(rated, chips, strict=True)
+            Feature(r.found, {**_described(r, self._plan), **motion, **common, **({"chip": chip} if chip else {})})
+            for r, chip, motion in zip(rated, chips, moved, strict=True)
         ]
         write_features(scratch, self._targets.objects, features, move)
         if progress:

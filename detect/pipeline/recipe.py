@@ -67,6 +67,8 @@ class Recipe:
         Length and width of the largest object that floats [m]; for "sea".
     side : str
         "auto", "bright" or "both": which anomalies count; for "sea".
+    moving : bool
+        Give objects a speed and a heading, from bands that look at different times.
     min_size, merge_distance
         As `detect.objects.find`.
     """
@@ -87,6 +89,7 @@ class Recipe:
     false_per_km2: float | None = None
     largest_object: tuple[float, float] = LARGEST
     side: str = "auto"
+    moving: bool = False
     min_size: int = 1
     merge_distance: float = 0.0
 

@@ -39,6 +39,7 @@ from ..rx import Detector, detector, score
 from ..threshold import Tail, Threshold
 from .flags import Flags, flags_of, flags_of_sea
 from .mark import CANDIDATES, Marker, Places, joined
+from .motion import delayed_bands
 from .plan import KEPT, Kept, Plan, Progress, Read, both, make_plan, read
 from .recipe import NO_LAW, Outputs, Recipe
 from .sea_plan import fit_sea, read_sea
@@ -253,6 +254,8 @@ def _run(
     log_scene(scene)
     if recipe.method == "auto" and (targets.p_value or targets.background):
         recipe = replace(recipe, method="rx")  # the only detector that gives both
+    if recipe.moving:
+        delayed_bands(scene)  # refused before the work, not after it
     plan = make_plan(scene, recipe, threads, progress)
     for note in plan.notes:
         log.info("%s", note)

@@ -19,6 +19,10 @@ detected when its score is above the threshold. <b>AUC</b> is the chance that a 
 background pixel. It is ruled by Pfa nobody can work at; look at the left of the curve, at the partial area, and at Pd
 for the Pfa you can afford. <b>McClish</b> brings the partial area to 0.5 for chance and 1 for perfection.
 <b>Average precision</b> falls as targets become rarer: compare it within a scene only.</p>
+<p><b>RX</b> asks how unusual a pixel is for its background. It takes the mean and the covariance of the bands over the
+background: a whole scene, or the surroundings of the pixel. The score is the squared distance of the pixel from the
+mean, measured in standard deviations along each direction in which the bands vary together. A high score says that the
+pixel is an anomaly, not that it is a target: whitecaps, clouds and glint are anomalies, too.</p>
 <p><b>Intervals.</b> Neighbouring pixels are not independent: pixels of one object are found or missed together, and
 clutter comes in patches. Intervals that count pixels (DeLong's) promise too much. The bootstrap draws whole objects,
 and square blocks of background, with replacement; it answers how far the figures would move with other objects and
@@ -33,20 +37,25 @@ def lead(found: Evaluation) -> str:
     n = best.numbers
     points = n["operating_points"]
     point = min(points, key=lambda p: abs(math.log(p["pfa_designed"] / 1e-3)), default=None)
-    name = f"<b>{escape(best.name)}</b>"
-    rank = " does best at low false-alarm rates: it" if len(found.detectors) > 1 else ""
     boot = n["bootstrap"]
     span = f" ({interval(boot['low'], boot['high'])})" if boot else ""
-    out = f"{name}{rank} ranks a target pixel above a background pixel with probability {n['auc']:.4f}{span}"
+    ranks = f"a target pixel scores higher than a background pixel with probability {n['auc']:.4f}{span}"
+    name = f"<b>{escape(best.name)}</b>"
+    if len(found.detectors) > 1:
+        name += ", which does best at low false-alarm rates,"
     if point is None:
-        return out + "."
-    out += f", and detects {percent(point['pd'])} of the target pixels at a false-alarm rate of "
-    out += rate(point["pfa_designed"])
-    if "objects_found" in point:
-        count = point["false_alarms"]
-        out += f": {point['objects_found']} of {counted(point['objects'], 'object')}, with "
-        out += f"{counted(count, 'false alarm')} in the scene"
-    return out + "."
+        return f"With {name} {ranks}."
+    at = f"At a false-alarm rate of {rate(point['pfa_designed'])} {name}"
+    share = f"{percent(point['pd'])} of the target pixels"
+    if "objects_found" not in point:
+        return f"{at} detects {share}; {ranks}."
+    alarms = counted(point["false_alarms"], "false alarm")
+    if point["false_alarms_per_km2"] is not None:
+        alarms += f" ({short(point['false_alarms_per_km2'])} per km²)"
+    return (
+        f"{at} finds {point['objects_found']} of {counted(point['objects'], 'object')}, with {alarms} in the scene. It "
+        f"detects {share}; {ranks}."
+    )
 
 
 def table(numbers: dict[str, Any]) -> list[str]:

@@ -25,11 +25,12 @@ from ..threshold import Tail, Threshold, from_gpd, from_quantile
 Scores = npt.NDArray[Any]
 LOW = 1.5
 """Candidates exceed this many 90 % quantiles of water: one to three percent of the sea."""
-_CONFIRMED = (9.0, 4.5)
+_CONFIRMED = (9.0, 3.0)
 """90 % quantiles that a peak must exceed to be no clutter: at coarse pixels, where wakes and clouds reach half of it,
 and at pixels finer than a boat."""
-_LARGE = 40
-"""Least pixels of what is confirmed: a ship of 100 m by 30 m at 10 m, with its blur. Waves and sparkle are smaller."""
+_LARGE = (40, 12)
+"""Least pixels of what is confirmed, likewise: a ship of 100 m by 30 m at 10 m, with its blur; a boat. Waves and
+sparkle are smaller."""
 _LEAST = 50
 """Least peaks to fit a law to."""
 _MOST_RATE = 1e6
@@ -144,7 +145,7 @@ def clutter_of(
         Whether pixels are finer than a boat.
     """
     peak = _CONFIRMED[fine] * q90
-    sure = [o.size >= _LARGE and o.score_max > peak for o in candidates]
+    sure = [o.size >= _LARGE[fine] and o.score_max > peak for o in candidates]
     taken = [s for s, known in zip(scores, sure, strict=True) if known]
     pixels = sum(len(s) for s in taken)
     if pixels:

@@ -1,0 +1,188 @@
+"""Moving boats: bands that look one after the other show a boat at different places; its speed and heading follow.
+
+A boat of velocity v that one band sees at p is seen at p + v t by a band that looks t later. Every detection of the
+first band is joined to every one of the last that it could have reached, and the even motion between them must meet a
+detection in each band in between. Detections are deviations from the water around; waves and sparkle, which every band
+sees at other places, have none that line up. Two bands are refused: any two places make a motion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.errors import InputError
+
+FASTEST = 20.0
+"""Greatest speed that is sought [m/s]."""
+_WINDOW = 31
+"""Side of the window of water that contrast is taken from [pixel]."""
+_SIGMA = 6.0
+"""Robust standard deviations that each copy must exceed: a boat is in all bands, noise and sparkle in one."""
+_CHANCE = 0.05
+"""Most motions that detections spread at random would give in an image: among many crests of waves some line up."""
+_NEAR = 1.0
+"""Distance from an even motion within which a band must show the boat [pixel]."""
+_SLOWEST = 0.25
+"""Least displacement between the first and the last band that is told from none [pixel]: the error of a centroid."""
+
+
+@dataclass(frozen=True)
+class Mover:
+    """A boat, and how it moves.
+
+    Attributes
+    ----------
+    row, column : float
+        At the time 0 of the delays [pixel].
+    speed : float
+        [m/s].
+    heading : float
+        Where to, clockwise from the upward direction of the image [degree].
+    error : float
+        Root mean square distance of its places from an even motion [pixel].
+    contrast : float
+        Least peak over the bands [robust standard deviation].
+    """
+
+    row: float
+    column: float
+    speed: float
+    heading: float
+    error: float
+    contrast: float
+
+
+def contrast(band: npt.NDArray[np.float32], water: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
+    """Deviation of every pixel from the water around [robust standard deviation]."""
+    import cv2
+
+    def mean(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        return np.asarray(cv2.boxFilter(values, cv2.CV_32F, (_WINDOW, _WINDOW), normalize=False,
+                                        borderType=cv2.BORDER_CONSTANT))  # fmt: skip
+
+    known = water & np.isfinite(band)
+    count = np.maximum(mean(known.astype(np.float32)), 1)
+    away = np.where(np.isfinite(band), band - mean(np.where(known, band, 0).astype(np.float32)) / count, 0)
+    spread = 1.4826 * float(np.median(np.abs(away[known]))) if known.any() else 1.0
+    return np.asarray(away / (spread or 1.0), np.float32)
+
+
+def find_moving(
+    image: npt.ArrayLike, delays: Sequence[float], *, pixel: float, water: npt.ArrayLike | None = None,
+    fastest: float = FASTEST,
+) -> list[Mover]:  # fmt: skip
+    """Find boats that moved between the bands.
+
+    Parameters
+    ----------
+    image : (band, row, column) array
+        Bands that are registered to the ground.
+    delays : sequence of float
+        When each band looks [s].
+    pixel : float
+        Side of a pixel [m].
+    water : (row, column) array of bool, optional
+        Where to search; everywhere by default.
+    fastest : float
+        Greatest speed that is sought [m/s].
+
+    Returns
+    -------
+    list of Mover
+        The highest contrast first; none where so much stands out that motions would line up by chance.
+
+    Raises
+    ------
+    InputError
+        Fewer than three bands look at different times: two places are a motion of anything.
+    """
+    bands = np.asarray(image, np.float32)
+    times = np.asarray(delays, np.float64)
+    if bands.ndim != 3 or len(bands) != len(times):
+        raise InputError(
+            f"image must be (band, row, column) with a delay for each band, got {bands.shape}, {times.size}."
+        )
+    if len(np.unique(times)) < 3:
+        raise InputError("a motion needs three bands that look at different times: two places could be anything's.")
+    if not pixel > 0:
+        raise InputError(f"pixel: allowed is above 0 m, got {pixel}.")
+    sea = np.ones(bands.shape[1:], np.bool_) if water is None else np.asarray(water, np.bool_)
+    maps = [contrast(band, sea) for band in bands]
+    places = [_peaks(m, sea) for m in maps]
+    first = int(np.argmin(times))
+    density = [len(p) / max(int(np.count_nonzero(sea)), 1) for p in places]
+    meets = [min(math.pi * _NEAR**2 * d, 1.0) for d in density]
+    reach = math.pi * (fastest * float(np.ptp(times)) / pixel) ** 2
+    last = int(np.argmax(times))
+    chance = (
+        len(places[first]) * reach * density[last] * math.prod(m for i, m in enumerate(meets) if i not in (first, last))
+    )
+    if chance > _CHANCE:
+        return []
+    found = [m for p in places[first] if (m := _followed(p, first, places, times, pixel, fastest)) is not None]
+    return sorted(found, key=lambda m: -m.contrast)
+
+
+def _peaks(contrasts: npt.NDArray[np.float32], sea: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+    """Rows, columns (weighted by contrast) and peaks of what stands out, one line each."""
+    from .objects import label
+
+    parts = label((contrasts > _SIGMA) & sea)
+    count = int(parts.max()) + 1
+    at = parts.ravel()
+    rows, columns = np.divmod(np.arange(at.size), contrasts.shape[1])
+    inside = at > 0
+    at, weight = at[inside], contrasts.ravel()[inside].astype(np.float64)
+    total = np.bincount(at, weight, count)[1:]
+    row, column = (np.bincount(at, weight * x[inside], count)[1:] / total for x in (rows, columns))
+    peak = np.zeros(count)
+    np.maximum.at(peak, at, weight)
+    return np.stack([row, column, peak[1:]], axis=1)
+
+
+def _followed(
+    start: npt.NDArray[np.float64], first: int, places: Sequence[npt.NDArray[np.float64]],
+    times: npt.NDArray[np.float64], pixel: float, fastest: float,
+) -> Mover | None:  # fmt: skip
+    """The even motion through all bands that fits a detection best; None where it has none, or does not move."""
+    last = int(np.argmax(times - times[first]))
+    span = float(times[last] - times[first])
+    reach = fastest * span / pixel
+    best: tuple[float, Mover] | None = None
+    for end in places[last]:
+        step = (end[:2] - start[:2]) / span
+        if math.hypot(*(step * span)) > reach:
+            continue
+        track, peaks = [], []
+        for spots, time in zip(places, times, strict=True):
+            if not len(spots):
+                return None
+            away = np.hypot(*(spots[:, :2] - (start[:2] + step * (time - times[first]))).T)
+            nearest = int(np.argmin(away))
+            if away[nearest] > _NEAR:
+                break
+            track.append(spots[nearest, :2])
+            peaks.append(spots[nearest, 2])
+        else:
+            mover = _fitted(np.array(track), times, pixel, min(peaks))
+            if best is None or mover.error < best[0]:
+                best = mover.error, mover
+    if best is None:
+        return None
+    moved = best[1].speed * span / pixel
+    return best[1] if moved >= max(_SLOWEST, 3 * best[1].error) and best[1].speed <= fastest else None
+
+
+def _fitted(track: npt.NDArray[np.float64], times: npt.NDArray[np.float64], pixel: float, least: float) -> Mover:
+    """Least squares of an even motion through places."""
+    design = np.stack([np.ones_like(times), times], axis=1)
+    fit, *_ = np.linalg.lstsq(design, track, rcond=None)
+    error = float(np.sqrt(((track - design @ fit) ** 2).sum(axis=1).mean()))
+    (row, column), (down, across) = fit
+    heading = math.degrees(math.atan2(across, -down)) % 360
+    return Mover(float(row), float(column), float(math.hypot(down, across) * pixel), heading, error, float(least))

@@ -1,0 +1,96 @@
+"""Boats that move between the bands."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.transform import from_origin
+
+from deglint.errors import InputError
+from detect.moving import find_moving
+
+DELAYS = np.array([0.0, 0.13, 0.27, 0.4])
+SWELL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real" / "swell"
+
+
+def sea(speed=0.0, heading=0.0, *, pixel=1.2, seed=0, waves=True):
+    """Four bands of waves that move with their phase speed, a boat of 6 m x 3 m, and a buoy at rest."""
+    rng = np.random.default_rng(seed)
+    rows, columns = np.mgrid[:200, :220].astype(float)
+    number = 2 * np.pi / 25  # waves of 25 m
+    image = rng.normal(100, 2, (4, 200, 220))
+    for band, time in enumerate(DELAYS):
+        if waves:
+            image[band] += 4 * np.sin(number * columns * pixel - np.sqrt(9.81 * number) * time)
+        step = speed * time / pixel
+        at = 90 - step * np.cos(np.radians(heading)), 110 + step * np.sin(np.radians(heading))
+        for (row, column), high in ((at, 120.0 if speed else 0.0), ((40, 40), 90.0)):
+            image[band] += high * np.exp(-(((rows - row) / 1.5) ** 2) - ((columns - column) / 1.5) ** 2)
+    return image
+
+
+@pytest.mark.parametrize("speed", [2.0, 5.0, 10.0, 15.0])
+@pytest.mark.parametrize("heading", [0.0, 75.0, 230.0])
+def test_speed_and_heading_of_a_boat(speed, heading):
+    found = find_moving(sea(speed, heading), DELAYS, pixel=1.2)
+    assert len(found) == 1  # neither the buoy nor a wave
+    assert found[0].speed == pytest.approx(speed, abs=0.6)
+    assert (found[0].heading - heading + 180) % 360 - 180 == pytest.approx(0, abs=12)
+    assert (found[0].row, found[0].column) == pytest.approx((90, 110), abs=0.5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_waves_are_no_boats(seed):
+    assert not find_moving(sea(seed=seed), DELAYS, pixel=1.2)
+
+
+@pytest.mark.skipif(not SWELL.exists(), reason="the real swell lies beside the project")
+def test_two_bands_of_real_swell_are_refused():
+    files = sorted(SWELL.glob("**/IMG_DATA/*_B0[24].jp2"))
+    bands = [rasterio.open(f).read(1).astype(np.float32) for f in files]
+    with pytest.raises(InputError, match="three bands"):  # two bands cannot tell a boat from a wave
+        find_moving(np.stack(bands), [0.0, 1.0], pixel=10.0)
+
+
+def test_where_motions_line_up_by_chance_none_is_told():
+    rng = np.random.default_rng(0)
+    image = rng.normal(100, 2, (3, 200, 220))
+    for band in image:
+        band[rng.integers(0, 200, 400), rng.integers(0, 220, 400)] += 60
+    assert not find_moving(image, [0, 0.2, 0.4], pixel=1.2)
+
+
+def test_refusals():
+    image = np.zeros((3, 10, 10))
+    with pytest.raises(InputError, match="three bands"):
+        find_moving(image, [0, 0, 1], pixel=1)
+    with pytest.raises(InputError, match="a delay for each band"):
+        find_moving(image, [0, 1], pixel=1)
+    with pytest.raises(InputError, match="above 0 m"):
+        find_moving(image, [0, 1, 2], pixel=0)
+
+
+def test_objects_of_a_scene_get_speed_and_heading(tmp_path, write, rxdetect):
+    image = sea(10.0, 75.0)
+
+    def describe(dataset):
+        for i, time in enumerate(DELAYS, start=1):
+            dataset.update_tags(i, time_offset_s=str(time))
+
+    place = {"transform": from_origin(400_000, 800_000, 1.2, 1.2)}
+    scene = write(tmp_path / "boat.tif", image.astype(np.float32), describe=describe, **place)
+    marked = tmp_path / "o.geojson"
+    options = ("--method", "sea", "--mask", "none", "--pfa", "1e-4", "--objects", marked, "--moving")
+    ran = rxdetect("score", scene, tmp_path / "out.tif", *options)
+    assert ran.code == 0, ran.err
+    known = [f["properties"] for f in json.loads(marked.read_text())["features"]]
+    boat = min(known, key=lambda p: np.hypot(p["row"] - 90, p["column"] - 112))
+    assert boat["speed_m_s"] == pytest.approx(10, abs=0.6)
+    assert boat["heading"] == pytest.approx(75, abs=5)
+    buoy = min(known, key=lambda p: np.hypot(p["row"] - 40, p["column"] - 40))
+    assert buoy["speed_m_s"] is None
+    still = write(tmp_path / "still.tif", image.astype(np.float32), **place)
+    ran = rxdetect("score", still, tmp_path / "out2.tif", *options, "--overwrite")
+    assert (ran.code, "known, different times" in ran.err) == (1, True)
