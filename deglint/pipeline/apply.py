@@ -200,7 +200,8 @@ def _write_tiles(
     shape = tile_shape_of(scene)
     halo = fitted.chain.halo if fitted.chain.runs else fitted.model.halo
     if halo:
-        shape = tiling.compact(shape, block_of(scene), len(scene.bands), halo)
+        held = tiling.HELD if fitted.chain.runs else tiling.HELD_ALONE
+        shape = tiling.compact(shape, block_of(scene), len(scene.bands), halo, held=held)
     # bands of files without descriptions are known by their files' names, and must be in the output, too
     named = tuple(info.descriptions[b] or scene.bands[b].name for b in every)
     image = Layout(info, every, dtype.name, nodata, targets.options, names=named, masked=masked, tile=shape)

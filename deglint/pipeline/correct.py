@@ -256,7 +256,7 @@ class Correction:
                 exceeds = None if exceeds is None else exceeds[place[1:]]
             inside = None if around is None else around[place[1:]]
             if outer != tile:
-                same = clear and physical is raw and bool(predicted)  # then the tile is corrected where it stands
+                same = clear and physical is raw  # then the tile is corrected where it stands
                 own, valid = np.ascontiguousarray(raw[place]), None if valid is None else valid[place]
                 physical = own if same else np.ascontiguousarray(physical[place])
             else:

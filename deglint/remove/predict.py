@@ -30,23 +30,28 @@ def _filtered(references: Mapping[int, FloatArray], index: GlintIndex) -> FloatA
         By 0-based band, of float32 or float64, finite.
     index : GlintIndex
     """
-    import cv2
-
     total: FloatArray | None = None
     for band in dict.fromkeys(index.bands):
         terms = [(o, w) for b, o, w in zip(index.bands, index.offsets, index.weights, strict=True) if b == band]
-        reach = max(max(abs(row), abs(column)) for (row, column), _ in terms)
-        kernel = np.zeros((2 * reach + 1, 2 * reach + 1))
-        for (row, column), weight in terms:
-            kernel[row + reach, column + reach] = weight
         values = references[band]
-        wide = cv2.copyMakeBorder(values, reach, reach, reach, reach + SPARE, cv2.BORDER_REFLECT_101)
-        kernel = kernel.astype(values.dtype)
-        found: FloatArray = np.asarray(cv2.filter2D(wide, -1, kernel, borderType=cv2.BORDER_CONSTANT), values.dtype)
-        found = found[reach : reach + values.shape[0], reach : reach + values.shape[1]]
-        total = found if total is None else total + found
+        alone = [o for o, _ in terms] == [(0, 0)]
+        found = values * values.dtype.type(terms[0][1]) if alone else _correlated(values, terms)
+        total = found if total is None else np.add(total, found, out=total)
     assert total is not None
     return total
+
+
+def _correlated(values: FloatArray, terms: list[tuple[tuple[int, int], float]]) -> FloatArray:
+    """Sum of weights times the values at (row, column) offsets."""
+    import cv2
+
+    reach = max(max(abs(row), abs(column)) for (row, column), _ in terms)
+    kernel = np.zeros((2 * reach + 1, 2 * reach + 1), values.dtype)
+    for (row, column), weight in terms:
+        kernel[row + reach, column + reach] = weight
+    wide = cv2.copyMakeBorder(values, reach, reach, reach, reach + SPARE, cv2.BORDER_REFLECT_101)
+    found = np.asarray(cv2.filter2D(wide, -1, kernel, borderType=cv2.BORDER_CONSTANT), values.dtype)
+    return found[reach : reach + values.shape[0], reach : reach + values.shape[1]]
 
 
 def predicted(
