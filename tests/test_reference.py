@@ -1,0 +1,52 @@
+"""References with ships, surf and land replaced: the same in tiles as in the whole."""
+
+import numpy as np
+import pytest
+
+from deglint.remove.reference import ReferenceRule, clean, fit_reference
+
+SHIP = np.s_[60:64, 40:52]
+
+
+@pytest.fixture
+def sea():
+    """Glint with a ship; at the right darker water, with a target fainter than anything bright at the left."""
+    rng = np.random.default_rng(1)
+    values = (40 + rng.gamma(2.0, 3.0, (160, 220))).astype(np.float32)
+    values[:, 140:] = rng.normal(10, 0.1, (160, 80))
+    values[30:33, 180:183] = 107  # between the least value and the least local mean of the sample, plus the limit
+    values[SHIP] += 300
+    return values
+
+
+def rule_of(sea):
+    sample = np.zeros(sea.shape, bool)
+    sample[100:, :128] = True
+    return fit_reference([(sea, sample)], 3)
+
+
+def test_ships_take_the_mean_of_the_water_around(sea):
+    cleaned, exceeds = clean(sea, np.ones(sea.shape, bool), rule_of(sea))
+    assert exceeds[SHIP].all()
+    assert cleaned[SHIP] == pytest.approx(46, abs=3)
+    np.testing.assert_array_equal(cleaned[~exceeds], sea[~exceeds])
+
+
+@pytest.mark.parametrize("land", [False, True])
+def test_tiles_are_the_whole_to_the_bit(sea, land):
+    """A ship in one tile changes nothing in another, where darker water holds what is fainter than any sample."""
+    rule, water = rule_of(sea), np.ones(sea.shape, bool)
+    if land:
+        water[:20, :60] = False
+    whole, _ = clean(sea, water, rule)
+    for columns in (slice(0, 110), slice(110, 220)):
+        low, high = max(columns.start - rule.halo, 0), columns.stop + rule.halo
+        part, _ = clean(sea[:, low:high], water[:, low:high], rule)
+        np.testing.assert_array_equal(part[:, columns.start - low :][:, :110], whole[:, columns])
+
+
+def test_nothing_is_copied_where_nothing_exceeds():
+    values = np.full((40, 40), 5, np.float32)
+    cleaned, exceeds = clean(values, np.ones(values.shape, bool), ReferenceRule(0, 10.0, 1.0, 0.0, 1e-3))
+    assert cleaned is values
+    assert exceeds is None
