@@ -7,7 +7,7 @@ by as much as the scene's own sparkle lasts. Neighbours must agree: the evidence
 compared with a threshold, which rises where sparkle often looks like things.
 
 `fit` learns from parts of a scene, `things` looks at a tile, `put_back` gives things back to the compensated bands.
-Where all bands look at once sparkle is in all of them too, and there is no test: see `deglint.compensate.reference`.
+Where all bands look at once sparkle is in all of them too, and there is no test: see `deglint.remove.reference`.
 Never here: files, tiles, the level itself (an opening makes it).
 """
 
