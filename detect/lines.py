@@ -45,7 +45,7 @@ class LineScorer:
     >>> lines = np.random.default_rng(0).normal(50, 2, (100, 4, 200))
     >>> lines[80, :, 30] += 40
     >>> scores = np.stack([scorer.score(line) for line in lines])
-    >>> tuple(int(i) for i in np.unravel_index(scores.argmax(), scores.shape))
+    >>> tuple(int(i) for i in np.unravel_index(np.nanargmax(scores), scores.shape))
     (80, 30)
     """
 

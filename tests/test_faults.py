@@ -103,7 +103,7 @@ def test_an_empty_sample(refused, sea, write, geojson, tmp_path):
     source = write(tmp_path / "in.tif", sea())
     small = [(400_012, 799_982), (400_013, 799_982), (400_013, 799_981)]  # between centres
     path = geojson(tmp_path / "small.geojson", small, crs="EPSG:32653")
-    assert "sample holds no valid pixel" in refused(source, "--sample", path)
+    assert "too little open water" in refused(source, "--sample", path)
     assert "sample holds 25 valid pixels" in refused(source, "--sample", "0,0,5,5", "--method", "hedley")
 
 

@@ -241,7 +241,7 @@ def test_the_sidecar_says_everything(deglint, sea, write, tmp_path):
     assert said["skipped"]["nir"] == "glint reference: copied"
     assert isinstance(said["warnings"], list)
     assert said["seconds"] > 0
-    assert said["sample"]["pixels"] == said["model"]["fits"][0]["n"]
+    assert 5000 < said["model"]["fits"][0]["n"] < said["sample"]["pixels"] == 8000  # all that is not far out
 
 
 def test_losses_are_warned_of(deglint, sea, write, tmp_path):

@@ -7,13 +7,14 @@ import click
 GROUPS = {
     "What to do": (
         "method", "window", "border", "covariance", "ridge", "drop", "sample", "compensate", "smallest_object", "mask",
-        "bands", "background", "pfa", "threshold", "min_size", "merge_distance", "model_in",
+        "bands", "background", "pfa", "false_per_km2", "threshold", "largest_object", "moving", "min_size",
+        "merge_distance", "model_in",
     ),
     "Details of the fit": ("regression", "tolerance", "floor_percentile", "nir_use", "rrs_factor"),
     "Input": (),
     "Output": (
         "flags", "amount", "stderr", "picture", "p_value", "objects", "save_model", "save_sample", "save_background",
-        "dtype", "options", "table", "overwrite", "dry_run",
+        "dtype", "options", "chips", "directory", "table", "overwrite", "dry_run",
     ),
     "Processing": ("threads", "jobs", "cluster", "workers", "worker_memory"),
     "Messages": ("as_json", "verbose", "quiet", "help"),

@@ -176,21 +176,26 @@ def _prepared(
 
 
 def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
+    """Sums over the squares of a sample; with what lies far out, where sparkle is so rare that nothing is left else."""
     size = 0 if request.regression == "ols" else LOCAL_MEAN
-    parts = [
-        gather(
-            [t.references[r] for r in band_set.references], [t.bands[b] for b in band_set.bands], t.teaches,
-            size=size, origin=t.origin,
-        )
-        for t in learnt
-    ]  # fmt: skip
-    grams = merge(parts) if parts else None
-    if grams is None or not len(grams.grams):
-        raise FitError(
-            "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample with a "
-            "polygon or window over open water, or --mask with what is water."
-        )
-    return grams
+    for everything in (False, True):
+        parts = [
+            gather(
+                [t.references[r] for r in band_set.references],
+                [t.bands[b] for b in band_set.bands],
+                t.sample if everything else t.teaches,
+                size=size,
+                origin=t.origin,
+            )
+            for t in learnt
+        ]
+        grams = merge(parts) if parts else None
+        if grams is not None and len(grams.grams):
+            return grams
+    raise FitError(
+        "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample with a polygon "
+        "or window over open water, or --mask with what is water."
+    )
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
