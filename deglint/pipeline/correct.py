@@ -246,14 +246,9 @@ class Correction:
             place = (slice(None), *core_of(tile.crop_of(outer), outer.shape))
             around = self._water_in(outer, physical)
             if self.model.halo:
-                found_glint, exceeds = glint(
-                    physical,
-                    self.model,
-                    np.ones(outer.shape, np.bool_) if around is None else around,
-                    (outer.row0, outer.col0),
-                )
-                predicted = {band: amount[place[1:]] for band, amount in found_glint.items()}
-                exceeds = None if exceeds is None else exceeds[place[1:]]
+                everywhere = np.ones(outer.shape, np.bool_) if around is None else around
+                origin = outer.row0, outer.col0
+                predicted, exceeds = glint(physical, self.model, everywhere, origin, tile.crop_of(outer))
             inside = None if around is None else around[place[1:]]
             if outer != tile:
                 same = clear and physical is raw  # then the tile is corrected where it stands

@@ -6,12 +6,13 @@ columns are added that are cut off again. Arrays only.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from ..scene import FloatArray
+from .lags import REACH
 from .model import GlintIndex, GlintModel
 from .reference import clean
 
@@ -21,37 +22,12 @@ SPARE = 16
 """Columns that are added: at least as many as OpenCV's filters handle at a time."""
 
 
-def _filtered(references: Mapping[int, FloatArray], index: GlintIndex) -> FloatArray:
-    """Weighted sum of the references at the offsets of an index, (row, column); the image is mirrored at its edges.
-
-    Parameters
-    ----------
-    references : mapping of int to (row, column) ndarray
-        By 0-based band, of float32 or float64, finite.
-    index : GlintIndex
-    """
-    total: FloatArray | None = None
-    for band in dict.fromkeys(index.bands):
-        terms = [(o, w) for b, o, w in zip(index.bands, index.offsets, index.weights, strict=True) if b == band]
-        values = references[band]
-        alone = [o for o, _ in terms] == [(0, 0)]
-        found = values * values.dtype.type(terms[0][1]) if alone else _correlated(values, terms)
-        total = found if total is None else np.add(total, found, out=total)
-    assert total is not None
-    return total
-
-
-def _correlated(values: FloatArray, terms: list[tuple[tuple[int, int], float]]) -> FloatArray:
-    """Sum of weights times the values at (row, column) offsets."""
+def bordered(values: FloatArray) -> FloatArray:
+    """A reference with what `predicted` looks at around it: mirrored at its edges, and with spare columns."""
     import cv2
 
-    reach = max(max(abs(row), abs(column)) for (row, column), _ in terms)
-    kernel = np.zeros((2 * reach + 1, 2 * reach + 1), values.dtype)
-    for (row, column), weight in terms:
-        kernel[row + reach, column + reach] = weight
-    wide = cv2.copyMakeBorder(values, reach, reach, reach, reach + SPARE, cv2.BORDER_REFLECT_101)
-    found = np.asarray(cv2.filter2D(wide, -1, kernel, borderType=cv2.BORDER_CONSTANT), values.dtype)
-    return found[reach : reach + values.shape[0], reach : reach + values.shape[1]]
+    wide = cv2.copyMakeBorder(values, REACH, REACH, REACH, REACH + SPARE, cv2.BORDER_REFLECT_101)
+    return np.asarray(wide, values.dtype)
 
 
 def predicted(
@@ -59,7 +35,14 @@ def predicted(
 ) -> FloatArray:
     """What index `k` of a model predicts, (row, column); strips of two kinds are faded into each other.
 
-    origin : row and column in the scene of the references' first pixel
+    Parameters
+    ----------
+    references : mapping of int to ndarray
+        By 0-based band, finite, from `bordered`.
+    model : GlintModel
+    k : int
+    origin : (int, int)
+        Row and column in the scene of the first pixel [pixel].
     """
     first = _filtered(references, model.indexes[k])
     if model.strips is None:
@@ -71,8 +54,40 @@ def predicted(
     return first + share.astype(first.dtype) * (_filtered(references, model.second[k]) - first)
 
 
+def _filtered(references: Mapping[int, FloatArray], index: GlintIndex) -> FloatArray:
+    """Weighted sum of the references at the offsets of an index."""
+    import cv2
+
+    inner = slice(REACH, -REACH), slice(REACH, -REACH - SPARE)
+    total: FloatArray | None = None
+    for band in dict.fromkeys(index.bands):
+        terms = [(o, w) for b, o, w in zip(index.bands, index.offsets, index.weights, strict=True) if b == band]
+        wide = references[band]
+        if len(terms) == 1:
+            found: FloatArray = wide[inner] * wide.dtype.type(terms[0][1])
+        else:
+            kernel = _kernel(terms).astype(wide.dtype)
+            found = np.asarray(cv2.filter2D(wide, -1, kernel, borderType=cv2.BORDER_CONSTANT), wide.dtype)[inner]
+        total = found if total is None else np.add(total, found, out=total)
+    assert total is not None
+    return total
+
+
+def _kernel(terms: Sequence[tuple[tuple[int, int], float]]) -> npt.NDArray[np.float64]:
+    """Weights at (row, column) offsets, as a square about its middle."""
+    reach = max(max(abs(row), abs(column)) for (row, column), _ in terms)
+    kernel = np.zeros((2 * reach + 1, 2 * reach + 1))
+    for (row, column), weight in terms:
+        kernel[row + reach, column + reach] = weight
+    return kernel
+
+
 def glint(
-    block: FloatArray, model: GlintModel, water: Mask, origin: tuple[int, int] = (0, 0)
+    block: FloatArray,
+    model: GlintModel,
+    water: Mask,
+    origin: tuple[int, int] = (0, 0),
+    crop: tuple[int, int, int, int] = (0, 0, 0, 0),
 ) -> tuple[dict[int, FloatArray], Mask | None]:
     """Glint in each band that a model of kernels corrects.
 
@@ -86,23 +101,32 @@ def glint(
         Where the references show water; NaN and what is not water is replaced by the water around.
     origin : (int, int)
         Row and column of the block in the scene, for strips [pixel].
+    crop : (int, int, int, int)
+        Halo above, below, left and right of what is wanted [pixel].
 
     Returns
     -------
     glint : dict of int to (row, column) ndarray
-        By 0-based band; never negative, and meaningful only over water.
+        By 0-based band, without the halo; never negative, and meaningful only over water.
     exceeds : (row, column) ndarray of bool, or None
         Water where a reference exceeds its surroundings by more than glint does, so that the glint around is taken.
     """
+    height, width = water.shape
+    top, bottom, left, right = (max(side - REACH, 0) for side in crop)  # what the kernels look at stays
+    near = slice(top, height - bottom), slice(left, width - right)
+    rest = tuple(min(side, REACH) for side in crop)
+    inner = slice(rest[0], height - top - bottom - rest[1]), slice(rest[2], width - left - right - rest[3])
     references, exceeds = {}, None
     for rule in model.references:
-        references[rule.band], over = clean(block[rule.band], water, rule)
+        values, over = clean(block[rule.band], water, rule)
+        references[rule.band] = bordered(values[near])
         if over is not None:
+            over = over[near][inner]
             exceeds = over if exceeds is None else exceeds | over
     out = {}
     for fit in model.fits:
         index = model.indexes[fit.index]
-        above = predicted(references, model, fit.index, origin)
+        above = predicted(references, model, fit.index, (origin[0] + top, origin[1] + left))[inner]
         above -= above.dtype.type(index.level)
         np.maximum(above, 0, out=above)
         above *= above.dtype.type(fit.slope)

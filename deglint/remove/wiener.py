@@ -44,7 +44,7 @@ from .kernels import SUPPORTS, WORTH, BandSet, KernelFit, fit_kernels, joined
 from .lags import LagGrams, gather, merge, offsets
 from .levels import even_share
 from .model import BandFit, GlintIndex, GlintModel
-from .predict import predicted
+from .predict import bordered, predicted
 from .reference import ReferenceRule, clean, fit_reference
 from .request import EVEN, FitRequest
 from .strips import LEAST as LEAST_SQUARES
@@ -339,7 +339,8 @@ def _model(
 
 def _predictions(model: GlintModel, tile: _Learnt) -> list[FloatArray]:
     """What each index predicts in a tile."""
-    return [predicted(tile.references, model, k, tile.origin) for k in range(len(model.indexes))]
+    references = {band: bordered(values) for band, values in tile.references.items()}
+    return [predicted(references, model, k, tile.origin) for k in range(len(model.indexes))]
 
 
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
