@@ -342,7 +342,7 @@ def test_tiles_threads_and_a_saved_fit_do_not_show(half, tmp_path, monkeypatch, 
     path, _ = half(delay, sensor)
     remove_glint(path, tmp_path / "a.tif", flags=tmp_path / "a_flags.tif", model_file=tmp_path / "fit.json", threads=1)
     fit = load_model(tmp_path / "fit.json"), load_chain(tmp_path / "fit.json")
-    monkeypatch.setattr(tiling, "compact", lambda *_: (96, 64))
+    monkeypatch.setattr(tiling, "compact", lambda *_, **_options: (96, 64))
     remove_glint(path, tmp_path / "b.tif", flags=tmp_path / "b_flags.tif", threads=2)
     remove_glint(path, tmp_path / "c.tif", flags=tmp_path / "c_flags.tif", model=fit[0], chain=fit[1])
     for name in ("b", "c"):

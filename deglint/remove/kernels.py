@@ -19,6 +19,9 @@ Float64 = npt.NDArray[np.float64]
 
 SUPPORTS = ((1,), (3,), (3, 1), (3, 3), (5,), (5, 3))
 """Sides of the kernels on the first and on the second reference, plainest first [pixel]."""
+WITH_SWIR = ((1, 1), (3, 1), (3, 3), (5, 3))
+"""The same where the second reference is SWIR. It is always used: it tells glint from turbid water, which only the NIR
+shows, and that does not show in the noise by which supports are compared."""
 WORTH = 0.01
 """Relative noise that a wider kernel, a second reference, or any removal at all must save."""
 GROUPS = 16

@@ -40,7 +40,7 @@ from ..scene import Band, FloatArray
 from .colour import SharedGlint, shared_glint
 from .detrend import SIZE as LOCAL_MEAN
 from .detrend import detrend
-from .kernels import SUPPORTS, WORTH, BandSet, KernelFit, fit_kernels, joined
+from .kernels import SUPPORTS, WITH_SWIR, WORTH, BandSet, KernelFit, fit_kernels, joined
 from .lags import LagGrams, gather, merge, offsets
 from .levels import even_share
 from .model import BandFit, GlintIndex, GlintModel
@@ -67,6 +67,8 @@ decides; under strong glint it is the error of the kernels that makes a pixel ne
 SHEET = 0.5
 """Glint-free NIR over green after removal, from which on an even sheet of glint may hide in it. Clear and moderately
 turbid water has .05 to .4, with the light that the air scatters."""
+SHORTEST_SWIR = 1100.0
+"""Shortest wavelength of what is SWIR and not NIR: silicon detectors end there [nm]."""
 COARSE_EDGE = 2
 """Width of mixed pixels of a SWIR band, which most sensors have at half the resolution [pixel]."""
 
@@ -98,7 +100,7 @@ def fit(
     request: FitRequest,
     tiles: Sequence[SampleTile],
     *,
-    supports: Sequence[tuple[int, ...]] = SUPPORTS,
+    supports: Sequence[tuple[int, ...]] | None = None,
     strips: Strips | Callable[[StripFinder], Strips] | None = None,
 ) -> GlintModel:
     """Fit kernels, responses and level.
@@ -110,7 +112,7 @@ def fit(
     tiles : sequence of SampleTile
         Spread over the scene; 0.3 million pixels are enough.
     supports : sequence of tuple of int
-        Sides of the kernels that are compared; see `SUPPORTS`.
+        Sides of the kernels that are compared; those of `deglint.remove.kernels` by default.
     strips : Strips or callable, optional
         Where detectors have opposite delays: a kernel for each kind of strip. Or what finds it out in all of the scene,
         called where the sample shows two kinds.
@@ -132,7 +134,10 @@ def fit(
         kernels = find_kernels(grams[0], len(sets[0].bands))
         strips = None if kernels is None else strips(StripFinder(request, rules, kernels))
     kinds = [grams] if strips is None else _by_strip(grams, strips)
-    found = [[f for s, g in zip(sets, some, strict=True) for f in fit_kernels(s, g, supports)] for some in kinds]
+    found = [
+        [f for s, g in zip(sets, some, strict=True) for f in fit_kernels(s, g, supports or _supports_of(s, request))]
+        for some in kinds
+    ]
     response, covariance = joined([f for some in found for f in some], len(request.correct))
     shared = shared_glint(response, covariance, request, sets)
     model = _model(request, found[0], rules, shared, covariance)
@@ -236,6 +241,11 @@ def band_sets(request: FitRequest) -> list[BandSet]:
     return [BandSet(references, tuple(bands)) for references, bands in out.items()]
 
 
+def _supports_of(band_set: BandSet, request: FitRequest) -> tuple[tuple[int, ...], ...]:
+    last = request.bands[band_set.references[-1]].wavelength or 0.0
+    return WITH_SWIR if len(band_set.references) > 1 and last > SHORTEST_SWIR else SUPPORTS
+
+
 def _serves(band: Band) -> bool:
     """Whether a band shows glint and nothing of the water: from 750 nm on, outside the bands of water vapour."""
     if not band.wavelength or band.wavelength < 750:
@@ -248,7 +258,7 @@ def _serves(band: Band) -> bool:
 def _preference(band: Band) -> tuple[int, float]:
     """SWIR first, near 1610 nm: it does not see turbid water. Then a second NIR."""
     assert band.wavelength is not None
-    return (0, abs(band.wavelength - 1610)) if band.wavelength > 1100 else (1, abs(band.wavelength - 865))
+    return (0, abs(band.wavelength - 1610)) if band.wavelength > SHORTEST_SWIR else (1, abs(band.wavelength - 865))
 
 
 def _rules(request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[BandSet]) -> dict[int, ReferenceRule]:
@@ -256,7 +266,7 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[Band
     samples = [(t.block, t.sample & np.isfinite(t.block[used]).all(axis=0)) for t in tiles]
     rules = {}
     for r in used:
-        coarse = (request.bands[r].wavelength or 0) > 1100
+        coarse = (request.bands[r].wavelength or 0) > SHORTEST_SWIR
         rules[r] = fit_reference([(b[r], m) for b, m in samples], r, edge=COARSE_EDGE if coarse else 1)
     return rules
 
