@@ -203,6 +203,23 @@ def test_standard_errors_against_draws():
     claimed = np.array([[f.stderr for f in m.fits] for m in found]).mean(axis=0)
     assert (claimed / slopes.std(axis=0, ddof=1) > 0.5).all()
     assert (claimed / slopes.std(axis=0, ddof=1) < 2.0).all()
+    levels, errors = [m.level_interval[1] for m in found], [m.level_stderr for m in found]
+    assert 0.4 < np.mean(errors) / np.std(levels, ddof=1) < 2.5
+
+
+def test_the_error_of_the_level_against_a_bootstrap_over_tiles():
+    rng, side = np.random.default_rng(11), 64
+    block, slopes = sea((256, 256), seed=12, noise=5.0), np.ones(3)
+    cells = block.reshape(4, 4, side, 4, side).transpose(1, 3, 0, 2, 4).reshape(16, 4, -1)
+
+    def level(chosen):
+        some = np.concatenate([cells[c] for c in chosen], axis=1)
+        return wiener._level(np.repeat(some[3:], 3, axis=0), some[:3], slopes)[1][1]
+
+    spread = np.std([level(rng.integers(0, 16, 16)) for _ in range(60)])
+    some = np.concatenate(list(cells), axis=1)
+    claimed = wiener._level_error(np.repeat(some[3:], 3, axis=0), some[:3], slopes)
+    assert 0.4 < claimed / spread < 2.5
 
 
 def test_strips_are_found_and_each_follows_its_own_waves():

@@ -111,6 +111,8 @@ class GlintModel:
     level_interval : (float, float, float), optional
         Of a level that all bands share: the least that leaves every band positive, that which was chosen, and the
         median of the sample [unit of the index].
+    level_stderr : float, optional
+        Standard error of that level [unit of the index].
     strips : Strips, optional
         Where the scene has strips of detectors with opposite delays.
     second : tuple of GlintIndex
@@ -125,6 +127,7 @@ class GlintModel:
     warnings: tuple[str, ...] = ()
     references: tuple[ReferenceRule, ...] = ()
     level_interval: tuple[float, float, float] | None = None
+    level_stderr: float | None = None
     strips: Strips | None = None
     second: tuple[GlintIndex, ...] = ()
 
@@ -194,6 +197,7 @@ class GlintModel:
                 warnings=tuple(data["warnings"]),
                 references=tuple(ReferenceRule(**r) for r in data.get("references", ())),
                 level_interval=tuple(data["level_interval"]) if data.get("level_interval") else None,
+                level_stderr=data.get("level_stderr"),
                 strips=Strips(tuple(data["strips"]["rows"])) if data.get("strips") else None,
                 second=tuple(_index_from(i) for i in data.get("second", ())),
             )
