@@ -31,7 +31,7 @@ class SharedGlint:
 def shared_glint(response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[BandSet]) -> SharedGlint:
     """Generalised least squares for the strength of glint of known colour, then the posterior mean of each band.
 
-    Radiance and reflectance are told apart by which of the two colours fits.
+    The colour that fits better decides between radiance and reflectance.
     """
     tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
     if request.regression == "ols":

@@ -14,12 +14,21 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..moments import Float64
+from ..scene import FloatArray
+from .kernels import GROUPS
 
 _FINE = 8
 """Bins in which a bandwidth is resolved."""
 _REACH = 4
 """Bandwidths after which the kernel is cut off."""
 _MOST_BINS = 1 << 20
+LEAST_GLINT = 0.2
+"""Percent of the sample with the least glint, whose median prediction is the level [%]."""
+NEGATIVE = 0.1
+"""Percent of the calmer half of the sample that may be zero or less in a band after removal [%]. There the level
+decides; under strong glint it is the error of the kernels that makes a pixel negative."""
+LEVEL_PIXELS = 50_000
+"""Pixels of the sample that the error of the level is estimated from: 50 of them have the least glint [pixel]."""
 
 
 def mode(sample: npt.NDArray[np.floating], *, ordered: bool = False) -> float:
@@ -172,3 +181,32 @@ def _peak(counts: Float64) -> float:
     left = counts[at - 1] if at > 0 else 0.0
     right = counts[at + 1] if at + 1 < len(counts) else 0.0
     return at + 0.5 * (left - right) / (left - 2 * counts[at] + right)
+
+
+def shared_level(
+    prediction: FloatArray, value: FloatArray, slopes: Float64
+) -> tuple[Float64, tuple[float, float, float]]:
+    """Level of each band [unit of its NIR], and the interval: the lowest possible, the one chosen, the median.
+
+    prediction, value : (band, pixel)
+    """
+    together = slopes @ prediction / slopes.sum()  # in units of the NIR
+    least = together <= np.percentile(together, LEAST_GLINT)
+    level = np.median(prediction[:, least], axis=1)
+    raised, middle = float(np.median(together[least])), float(np.median(together))
+    short = [
+        float(np.percentile((p - v / s)[inside], 100 - NEGATIVE)) - at
+        for p, v, s, at in zip(prediction, value, slopes, level, strict=True)
+        if (inside := (v > 0) & (together <= middle)).any()
+    ]  # fmt: skip
+    lift, lowest = max([0.0, *short]), raised + max(short, default=0.0)
+    return np.asarray(level + lift, np.float64), (max(float(lowest), 0.0), float(raised + lift), middle)
+
+
+def shared_level_error(prediction: FloatArray, value: FloatArray, slopes: Float64) -> float:
+    """Standard error of the level [unit of the NIR]: the jackknife over groups of neighbouring pixels of the sample."""
+    every = max(prediction.shape[1] // LEVEL_PIXELS, 1)
+    prediction, value = prediction[:, ::every], value[:, ::every]
+    group = np.arange(prediction.shape[1]) * GROUPS // prediction.shape[1]
+    left_out = [shared_level(prediction[:, group != g], value[:, group != g], slopes)[1][1] for g in range(GROUPS)]
+    return float(np.std(left_out) * np.sqrt(GROUPS - 1))

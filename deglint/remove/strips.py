@@ -20,7 +20,7 @@ from .lags import LagGrams, solve, unexplained
 Float64 = npt.NDArray[np.float64]
 
 SPLIT = 0.15
-"""Relative noise that two kernels must save against one for strips to be told from the image: 0.27 in a scene of two
+"""Relative noise that two kernels must save against one for the image to show strips: 0.27 in a scene of two
 detectors, 0.00 to 0.06 in scenes of one."""
 ROUNDS = 20
 """Rounds in which squares are given to the kernel that suits them; they settle within five."""

@@ -40,9 +40,9 @@ from ..scene import Band, FloatArray
 from .colour import SharedGlint, shared_glint
 from .detrend import SIZE as LOCAL_MEAN
 from .detrend import detrend
-from .kernels import GROUPS, SUPPORTS, WITH_SWIR, WORTH, BandSet, KernelFit, fit_kernels, joined
+from .kernels import SUPPORTS, WITH_SWIR, WORTH, BandSet, KernelFit, fit_kernels, joined
 from .lags import LagGrams, gather, merge, offsets
-from .levels import even_share
+from .levels import even_share, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import bordered, predicted
 from .reference import ReferenceRule, clean, fit_reference
@@ -59,13 +59,6 @@ SURE = 3.0
 """Standard errors by which the glint that the bands share must exceed zero."""
 FAR_OUT = 8.0
 """Robust standard deviations from the local mean beyond which a pixel teaches nothing: a ship, surf, a rare flash."""
-LEAST_GLINT = 0.2
-"""Percent of the sample with the least glint, whose median prediction is the level [%]."""
-NEGATIVE = 0.1
-"""Percent of the calmer half of the sample that may be zero or less in a band after removal [%]. There the level
-decides; under strong glint it is the error of the kernels that makes a pixel negative."""
-LEVEL_PIXELS = 50_000
-"""Pixels of the sample that the error of the level is estimated from: 50 of them have the least glint [pixel]."""
 SHEET = 0.5
 """Glint-free NIR over green after removal, from which on an even sheet of glint may hide in it. Clear and moderately
 turbid water has .05 to .4, with the light that the air scatters."""
@@ -364,41 +357,14 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
             predictions.append(np.stack(_predictions(model, tile))[:, tile.sample])
             values.append(np.stack([band[tile.sample] for band in tile.bands]))
     prediction, value = np.concatenate(predictions, axis=1), np.concatenate(values, axis=1)  # (band, pixel)
-    level, interval = _level(prediction, value, slopes)
-    error = _level_error(prediction, value, slopes)
+    level, interval = shared_level(prediction, value, slopes)
+    error = shared_level_error(prediction, value, slopes)
     indexes = tuple(replace(i, level=float(at)) for i, at in zip(model.indexes, level, strict=True))
     second = tuple(replace(i, level=float(at)) for i, at in zip(model.second, level, strict=False))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
     clean = float(np.median(value[green] - slopes[green] * np.maximum(prediction[green] - indexes[green].level, 0)))
     model = replace(model, indexes=indexes, second=second, level_interval=interval, level_stderr=error)
     return replace(model, warnings=_sheet(interval, clean))
-
-
-def _level(prediction: FloatArray, value: FloatArray, slopes: Float64) -> tuple[Float64, tuple[float, float, float]]:
-    """Level of each band [unit of its NIR], and the interval: the lowest possible, the one chosen, the median.
-
-    prediction, value : (band, pixel)
-    """
-    together = slopes @ prediction / slopes.sum()  # in units of the NIR
-    least = together <= np.percentile(together, LEAST_GLINT)
-    level = np.median(prediction[:, least], axis=1)
-    raised, middle = float(np.median(together[least])), float(np.median(together))
-    short = [
-        float(np.percentile((p - v / s)[inside], 100 - NEGATIVE)) - at
-        for p, v, s, at in zip(prediction, value, slopes, level, strict=True)
-        if (inside := (v > 0) & (together <= middle)).any()
-    ]  # fmt: skip
-    lift, lowest = max([0.0, *short]), raised + max(short, default=0.0)
-    return np.asarray(level + lift, np.float64), (max(float(lowest), 0.0), float(raised + lift), middle)
-
-
-def _level_error(prediction: FloatArray, value: FloatArray, slopes: Float64) -> float:
-    """Standard error of the level [unit of the NIR]: the jackknife over groups of neighbouring pixels of the sample."""
-    every = max(prediction.shape[1] // LEVEL_PIXELS, 1)
-    prediction, value = prediction[:, ::every], value[:, ::every]
-    group = np.arange(prediction.shape[1]) * GROUPS // prediction.shape[1]
-    left_out = [_level(prediction[:, group != g], value[:, group != g], slopes)[1][1] for g in range(GROUPS)]
-    return float(np.std(left_out) * np.sqrt(GROUPS - 1))
 
 
 def _sheet(interval: tuple[float, float, float], green: float) -> tuple[str, ...]:
