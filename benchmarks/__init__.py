@@ -1,1 +1,1 @@
-"""Measurements that anyone can make again: `python -m benchmarks`, or `rxdetect bench`; `--help` lists them."""
+"""Measurements for developers: `python -m benchmarks NAME`; `--help` lists the names."""

@@ -1,56 +1,41 @@
-"""`python -m benchmarks [NAME] [--quick]`; without a name all of `rxdetect bench`; `--help` lists the names."""
+"""`python -m benchmarks NAME [--quick]`; `--help` lists the names."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from importlib import import_module
 from pathlib import Path
-
-from detect.bench import EXPERIMENTS
 
 BENCHMARKS = {
     "away": ("away", ("quick",)),
     "depths": ("depths", ()),
+    "docs": ("docs", ("quick",)),
+    "effects": ("effects", ("quick",)),
     "error": ("error", ("quick",)),
     "targets": ("targets", ("quick",)),
     "uncertainty": ("uncertainty", ("quick", "those_that_set")),
     "compensation": ("compensation", ("quick",)),
+    "peers": ("peers", ("quick",)),
     "rates": ("rates", ("quick", "rounds", "directory")),
     "plan": ("plan_speed", ("quick", "rounds")),
     "scale": ("scale", ("quick", "directory", "docs")),
     "ships": ("ships", ("directory",)),
+    "size": ("size", ()),
     "stages": ("stages", ("quick",)),
+    "stress": ("stress", ()),
     "wiener-pictures": ("wiener_pictures", ("directory",)),
     "workers": ("workers", ("quick", "directory")),
 }
-"""What is no experiment of `rxdetect bench`: module of each, and the options that its `main` takes."""
-
-
-def bench(arguments: list[str]) -> int:
-    """`rxdetect bench`: `report`, an experiment's name, `compare`, `docs`, or its options."""
-    from detect.cli import run
-
-    first, *rest = arguments or ["report"]
-    if first == "report":
-        return run(["bench", *rest])
-    if first == "docs":
-        return run(["bench", "--docs", "docs", *rest])
-    if first in EXPERIMENTS:
-        return run(["bench", "--only", first, *rest])
-    return run(["bench", *arguments])
+"""Module of each benchmark, and the options that its `main` takes."""
 
 
 def main() -> None:
-    """Run one benchmark and print its tables, or all experiments and write their report."""
-    first = sys.argv[1] if len(sys.argv) > 1 else ""
-    if first not in BENCHMARKS and first not in ("-h", "--help"):
-        sys.exit(bench(sys.argv[1:]))
+    """Run one benchmark and print its tables."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks", description="Measure deglint.",
-        epilog="Without a name, or with 'report': rxdetect bench. 'docs': the same, and remakes docs/benchmark.md. "
-        f"'compare OLD.json NEW.json': what changed. {', '.join(EXPERIMENTS)}: these alone.",
-    )  # fmt: skip
+        prog="python -m benchmarks",
+        description="Measure deglint.",
+        epilog="docs: writes docs/benchmark.md. Users compare removal methods by rxdetect bench.",
+    )
     parser.add_argument("what", choices=list(BENCHMARKS))
     parser.add_argument("--quick", action="store_true", help="less of everything")
     parser.add_argument("--rounds", type=int, help="rates, plan: runs of everything")

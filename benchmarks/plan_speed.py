@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from statistics import median
 
-from detect.bench.processes import in_turns
+from .processes import in_turns
 
 PLACE = ("--lat", "36.8", "--lon", "-122", "--time", "2026-06-21T18:00Z", "--wind", "7@310")
 TARGETS = {"reticle": 100, "answer of the page": 200, "deglint plan -o plan.png": 2000}

@@ -35,8 +35,8 @@ from deglint.raster.environment import enter_thread, environment
 from deglint.raster.output import Layout
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate
-from detect.bench.processes import Run, in_turns
 
+from .processes import Run, in_turns
 from .timing import machine, say
 
 DEFAULT = "psf:2, identify-level:13, replace-level, remove, identify-level:11, replace-level"
@@ -154,7 +154,7 @@ def commands(scene: Path, place: Path, rounds: int) -> list[list[str]]:
     """Rows for a table: a copy of the blocks, and `deglint remove`, as whole processes."""
     out, python = str(place / "out.tif"), sys.executable
     found = in_turns({
-        "block copy": [python, "-m", "detect.bench.floor", "copy", str(scene), out],
+        "block copy": [python, "-m", "benchmarks.floor", str(scene), out],
         "deglint remove": [python, "-m", "deglint", "remove", "-q", str(scene), out],
         "deglint remove --compensate off": [python, "-m", "deglint", "remove", "-q", "--compensate", "off",
                                             str(scene), out],

@@ -107,7 +107,7 @@ def collect(directory: Path, sides: tuple[int, ...]) -> dict[str, Any]:
     kept = directory / "scale.json"
     found: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {"machine": machine(), "runs": {}}
     if not (directory / "tile.tif").exists():
-        subprocess.run([sys.executable, "-m", "detect.bench.seas", str(directory / "tile.tif"), "--side", str(TILE),
+        subprocess.run([sys.executable, "-m", "benchmarks.seas", str(directory / "tile.tif"), "--side", str(TILE),
                         "--dtype", "uint16", "--compress", "deflate"], cwd=ROOT, check=True)  # fmt: skip
     found.setdefault("disk", disk_speed(directory))
     for side in sides:

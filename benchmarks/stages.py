@@ -22,9 +22,8 @@ from deglint.compensate.sharpen import richardson_lucy
 from deglint.physics.presets import preset
 from deglint.scene import Band
 from deglint.simulate import Setup, simulate
-from detect.bench.kernels import in_turns
 
-from .timing import say
+from .timing import in_turns, say
 
 FORMS: dict[str, dict[str, Any]] = {
     "one product": {"rank": 1}, "two products": {}, "FIR": {"form": "fir"}, "Fourier transform": {"form": "fft"},

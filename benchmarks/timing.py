@@ -1,14 +1,28 @@
-"""Print what was measured as markdown tables."""
+"""Time functions in turns, and print measurements as markdown tables."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 
 from detect.bench.machine import load_now, versions
 from detect.bench.machine import machine as machine_now
-from detect.bench.processes import ROOT
 
-__all__ = ["ROOT", "machine", "say", "table"]
+from .processes import ROOT
+
+__all__ = ["ROOT", "in_turns", "machine", "say", "table"]
+
+
+def in_turns(jobs: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, list[float]]:
+    """Wall time [s] of each job, run in turns; the first round compiles and does not count."""
+    found: dict[str, list[float]] = {name: [] for name in jobs}
+    for turn in range(rounds + 1):
+        for name, job in jobs.items():
+            start = time.perf_counter()
+            job()
+            if turn:
+                found[name].append(time.perf_counter() - start)
+    return found
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -28,7 +28,7 @@ def made(directory: Path, side: int) -> Path:
 
     tile = directory / "tile.tif"
     if not tile.exists():
-        subprocess.run([sys.executable, "-m", "detect.bench.seas", str(tile), "--side", str(TILE),
+        subprocess.run([sys.executable, "-m", "benchmarks.seas", str(tile), "--side", str(TILE),
                         "--dtype", "uint16", "--compress", "deflate"], cwd=ROOT, check=True)  # fmt: skip
     mosaic(tile, directory / f"{side}.vrt", side)
     return directory / f"{side}.vrt"

@@ -9,6 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
+
+from benchmarks import floor, peers, seas, size
+from benchmarks.processes import in_turns
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / "shared" / "data"
@@ -39,12 +43,63 @@ def test_error():
         assert float(ours) == pytest.approx(float(theirs), rel=0.005)
 
 
-def test_the_product_is_called_by_its_names(tmp_path):
-    (tmp_path / "old.json").write_text('{"made": {}, "numbers": {}, "failed": {}}')
-    said = printed("benchmarks", "compare", *[str(tmp_path / "old.json")] * 2)
-    assert "nothing changed" in said
-    for name in ("peers", "report", "docs"):
-        assert "[OUT.html]" in printed("benchmarks", name, "--help")
+def test_children_are_measured_in_turns_and_failures_told(tmp_path):
+    note = f"open({str(tmp_path / 'out.txt')!r}, 'x').close(); open({str(tmp_path / 'log')!r}, 'a').write"
+    hold = "b = bytearray(200 << 20); b[::4096] = b'1' * len(b[::4096])"
+    found = in_turns(
+        {
+            "one": [sys.executable, "-c", f"{note}('1')"],
+            "two": [sys.executable, "-c", "1 / 0"],
+            "three": [sys.executable, "-c", f"{note}('3'); {hold}"],
+            "none": [str(tmp_path / "no program")],
+        },
+        2,
+        [str(tmp_path / "out.t*")],
+    )
+    assert (tmp_path / "log").read_text() == "1313"
+    assert not (tmp_path / "out.txt").exists()
+    assert found["two"] == "ZeroDivisionError: division by zero"
+    assert "cannot start" in found["none"]
+    assert all(r.peak > 200 for r in found["three"])
+    assert all(r.peak < 100 for r in found["one"]), "the memory of their parent is not theirs"
+
+
+def test_a_sea_is_the_same_every_time_and_so_is_its_copy(tmp_path):
+    a, b, copied = (tmp_path / name for name in ("a.tif", "b.tif", "copied.tif"))
+    for path in (a, b):
+        seas.write_sea(path, 300, dtype="uint16", compress="deflate")
+    floor.copy(str(a), str(copied))
+    with rasterio.open(a) as one, rasterio.open(b) as two, rasterio.open(copied) as three:
+        assert one.descriptions[6] == "NIR1"
+        np.testing.assert_array_equal(one.read(), two.read())
+        np.testing.assert_array_equal(one.read(), three.read())
+        assert three.profile["compress"] == "deflate"
+
+
+def test_other_programs_score_what_we_score():
+    block, inside = peers.image(5, 24), slice(10, -10)  # at the edges programs shift or cut their windows
+    for jobs in (peers.global_jobs, peers.local_jobs):
+        mine, *others = (np.asarray(job()).reshape(24, 24)[inside, inside] for job in jobs(block).values())
+        for theirs in others:
+            np.testing.assert_allclose(theirs, mine, rtol=3e-3)  # n or n - 1
+
+
+def test_sizes_of_rooms_and_of_what_is_too_large():
+    long = "def f(self, a, b, c, d, e, f, g, h):\n" + '    """Doc.\n\n    More.\n    """\n' + "    a = 1\n" * 60
+    found = {"deglint/moments.py": "x = 1\n", "deglint/pipeline/run.py": long, "detect/bench/run.py": "\n" * 401,
+             "detect/rx.py": "\n" * 2, "benchmarks/big.py": long}  # fmt: skip
+    lines = size.sizes(found)
+    assert (lines["foundations"], lines["pipeline"], lines["detect/bench"], lines["detect"]) == (1, 65, 401, 2)
+    modules, functions, parameters = (rows for _, _, rows in size.too_large(found))
+    assert modules == [["detect/bench/run.py", "401"]]
+    assert functions == [["deglint/pipeline/run.py: f", "65", "61"]]
+    assert parameters == [["deglint/pipeline/run.py: f", "8"]]
+
+
+def test_every_room_is_counted_once():
+    found = size.modules(ROOT)
+    assert sum(size.sizes(found).values()) == sum(text.count("\n") for text in found.values())
+    assert "detect/bench/run.py" in found
 
 
 def test_plan():

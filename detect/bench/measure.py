@@ -1,9 +1,8 @@
-"""How far an image is from the truth, and how well objects are found in it: the measures of every experiment."""
+"""Error against the truth, and ROC curves of global RX."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ import numpy.typing as npt
 from .. import background
 from ..roc import Roc
 from ..rx import detector, score
-from .section import Number
 
 Float64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -29,7 +27,7 @@ def rms_error(image: npt.NDArray[Any], truth: npt.NDArray[Any], columns: slice =
     image, truth : (band, row, column) ndarray
         In the same unit; the first `VISIBLE` bands count.
     columns : slice
-        Where the error is taken; the level is that of the whole.
+        Where the error is taken. The water level is that of the whole scene.
 
     Examples
     --------
@@ -44,22 +42,6 @@ def rms_error(image: npt.NDArray[Any], truth: npt.NDArray[Any], columns: slice =
     return float(100 * np.sqrt((each**2).mean()))
 
 
-def bounded(number: Number, low: float, high: float = np.inf) -> Number:
-    """A number whose interval ends where its values cannot be."""
-    return replace(number, low=max(number.low, low), high=min(number.high, high))
-
-
-def percent(value: float) -> str:
-    """An error as words have it: three figures, and no powers of ten.
-
-    Examples
-    --------
-    >>> percent(3.14159), percent(3031.4)
-    ('3.14 %', '3031 %')
-    """
-    return f"{value:.3g} %" if value < 999.5 else f"{value:.0f} %"
-
-
 def rx_scores(image: npt.NDArray[Any], sample: Mask, covariance: str = "empirical") -> Float64:
     """Squared Mahalanobis distance of every pixel from the pixels of a sample, over all bands."""
     image = np.asarray(image, np.float64)
@@ -68,13 +50,13 @@ def rx_scores(image: npt.NDArray[Any], sample: Mask, covariance: str = "empirica
 
 
 def curves(scores: Float64, kinds: npt.NDArray[np.integer[Any]], numbers: Sequence[int]) -> list[Roc]:
-    """The ROC curve of each kind of object against the background.
+    """ROC curve of each kind of object against the background.
 
     Parameters
     ----------
     scores : (row, column) ndarray
     kinds : (row, column) integer ndarray
-        0 background, the kind of the object that a pixel belongs to, or below 0 what does not count.
+        0 for background, the kind of the object that a pixel belongs to, or below 0 for pixels that do not count.
     numbers : sequence of int
         Kinds to find.
     """

@@ -1,210 +1,121 @@
-"""The report as one HTML page: no script, nothing fetched, every name escaped; it reads on paper, too."""
+"""The report as one HTML page: plots by matplotlib, page by jinja2; no script, and nothing is fetched."""
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Mapping, Sequence
-from html import escape
-from typing import Any
+import io
+from base64 import b64encode
+from collections.abc import Mapping
+from importlib.resources import files
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
-from ..report import pieces, words
-from .collect import Collected
-from .section import Cell, Figure, Number, Section, Table
+import numpy as np
 
-STYLE = """
-nav ol{columns:2;column-gap:40px;padding-left:22px;margin:8px 0}
-nav li{break-inside:avoid;margin:2px 0}nav a,a{color:#0b5394;text-decoration:none}nav a:hover{text-decoration:underline}
-nav small{color:var(--soft);font-variant-numeric:tabular-nums}
-h2{font-size:24px}h3{font-size:19px;margin-top:34px}h4{font-size:15px;margin:24px 0 4px}
-td.t,th.t{text-align:left;white-space:normal}
-td.t:not(:first-child),th.t:not(:first-child){padding-left:10px}
-td small.span{font-size:12.5px}
-td small.in{font-size:12.5px;min-width:6.6em;text-align:left;padding-left:8px}
-.many table{font-size:12.5px}.many th{white-space:normal;font-size:11.5px}
-.many th,.many td{padding:3px 6px 3px 0}
-.many th:first-child,.many td:first-child{min-width:6em}
-.three{grid-template-columns:repeat(auto-fit,minmax(290px,1fr));gap:18px}
-figure h4{margin-top:10px}
-@media print{nav ol{columns:2}h4{break-after:avoid}h2{margin:24px 0 6px;padding-top:8px;font-size:20px}
-.facts{margin:12px 0 4px}.lead{font-size:15px}.facts div{padding:7px 16px}
-.pair{gap:12px;grid-template-columns:1fr 1fr}
-.three{grid-template-columns:1fr 1fr 1fr}figure>svg{max-height:320px}
-.many table{font-size:7.5pt}.many th{font-size:7pt}}
-@media(max-width:560px){nav ol{columns:1}}
-"""
-SMALL = 560
-"""Figures no wider than this stand side by side."""
-MOST_BESIDE = 4
-"""Columns of numbers up to which intervals stand beside their values, not below."""
+from deglint.errors import InputError
+from deglint.shown import shown
 
-MANY = 8
-"""Tables of more columns than this are set smaller."""
+from ..report.style import STYLE
+from .run import DEFAULT, GRID, LIMIT, RAW, Results
+from .scenes import REFLECTANCES
+from .tables import named, tables
 
-READING = """<p class="small">A figure with a range beside or below it is a mean over scenes of different seeds with its
-95 % interval (Student's t), or the median of repeated timings and the range of them. Ratios of times are taken within
-one round, in which everything ran once, so that a busy machine slows all alike. Figures that are not times or memory
-come out the same again for the same seeds and versions, to rounding.</p>"""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WIDTH, HEIGHT = 9.0, 4.2
+"""Size of a figure [inch]."""
 
 
-def page(found: Collected, made: Mapping[str, Any]) -> str:
-    """The whole page.
-
-    Parameters
-    ----------
-    found : Collected
-    made : mapping
-        As `machine.provenance` gives it.
-    """
-    parts = [_head(found, made), _contents(found), _how(made), *(section(s) for s in found.sections)]
-    return pieces.document(f"Benchmark of deglint, {made['date']}", parts, STYLE)
+def check_installed() -> None:
+    """Raise an InputError where a package is missing that the report needs."""
+    missing = [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]
+    if missing:
+        raise InputError(f"rxdetect bench needs {' and '.join(missing)}: pip install 'deglint[bench]'.")
 
 
-def _head(found: Collected, made: Mapping[str, Any]) -> str:
-    effort = "quick run" if made["quick"] else "full run"
-    findings = "".join(
-        f'<li>{escape(s.finding)} <a href="#{anchor(s.name)}">{escape(s.title)}</a></li>'
-        for s in found.sections
-        if s.finding
-    )
-    lead = f'<ul class="findings">{findings}</ul>' if findings else ""
-    counts = [
-        (f"{len(found.sections)}", "experiments"),
-        (f"{len(found.numbers()):,}", "numbers"),
-        (f"{made['seeds']}", "seeds"),
-        (duration(made["seconds"]), "to measure it all"),
+def page(results: Results, made: Mapping[str, Any]) -> str:
+    """The whole page; `made` is the machine, versions and command of the run."""
+    from jinja2 import Environment
+
+    template = files(__package__).joinpath("report.html.jinja").read_text(encoding="utf-8")
+    drawn = [
+        ("Error against wind", against_wind(results)) if len(results.effort.winds) > 1 else None,
+        ("Run time against error", time_against_error(results)),
+        ("ROC curves of submerged objects", roc_curves(results)),
     ]
-    notes = [f"{escape(name)} failed, and is missing here: {escape(why)}" for name, why in found.failed.items()]
-    if busy := _busy(made["machine"]):
-        notes.append(escape(busy))
-    note = '<div class="note"><ul>' + "".join(f"<li>{n}</li>" for n in notes) + "</ul></div>" if notes else ""
-    sub = f"deglint {made['versions'].get('deglint', '')}, {made['date']}, {effort}"
-    return f'<h1>Benchmark</h1><p class="sub">{escape(sub)}</p>{lead}{pieces.facts(counts)}{note}'
+    plots = [(title, as_uri(figure)) for title, figure in filter(None, drawn)]
+    text = Environment(autoescape=True).from_string(template)
+    return shown(text.render(style=STYLE, made=made, plots=plots, tables=tables(results), refused=results.refused))
 
 
-def _busy(machine: Mapping[str, Any]) -> str:
-    """What is to be said of a machine that did other things, too."""
-    load, cores = machine.get("load at the start"), machine["cores"]
-    if load is None or load <= 0.5 * cores:
-        return ""
-    return f"The machine was busy when this started (load {load:g} on {cores} cores): trust ratios more than seconds."
+def as_uri(figure: Figure) -> str:
+    """A figure as the data URI of an SVG."""
+    import matplotlib as mpl
+
+    file = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": "deglint", "svg.fonttype": "none"}):
+        figure.savefig(file, format="svg", bbox_inches="tight", metadata={"Date": None})
+    return "data:image/svg+xml;base64," + b64encode(file.getvalue().encode()).decode()
 
 
-def _contents(found: Collected) -> str:
-    items = "".join(
-        f'<li><a href="#{anchor(s.name)}">{escape(s.title)}</a> '
-        f"<small>{escape(duration(found.seconds.get(s.name, 0)))}</small></li>"
-        for s in found.sections
-    )
-    return f"<nav><h2>Contents</h2><ol>{items}</ol></nav>"
+def _axes(panels: int) -> tuple[Figure, list[Any]]:
+    """A figure with panels side by side; drawn without a window or a global state."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
+    return figure, list(figure.subplots(1, panels, sharey=True, squeeze=False)[0])
 
 
-def _how(made: Mapping[str, Any]) -> str:
-    machine = made["machine"]
-    facts = {k: v for k, v in made.items() if k in ("command", "date", "seeds", "threads", "versions")}
-    facts["machine"] = [
-        f"{machine['processor']}, {machine['cores']} cores, {machine['memory']} memory, {machine['system']}",
-        f"load {_load(machine, 'start')} at the start, {_load(machine, 'end')} at the end",
-    ]
-    return f'<h2 id="how">How this was made</h2>{pieces.made(facts)}{READING}'
+def _style(name: str) -> dict[str, Any]:
+    """Lines of the references are grey, the default is thick."""
+    if name in (RAW, LIMIT):
+        return {"color": "0.5", "linestyle": "--" if name == RAW else ":"}
+    return {"linewidth": 3.0, "color": "black"} if name == DEFAULT else {}
 
 
-def _load(machine: Mapping[str, Any], when: str) -> str:
-    load = machine.get(f"load at the {when}")
-    return "not known" if load is None else f"{load:g}"
+def _with_legend(figure: Any, ax: Any) -> Figure:
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside right")
+    return figure
 
 
-def section(one: Section, level: int = 2) -> str:
-    """A chapter, its tables and figures, and its sub-chapters."""
-    heading = f'<h{level} id="{anchor(one.name)}">{escape(one.title)}</h{level}>'
-    said = "".join(f"<p>{escape(text)}</p>" for text in one.words)
-    own = said + figures(one.figures) + "".join(table(t) for t in one.tables)
-    return heading + own + "".join(section(part, min(level + 1, 3)) for part in one.parts)
+def against_wind(results: Results) -> Figure:
+    """Error against wind, a panel for each delay and a line for each removal."""
+    effort = results.effort
+    figure, panels = _axes(len(effort.delays))
+    for ax, delay in zip(panels, effort.delays, strict=True):
+        for name in (RAW, *results.used, LIMIT):
+            found = [results.error((wind, delay), name) for wind in effort.winds]
+            spread = [[max(n.value - n.low, 0) for n in found], [max(n.high - n.value, 0) for n in found]]
+            ax.errorbar(effort.winds, [n.value for n in found], np.nan_to_num(spread), marker=".", label=name,
+                        **_style(name))  # fmt: skip
+        ax.set(yscale="log", xlabel="wind [m/s]", title=f"{1000 * delay:g} ms between bands")
+    panels[0].set_ylabel("RMS error [% of the water level]")
+    return _with_legend(figure, panels[0])
 
 
-def figures(found: Sequence[Figure]) -> str:
-    """Figures, small ones side by side."""
-    out: list[str] = []
-    side: list[str] = []
-    for one in (*found, None):
-        if one is not None and width(one.svg) <= SMALL:
-            side.append(figure(one))
-            continue
-        if side:
-            three = " three" * (len(side) % 3 == 0)
-            out.append(f'<div class="pair{three}">{"".join(side)}</div>')
-            side = []
-        if one is not None:
-            out.append(figure(one))
-    return "".join(out)
+def time_against_error(results: Results) -> Figure:
+    """Processor time of fit and apply against error; filled where no other removal is both quicker and better."""
+    wind, _delay = results.effort.shown
+    figure, panels = _axes(len(results.effort.delays))
+    times = {name: 1e3 * (results.fit[name].value + results.apply[name].value) for name in results.used}
+    for ax, delay in zip(panels, results.effort.delays, strict=True):
+        errors = {name: results.error((wind, delay), name).value for name in results.used}
+        for name, error in errors.items():
+            beaten = any(times[n] < times[name] and errors[n] < error for n in results.used)
+            ax.plot(times[name], error, "o", label=name, fillstyle="none" if beaten else "full", **_style(name))
+        ax.set(xscale="log", yscale="log", xlabel="processor time of fit and apply [ms]",
+               title=f"{named((wind, delay))} between bands")  # fmt: skip
+    panels[0].set_ylabel("RMS error [% of the water level]")
+    return _with_legend(figure, panels[0])
 
 
-def figure(one: Figure) -> str:
-    """A figure with its title and caption."""
-    caption = f"<figcaption>{escape(one.caption)}</figcaption>" if one.caption else ""
-    return f"<figure><h4>{escape(one.title)}</h4>{one.svg}{caption}</figure>"
-
-
-def width(svg: str) -> float:
-    """Width of a drawing in its own units; infinite where it does not say."""
-    found = re.search(r'viewBox="\s*\S+\s+\S+\s+([\d.]+)\s', svg[:2000])
-    return float(found[1]) if found else math.inf
-
-
-def table(one: Table) -> str:
-    """A table with its title and note; columns of text lie to the left."""
-    columns = [[row[i] for row in one.rows if i < len(row)] for i in range(len(one.head))]
-    texts = [_is_text(column) for column in columns]
-    head = [f'<th class="t">{escape(h)}</th>' if t else escape(h) for h, t in zip(one.head, texts, strict=True)]
-    ranged = [any(isinstance(c, Number) and shown(c)[1] for c in column) for column in columns]
-    beside = [r and sum(ranged) <= MOST_BESIDE for r in ranged]
-    rows = []
-    for row in one.rows:
-        cells = [cell(c, beside=b) for c, b in zip(row, beside, strict=False)]
-        rows.append([f'<td class="t">{c}</td>' if t else c for c, t in zip(cells, texts, strict=False)])
-    note = f'<p class="small">{escape(one.note)}</p>' if one.note else ""
-    drawn = pieces.table(head, rows)
-    if len(one.head) > MANY:
-        drawn = f'<div class="many">{drawn}</div>'
-    return f"<h4>{escape(one.title)}</h4>{drawn}{note}"
-
-
-def cell(value: Cell, *, beside: bool = False) -> str:
-    """A cell of a table as HTML; an interval stands below its value, or beside it."""
-    if isinstance(value, Number):
-        middle, span = shown(value)
-        if beside:
-            return f'{middle}<small class="in">{span}</small>'
-        return middle + (f'<small class="span">{span}</small>' if span else "")
-    if isinstance(value, str):
-        return escape(value)
-    return f"{value:,}" if isinstance(value, int) else words.short(value)
-
-
-def shown(number: Number) -> tuple[str, str]:
-    """A value, and its interval where it has one, as HTML; no more digits than the interval leaves certain."""
-    half = (number.high - number.low) / 2
-    if not half > 0 or not math.isfinite(half) or not 1e-3 <= abs(number.value) < 1e6:
-        return words.short(number.value), ""
-    most = 3 - math.floor(math.log10(abs(number.value)))
-    places = max(0, min(1 - math.floor(math.log10(half)), most))
-    middle, low, high = (f"{v:,.{places}f}".replace("-", "&minus;") for v in (number.value, number.low, number.high))
-    return middle, f"{low}&ndash;{high}" if number.low >= 0 else f"{low} to {high}"
-
-
-def _is_text(cells: Sequence[Cell]) -> bool:
-    """Whether a column holds words, but for a few that stand in for numbers."""
-    said = [isinstance(c, str) and re.match(r"\s*[A-Za-z(]", c) and c not in ("nan", "inf") for c in cells if c != ""]
-    return 2 * sum(map(bool, said)) > len(said)
-
-
-def anchor(name: str) -> str:
-    """A name as the target of a link."""
-    return re.sub(r"[^\w-]+", "-", name)
-
-
-def duration(seconds: float) -> str:
-    """A time in words."""
-    if seconds < 99.5:
-        return f"{seconds:.0f} s" if seconds >= 9.95 else f"{seconds:.1f} s"
-    return f"{int(seconds + 0.5) // 60} min {int(seconds + 0.5) % 60:02d} s"
+def roc_curves(results: Results) -> Figure:
+    """Mean Pd against Pfa of the two darkest reflectances."""
+    figure, panels = _axes(2)
+    for kind, ax in enumerate(panels):
+        for name in (RAW, *results.used, LIMIT):
+            images = results.images[results.effort.shown, name]
+            ax.plot(GRID, np.mean([image.curve[kind] for image in images], axis=0), label=name, **_style(name))
+        ax.set(xscale="log", xlabel="Pfa", title=f"objects of {100 * REFLECTANCES[kind]:g} %")
+    panels[0].set_ylabel("Pd")
+    return _with_legend(figure, panels[0])

@@ -1,182 +1,146 @@
-"""`rxdetect bench`: every experiment in, one page and every number out; `rxdetect bench compare`: what changed."""
+"""`rxdetect bench`: measure every removal method; `rxdetect bench compare`: what changed between two runs."""
 
 from __future__ import annotations
 
+import json
 import logging
 import shlex
 import tempfile
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from deglint.cli.console import Console
 from deglint.cli.options import names
 
-from ..bench import EXPERIMENTS
-
-if TYPE_CHECKING:
-    from ..bench.collect import Collected
-
 log = logging.getLogger(__name__)
-SEEDS = {True: 2, False: 5}
-"""Scenes of each kind, quick and not."""
 
 
 class Bench(click.Command):
-    """The benchmark; after the word `compare`, the comparison of two."""
+    """The benchmark; after the word `compare`, the comparison of two runs."""
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
-        """Of the command that the arguments are for."""
+        """Context of the command that the arguments are for."""
         if args[:1] == ["compare"]:
-            from .compare import compare
-
             return compare.make_context(f"{info_name} compare", args[1:], parent, **extra)
         return super().make_context(info_name, args, parent, **extra)
-
-    def format_epilog(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the experiments."""
-        with formatter.section("Experiments"):
-            formatter.write_dl(list(EXPERIMENTS.items()))
 
 
 @click.command(cls=Bench, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("out", default="benchmark.html", metavar="[OUT.html]")
-@click.option("--quick", is_flag=True, help="Least of everything: under three minutes on two cores, not thirty.")
-@click.option("--only", multiple=True, callback=names, metavar="NAME[,NAME]", help="These experiments alone.")
+@click.option("--quick", is_flag=True, help="One wind and small scenes: half a minute, not five.")
+@click.option("--only", multiple=True, callback=names, metavar="NAME[,NAME]",
+              help="These methods, or 'default' (deglint remove without options). [default: all]")  # fmt: skip
 @click.option("--seeds", type=click.IntRange(1, 1000), metavar="N",
-              help=f"Scenes of each kind. [default: {SEEDS[False]}; with --quick {SEEDS[True]}]")  # fmt: skip
+              help="Scenes of each condition. [default: 5; with --quick 2]")  # fmt: skip
 @click.option("--json", "json_file", metavar="FILE", help="Where every number goes. [default: OUT.html.json]")
-@click.option("--docs", metavar="DIR", help="Remake the page benchmark.md and its figures in this directory, too.")
-@click.option("--peers", metavar="PYTHON", default="", help="Interpreter of an environment with other programs, such "
-              "as sensingpy. [default: this one]")  # fmt: skip
-@click.option("--scratch", metavar="DIR", help="Where scratch files go, up to 6 GB; --quick 0.1. [default: the "
-              "system's temporary directory]")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
-@click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where an experiment fails.")
+@click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
 def bench(out: str, **given: Any) -> None:
-    """Measure it all: error against truth, run time, skipping, digits, other programs. Writes a page, OUT.html, and
-    every number, OUT.html.json.
+    """Measure every removal method on simulated scenes: error, run time, objects found, ROC curves. Writes a page,
+    OUT.html, and every number, OUT.html.json.
 
     \b
     rxdetect bench --quick
-    rxdetect bench report.html --only thesis,peers --seeds 3
-    rxdetect bench compare OLD.json NEW.json          # what got better or worse; --help says more
+    rxdetect bench report.html --only hedley,multiband,default --seeds 3
+    rxdetect bench compare OLD.json NEW.json          # what got better or worse
     """  # fmt: skip
     from deglint.raster.output import Scratch, write_json, write_text
     from deglint.raster.targets import check_targets
 
-    from ..bench.collect import as_json, collect
-    from ..bench.machine import cores, load_now, provenance
-    from ..bench.report import page
-    from ..bench.section import Effort
+    from ..bench import report
+    from ..bench.compare import as_json
+    from ..bench.machine import load_now, provenance
+    from ..bench.run import Effort, measure
 
-    wanted = _wanted(given["only"])
+    report.check_installed()
     targets = Path(out), Path(given["json_file"] or f"{out}.json")
     if targets[0] == targets[1]:
         raise click.UsageError(f"OUT.html and --json are both {out}: name two files.")
-    check_targets(targets, {"the interpreter": [given["peers"]]}, overwrite=given["overwrite"])
-    docs = _docs(given)
+    effort = Effort.of(_wanted(given["only"]), quick=given["quick"], seeds=given["seeds"])
+    check_targets(targets, {}, overwrite=given["overwrite"])
     start, load = time.perf_counter(), load_now()
     with Console(given) as console:
-        tell = _Progress(console, len(wanted))
-        with tempfile.TemporaryDirectory(prefix="rxdetect-", dir=_scratch(given["scratch"])) as place:
-            seeds = given["seeds"] or SEEDS[given["quick"]]
-            effort = Effort(given["quick"], seeds, Path(place), cores(), given["peers"])
-            found = collect(wanted, effort, tell.before, tell.after)
-        made = provenance(_command(out, given), effort, found, load)
+        if not given["verbose"]:
+            logging.getLogger("deglint").setLevel(logging.ERROR)  # what every removal says of every scene
+        with tempfile.TemporaryDirectory(prefix="rxdetect-") as place:
+            found = measure(effort, Path(place), console.progress)
+        for name, reason in found.refused.items():
+            log.info("%s is left out: %s", name, reason)
+        seconds = time.perf_counter() - start
+        made = provenance(_command(out, effort.seeds, given), quick=given["quick"], seeds=effort.seeds,
+                          seconds=seconds, load=load)  # fmt: skip
         with Scratch(overwrite=given["overwrite"]) as scratch:
-            write_text(scratch, targets[0], page(found, made))
-            write_json(scratch, targets[1], as_json(found, made))
-        if docs is not None and not found.failed:
-            _write_docs(docs, found, made)
-        log.info("%s and %s: written in %.0f s", *targets, time.perf_counter() - start)
-        if docs is not None:
-            log.info("%s: %s", docs, "left as it was: an experiment failed" if found.failed else "remade")
-    if given["verbose"] > 1:
-        for trace in found.traces.values():
-            click.echo(trace, err=True)
-    if found.failed:
-        raise click.exceptions.Exit(1)
-
-
-class _Progress:
-    """A line for each experiment."""
-
-    def __init__(self, console: Console, total: int) -> None:
-        self._console, self._total, self._done = console, total, 0
-
-    def before(self, name: str) -> None:
-        """It starts."""
-        self._console.progress(name, self._done, self._total)
-
-    def after(self, name: str, seconds: float, failure: str) -> None:
-        """It ended."""
-        self._done += 1
-        log.info("%-10s %7.1f s", name, seconds)
-        if failure:
-            log.error("%s failed: %s", name, failure)
+            write_text(scratch, targets[0], report.page(found, made))
+            write_json(scratch, targets[1], as_json(found.numbers(), made, found.refused))
+        log.info("%s and %s: written in %.0f s", *targets, seconds)
 
 
 def _wanted(only: tuple[str, ...]) -> list[str]:
-    """Experiments to run, in the order of the report."""
-    from ..bench import present
+    """Removals to measure, in the order of the report."""
+    from ..bench.run import removals
 
+    known = list(removals())
     for name in only:
-        if name not in present():
-            raise click.BadParameter(f"{name!r} is no experiment; there are {', '.join(present())}.",
-                                     param_hint="--only")  # fmt: skip
-    return [name for name in present() if name in only or not only]
+        if name not in known:
+            raise click.BadParameter(f"{name!r} is no method; there are {', '.join(known)}.", param_hint="--only")
+    return [name for name in known if name in only or not only]
 
 
-def _scratch(directory: str | None) -> str | None:
-    """The directory for scratch files, if it is one that can be written to."""
-    from deglint.raster.targets import check_target
-
-    if directory is not None:
-        check_target(Path(directory) / "scratch", overwrite=True)
-    return directory
-
-
-def _docs(given: dict[str, Any]) -> Path | None:
-    """The documentation's page, if it is to be remade and can be."""
-    from deglint.raster.targets import check_target
-
-    from ..bench.markdown import PAGE
-
-    if given["docs"] is None:
-        return None
-    if given["only"]:
-        raise click.UsageError("--docs remakes the whole page: leave out --only.")
-    page = Path(given["docs"]) / PAGE
-    check_target(page, overwrite=True)
-    return page
-
-
-def _write_docs(page: Path, found: Collected, made: dict[str, Any]) -> None:
-    """Write the documentation's page and its figures; figures that it had before and has no more go."""
-    from deglint.raster.output import Scratch, write_text
-
-    from ..bench.markdown import EMPTY, FOLDER, pages, stale
-
-    files = pages(found, made, page.read_text(encoding="utf-8") if page.exists() else EMPTY)
-    (page.parent / FOLDER).mkdir(exist_ok=True)
-    with Scratch(overwrite=True) as scratch:
-        for name, text in files.items():
-            write_text(scratch, page.parent / name, text)
-    for left in stale(page.parent, files):
-        left.unlink()
-
-
-def _command(out: str, given: dict[str, Any]) -> str:
-    """The command line that does the same again, with every number that matters spelled out."""
+def _command(out: str, seeds: int, given: dict[str, Any]) -> str:
+    """The command line that measures the same again."""
     words = ["rxdetect", "bench", out, *["--quick"] * given["quick"]]
     words += ["--only", ",".join(given["only"])] if given["only"] else []
-    words += ["--seeds", str(given["seeds"] or SEEDS[given["quick"]])]
-    for key, flag in {"json_file": "--json", "docs": "--docs", "peers": "--peers", "scratch": "--scratch"}.items():
-        words += [flag, given[key]] if given[key] else []
-    return shlex.join([*words, *["--overwrite"] * given["overwrite"]])
+    return shlex.join([*words, "--seeds", str(seeds)])
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("old", metavar="OLD.json")
+@click.argument("new", metavar="NEW.json")
+@click.option("--fail-on", type=click.Choice(["worse", "changed"]), help="Exit code 1 where a number got worse or "
+              "slower or is gone; or where any number changed.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print the changes as JSON on stdout, and nothing else there.")
+@click.option("-v", "--verbose", count=True, help="-vv: a traceback where it fails.")
+def compare(old: str, new: str, **given: Any) -> None:
+    """Print which numbers got better, worse, faster or slower, changed, are new or gone.
+
+    OLD.json and NEW.json are files that rxdetect bench wrote. A number counts as better or worse when its interval does
+    not overlap the old one; a time must also move by more than 10 %, on the same machine.
+
+    \b
+    rxdetect bench compare main.json branch.json --fail-on worse
+    """  # fmt: skip
+    from dataclasses import asdict
+
+    from deglint.raster.output import plain
+
+    from ..bench.compare import compare as compared
+
+    found = compared(_read(old, "OLD.json"), _read(new, "NEW.json"))
+    if given["as_json"]:
+        click.echo(json.dumps(plain([asdict(change) for change in found]), indent=2))
+    else:
+        for line in map(str, found):
+            click.echo(line)
+        if not found:
+            click.echo("nothing changed beyond the intervals")
+    bad = {"worse", "slower", "gone"}
+    if given["fail_on"] and any(given["fail_on"] == "changed" or c.verdict in bad for c in found):
+        raise click.exceptions.Exit(1)
+
+
+def _read(path: str, role: str) -> Any:
+    from deglint.errors import InputError
+    from deglint.readers.text import read_text
+
+    try:
+        return json.loads(read_text(path, role))
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits is a plain ValueError
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path} ({role}) is not JSON: {error}. Give the file that rxdetect bench wrote.") from error

@@ -1,4 +1,4 @@
-"""The stress section: its references are right, its numbers are named, and what it found stays mended."""
+"""Values that cost digits or cannot be computed: offsets, extremes, constants, small samples, impossible requests."""
 
 import math
 import subprocess
@@ -9,82 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.stress import sea
 from deglint import remove
 from deglint.errors import FitError
 from deglint.moments import moments
 from deglint.remove.detrend import detrend
 from detect.background import fit
-from detect.bench import stress_cases, stress_rates, stress_truth, stress_words
-from detect.bench.stress_cases import Case, digits, sea
-from detect.bench.stress_ours import measure
 from detect.local import local_rx
-from detect.report.heat import heat, shade
 from detect.roc import Roc, auc_interval, compare
 from detect.rx import detector, rx, score
 from detect.threshold import from_f, p_value
-
-wide = pytest.mark.skipif(not stress_truth.WIDE, reason="a long double is a double here")
-
-
-@pytest.mark.parametrize(
-    ("found", "right", "expected"),
-    [(1.0, 1.0, 16), (1.001, 1.0, 3), (0.0, 0.0, 16), (1e-30, 0.0, 0), (math.nan, 1.0, 0), (math.nan, math.nan, 16),
-     (math.inf, math.inf, 16), (3.0, 1.0, 0)],
-)  # fmt: skip
-def test_digits_are_of_the_relative_error(found, right, expected):
-    assert digits(found, right) == pytest.approx(expected, abs=1e-9)
-
-
-@wide
-def test_the_reference_is_exact_arithmetic():
-    block = sea(8, 9, seed=3) + 1e8
-    flat = [[Fraction(float(v)) for v in band.ravel()] for band in block]
-    mean = [sum(b) / len(b) for b in flat]
-    away = [[v - m for v in b] for b, m in zip(flat, mean, strict=True)]
-    covariance = [[float(sum(map(Fraction.__mul__, a, b)) / 71) for b in away] for a in away]
-    found = stress_truth.mean_and_covariance(stress_truth.pixels(block))
-    assert digits(found[0], [float(m) for m in mean]) == 16
-    assert digits(found[1], covariance) > 15.9
-
-
-@wide
-def test_scores_of_the_reference_are_distances_by_inverse():
-    block = sea(20, 20)
-    x = block.reshape(4, -1)
-    d = x - x.mean(axis=1, keepdims=True)
-    expected = np.einsum("ip,ij,jp->p", d, np.linalg.inv(np.cov(x)), d)
-    np.testing.assert_allclose(stress_truth.rx_scores(block, (0, 1, 2, 3)).astype(float).ravel(), expected, rtol=1e-10)
-    places = np.array([[10, 10]])
-    ring = np.ones((7, 7), bool)
-    ring[2:5, 2:5] = False
-    y = block[:, 7:14, 7:14][:, ring]
-    d = block[:, 10, 10] - y.mean(axis=1)
-    found = stress_truth.local_scores(block, (0, 1, 2, 3), 3, 7, places)[0]
-    assert float(found) == pytest.approx(d @ np.linalg.inv(np.cov(y)) @ d, rel=1e-9)
-
-
-@wide
-@pytest.mark.parametrize("key", ["offset1e8", "scale1e-12", "constant", "one-percent-nan", "uint8"])
-def test_our_digits(key):
-    case = next(c for c in stress_cases.cases(quick=True) if c.key == key)
-    found = measure(stress_truth.Truth(case))
-    single = key == "uint8"
-    least = {"slope, Huber": 5, "RX": 6.5 if single else 12, "local RX": 6.5 if single else 12, "level, mode": 13}
-    for operation, value in found.items():
-        if operation != "correction, as stored":
-            assert value > least.get(operation, 14.5), operation
-
-
-def test_every_block_is_what_it_says():
-    found = {c.key: c for c in stress_cases.cases(quick=True)}
-    assert len({c.name for c in found.values()}) == len(found)
-    assert {c.block.dtype.name for c in found.values()} == set(stress_cases.DTYPES)
-    assert np.ptp(found["constant"].block[1]) == 0
-    b = found["collinear"].block
-    np.testing.assert_array_equal(b[1], 2 * b[0] - b[2])
-
-
-# what the stress has found
 
 
 def test_a_stray_first_pixel_of_a_cell_costs_the_mean_no_digits():
@@ -153,16 +87,6 @@ def test_float16_is_scored_by_both_engines():
     np.testing.assert_allclose(found, local_rx(block.astype(np.float32), inner=3, outer=9), rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", [c[1] for c in stress_rates.score_cases()])
-def test_areas_are_counted_exactly(name):
-    first, second, truth = next(c[2:] for c in stress_rates.score_cases() if c[1] == name)
-    keep = np.concatenate([np.arange(stress_rates.TARGETS), np.arange(stress_rates.TARGETS, len(truth), 20)])
-    first, second, truth = first[keep], second[keep], truth[keep]
-    right, found = (of(first, second, truth) for of in (stress_rates.exact, stress_rates.by_us))
-    for operation, value in found.items():
-        assert value == pytest.approx(right[operation], rel=1e-13), operation
-
-
 def test_nearly_equal_detectors_are_told_apart():
     background = np.arange(1_000_000)
     truth = np.arange(1_000_010) < 10
@@ -185,49 +109,6 @@ def test_f_thresholds_and_p_values_of_small_samples(bands, n, pfa):
         tail = mpmath.betainc(mpmath.mpf(n - bands) / 2, mpmath.mpf(bands) / 2, 0, 1 / (1 + w), regularized=True)
     assert float(tail) == pytest.approx(pfa, rel=1e-12)
     assert float(p_value(np.array(at), bands, n)) == pytest.approx(float(tail), rel=1e-12)
-
-
-def test_the_finding_counts_lost_digits_of_what_both_compute():
-    found = {
-        "deglint": {"mean": {"a": 16.0, "b": 5.0, "c": "refused", "d": 9.0}},
-        "numpy": {"mean": {"a": 2.0, "b": 3.0, "c": 1.0, "d": "refused"}, "other": {"a": 0.0}},
-        "none": {"other": {"a": 1.0}},
-    }
-    said = stress_words.finding(found)
-    assert said.endswith("of what both compute: numpy 2 of 2 (deglint 1).")
-    assert stress_words.finding({"deglint": found["deglint"]}) == ""
-
-
-def test_heat_map_shows_every_number():
-    svg = heat(["a", "b<"], ["x", "y"], {("a", "x"): 15.9, ("b<", "y"): "r"}, most=16, title="digits & more")
-    assert ">15</text>" in svg
-    assert ">r</text>" in svg
-    assert "b&lt;" in svg
-    assert "digits &amp; more" in svg
-    assert shade(0) == "#7a161c"
-    assert shade(2) == "#f7f7f2"
-
-
-def test_section(monkeypatch, tmp_path):
-    from detect.bench import stress
-    from detect.bench.section import Effort
-
-    def few(quick):
-        yield Case("plain", "plain", sea(30, 31))
-        yield Case("uint8", "uint8", np.rint(sea(30, 31)).astype(np.uint8))
-
-    monkeypatch.setattr(stress, "cases", few)
-    section = stress.run(Effort(quick=True, seeds=1, directory=tmp_path))
-    number = section.numbers["stress/variance/plain/deglint/digits"]
-    assert number.value > 14
-    assert number.unit == "digits"
-    assert not number.exact
-    assert section.numbers["stress/level-minimum/uint8/deglint/digits"].exact
-    assert section.numbers["stress/auc/ties/scikit-learn/digits"].value > 14
-    assert section.numbers["stress/correction-as-stored/uint8/sungc/digits"].value < 3
-    assert all(len(row) == len(t.head) for t in section.tables for row in t.rows)
-    assert len(section.figures) == 2
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(("dtype", "value"), [

@@ -1,6 +1,6 @@
-"""Starts processes in turns and measures them; run by `processes.in_turns` as a small process of its own.
+"""Starts processes in turns and measures them; `processes.in_turns` runs it as a small process of its own.
 
-On Linux the peak memory of a child is at least what its parent held when it started: nothing heavy is imported here.
+On Linux the peak memory of a child is at least what its parent held at the start, so nothing heavy is imported here.
 """
 
 import json
@@ -12,37 +12,37 @@ from pathlib import Path
 
 
 def once(command: list[str]) -> list[float] | str:
-    """Wall and processor time [s] and largest resident memory [MB] of a command, or the last line that it wrote."""
-    os.sync()  # what earlier runs left to be written to disk is written first
+    """Wall and processor time [s] and peak resident memory [MB] of a command, or the last line that it wrote."""
+    os.sync()  # earlier runs must not leave data to be written during this one
     start = time.perf_counter()
     try:
         child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     except OSError as error:
         return f"cannot start {command[0]}: {error.strerror}"
     assert child.stderr is not None
-    said = child.stderr.read()
+    written = child.stderr.read()
     _, status, usage = os.wait4(child.pid, 0)
     wall = time.perf_counter() - start
     child.stderr.close()
     child.returncode = os.waitstatus_to_exitcode(status)
     if child.returncode:
-        lines = said.decode(errors="replace").strip().splitlines()
+        lines = written.decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else f"exit code {child.returncode}"
     unit = 1 if sys.platform == "darwin" else 1024
     return [wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit / 1e6]
 
 
 def main() -> None:
-    """Read what to do as JSON from stdin, do it, and write what was measured as JSON to stdout."""
-    asked = json.load(sys.stdin)
-    found: dict[str, list[list[float]] | str] = {name: [] for name in asked["commands"]}
-    for _ in range(asked["rounds"]):
-        for name, command in asked["commands"].items():
+    """Read the job as JSON from stdin, and write the measurements as JSON to stdout."""
+    job = json.load(sys.stdin)
+    found: dict[str, list[list[float]] | str] = {name: [] for name in job["commands"]}
+    for _ in range(job["rounds"]):
+        for name, command in job["commands"].items():
             runs = found[name]
             if isinstance(runs, str):
                 continue
             one = once(command)
-            for pattern in asked["cleanup"]:
+            for pattern in job["cleanup"]:
                 for left in Path(pattern).parent.glob(Path(pattern).name):
                     left.unlink()
             if isinstance(one, str):

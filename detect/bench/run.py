@@ -1,0 +1,214 @@
+"""Measure every removal method: error, objects found, ROC curves and processor time."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deglint import Recipe, correct, fit_scene
+from deglint.errors import DeglintError
+from deglint.physics.presets import preset
+from deglint.remove import METHODS
+
+from ..roc import object_curve
+from .measure import VISIBLE, Float64, curves, rms_error, rx_scores
+from .numbers import Number, over_seeds, timed
+from .scenes import REFLECTANCES, TrueScene, simulated
+
+DEFAULT, RAW, LIMIT = "default", "raw", "noise only"
+"""`deglint remove` without options; the raw image; the truth with noise."""
+GRID = np.geomspace(1e-4, 1.0, 121)
+"""Pixel false-alarm rates of the ROC curves."""
+PFA = 1e-3
+"""Pixel false-alarm rate at which objects are counted."""
+
+Condition = tuple[float, float]
+"""Wind [m/s] and delay from band to band [s]."""
+
+
+def removals() -> dict[str, dict[str, str]]:
+    """Options of `Recipe` of every removal: each method without compensation, and the default."""
+    return {**{name: {"method": name, "compensate": "off"} for name in METHODS}, DEFAULT: {}}
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Keys of `removals`.
+    winds, delays : tuple of float
+        [m/s], [s]
+    seeds : int
+        Scenes of each condition.
+    side : int
+        Rows and columns of the scene that is timed [pixel].
+    rounds : int
+        Repeated timings.
+    """
+
+    names: tuple[str, ...]
+    winds: tuple[float, ...] = (3.0, 5.0, 9.0, 12.0)
+    delays: tuple[float, ...] = (0.0, 0.06)
+    seeds: int = 5
+    side: int = 768
+    rounds: int = 5
+
+    @classmethod
+    def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Effort:
+        """The effort of a full or of a quick run."""
+        if quick:
+            return cls(tuple(names), (9.0,), seeds=seeds or 2, side=256, rounds=3)
+        return cls(tuple(names), seeds=seeds or cls.seeds)
+
+    @property
+    def shown(self) -> Condition:
+        """The condition of the ROC curves and of the timed scene: a wind of 9 m/s and the longest delay."""
+        return min(self.winds, key=lambda w: abs(w - 9)), max(self.delays)
+
+
+@dataclass(frozen=True, eq=False)
+class Quality:
+    """One image against its truth.
+
+    Attributes
+    ----------
+    whole, deep : float
+        RMS error of the scene and of its deep water [% of the water level].
+    auc : (reflectance,) ndarray
+        Area under the ROC curve of global RX on the visible bands, by pixels.
+    found : (reflectance,) ndarray
+        Fraction of the objects found at `PFA`.
+    curve : (reflectance, Pfa) ndarray
+        Pd at `GRID`.
+    """
+
+    whole: float
+    deep: float
+    auc: Float64
+    found: Float64
+    curve: Float64
+
+
+@dataclass(frozen=True)
+class Results:
+    """All that was measured.
+
+    Attributes
+    ----------
+    effort : Effort
+    images : dict
+        Quality of one image for each seed, by condition and removal. Also of `RAW` and `LIMIT`.
+    fit, apply : dict of str to Number
+        Processor time on one thread, of the timed scene [s].
+    refused : dict of str to str
+        Why a method cannot be used on the scenes.
+    """
+
+    effort: Effort
+    images: dict[tuple[Condition, str], list[Quality]] = field(default_factory=dict)
+    fit: dict[str, Number] = field(default_factory=dict)
+    apply: dict[str, Number] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def used(self) -> list[str]:
+        """Removals that work on every scene."""
+        return [name for name in self.effort.names if name not in self.refused]
+
+    @property
+    def conditions(self) -> list[Condition]:
+        """Every wind with every delay."""
+        return [(wind, delay) for delay in self.effort.delays for wind in self.effort.winds]
+
+    def error(self, condition: Condition, name: str, part: str = "whole") -> Number:
+        """RMS error of the "whole" scene or its "deep" water [% of the water level]."""
+        return over_seeds([getattr(image, part) for image in self.images[condition, name]], "%")
+
+    def rate(self, condition: Condition, name: str, kind: int, what: str) -> Number:
+        """The "auc", or the fraction "found", of objects of a reflectance."""
+        values = [float(getattr(image, what)[kind]) for image in self.images[condition, name]]
+        return over_seeds(values, "", "higher", most=1.0)
+
+    def numbers(self) -> dict[str, Number]:
+        """Every number by name."""
+        out: dict[str, Number] = {}
+        for condition, name in self.images:
+            stem = f"wind{condition[0]:02g}/delay{1000 * condition[1]:02g}/{name.replace(' ', '-')}"
+            out |= {f"{stem}/rms-{part}": self.error(condition, name, part) for part in ("whole", "deep")}
+            for kind, reflectance in enumerate(REFLECTANCES):
+                for what in ("auc", "found"):
+                    out[f"{stem}/{what}/object{100 * reflectance:02g}"] = self.rate(condition, name, kind, what)
+        out |= {f"time/{name}/fit": number for name, number in self.fit.items()}
+        return out | {f"time/{name}/apply": number for name, number in self.apply.items()}
+
+
+def measure(effort: Effort, directory: Path, progress: Callable[[str, int, int], None]) -> Results:
+    """Measure all removals on scenes that are simulated in `directory`; calls progress(stage, done, total)."""
+    results, seas = Results(effort), [(wind, seed) for wind in effort.winds for seed in range(effort.seeds)]
+    for step, (wind, seed) in enumerate(seas):
+        progress(f"wind {wind:g} m/s", step, len(seas) + 1)
+        sensors = [preset("thesis").delayed(delay) for delay in effort.delays]
+        for delay, scene in zip(effort.delays, simulated(directory, sensors, wind, seed), strict=True):
+            images = {RAW: scene.raw, LIMIT: scene.noisy} | cleaned(scene, results)
+            for name, image in images.items():
+                results.images.setdefault(((wind, delay), name), []).append(quality(scene, image))
+    progress("timing", len(seas), len(seas) + 1)
+    wind, delay = effort.shown
+    (scene,) = simulated(directory, [preset("thesis").delayed(delay)], wind, 0, effort.side)
+    for name, seconds in processor_times(scene, results.used, effort.rounds).items():
+        results.fit[name], results.apply[name] = (timed(own) for own in zip(*seconds, strict=True))
+    return results
+
+
+def cleaned(scene: TrueScene, results: Results) -> dict[str, Float64]:
+    """The scene after every removal; a removal that cannot be used goes to `results.refused`."""
+    out = {}
+    for name in results.used:
+        try:
+            out[name] = correct(scene.scene, _fitted(scene, name)).astype(np.float64)
+        except DeglintError as error:
+            results.refused[name] = str(error)
+    return out
+
+
+def _fitted(scene: TrueScene, name: str) -> Any:
+    options: dict[str, Any] = {"sample": scene.window, "mask": "none", **removals()[name]}
+    return fit_scene(scene.scene, Recipe(**options), threads=1)
+
+
+def processor_times(scene: TrueScene, names: Sequence[str], rounds: int) -> dict[str, list[tuple[float, float]]]:
+    """Processor time [s] of fit and apply, in turns; the first round compiles and does not count."""
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
+    for turn in range(rounds + 1):
+        for name in names:
+            start = time.process_time()
+            fitted = _fitted(scene, name)
+            middle = time.process_time()
+            correct(scene.scene, fitted)
+            if turn:
+                found[name].append((middle - start, time.process_time() - middle))
+    return found
+
+
+def quality(scene: TrueScene, image: Float64) -> Quality:
+    """Error, ROC curves and objects found of one image."""
+    scores, kinds = rx_scores(image[:VISIBLE], scene.sample), scene.kinds
+    rocs = curves(scores, kinds, range(1, len(REFLECTANCES) + 1))
+    found, drawn = [], []
+    for kind, roc in enumerate(rocs, start=1):
+        own = np.where(kinds == kind, scene.made.objects, 0)
+        counted = object_curve(scores, own, roc, (kinds == 0) | (kinds == kind), pfa_max=PFA)
+        found.append(np.mean([o.pfa <= PFA for o in counted.objects]) if counted.objects else math.nan)
+        pfa, pd = roc.vertices
+        drawn.append(pd[np.searchsorted(pfa, GRID * (1 + 1e-12), side="right") - 1])
+    whole, deep = rms_error(image, scene.truth), rms_error(image, scene.truth, scene.deep)
+    return Quality(whole, deep, np.array([roc.auc for roc in rocs]), np.array(found), np.stack(drawn))

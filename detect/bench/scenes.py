@@ -1,0 +1,113 @@
+"""Simulated scenes whose truth is known.
+
+The left half is deep water, the sample of every fit. The right half holds squares of 4 m at a depth of 5 m, one column
+for each reflectance. The sky is cardioidal: a brighter sky around the sun is mirrored by the water and stands in the
+truth itself, so that no method can distinguish it from glint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint import Scene, open_scene
+from deglint.physics.sensor import Sensor
+from deglint.simulate import Setup, SimulatedScene, SubmergedObject, simulate_together, square
+
+from .measure import Float64, Mask
+
+SIDE = 256
+"""Rows and columns [pixel of 25 cm]."""
+REFLECTANCES = (0.02, 0.05, 0.10, 0.20)
+OBJECT, SPACING, DEPTH = 16, 64, 5.0
+"""Side of an object and distance from row to row [pixel], and depth [m]."""
+BLUR = 4
+"""Pixels around objects that are neither object nor background: the optics spread light of the object there."""
+SEED = 100
+"""Seed of the first sea."""
+
+
+def objects(side: int, gsd: float) -> tuple[SubmergedObject, ...]:
+    """Columns of objects in the right half, one for each reflectance."""
+    across, down = side / 2 / len(REFLECTANCES), min(SPACING, side)
+    return tuple(
+        square((side / 2 + (j + 0.5) * across) * gsd, (i + 0.5) * down * gsd, min(OBJECT, across / 2) * gsd,
+               reflectance=reflectance, depth=DEPTH)
+        for i in range(side // down) for j, reflectance in enumerate(REFLECTANCES)
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class TrueScene:
+    """A simulated scene as a file, and what is known of it; arrays (band, row, column) [W m-2 sr-1 nm-1]."""
+
+    made: SimulatedScene
+    file: Path
+
+    def _radiance(self, counts: npt.NDArray[np.integer]) -> Float64:
+        sensor = self.made.setup.sensor
+        return np.asarray(counts * np.array([sensor.scale(b) for b in sensor.bands])[:, None, None])
+
+    @cached_property
+    def raw(self) -> Float64:
+        """With glint and noise, as the sensor records it."""
+        return self._radiance(self.made.image)
+
+    @cached_property
+    def truth(self) -> Float64:
+        """Without glint and noise."""
+        return self.made.truth.astype(np.float64)
+
+    @cached_property
+    def noisy(self) -> Float64:
+        """The truth with the noise of the scene: the result of a removal that takes all glint and nothing else."""
+        return self._radiance(self.made.truth_image)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """As deglint opens it."""
+        return open_scene(str(self.file))
+
+    @property
+    def deep(self) -> slice:
+        """Columns of the sample."""
+        return slice(self.made.setup.size[1] // 2)
+
+    @property
+    def window(self) -> str:
+        """The sample as `Recipe.sample` takes it."""
+        return f"0,0,{self.deep.stop},{self.made.setup.size[0]}"
+
+    @property
+    def sample(self) -> Mask:
+        """The sample as a mask."""
+        mask = np.zeros(self.made.setup.size, np.bool_)
+        mask[:, self.deep] = True
+        return mask
+
+    @cached_property
+    def kinds(self) -> npt.NDArray[np.int64]:
+        """0 for background, 1 and up for the reflectance of an object, -1 for blurred pixels around objects."""
+        import cv2
+
+        labels = self.made.objects.astype(np.int64)
+        near = cv2.dilate((labels > 0).astype(np.uint8), np.ones((2 * BLUR + 1, 2 * BLUR + 1), np.uint8)) > 0
+        return np.where(labels > 0, (labels - 1) % len(REFLECTANCES) + 1, np.where(near, -1, 0))
+
+
+def simulated(directory: Path, sensors: Iterable[Sensor], wind: float, seed: int, side: int = SIDE) -> list[TrueScene]:
+    """One sea at a wind [m/s] as several sensors see it, written to a directory."""
+    from deglint.raster.simulated import write_scene
+
+    setups = [
+        Setup(sensor=s, size=(side, side), wind=wind, sky="cardioidal", objects=objects(side, s.gsd), seed=SEED + seed)
+        for s in sensors
+    ]
+    made = enumerate(simulate_together(setups))
+    return [TrueScene(one, write_scene(one, directory / f"scene-{n}", overwrite=True, truth=False)[0])
+            for n, one in made]  # fmt: skip
