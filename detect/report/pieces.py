@@ -11,7 +11,7 @@ from deglint.shown import shown
 from .style import STYLE
 
 
-def document(title: str, parts: Sequence[str], style: str = "") -> str:
+def document(title: str, parts: Sequence[str]) -> str:
     """A whole page.
 
     Parameters
@@ -20,13 +20,11 @@ def document(title: str, parts: Sequence[str], style: str = "") -> str:
         Plain text.
     parts : sequence of str
         HTML.
-    style : str
-        Rules of its own, after those of every page.
     """
     return shown(
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{STYLE}{style}</style></head>\n<body><main>\n"
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n<body><main>\n"
         + "\n".join(parts)
         + "\n</main></body></html>\n"
     )

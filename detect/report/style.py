@@ -12,8 +12,6 @@ h3{font-size:16px;margin:24px 0 6px}
 p{max-width:78ch;margin:8px 0}
 .sub,.foot,figcaption,.small{color:var(--soft);font-size:14px}
 .lead{font-size:18.5px;max-width:72ch;margin:18px 0 8px}
-.findings{font-size:17px;max-width:78ch;padding-left:20px;margin:16px 0 8px}.findings li{margin:8px 0}
-.findings a{font-size:14px}
 .facts{display:flex;flex-wrap:wrap;gap:0;margin:22px 0 6px;border:1px solid var(--line);border-radius:8px}
 .facts div{padding:11px 20px;border-right:1px solid var(--line);flex:1 1 auto}
 .facts div:last-child{border-right:0}

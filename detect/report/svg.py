@@ -83,7 +83,7 @@ class Series:
 
 def plot(
     series: Sequence[Series], x: Axis, y: Axis, *, title: str, size: Size = WIDE,
-    chance: tuple[Float64, Float64] | None = None, legend: bool = False,
+    chance: tuple[Float64, Float64] | None = None,
 ) -> str:  # fmt: skip
     """A plot as an SVG element.
 
@@ -96,12 +96,9 @@ def plot(
     size : Size
     chance : (x, y), optional
         A faint line to compare with.
-    legend : bool
-        Name the series above the plot, in the drawing itself, which grows by that much.
     """
-    named, above = _legend([one.name for one in series], size.width) if legend else ("", 0)
-    field = _Field(x, y, size, above)
-    parts = [named, _frame(field)]
+    field = _Field(x, y, size)
+    parts = [_frame(field)]
     if chance is not None:
         parts.append(f'<path d="{field.path(*chance)}" fill="none" stroke="#888" stroke-dasharray="1 4"/>')
     for i, one in enumerate(series):
@@ -117,22 +114,7 @@ def plot(
             parts.append(f'<circle cx="{cx:.1f}" cy="{cy:.1f}" r="3.6" fill="#fff" stroke="{colour(i)}" '
                          'stroke-width="1.8"/>')  # fmt: skip
     said = escape(title, quote=True)
-    tall = size.height + above
-    return f'<svg viewBox="0 0 {size.width} {tall}" role="img" aria-label="{said}">{"".join(parts)}</svg>'
-
-
-def _legend(names: Sequence[str], width: int) -> tuple[str, int]:
-    """Lines and names of series in rows, and how high they are."""
-    parts, x, y = [], float(_LEFT), 14
-    for i, name in enumerate(names):
-        wide = 44 + 7.2 * len(name) + 18
-        if x > _LEFT and x + wide > width - _RIGHT:
-            x, y = float(_LEFT), y + 20
-        dash = f' stroke-dasharray="{dashes(i)}"' if dashes(i) else ""
-        parts.append(f'<path d="M{x:.0f} {y}h34" fill="none" stroke="{colour(i)}" stroke-width="2.6"{dash}/>'
-                     f'<text x="{x + 41:.0f}" y="{y + 4.5}">{escape(name)}</text>')  # fmt: skip
-        x += wide
-    return "".join(parts), y + 8
+    return f'<svg viewBox="0 0 {size.width} {size.height}" role="img" aria-label="{said}">{"".join(parts)}</svg>'
 
 
 def key(i: int) -> str:
@@ -174,11 +156,10 @@ class _Field:
     x: Axis
     y: Axis
     size: Size
-    above: int = 0
 
     @property
     def top(self) -> int:
-        return _TOP + self.above
+        return _TOP
 
     @property
     def right(self) -> int:
@@ -186,7 +167,7 @@ class _Field:
 
     @property
     def bottom(self) -> int:
-        return self.size.height + self.above - _BOTTOM
+        return self.size.height - _BOTTOM
 
     def place(self, xs: npt.ArrayLike, ys: npt.ArrayLike) -> tuple[Float64, Float64]:
         """Points on the paper."""
