@@ -18,7 +18,7 @@ HEAD = """# Benchmark
 `python -m benchmarks docs` measures everything on this page and writes it. Users make the same report, with plots, by
 
 ```sh
-rxdetect bench report.html                    # about five minutes; --quick: half a minute
+rxdetect bench report.html                    # about two minutes; --quick: ten seconds
 rxdetect bench report.html --only hedley,default --seeds 10
 rxdetect bench compare old.json new.json      # what got better or worse; --fail-on worse: exit code 1
 ```

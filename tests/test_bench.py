@@ -77,7 +77,6 @@ def test_scenes_hold_what_they_should(tmp_path):
         assert sorted(set(scene.kinds[:, SMALL // 2 :].ravel())) == [-1, 0, 1, 2, 3, 4]
         assert not scene.kinds[:, : SMALL // 2 - scenes.BLUR].any()
         assert scene.sample.mean() == 0.5
-        assert scene.window == "0,0,32,64"
         np.testing.assert_array_equal(scene.made.objects > 0, scene.kinds > 0)
         np.testing.assert_allclose(scene.scene.read(), scene.raw, rtol=1e-6)
         squares = []

@@ -50,14 +50,5 @@ def rx_scores(image: npt.NDArray[Any], sample: Mask, covariance: str = "empirica
 
 
 def curves(scores: Float64, kinds: npt.NDArray[np.integer[Any]], numbers: Sequence[int]) -> list[Roc]:
-    """ROC curve of each kind of object against the background.
-
-    Parameters
-    ----------
-    scores : (row, column) ndarray
-    kinds : (row, column) integer ndarray
-        0 for background, the kind of the object that a pixel belongs to, or below 0 for pixels that do not count.
-    numbers : sequence of int
-        Kinds to find.
-    """
+    """ROC curve of each kind of object against the background: kind 0. Pixels of a kind below 0 do not count."""
     return [Roc.of(scores, kinds == n, (kinds == 0) | (kinds == n)) for n in numbers]

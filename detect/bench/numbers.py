@@ -35,8 +35,13 @@ class Number:
     exact: bool = True
 
     def __str__(self) -> str:
-        spread = "" if math.isnan(self.low) else f" ({self.low:.3g}-{self.high:.3g})"
-        return f"{self.value:.3g}{spread}"
+        spread = "" if math.isnan(self.low) else f" ({short(self.low)}-{short(self.high)})"
+        return short(self.value) + spread
+
+
+def short(value: float) -> str:
+    """A value with three digits, and no power of ten where it is large."""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower", most: float = math.inf) -> Number:

@@ -77,25 +77,17 @@ class Effort:
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """One image against its truth.
-
-    Attributes
-    ----------
-    whole, deep : float
-        RMS error of the scene and of its deep water [% of the water level].
-    auc : (reflectance,) ndarray
-        Area under the ROC curve of global RX on the visible bands, by pixels.
-    found : (reflectance,) ndarray
-        Fraction of the objects found at `PFA`.
-    curve : (reflectance, Pfa) ndarray
-        Pd at `GRID`.
-    """
+    """One image against its truth: RMS errors [% of the water level], and arrays with one row for each reflectance."""
 
     whole: float
     deep: float
+    """Error of the deep water alone."""
     auc: Float64
+    """Area under the ROC curve of global RX on the visible bands, by pixels."""
     found: Float64
+    """Fraction of the objects found at `PFA`."""
     curve: Float64
+    """Pd at `GRID`."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +173,8 @@ def cleaned(scene: TrueScene, results: Results) -> dict[str, Float64]:
 
 
 def _fitted(scene: TrueScene, name: str) -> Any:
-    options: dict[str, Any] = {"sample": scene.window, "mask": "none", **removals()[name]}
+    sample = f"0,0,{scene.deep.stop},{scene.made.setup.size[0]}"
+    options: dict[str, Any] = {"sample": sample, "mask": "none", **removals()[name]}
     return fit_scene(scene.scene, Recipe(**options), threads=1)
 
 

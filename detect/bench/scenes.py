@@ -79,11 +79,6 @@ class TrueScene:
         return slice(self.made.setup.size[1] // 2)
 
     @property
-    def window(self) -> str:
-        """The sample as `Recipe.sample` takes it."""
-        return f"0,0,{self.deep.stop},{self.made.setup.size[0]}"
-
-    @property
     def sample(self) -> Mask:
         """The sample as a mask."""
         mask = np.zeros(self.made.setup.size, np.bool_)

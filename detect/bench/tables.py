@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .numbers import short
 from .run import LIMIT, PFA, RAW, Condition, Results
 from .scenes import REFLECTANCES, SIDE
 
@@ -40,7 +41,7 @@ def overview(results: Results) -> Table:
             rows.append((name, *["refused"] * 4))
             continue
         errors = [str(results.error(shown, name, part)) for part in ("whole", "deep")]
-        times = [f"{1e3 * times[name].value:.3g}" if name in times else "-" for times in (results.fit, results.apply)]
+        times = [short(1e3 * times[name].value) if name in times else "-" for times in (results.fit, results.apply)]
         rows.append((name, *errors, *times))
     side = results.effort.side
     note = (
@@ -55,7 +56,7 @@ def overview(results: Results) -> Table:
 def by_condition(results: Results) -> Table:
     """Error of every removal in every condition."""
     rows = [
-        (name, *(f"{results.error(condition, name).value:.3g}" for condition in results.conditions))
+        (name, *(short(results.error(condition, name).value) for condition in results.conditions))
         for name in (RAW, *results.used, LIMIT)
     ]
     head = ("removal", *map(named, results.conditions))
