@@ -82,13 +82,13 @@ def judge(old: Number, new: Number, same_machine: bool = True) -> Verdict | None
 
 
 def _machine(run: Mapping[str, Any]) -> Any:
-    machine = run["made"].get("machine") or {}
+    machine = dict(run["made"]["machine"])
     return machine.get("processor"), machine.get("cores")
 
 
 def _numbers(run: Any, name: str) -> dict[str, Number]:
     try:
-        dict(run["made"]["machine"])
+        _machine(run)
         return {str(name): _number(value) for name, value in run["numbers"].items()}
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{name} does not hold a benchmark: give the JSON file that rxdetect bench wrote.") from error
