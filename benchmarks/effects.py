@@ -52,4 +52,4 @@ def main(quick: bool) -> None:
         cells = [f"{mean(values):.3g}" for name in ("raw", *names) for values in zip(*found[label, name], strict=True)]
         rows.append([label, *cells])
     head = ("", *(f"{what}, {name} [%]" for name in ("raw", *names) for what in ("error", "found")))
-    say(f"System effects at {WIND:g} m/s", head, rows, f"Mean over {seeds} seeds; objects of 2 % reflectance.")
+    say(f"System effects at {WIND:g} m/s", head, rows, f"Mean over seeds ({seeds}); objects of 2 % reflectance.")
