@@ -1,7 +1,8 @@
-"""Time of RX on arrays in memory beside scikit-learn and spectral: `python -m benchmarks peers [--quick]`."""
+"""Processor time of RX on arrays in memory beside scikit-learn and spectral: `python -m benchmarks peers [--quick]`."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from statistics import median
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
+from detect.bench.numbers import short
 from detect.local import local_rx
 from detect.rx import rx
 
@@ -66,16 +68,16 @@ def rows(quick: bool) -> list[list[str]]:
     out = []
     with threadpool_limits(1):
         for jobs, bands, side in tasks:
-            found = in_turns(jobs(image(bands, side)), 3)
+            found = in_turns(jobs(image(bands, side)), 3, time.process_time)
             kind = "global RX" if jobs is global_jobs else f"local RX, windows {WINDOW[0]} and {WINDOW[1]}"
             for name, seconds in found.items():
                 ratio = median(s / own for s, own in zip(seconds, found["detect"], strict=True))
-                time = 1e9 * median(seconds) / (bands * side**2)
-                out.append([f"{kind}, {bands} bands of {side} x {side}", name, f"{time:.3g}", f"{ratio:.1f}"])
+                cost = short(1e9 * median(seconds) / (bands * side**2))
+                out.append([f"{kind}, {bands} bands of {side} x {side}", name, cost, f"{ratio:.1f}"])
     return out
 
 
-HEAD = ("", "program", "wall time [ns per value]", "times detect")
+HEAD = ("", "program", "processor time [ns per value]", "times detect")
 NOTE = "float32 in memory, one thread, fit and score, median of 3 rounds in turns."
 
 
