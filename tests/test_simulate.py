@@ -12,6 +12,7 @@ from deglint.physics import glint, sky, slopes, waves
 from deglint.physics.atmosphere import Air
 from deglint.physics.presets import PRESETS, preset
 from deglint.simulate import Setup, SubmergedObject, simulate, square, thesis_array
+from deglint.simulate.artefacts import KERNELS
 from deglint.simulate.experiments import experiments
 from deglint.simulate.facets import facets
 from deglint.simulate.light import light
@@ -374,7 +375,7 @@ def test_written_scene_reads_back(tmp_path, moving):
 
     files = writer.write_scene(moving, tmp_path / "sea.tif")
     names = sorted(p.name for p in tmp_path.iterdir())
-    parts = ["", "_glint", "_glint_mask", "_objects", "_truth", "_truth_noisy"]
+    parts = ["", "_glint", "_glint_mask", "_objects", "_truth", "_truth_noisy", "_truth_water"]
     assert names == sorted([*(f"sea{p}.tif" for p in parts), "sea.json"])
     assert files[0].name == "sea.tif"
     with rasterio.open(tmp_path / "sea.tif") as image:
@@ -447,6 +448,7 @@ def test_help_names_what_there_is():
     command = import_module("deglint.cli.simulate")
     assert tuple(PRESETS) == command.PRESET_NAMES
     assert sky.MODELS == command.SKY_NAMES
+    assert KERNELS == command.KERNEL_NAMES
     assert get_args(SlopeModel) == command.SLOPE_NAMES
     assert get_args(waves.Spectrum) == command.SPECTRUM_NAMES
 

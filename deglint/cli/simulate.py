@@ -13,6 +13,7 @@ import click
 log = logging.getLogger(__name__)
 
 # What --help shows without loading the simulator; a test holds them equal to it.
+KERNEL_NAMES = ("bilinear", "cubic", "lanczos")
 PRESET_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
 SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 LEAST_SIDE, MOST_SIDE = 8, 16384
@@ -32,6 +33,42 @@ def size(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int,
     return rows, columns
 
 
+def depths(_ctx: click.Context, _param: click.Parameter, value: str | None) -> tuple[float, float] | None:
+    """Read "LEFT:RIGHT" depths [m]."""
+    if value is None:
+        return None
+    left, _, right = value.partition(":")
+    try:
+        return float(left), float(right or left)
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is not like 25:3, the depth at the left and at the right edge.") from None
+
+
+def boats(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ...]) -> tuple[tuple[float, ...], ...]:
+    """Read "RIGHT,DOWN,SPEED@HEADING" of each boat: [m], [m], [m/s], [deg]."""
+    out = []
+    for text in value:
+        try:
+            place, _, heading = text.partition("@")
+            right, down, speed = (float(part) for part in place.split(","))
+            out.append((right, down, speed, float(heading or 0.0)))
+        except ValueError:
+            raise click.BadParameter(
+                f"{text!r} is not like 20,35,6@60: RIGHT,DOWN [m], SPEED [m/s] @ HEADING."
+            ) from None
+    return tuple(out)
+
+
+def whitecaps(_ctx: click.Context, _param: click.Parameter, value: str) -> float | None:
+    """Read a share, or "auto"."""
+    if value == "auto":
+        return None
+    try:
+        return float(value)
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is neither a share, such as 0.01, nor auto.") from None
+
+
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 @click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
 @click.option("--preset", type=click.Choice(PRESET_NAMES), default="thesis", help="Sensor.")
@@ -44,15 +81,29 @@ def size(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int,
 @click.option("--view-zenith", type=float, default=0.0, metavar="DEG")
 @click.option("--view-azimuth", type=float, default=0.0, metavar="DEG", help="Of the sensor, seen from the sea.")
 @click.option("--chlorophyll", type=float, default=0.5, metavar="MG/M3")
-@click.option("--sky", type=click.Choice(SKY_NAMES), default="harrison-coombes")
+@click.option("--sky", type=click.Choice(SKY_NAMES), default="cardioidal", help="Its radiance.")
 @click.option("--spectrum", type=click.Choice(SPECTRUM_NAMES), default="elfouhaily", help="Of the waves.")
 @click.option("--slopes", type=click.Choice(SLOPE_NAMES), default="cox-munk", help="What the mean glint follows.")
 @click.option("--fetch", type=float, default=100e3, metavar="M", help="For JONSWAP.")
 @click.option("--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water.")
 @click.option("--depth", type=float, default=5.0, metavar="M", help="Of the objects.")
+@click.option("--bottom", callback=depths, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m].")
+@click.option("--texture", type=float, default=0.4, metavar="SHARE", help="--bottom: covered by patches of algae.")
+@click.option("--coast", type=float, default=0.0, metavar="M", help="Width of land along the right edge.")
+@click.option("--foam", default="0", callback=whitecaps, metavar="SHARE|auto", help="Whitecaps; auto: of the wind.")
+@click.option(
+    "--boat",
+    multiple=True,
+    callback=boats,
+    metavar="RIGHT,DOWN,M/S@DEG",
+    help="A boat of 8 m: its place [m], speed and heading.",
+)
 @click.option("--supersample", type=int, default=4, metavar="N", help="Facets per pixel, each way.")
 @click.option("--patch", type=float, default=0.005, metavar="M", help="Patches of like slope; 0: no sparkle.")
 @click.option("--misregistration", type=float, default=0.0, metavar="PIXELS", help="Bands are off by up to this.")
+@click.option("--striping", type=float, default=0.0, metavar="%", help="Standard deviation of the columns' gain.")
+@click.option("--resampling", type=click.Choice(KERNEL_NAMES), help="The image is interpolated from another grid.")
+@click.option("--jpeg", type=click.IntRange(1, 100), metavar="QUALITY", help="The image went through a JPEG.")
 @click.option("--seed", type=int, default=0, metavar="N", help="Same seed, same scene.")
 @click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too.")
 @click.option("--grid", is_flag=True, help="All winds, delays, looks and f-numbers, into the directory OUT.")
@@ -66,6 +117,7 @@ def simulate(out: Path, **given: Any) -> None:
 
     \b
     deglint simulate --preset thesis --wind 9 --delay 0.060 --seed 7 scene
+    deglint simulate --bottom 20:2 --coast 8 --foam auto --boat 20,30,6@60 reef
     deglint simulate --grid --size 256 --wind 5 --wind 9 experiments
     """
     from ..raster.simulated import check_free, write_scene
@@ -95,7 +147,8 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
     """Name and setup of each scene that is asked for."""
     from ..errors import WriteError
     from ..physics.presets import preset
-    from ..simulate import Setup, thesis_array
+    from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array
+    from ..simulate import whitecaps as _foam
     from ..simulate.experiments import DELAYS, WINDS, experiments
 
     sensor = preset(given["preset"])
@@ -104,11 +157,16 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
         things = thesis_array(given["size"], sensor.gsd, depth=given["depth"])
     direct = (
         "size", "wind_from", "sun_zenith", "sun_azimuth", "view_zenith", "view_azimuth", "chlorophyll", "sky",
-        "slopes", "spectrum", "fetch", "supersample", "patch", "seed",
+        "slopes", "spectrum", "fetch", "coast", "supersample", "patch", "seed",
     )  # fmt: skip
     winds, delays = given["wind"], given["delay"]
     wind = winds[0] if winds else 5.0
+    bottom = given["bottom"] and Bottom(depth=given["bottom"], share=given["texture"])
     base = Setup(
+        bottom=bottom or None,
+        foam=_foam(wind) if given["foam"] is None else given["foam"],
+        targets=tuple(FloatingTarget(right=x, down=y, speed=v, heading=h, wake=3 * v) for x, y, v, h in given["boat"]),
+        artefacts=Artefacts(striping=given["striping"] / 100, resampling=given["resampling"], jpeg=given["jpeg"]),
         sensor=sensor.delayed(delays[0]) if delays else sensor,
         wind=wind,
         objects=things,

@@ -6,7 +6,7 @@ The files of a scene come into being together, or not at all.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -41,8 +41,8 @@ class Layer:
 
 
 def write_scene(
-    scene: Simulated, stem: str | Path, *, overwrite: bool = False, truth: bool = True
-) -> list[Path]:  # fmt: skip
+    scene: Simulated, stem: str | Path, *, overwrite: bool = False, truth: bool | Collection[str] = True
+) -> list[Path]:
     """Write a simulated scene.
 
     Parameters
@@ -53,8 +53,9 @@ def write_scene(
         ``DIR/NAME`` or ``DIR/NAME.tif``; the truth goes to ``DIR/NAME_truth.tif`` and so on.
     overwrite : bool
         Replace files that are there.
-    truth : bool
-        Write all that is known of the scene, not the image and the JSON alone.
+    truth : bool or collection of str
+        Write all that is known of the scene, not the image and the JSON alone; or only the parts that are named, such
+        as "_truth_water".
 
     Returns
     -------
@@ -70,7 +71,9 @@ def write_scene(
     from .targets import check_targets
 
     base = _base(stem)
-    layers = layers_of(scene) if truth else {"": layers_of(scene)[""]}
+    layers = layers_of(scene)
+    if truth is not True:
+        layers = {part: layer for part, layer in layers.items() if part in ("", *(truth or ()))}
     targets = {part: base.with_name(f"{base.name}{part}.tif") for part in layers}
     sidecar = base.with_name(f"{base.name}.json")
     check_targets([*targets.values(), sidecar], overwrite=overwrite)
@@ -117,8 +120,21 @@ def layers_of(scene: Simulated) -> dict[str, Layer]:
     radiance: dict[str, Any] = {"unit": UNIT, "band_tags": tags}
     out = {
         "": Layer(scene.image, "what the sensor gives", names, **numbers),
-        "_truth": Layer(scene.truth, "radiance without glint and noise, through the same optics", names, **radiance),
-        "_truth_noisy": Layer(scene.truth_image, "what the sensor gives without glint, same noise", names, **numbers),
+        "_truth": Layer(
+            scene.truth,
+            "radiance out of the water and of the mirrored sky, without sun glint and noise, through the same optics",
+            names,
+            **radiance,
+        ),
+        "_truth_water": Layer(
+            scene.truth_water,
+            "radiance out of the water alone, without sun glint, mirrored sky and noise, through the same optics",
+            names,
+            **radiance,
+        ),
+        "_truth_noisy": Layer(
+            scene.truth_image, "what the sensor gives without sun glint, same noise", names, **numbers
+        ),
         "_glint": Layer(scene.glint, "radiance of the sun glint alone, through the same optics", names, **radiance),
         "_glint_mask": Layer(
             scene.glint_mask.astype(np.uint8),
@@ -128,6 +144,11 @@ def layers_of(scene: Simulated) -> dict[str, Layer]:
         ),
         "_objects": Layer(scene.objects[None], "number of the submerged object, from 1; see the JSON", ("object",)),
     }
+    if scene.cover is not None:
+        meaning = "0 open water, 1 land, 2 foam, 3 floating target, when the band sees it"
+        out["_cover"] = Layer(scene.cover, meaning, names, band_tags=tags)
+    if scene.depth is not None:
+        out["_depth"] = Layer(scene.depth[None], "depth of the bottom", ("depth",), unit="m")
     if scene.height is not None:
         out["_height"] = Layer(scene.height[None], "height of the sea at the first time", ("height",), unit="m")
     if scene.slopes is not None:
@@ -196,6 +217,7 @@ def describe(scene: Simulated, files: Mapping[str, str]) -> dict[str, Any]:
                 "diffuse_irradiance": float(light.diffuse[i]),
                 "water_radiance": float(light.water[i]),
                 "mean_truth": float(scene.truth[i].mean(dtype=np.float64)),
+                "mean_truth_water": float(scene.truth_water[i].mean(dtype=np.float64)),
                 "mean_glint": float(scene.glint[i].mean(dtype=np.float64)),
                 "glint_fraction": float(scene.glint_mask[i].mean()),
                 "saturated_pixels": int((scene.image[i] == setup.sensor.levels).sum()),

@@ -1,13 +1,29 @@
 """Synthetic scenes of the sea with the truth beside them: pure functions from a `Setup` to arrays.
 
 `simulate(Setup(...))` gives a `SimulatedScene`, `simulate_together` what several sensors see of one sea;
-`deglint.raster.simulated` writes them. Rooms: `setup` (all parameters), `light` (sun, sky and water in each band),
-`facets` (the moving sea), `objects` (what lies under water), `scene` (puts it together), `experiments` (grids of
-setups). No files are touched here.
+`deglint.raster.simulated` writes them. Modules: `setup` (all parameters), `light` (sun, sky and water in each band),
+`facets` (the moving sea), `objects` and `bottom` (what lies under water), `cover` (land, foam and floating targets),
+`artefacts` (striping, resampling, JPEG), `scene` (puts it together), `experiments` (grids of setups). No files are
+touched here.
 """
 
+from .artefacts import Artefacts
+from .bottom import Bottom
+from .cover import FloatingTarget, whitecaps
 from .objects import SubmergedObject, square, thesis_array
 from .scene import SimulatedScene, simulate, simulate_together
 from .setup import Setup
 
-__all__ = ["Setup", "SimulatedScene", "SubmergedObject", "simulate", "simulate_together", "square", "thesis_array"]
+__all__ = [
+    "Artefacts",
+    "Bottom",
+    "FloatingTarget",
+    "Setup",
+    "SimulatedScene",
+    "SubmergedObject",
+    "simulate",
+    "simulate_together",
+    "square",
+    "thesis_array",
+    "whitecaps",
+]

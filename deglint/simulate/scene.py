@@ -12,8 +12,11 @@ import numpy.typing as npt
 from ..physics.imaging import observe, transform
 from ..physics.sensor import digitise
 from ..physics.surface import by_rows
+from .artefacts import compress, resample, stripe
+from .bottom import depth_and_patches
+from .cover import Cover
 from .facets import Facets, facets
-from .light import Light, light
+from .light import Light, light, matt
 from .objects import label
 from .setup import Setup, check_one_sea
 
@@ -35,19 +38,26 @@ class SimulatedScene:
     image : uint16 ndarray
         Digital numbers of the sensor; times `Sensor.scale` they are radiance.
     truth : float32 ndarray
-        Radiance without glint and without noise, through the same optics.
+        Radiance without sun glint and without noise, through the same optics: out of the water, and of the sky that
+        the sea mirrors.
+    truth_water : float32 ndarray
+        The same without the mirrored sky: out of the water alone. Land, foam and floating targets are in both.
     truth_image : uint16 ndarray
-        The same as digital numbers, with noise from the same draw.
+        `truth` as digital numbers, with noise from the same draw and the same artefacts.
     glint : float32 ndarray
         Radiance of the glint alone, through the same optics.
     glint_mask : bool ndarray
         Where glint exceeds the setup's share of `truth`.
     objects : (row, column) uint16 ndarray
-        Number of the object, from 1; 0 where there is none.
+        Number of the submerged object, from 1; 0 where there is none, or something lies over it.
     height, slopes : float32 ndarray or None
         Height [m] and (east, north) slope of the resolved waves, mean over each pixel, at the first time.
     resolved_slope_variance : (float, float)
         Of the resolved waves upwind and crosswind, expected on this grid.
+    cover : (band, row, column) uint8 ndarray or None
+        0 open water, 1 land, 2 foam, 3 floating target, when the band sees it; None without any.
+    depth : (row, column) float32 ndarray or None
+        Of the bottom [m]; None where the water is deep.
     """
 
     setup: Setup
@@ -61,6 +71,9 @@ class SimulatedScene:
     height: Array | None = field(repr=False)
     slopes: Array | None = field(repr=False)
     resolved_slope_variance: tuple[float, float]
+    truth_water: Array = field(repr=False)
+    cover: Numbers | None = field(repr=False, default=None)
+    depth: Array | None = field(repr=False, default=None)
 
 
 def simulate(
@@ -92,8 +105,8 @@ def simulate(
     Notes
     -----
     Bands that look at the same time share the work on the sea. Waves bend neither the light that leaves the
-    water nor the outlines of objects; whitecaps, multiple reflections and hiding of waves are left out. Seen
-    at an angle, the pixels are squares on the sea. About 60 bytes of memory per facet.
+    water nor the outlines of objects; multiple reflections and hiding of waves are left out. Seen at an angle, the
+    pixels are squares on the sea. About 60 bytes of memory per facet.
 
     Examples
     --------
@@ -112,8 +125,8 @@ def simulate_together(
     Parameters
     ----------
     setups : sequence of Setup
-        Alike but for `sensor`, `misregistration` and `glint_threshold`; the sensors have the same bands, in the same
-        order, and the same ground sampling distance.
+        Alike but for `sensor`, `misregistration`, `artefacts` and `glint_threshold`; the sensors have the same bands,
+        in the same order, and the same ground sampling distance.
     workers, keep_surface, progress
         As for `simulate`; the bands are those of all setups.
 
@@ -142,79 +155,171 @@ def simulate_together(
     check_one_sea(setups)
     # how fast sparkle changes is drawn only where something moves
     moving = max(setups, key=lambda s: max(s.times))
-    lit, sea, labels = light(moving), facets(moving, workers=workers), _labels(moving)
+    sea, world = facets(moving, workers=workers), _World.of(moving)
     shape = len(moving.sensor.bands), *moving.size
-    truths, glints = ([np.empty(shape, np.float32) for _ in setups] for _ in range(2))
+    parts = [_Parts.empty(shape, resampled=s.artefacts.resampling is not None) for s in setups]
     done, total = 0, len(setups) * shape[0]
     for time in sorted({t for s in setups for t in s.times}):
-        for n, i, clean, bright in _look(setups, lit, sea, labels, time, workers):
-            truths[n][i], glints[n][i] = clean, bright
+        for _ in _add_bands(parts, setups, world, sea, time, workers):
             done += 1
             if progress:
                 progress(done, total)
     surface = _surface(sea, workers) if keep_surface else (None, None)
     return tuple(
-        _finished(setup, lit, sea, labels, truths[n], glints[n], surface, workers) for n, setup in enumerate(setups)
+        _finished(setup, world, part, surface, sea.slope_variance, workers)
+        for setup, part in zip(setups, parts, strict=True)
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _World:
+    """All of a setup but the surface of the sea, on its facets."""
+
+    setup: Setup
+    lit: Light
+    labels: Numbers
+    """Number of the submerged object, from 1."""
+    depth: Array | None
+    patches: npt.NDArray[np.bool_] | None
+    """Where the second material of the bottom lies."""
+    cover: Cover | None
+    matt: Array
+    """Radiance of the materials of the cover, (material, band)."""
+
+    @classmethod
+    def of(cls, setup: Setup) -> _World:
+        shape = setup.grid[0] * setup.supersample, setup.grid[1] * setup.supersample
+        labels: Numbers = np.broadcast_to(np.uint16(0), shape)
+        if setup.objects:
+            labels = label(setup.objects, shape, setup.facet)
+        depth, patches = None, None
+        if setup.bottom is not None:
+            seed = np.random.SeedSequence(setup.seed, spawn_key=(3,))
+            width = setup.size[1] * setup.sensor.gsd
+            depth, patches = depth_and_patches(setup.bottom, shape, setup.facet, width, seed)
+        cover = Cover(setup) if setup.coast or setup.foam or setup.targets else None
+        lit = light(setup)
+        radiances = matt(lit, setup, cover.materials) if cover else np.zeros((0, 0))
+        return cls(setup, lit, labels, depth, patches, cover, radiances)
+
+    @property
+    def is_plain(self) -> bool:
+        """The water is the same everywhere."""
+        return not self.setup.objects and self.depth is None and self.cover is None
+
+    def leaving(self, band: int, cover: Numbers | None) -> Array:
+        """Radiance out of the water, or of what lies on it, of each facet (row, column) float32."""
+        lit = self.lit
+        out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
+        if self.depth is not None and self.patches is not None:
+            ground, patch = (np.interp(self.depth, lit.depths, table) for table in lit.bottom[:, :, band])
+            np.copyto(out, np.where(self.patches, patch, ground), where=self.labels == 0, casting="same_kind")
+        if cover is not None:
+            np.copyto(out, self.matt[:, band].astype(np.float32)[cover], where=cover > 0)
+        return out
+
+    def on_pixels(self, layer: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """The facets in the middle of the pixels of the image."""
+        n, (rows, columns) = self.setup.supersample, self.setup.size
+        return layer[n // 2 :: n, n // 2 :: n][:rows, :columns].copy()
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """Radiances of one scene, (band, row, column) float32; what the sensor sees lies on its own grid."""
+
+    truth: Array
+    glint: Array
+    water: Array
+    seen_truth: Array
+    seen_glint: Array
+
+    @classmethod
+    def empty(cls, shape: tuple[int, int, int], *, resampled: bool) -> _Parts:
+        truth, glint, water = (np.empty(shape, np.float32) for _ in range(3))
+        seen = (np.empty(shape, np.float32), np.empty(shape, np.float32)) if resampled else (truth, glint)
+        return cls(truth, glint, water, *seen)
+
+
 def _finished(
-    setup: Setup, lit: Light, sea: Facets, labels: Numbers, truth: Array, glint: Array,
-    surface: tuple[Array | None, Array | None], workers: int,
+    setup: Setup, world: _World, parts: _Parts, surface: tuple[Array | None, Array | None],
+    variance: tuple[float, float], workers: int,
 ) -> SimulatedScene:  # fmt: skip
-    image, truth_image = _digitise(setup, truth + glint, workers), _digitise(setup, truth, workers)
-    half = setup.supersample // 2
-    ids = labels[half :: setup.supersample, half :: setup.supersample][: setup.size[0], : setup.size[1]].copy()
-    mask = glint > setup.glint_threshold * truth
-    return SimulatedScene(setup, lit, image, truth, truth_image, glint, mask, ids, *surface, sea.slope_variance)
+    image = _digitise(setup, parts.seen_truth + parts.seen_glint, workers)
+    truth_image = _digitise(setup, parts.seen_truth, workers)
+    ids = world.on_pixels(world.labels)
+    cover = None
+    if world.cover is not None:
+        seen = {t: world.cover.kinds(world.on_pixels(world.cover.at(t))) for t in set(setup.times)}
+        cover = np.stack([seen[t] for t in setup.times])
+        ids[(cover > 0).any(axis=0)] = 0
+    depth = None if world.depth is None else world.on_pixels(world.depth)
+    mask = parts.glint > setup.glint_threshold * parts.truth
+    return SimulatedScene(
+        setup, world.lit, image, parts.truth, truth_image, parts.glint, mask, ids, *surface, variance, parts.water,
+        cover, depth,
+    )  # fmt: skip
 
 
-def _labels(setup: Setup) -> Numbers:
-    shape = setup.grid[0] * setup.supersample, setup.grid[1] * setup.supersample
-    if not setup.objects:
-        return np.broadcast_to(np.uint16(0), shape)
-    return label(setup.objects, shape, setup.facet)
-
-
-def _look(
-    setups: Sequence[Setup], lit: Light, sea: Facets, labels: Numbers, time: float, workers: int
-) -> Iterator[tuple[int, int, Array, Array]]:
-    """Yield (setup, band, truth, glint) on the pixels for the bands that look at one time."""
+def _add_bands(
+    parts: Sequence[_Parts], setups: Sequence[Setup], world: _World, sea: Facets, time: float, workers: int
+) -> Iterator[None]:
+    """Fill in the bands that look at one time, one after the other."""
     density, mirrored = sea.at(time, workers=workers)
-    density_spectrum = transform(density, workers=workers)
+    cover = None if world.cover is None else world.cover.at(time)
+    if cover is not None:
+        density[cover > 0] = mirrored[cover > 0] = 0.0
+    density_spectrum, sky_spectrum = transform(density, workers=workers), transform(mirrored, workers=workers)
     del density
-    plain = None if setups[0].objects else transform(mirrored, workers=workers)
+    lit = world.lit
     for i in range(len(lit.water)):
         looking = [n for n, s in enumerate(setups) if s.times[i] == time]
         if not looking:
             continue
-        spectrum, factor, level = plain, lit.diffuse[i], lit.water[i]
-        if spectrum is None:  # the water differs from facet to facet
-            out_of_water = np.append(lit.water[i], lit.objects[:, i]).astype(np.float32)[labels]
-            out_of_water += np.float32(factor) * mirrored
-            spectrum, factor, level = transform(out_of_water, workers=workers), 1.0, 0.0
+        spectrum, factor, level = sky_spectrum, lit.diffuse[i], lit.water[i]
+        if not world.is_plain:  # the water differs from facet to facet
+            both = world.leaving(i, cover)
+            both += np.float32(factor) * mirrored
+            spectrum, factor, level = transform(both, workers=workers), 1.0, 0.0
         for n in looking:
-            truth = level + factor * _pixels(spectrum, setups[n], i, workers)
-            bright = lit.normal[i] * sea.glint_factor * _pixels(density_spectrum, setups[n], i, workers)
-            yield n, i, truth, np.maximum(bright, 0.0)
+            setup, part = setups[n], parts[n]
+            sun = lit.normal[i] * sea.glint_factor
+            part.truth[i] = level + factor * _pixels(spectrum, setup, i, workers)
+            part.glint[i] = np.maximum(sun * _pixels(density_spectrum, setup, i, workers), 0.0)
+            if world.is_plain:
+                part.water[i] = lit.water[i]
+            else:
+                part.water[i] = part.truth[i] - lit.diffuse[i] * _pixels(sky_spectrum, setup, i, workers)
+            off = setup.artefacts.shift
+            if off:
+                part.seen_truth[i] = level + factor * _pixels(spectrum, setup, i, workers, off)
+                part.seen_glint[i] = np.maximum(sun * _pixels(density_spectrum, setup, i, workers, off), 0.0)
+            yield
 
 
-def _pixels(spectrum: Any, setup: Setup, i: int, workers: int) -> Array:
-    shift = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
-    wavelength = setup.sensor.bands[i].wavelength
+def _pixels(spectrum: Any, setup: Setup, i: int, workers: int, off: float = 0.0) -> Array:
+    down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
+    wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
     seen = observe(spectrum, setup.sensor, wavelength, factor=setup.supersample, shift=shift, workers=workers)
     return seen[: setup.size[0], : setup.size[1]]
 
 
 def _digitise(setup: Setup, radiance: Array, workers: int) -> Numbers:
-    """Digital numbers; each band draws its noise from a seed of its own, the same for image and truth."""
+    """Digital numbers with artefacts; a band draws its noise from a seed of its own, the same for image and truth."""
     seeds = np.random.SeedSequence(setup.seed, spawn_key=(2,)).spawn(len(radiance))
+    gains = np.random.SeedSequence(setup.seed, spawn_key=(5,)).spawn(len(radiance))
     out = np.empty(radiance.shape, np.uint16)
+    sensor, artefacts = setup.sensor, setup.artefacts
 
     def draw(first: int, last: int) -> None:
         for i in range(first, last):
             generator = np.random.default_rng(seeds[i])
-            out[i] = digitise(radiance[i], setup.sensor, setup.sensor.bands[i], generator=generator)
+            striped = stripe(radiance[i], artefacts.striping, gains[i])
+            out[i] = digitise(striped, sensor, sensor.bands[i], generator=generator)
+            if artefacts.resampling:
+                out[i] = resample(out[i], artefacts.resampling, sensor.levels)
+            if artefacts.jpeg:
+                out[i] = compress(out[i], artefacts.jpeg, sensor.levels)
 
     by_rows(draw, len(radiance), workers)
     return out

@@ -16,6 +16,9 @@ from ..physics.sensor import Sensor
 from ..physics.sky import MODELS as SKIES
 from ..physics.slopes import variances, wind_at_height
 from ..physics.waves import SHORT_WAVES, Sea, Spectrum, Spreading, slope_variance
+from .artefacts import Artefacts
+from .bottom import Bottom
+from .cover import FloatingTarget
 from .objects import SubmergedObject
 
 SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
@@ -26,6 +29,12 @@ LEAST_GAIN = 0.3
 """Short waves are damped to this at most; what is then too steep yet is levelled facet by facet."""
 RESOLVED_AT_MOST = 0.95
 """Share of the measured slope variance that the waves of the grid may carry; short waves are damped to it."""
+
+
+MARGIN = 16
+"""Columns beyond an image whose edges differ [pixel]: the grid repeats, and the optics reach over its edges."""
+MOST_TARGETS = 250
+"""Floating targets of a scene; their labels are kept in 8 bits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,20 +58,32 @@ class Setup:
     sun_zenith, sun_azimuth, view_zenith, view_azimuth : float
         Of the sun and the sensor as seen from the target [deg].
     sky : {"uniform", "cardioidal", "harrison-coombes"}
-        Radiance of the sky.
+        Radiance of the sky. The cardioidal one, of an even haze, has no glow around the sun; the clear sky of Harrison
+        and Coombes has, and what the sea mirrors of it looks like sun glint.
     air : Air, optional
         State of the atmosphere; by default that of the thesis (humidity 80 %, visibility 40 km), this wind.
     chlorophyll : float
         Of the case-1 water [mg m-3].
     objects : tuple of SubmergedObject
         May be empty.
+    bottom : Bottom, optional
+        Of a shallow sea; by default the water is deep.
+    coast : float
+        Mean width of the land along the right edge [m]; 0 for none.
+    foam : float
+        Share of the sea that whitecaps cover [1]; `deglint.simulate.whitecaps` gives that of a wind.
+    targets : tuple of FloatingTarget
+        Boats and swimmers; bands with a delay see them at different places.
     supersample : int
         Facets per pixel, each way.
     patch : float
         Size of the patches of like slope that the unresolved waves make [m]: sets the sparkle; 0 for none.
         Surfaces resolved to 1 mm say 0.005; 0.06 makes single facets flash.
     misregistration : tuple of (float, float)
-        Per band, how far down and right of its pixels it looks [pixel]; empty for none.
+        Per band, how far down and right of its pixels it looks [pixel]; empty for none. The truth of the band looks
+        there, too.
+    artefacts : Artefacts
+        Striping, resampling and JPEG of the image; the truth does without them.
     glint_threshold : float
         Glint counts in the mask above this share of the radiance without it.
     domain : float, optional
@@ -85,13 +106,18 @@ class Setup:
     sun_azimuth: float = 135.0
     view_zenith: float = 0.0
     view_azimuth: float = 0.0
-    sky: str = "harrison-coombes"
+    sky: str = "cardioidal"
     air: Air | None = None
     chlorophyll: float = 0.5
     objects: tuple[SubmergedObject, ...] = ()
+    bottom: Bottom | None = None
+    coast: float = 0.0
+    foam: float = 0.0
+    targets: tuple[FloatingTarget, ...] = ()
     supersample: int = 4
     patch: float = 0.005
     misregistration: tuple[tuple[float, float], ...] = ()
+    artefacts: Artefacts = field(default_factory=Artefacts)
     glint_threshold: float = 0.25
     domain: float | None = None
     seed: int = 0
@@ -115,6 +141,14 @@ class Setup:
         )
         within("supersample", self.supersample, 2, 32, "", "4 facets per pixel do for most scenes.")
         within("patch", self.patch, 0.0, 1.0, "m", "It is some centimetres at most; 0 leaves the sparkle out.")
+        within(
+            "coast", self.coast, 0.0, 0.9 * self.size[1] * self.sensor.gsd, "m", "Leave some of the image to the sea."
+        )
+        within("foam", self.foam, 0.0, 0.5, "", "It is a share: whitecaps cover 0.01 of the sea at 10 m/s.")
+        if len(self.targets) > MOST_TARGETS:
+            raise InputError(
+                f"targets must be at most {MOST_TARGETS}, got {len(self.targets)}; simulate several scenes"
+            )
         if self.misregistration and len(self.misregistration) != len(self.sensor.bands):
             raise InputError(
                 f"misregistration must hold one (down, right) per band ({len(self.sensor.bands)}),"
@@ -165,7 +199,8 @@ class Setup:
 
         least = self.sea.peak_wavelength if self.domain is None else self.domain
         need = int(np.ceil(least / self.sensor.gsd))
-        rows, columns = (2 * next_fast_len(-(-max(n, need) // 2)) for n in self.size)
+        margin = MARGIN if self.coast or self.bottom else 0
+        rows, columns = (2 * next_fast_len(-(-max(n, need) // 2)) for n in (self.size[0], self.size[1] + margin))
         return rows, columns
 
     @property
@@ -214,7 +249,8 @@ def check_one_sea(setups: Sequence[Setup]) -> None:
         raise InputError("setups must hold at least one, got none; give the scenes to simulate")
     first = setups[0]
     for n, other in enumerate(setups[1:], start=2):
-        names = [f.name for f in fields(Setup) if f.name not in ("sensor", "misregistration", "glint_threshold")]
+        own = ("sensor", "misregistration", "artefacts", "glint_threshold")
+        names = [f.name for f in fields(Setup) if f.name not in own]
         unlike = [name for name in names if getattr(first, name) != getattr(other, name)]
         if [(b.low, b.high) for b in first.sensor.bands] != [(b.low, b.high) for b in other.sensor.bands]:
             unlike.append("bands of the sensor")

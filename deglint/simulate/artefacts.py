@@ -1,0 +1,97 @@
+"""What a sensor and its processing do to an image after the optics: striping, resampling, JPEG.
+
+They change the image alone; the truth stays as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from ..physics._checks import choice, within
+
+Array = npt.NDArray[np.floating[Any]]
+Numbers = npt.NDArray[np.uint16]
+Kernel = Literal["bilinear", "cubic", "lanczos"]
+
+KERNELS = ("bilinear", "cubic", "lanczos")
+SHIFT = 0.5
+"""How far the grid of the sensor lies off that of the map, down and right [pixel]. A map that is turned against the
+sensor meets all shifts; half a pixel blurs most."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Artefacts:
+    """Errors of an image that the sea has no part in.
+
+    Attributes
+    ----------
+    striping : float
+        Standard deviation of the gain of the columns, each band its own [1]; 0.02 is 2 %.
+    resampling : {"bilinear", "cubic", "lanczos"}, optional
+        The sensor sees the sea on a grid that lies `SHIFT` pixels off; the image is interpolated back.
+    jpeg : int, optional
+        Quality of a JPEG compression, 1 to 100: square root of the numbers in 8 bits, each band by itself.
+    """
+
+    striping: float = 0.0
+    resampling: Kernel | None = None
+    jpeg: int | None = None
+
+    def __post_init__(self) -> None:
+        within("striping", self.striping, 0.0, 0.5, "", "Two per cent is 0.02.")
+        choice("resampling", self.resampling, (None, *KERNELS))
+        if self.jpeg is not None:
+            within("jpeg", self.jpeg, 1, 100, "", "75 is usual, 95 fine.")
+
+    @property
+    def shift(self) -> float:
+        """Of the grid of the sensor, down and right [pixel]."""
+        return SHIFT if self.resampling else 0.0
+
+
+def stripe(radiance: Array, deviation: float, seed: np.random.SeedSequence) -> Array:
+    """Multiply each column of a band by a gain of its own.
+
+    Parameters
+    ----------
+    radiance : (row, column) ndarray
+    deviation : float
+        Standard deviation of the gain about 1 [1].
+    seed : SeedSequence
+    """
+    if deviation == 0:
+        return radiance
+    gain = 1.0 + deviation * np.random.default_rng(seed).standard_normal(radiance.shape[1])
+    return np.asarray(radiance * np.maximum(gain, 0.0))
+
+
+def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
+    """Interpolate a band from the grid of the sensor, `SHIFT` pixels down and right, to that of the map."""
+    import cv2
+
+    how = {"bilinear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos": cv2.INTER_LANCZOS4}[kernel]
+    move = np.array([[1.0, 0.0, SHIFT], [0.0, 1.0, SHIFT]])
+    size = numbers.shape[1], numbers.shape[0]
+    moved = cv2.warpAffine(numbers, move, size, flags=how, borderMode=cv2.BORDER_REFLECT)
+    return np.minimum(np.asarray(moved, np.uint16), np.uint16(levels))
+
+
+def compress(numbers: Numbers, quality: int, levels: int) -> Numbers:
+    """Write a band as 8-bit JPEG and read it again.
+
+    The square root of the numbers is stored, so that their steps follow the shot noise, as cameras do.
+    """
+    import cv2
+
+    small = np.rint(255.0 * np.sqrt(numbers / levels)).astype(np.uint8)
+    done, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not done:
+        raise InputError(f"a band of {numbers.shape[0]} x {numbers.shape[1]} pixels does not fit into a JPEG")
+    again = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+    assert again is not None
+    return np.rint(levels * (again / 255.0) ** 2).astype(np.uint16)

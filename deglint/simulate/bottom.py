@@ -1,0 +1,113 @@
+"""The bottom of a shallow sea: its depth, and patches of two materials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from ..physics._checks import within
+from .materials import check_material
+
+Array = npt.NDArray[np.floating[Any]]
+
+LEAST_DEPTH, MOST_DEPTH = 0.1, 60.0
+"""Depths that the model of a bottom covers [m]; deeper, no light of it returns."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bottom:
+    """A bottom that rises from the left edge of the image to the right edge.
+
+    Attributes
+    ----------
+    depth : (float, float)
+        At the left and at the right edge of the image [m].
+    edge : (float, float), optional
+        A reef edge: its middle, right of the left edge of the image, and its width [m]. By default the depth changes
+        evenly over the whole image.
+    roughness : float
+        Standard deviation of the depth about this profile [m], over distances of `patch`.
+    materials : (str, str)
+        Of the ground and of the patches on it; see `deglint.simulate.materials.SPECTRA`.
+    share : float
+        Of the ground that patches cover, 0 to 1; 0 is smooth ground of the first material.
+    patch : float
+        Size of the patches [m].
+    """
+
+    depth: tuple[float, float] = (25.0, 3.0)
+    edge: tuple[float, float] | None = None
+    roughness: float = 0.0
+    materials: tuple[str, str] = ("sand", "algae")
+    share: float = 0.4
+    patch: float = 8.0
+
+    def __post_init__(self) -> None:
+        within("depth of the bottom", self.depth, LEAST_DEPTH, MOST_DEPTH, "m", "Leave a deeper bottom out.")
+        within("roughness", self.roughness, 0.0, 20.0, "m", "It is a standard deviation of the depth.")
+        within("share of patches", self.share, 0.0, 1.0, "", "Give a share, not per cent.")
+        within("patch", self.patch, 1e-2, 1e5, "m", "Give the size of a patch.")
+        if self.edge is not None and not self.edge[1] > 0:
+            raise InputError(f"edge must have a width above 0 m, got {self.edge[1]:g}; give (middle, width) [m]")
+        for name in self.materials:
+            check_material(name)
+
+
+def depth_and_patches(
+    bottom: Bottom, shape: tuple[int, int], spacing: float, width: float, seed: np.random.SeedSequence
+) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Depth [m], and where the second material lies, on a grid.
+
+    Parameters
+    ----------
+    bottom : Bottom
+    shape : (int, int)
+        Rows and columns.
+    spacing : float
+        Step of the grid [m].
+    width : float
+        Of the image [m]; midway between it and the end of the grid the depth falls back to that of the left edge.
+    seed : SeedSequence
+
+    Returns
+    -------
+    depth : (row, column) float32 ndarray
+    patches : (row, column) bool ndarray
+    """
+    rough, patchy, bent = seed.spawn(3)
+    right = (np.arange(shape[1]) + 0.5) * spacing
+    if bottom.edge is None:
+        rise = np.clip(right / width, 0.0, 1.0)[None, :]
+    else:
+        middle, extent = bottom.edge
+        line = middle + 0.5 * extent * smooth_noise(shape, spacing, 3.0 * bottom.patch, bent)
+        rise = 0.5 + 0.5 * np.tanh(2.0 * (right - line) / extent)
+    rise = np.where(right > 0.5 * (width + shape[1] * spacing), 0.0, rise)
+    depth = bottom.depth[0] + (bottom.depth[1] - bottom.depth[0]) * rise
+    depth = depth + bottom.roughness * smooth_noise(shape, spacing, bottom.patch, rough)
+    depth = np.clip(depth, LEAST_DEPTH, MOST_DEPTH).astype(np.float32)
+    if bottom.share == 0:
+        return depth, np.zeros(shape, np.bool_)
+    field = smooth_noise(shape, spacing, bottom.patch, patchy) + 0.3 * smooth_noise(
+        shape, spacing, 0.2 * bottom.patch, patchy.spawn(1)[0]
+    )
+    return depth, field > np.quantile(field, 1.0 - bottom.share)
+
+
+def smooth_noise(shape: tuple[int, int], spacing: float, size: float, seed: np.random.SeedSequence) -> Array:
+    """Gaussian noise of mean 0 and variance 1 with features of a size [m], (row, column) float32; repeats at its edges.
+
+    White noise through a Gaussian filter with a standard deviation of a third of the size.
+    """
+    from scipy import fft
+
+    white = np.random.default_rng(seed).standard_normal(shape, np.float32)
+    rows, columns = np.fft.fftfreq(shape[0], spacing)[:, None], np.fft.rfftfreq(shape[1], spacing)
+    gain = np.exp(-2.0 * (np.pi * size / 3.0) ** 2 * (rows**2 + columns**2)).astype(np.float32)
+    field = np.asarray(fft.irfft2(fft.rfft2(white) * gain, s=shape))
+    field -= field.mean()
+    return np.asarray(field / max(float(field.std()), 1e-12))

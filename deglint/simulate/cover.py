@@ -1,0 +1,166 @@
+"""What lies on the sea and hides it: land, foam, and targets that float and move.
+
+All of it is opaque and matt: it mirrors neither sun nor sky, and no light of the water comes through.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..physics._checks import within
+from .bottom import smooth_noise
+from .materials import check_material
+
+if TYPE_CHECKING:
+    from .setup import Setup
+
+Array = npt.NDArray[np.floating[Any]]
+Labels = npt.NDArray[np.uint8]
+
+WATER, LAND, FOAM, TARGET = range(4)
+"""Values of the cover raster."""
+FOAM_PATCH = 1.5
+"""Size of a patch of foam [m]: a spilling breaker of short wind waves."""
+LAND_PATCH = 6.0
+"""Size of the patches of vegetation and rock on land [m]."""
+BASE = ("", "vegetation", "rock", "foam")
+"""Materials of the first labels; those of the floating targets follow."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FloatingTarget:
+    """A boat, a swimmer or a buoy: it floats, and moves on a straight line.
+
+    Attributes
+    ----------
+    right, down : float
+        Its middle when the first band sees it, from the upper left corner of the image [m].
+    length, width : float
+        [m]
+    speed : float
+        [m/s]
+    heading : float
+        Azimuth in which its bow points and in which it moves [deg], clockwise from north; north is up.
+    material : str
+        See `deglint.simulate.materials.SPECTRA`.
+    wake : float
+        Length of the trail of foam behind it [m].
+    """
+
+    right: float
+    down: float
+    length: float = 8.0
+    width: float = 2.5
+    speed: float = 0.0
+    heading: float = 0.0
+    material: str = "paint"
+    wake: float = 0.0
+
+    def __post_init__(self) -> None:
+        within("length and width", [self.length, self.width], 0.05, 500.0, "m", "Give the size of the hull.")
+        within("speed", self.speed, 0.0, 50.0, "m/s", "One knot is 0.514 m/s; turn the heading to go back.")
+        within("heading", self.heading, -360.0, 360.0, "degrees", "Give an azimuth from north.")
+        within("wake", self.wake, 0.0, 5000.0, "m", "Give its length.")
+        check_material(self.material)
+
+    def place(self, time: float) -> tuple[float, float]:
+        """Right and down of its middle [m] after a time [s]."""
+        azimuth = np.radians(self.heading)
+        way = self.speed * time
+        return self.right + way * float(np.sin(azimuth)), self.down - way * float(np.cos(azimuth))
+
+    def along_and_across(self, time: float, right: Array, down: Array) -> tuple[Array, Array]:
+        """Distance ahead of its middle and to starboard of it [m] of points."""
+        azimuth = np.radians(self.heading)
+        at = self.place(time)
+        east, north = right - at[0], at[1] - down
+        return east * np.sin(azimuth) + north * np.cos(azimuth), east * np.cos(azimuth) - north * np.sin(azimuth)
+
+
+class Cover:
+    """The cover of a setup at any time.
+
+    Parameters
+    ----------
+    setup : Setup
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        shape = setup.grid[0] * setup.supersample, setup.grid[1] * setup.supersample
+        self.setup = setup
+        self.materials = (*BASE, *(target.material for target in setup.targets))
+        self._fixed = np.zeros(shape, np.uint8)
+        land, foam, self._speckle = np.random.SeedSequence(setup.seed, spawn_key=(4,)).spawn(3)
+        if setup.foam > 0:
+            field = smooth_noise(shape, setup.facet, 6 * FOAM_PATCH, foam.spawn(1)[0])
+            field += smooth_noise(shape, setup.facet, FOAM_PATCH, foam)
+            self._fixed[field > np.quantile(field, 1.0 - setup.foam)] = 3
+        if setup.coast > 0:
+            self._add_land(shape, land)
+
+    def _add_land(self, shape: tuple[int, int], seed: np.random.SeedSequence) -> None:
+        setup = self.setup
+        bend, patches = seed.spawn(2)
+        width = setup.size[1] * setup.sensor.gsd
+        shore = width - setup.coast * (1.0 + 0.3 * smooth_noise(shape, setup.facet, setup.coast, bend))
+        right = (np.arange(shape[1]) + 0.5) * setup.facet
+        kind = np.where(smooth_noise(shape, setup.facet, LAND_PATCH, patches) > 0, 1, 2)
+        # the grid repeats: its last columns lie beside the left edge of the image, where there is water
+        end = 0.5 * (width + shape[1] * setup.facet)
+        np.copyto(self._fixed, kind.astype(np.uint8), where=(right > shore) & (right < end))
+
+    def at(self, time: float) -> Labels:
+        """Index into `materials` of each facet when a time [s] has passed, (row, column); 0 is open water."""
+        labels = self._fixed.copy()
+        for number, target in enumerate(self.setup.targets, start=len(BASE)):
+            self._draw(labels, target, number, time)
+        return labels
+
+    def _draw(self, labels: Labels, target: FloatingTarget, number: int, time: float) -> None:
+        """Draw a hull with a pointed bow, and its wake: foam that thins out and widens behind the stern."""
+        facet, right, down = self.setup.facet, *target.place(time)
+        reach = target.length + target.width + target.wake
+        rows, columns = (
+            slice(max(int((middle - reach) / facet), 0), max(min(int((middle + reach) / facet) + 1, count), 0))
+            for middle, count in zip((down, right), labels.shape, strict=True)
+        )
+        part = labels[rows, columns]
+        if not part.size:
+            return
+        y = (np.arange(rows.start, rows.stop)[:, None] + 0.5) * facet
+        x = (np.arange(columns.start, columns.stop)[None, :] + 0.5) * facet
+        along, across = target.along_and_across(time, x, y)
+        half = 0.5 * target.width
+        if target.wake > 0:
+            behind = (-0.5 * target.length - along) / target.wake
+            speckle = np.random.default_rng(self._speckle).random((64, 64))
+            tiled = speckle[np.arange(rows.start, rows.stop)[:, None] % 64, np.arange(columns.start, columns.stop) % 64]
+            foam = (behind > 0) & (np.abs(across) < half * (1 + 2 * behind)) & (tiled > 0.3 + 0.7 * behind)
+            part[foam] = 3
+        taper = np.clip((0.5 * target.length - along) / (0.35 * target.length), 0.0, 1.0)  # of the bow
+        part[(np.abs(along) <= 0.5 * target.length) & (np.abs(across) <= half * taper)] = number
+
+    def kinds(self, labels: Labels) -> Labels:
+        """`WATER`, `LAND`, `FOAM` or `TARGET` of each label."""
+        table = np.full(len(self.materials), TARGET, np.uint8)
+        table[:4] = WATER, LAND, LAND, FOAM
+        return table[labels]
+
+
+def whitecaps(wind: float) -> float:
+    """Share of the open sea that whitecaps cover at a wind at 10 m [m/s], ``2.95e-6 U**3.52``.
+
+    References
+    ----------
+    Monahan and O'Muircheartaigh (1980), doi:10.1175/1520-0485(1980)010<2094:OPLDOO>2.0.CO;2.
+
+    Examples
+    --------
+    >>> round(whitecaps(10.0), 4)
+    0.0098
+    """
+    return min(2.95e-6 * wind**3.52, 1.0)

@@ -1,0 +1,56 @@
+"""Reflectance spectra of what a scene holds besides water.
+
+Round numbers of the usual size, matt (Lambertian) surfaces, linear between the wavelengths of the table. Sand and
+algae: Lee et al. (1999), fig. 2, and Hochberg et al. (2003), doi:10.1016/S0034-4257(02)00201-8. Foam: 0.5 in the
+visible, less beyond it as Frouin et al. (1996) measured, doi:10.1029/96JC00629.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+
+Array = npt.NDArray[np.floating[Any]]
+
+WAVELENGTHS = (400, 450, 500, 550, 600, 650, 700, 750, 850, 1000)
+"""Of the columns of `SPECTRA` [nm]."""
+SPECTRA = {
+    "sand": (0.20, 0.24, 0.28, 0.32, 0.36, 0.39, 0.41, 0.43, 0.45, 0.47),
+    "algae": (0.02, 0.02, 0.03, 0.06, 0.05, 0.04, 0.10, 0.30, 0.35, 0.35),
+    "coral": (0.04, 0.05, 0.07, 0.11, 0.13, 0.13, 0.20, 0.35, 0.40, 0.40),
+    "vegetation": (0.04, 0.05, 0.06, 0.10, 0.07, 0.06, 0.16, 0.42, 0.47, 0.48),
+    "rock": (0.10, 0.12, 0.15, 0.18, 0.22, 0.25, 0.28, 0.30, 0.33, 0.36),
+    "foam": (0.50, 0.50, 0.50, 0.50, 0.49, 0.48, 0.46, 0.43, 0.35, 0.28),
+    "paint": (0.38, 0.40, 0.41, 0.42, 0.42, 0.42, 0.42, 0.42, 0.41, 0.40),
+    "skin": (0.18, 0.20, 0.25, 0.27, 0.33, 0.43, 0.48, 0.52, 0.55, 0.45),
+    "orange": (0.05, 0.05, 0.06, 0.12, 0.45, 0.60, 0.65, 0.68, 0.70, 0.70),
+}
+"""Reflectance [1] by material."""
+
+
+def check_material(name: str) -> None:
+    """Refuse a material that is not in `SPECTRA`.
+
+    Raises
+    ------
+    InputError
+        There is no such material; the message lists them.
+    """
+    if name not in SPECTRA:
+        raise InputError(f"material must be one of {', '.join(SPECTRA)}, got {name!r}. Choose one of these.")
+
+
+def reflectance(name: str, wavelength: npt.ArrayLike) -> Array:
+    """Reflectance of a material [1] at wavelengths [nm].
+
+    Examples
+    --------
+    >>> reflectance("sand", [475.0, 900.0]).round(3).tolist()
+    [0.26, 0.457]
+    """
+    check_material(name)
+    return np.asarray(np.interp(np.asarray(wavelength, np.float64), WAVELENGTHS, SPECTRA[name]))
