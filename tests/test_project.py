@@ -89,3 +89,22 @@ def test_glint_comes_off_the_sample_scene(tmp_path):
     raw, left = error(ROOT / "sample_data" / "sea.tif"), error(out)
     assert raw > 100
     assert left < 0.2 * raw, (raw, left)
+
+
+@pytest.mark.parametrize("name", ["sea_025m", "sea_1m"])
+def test_the_samples_are_what_their_script_makes(name):
+    """To what other versions of libraries change; small enough for the repository, with the truth beside them."""
+    import runpy
+
+    import numpy as np
+
+    from deglint.simulate import simulate
+
+    folder = ROOT / "sample_data"
+    assert (folder / f"{name}.tif").stat().st_size < 2 << 20
+    made = simulate(runpy.run_path(str(folder / "make_samples.py"))[name]())
+    scale = np.array([made.setup.sensor.scale(b) for b in made.setup.sensor.bands])[:, None, None]
+    for part, layer in (("", made.image * scale), ("_truth", made.truth), ("_truth_water", made.truth_water)):
+        kept = deglint.open_scene(folder / f"{name}{part}.tif").read()
+        np.testing.assert_allclose(layer, kept, rtol=1e-3, atol=1e-3 * np.median(kept), err_msg=part)
+    assert set(np.unique(made.cover)) == {0, 2, 3}  # water, foam of the wakes, boats
