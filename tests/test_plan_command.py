@@ -197,6 +197,30 @@ def test_an_uncertain_wind_and_a_flight_line(deglint, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {"a.png", "b.png"}
 
 
+def test_a_page_without_a_time_starts_by_day(deglint, monkeypatch):
+    started = []
+    monkeypatch.setattr("deglint.plan.serve.serve", lambda mission, **_: started.append(mission))
+    for longitude in ("-122", "58"):  # it is night at one of them, or nearly so
+        ran = deglint("plan", "--lat", "36.8", "--lon", longitude, "--serve")
+        assert ran.code == 0
+        assert "the next daylight" in ran.err
+    assert all(mission.sun[0] < 80 for mission in started)
+    assert deglint("plan", *PLACE, "--serve").err == ""
+    assert str(started[-1].moment) == "2026-06-21T18:00:00"
+
+
+def test_a_heading_in_glint_comes_with_what_else_to_do(deglint):
+    noon = ("--lat", "20", "--lon", "-157", "--time", "2026-06-21T22:00Z", *WIND, "--fov", "40")
+    found = json.loads(deglint("plan", *noon, "--json").out)
+    assert found["best"]["fraction"] == 1.0
+    time, tilt = found["alternatives"]
+    assert time["fraction"] < 0.02
+    assert time["time"].startswith("2026-06-21T")
+    assert tilt["pitch"] or tilt["roll"]
+    assert "Another time: at 2026-06-21 " in found["words"]
+    assert deglint("plan", *noon).out.splitlines() == found["words"].replace(". A", ".\nA").splitlines()
+
+
 def test_help_is_quick_and_loads_no_planner():
     code = "import sys, deglint.cli.plan\nassert not {'numpy', 'deglint.plan', 'pvlib'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ}, cwd=Path(__file__).parents[1])

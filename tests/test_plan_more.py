@@ -11,12 +11,14 @@ from deglint.errors import BandError, InputError
 from deglint.physics import atmosphere, glint
 from deglint.plan import Limits, Mission, reticle
 from deglint.plan.advice import MARGIN, best_look, compass, one_in, quality, sentence
+from deglint.plan.alternatives import alternatives
+from deglint.plan.alternatives import words as sentences
 from deglint.plan.charts import day_picture, line_picture, shown, spread_picture
-from deglint.plan.draw import png
+from deglint.plan.draw import MAGENTA, png
 from deglint.plan.missionfile import merged, mission_from, pressure, tables_of
 from deglint.plan.picture import _CENTRE, _RADIUS, HEIGHT, WIDTH, layers, picture
 from deglint.plan.swath import View, flight_line, looks
-from deglint.plan.sweep import best_moment, plans, sweep, table, times
+from deglint.plan.sweep import best_moment, next_daylight, plans, sweep, table, times
 from deglint.plan.uncertainty import spread, words
 
 BAY = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0, step=2.0)
@@ -176,6 +178,57 @@ def test_best_heading_tilts_away_from_the_mirror_point():
     assert line_picture(BAY, line).shape == (640, 1240, 3)
 
 
+@pytest.mark.parametrize(("across", "along"), [(40.0, 0.0), (30.0, 20.0)])
+def test_where_every_heading_is_in_glint_a_time_and_a_view_angle_are_worked_out(across, along):
+    noon = Mission(latitude=20.0, longitude=-157.0, time="2026-06-21T22:00Z", wind=7.0, wind_from=310.0)
+    line = flight_line(noon, View(across=across, along=along))
+    found = alternatives(noon, line)
+    said = sentences(line, found)
+    assert said[0].startswith("No heading is good: all of the view")
+    assert [text.partition(":")[0] for text in said[1:]] == ["Another time", "Another view angle"]
+    for one in found:  # each holds when it is worked out by itself
+        mission = noon if one.time is None else noon.at(one.time)
+        again = flight_line(mission, replace(line.view, pitch=one.pitch, roll=one.roll), [one.heading])
+        assert again.fraction[0] == one.fraction < 0.02
+        assert f"heading {one.heading:03.0f}" in " ".join(said)
+    assert not line.is_recommended
+    magenta = (line_picture(noon, line, said)[230:, :600] == MAGENTA).all(axis=-1).sum()
+    assert magenta == 0  # no arrow for a heading that is not recommended
+    good = flight_line(replace(BAY, wind=5.0), View(across=10.0, roll=35.0))
+    assert alternatives(BAY, good) == ()
+    assert (line_picture(BAY, good)[230:, :600] == MAGENTA).all(axis=-1).sum() > 100
+
+
+def test_without_a_place_only_the_view_angle_is_worked_out():
+    mission = Mission(sun_zenith=10.0, sun_azimuth=100.0, wind=7.0)
+    line = flight_line(mission, View(across=30.0))
+    assert [one.time for one in alternatives(mission, line)] == [None]
+    storm = Mission(sun_zenith=30.0, sun_azimuth=100.0, wind=19.0, limits=Limits(glint=1e-9))
+    line = flight_line(storm, View(across=60.0))
+    assert "wait for less wind" in sentences(line, alternatives(storm, line))[-1]
+
+
+def test_text_and_picture_agree_on_the_worst_heading():
+    line = flight_line(BAY, View(across=30.0, roll=20.0))
+    assert f"worst is {line.heading[line.worst]:03.0f}" in line.words()
+    assert line.fraction[line.worst] == line.fraction.max()
+
+
+@pytest.mark.parametrize(
+    ("start", "found"),
+    [("2026-06-21T18:00Z", "2026-06-21T18:00"), ("2026-06-21T08:00Z", "2026-06-21T14:2")],
+)
+def test_the_next_daylight_is_now_or_in_the_morning(start, found):
+    time = next_daylight(36.8, -122.0, start)
+    assert str(time).startswith(found)
+    assert Mission(latitude=36.8, longitude=-122.0, time=time).sun[0] <= 75.0
+
+
+def test_the_next_daylight_in_winter_is_the_highest_sun():
+    sun = Mission(latitude=60.0, longitude=0.0, time=next_daylight(60.0, 0.0, "2026-12-21T18:00Z")).sun
+    assert sun[1] == pytest.approx(180.0, abs=3.0)
+
+
 def test_any_heading_will_do_where_there_is_no_glint():
     line = flight_line(Mission(sun_zenith=75.0, sun_azimuth=0.0, wind=2.0), View(across=20.0))
     assert line.words().startswith("Any heading will do")
@@ -221,7 +274,7 @@ def test_the_picture_shows_what_the_plan_says():
     image = picture(plan)
     np.testing.assert_array_equal(image, picture(plan))
     assert png(image)[:8] == b"\x89PNG\r\n\x1a\n"
-    from deglint.plan.draw import MAGENTA, ORANGE, polar
+    from deglint.plan.draw import ORANGE, polar
 
     def near(zenith, azimuth, reach=12):
         x, y = polar(_CENTRE, _RADIUS, zenith, azimuth, 80.0)

@@ -139,7 +139,8 @@ def _spread(given: Given, mission: Any, _console: Console) -> None:
 
 
 def _line(given: Given, mission: Any, _console: Console) -> None:
-    from ..plan.swath import View, flight_line, numbers
+    from ..plan.alternatives import alternatives, numbers, words
+    from ..plan.swath import View, flight_line
 
     across, _, along = given["fov"].lower().partition("x")
     try:
@@ -148,19 +149,32 @@ def _line(given: Given, mission: Any, _console: Console) -> None:
         raise click.UsageError(f"--fov {given['fov']!r} is not ACROSS or ACROSSxALONG degrees.") from None
     view = View(**angles, altitude=given["altitude"], pitch=given["pitch"], roll=given["roll"])
     found = flight_line(mission, view)
+    said = words(found, others := alternatives(mission, found))
 
     def picture() -> bytes:
         from ..plan.charts import line_picture
         from ..plan.draw import png
 
-        return png(line_picture(mission, found))
+        return png(line_picture(mission, found, said))
 
-    _finish(given, picture, numbers(mission, found), [found.words()])
+    _finish(given, picture, numbers(mission, found, others), said)
+
+
+def _daylight(_given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Tables of a page: where no time is given it starts at the next daylight."""
+    from ..plan.sweep import next_daylight
+
+    place = dict(tables.get("place", {}))
+    if "latitude" in place and "longitude" in place and "time" not in place:
+        place["time"] = f"{next_daylight(place['latitude'], place['longitude'])}Z"
+    return {**tables, "place": place} if place else tables
 
 
 def _serve(given: Given, mission: Any, _console: Console) -> None:
     from ..plan.serve import serve
 
+    if mission.moment is not None and not given["time"]:
+        log.info("the page starts at %sZ, in the next daylight if the mission names no time.", mission.moment)
     serve(mission, port=given["port"], say=log.info, browser=not given["no_browser"])
 
 
@@ -190,4 +204,4 @@ RETICLE = Mode((".png", ".json", ".nc", ".tif"), _reticle)
 SWEEP = Mode((".png", ".json"), _sweep, _day)
 SPREAD = Mode((".png", ".json"), _spread)
 LINE = Mode((".png", ".json"), _line)
-SERVE = Mode((), _serve)
+SERVE = Mode((), _serve, _daylight)

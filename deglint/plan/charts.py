@@ -132,13 +132,26 @@ def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best
     canvas.text((centre[0], centre[1] + _SMALL + 16), what, 13, colour, anchor="mm")
 
 
-def line_picture(mission: Mission, line: Line) -> Image:
-    """Share of the view in glint for every heading, and glint across the track at the best and the worst."""
-    canvas = Canvas(WIDTH, 640)
+def line_picture(mission: Mission, line: Line, words: Sequence[str] = ()) -> Image:
+    """Share of the view in glint for every heading, and glint across the track at the best and the worst.
+
+    Parameters
+    ----------
+    mission : Mission
+    line : Line
+    words : sequence of str, optional
+        What to say above; by default the words of the line alone.
+    """
+    first, *rest = words or [line.words()]
+    lines = [part for text in rest for part in draw.wrapped(text, 17, WIDTH - 80)]
+    down = 25.0 * len(lines)
+    canvas = Canvas(WIDTH, 640 + round(down))
     canvas.text((40, 22), "Which way to fly", 26)
     canvas.text((40, 60), "   ".join(conditions(mission)), 15, GREY)
-    canvas.text((40, 86), line.words(), 20)
-    centre, radius = (290.0, 380.0), 180.0
+    canvas.text((40, 86), first, 20)
+    for k, text in enumerate(lines):
+        canvas.text((40, 116 + 25 * k), text, 17, MAGENTA)
+    centre, radius = (290.0, 380.0 + down), 180.0
     for share in (0.25, 0.5, 0.75, 1.0):
         canvas.circle(centre, radius * share, PALE if share < 1 else INK, 1)
         at = (centre[0] + 4, centre[1] - radius * share)
@@ -151,11 +164,12 @@ def line_picture(mission: Mission, line: Line) -> Image:
         name = {0: "N", 90: "E", 180: "S", 270: "W"}.get(turn, f"{turn:03d}")
         canvas.text(draw.polar(centre, radius + 22, 1.0, turn, 1.0), name, 15, INK, anchor="mm")
     canvas.text(draw.polar(centre, radius + 52, 1.0, mission.sun[1], 1.0), "sun", 14, _SUNNY, anchor="mm")
-    best = float(line.heading[line.best])
-    ends = [draw.polar(centre, radius, 1.0, best + turn, 1.0) for turn in (180.0, 0.0)]
-    canvas.arrow(ends[0], ends[1], MAGENTA, 3, 16.0)
+    if line.is_recommended:
+        best = float(line.heading[line.best])
+        ends = [draw.polar(centre, radius, 1.0, best + turn, 1.0) for turn in (180.0, 0.0)]
+        canvas.arrow(ends[0], ends[1], MAGENTA, 3, 16.0)
     canvas.text((centre[0], centre[1] + radius + 56), "share of the view in glint, by heading", 14, GREY, anchor="mm")
-    _profiles(canvas, mission, line, (620.0, 170.0, 560.0, 370.0))
+    _profiles(canvas, mission, line, (620.0, 170.0 + down, 560.0, 370.0))
     return canvas.finished()
 
 
@@ -179,15 +193,16 @@ def _profiles(canvas: Canvas, mission: Mission, line: Line, box: tuple[float, fl
         canvas.text((x, top + height + 16), f"{share * half:+.0f}°" if share else "0°", 13, INK, anchor="mm")
     canvas.line([(left, limit), (left + width, limit)], ORANGE, 2)
     canvas.text((left + 6, limit - 9), "limit", 13, ORANGE, anchor="lm")
-    worst = int(np.argmax(line.fraction + 1e-6 * line.mean))
-    for k, colour, name in ((worst, GREY, "worst"), (line.best, MAGENTA, "best")):
+    for k, colour, name in ((line.worst, GREY, "most"), (line.best, MAGENTA, "least")):
         values = line.profile[k]
         points = [at(float(a), float(v)) for a, v in zip(line.across, values, strict=True) if np.isfinite(v)]
         if points:
             canvas.line(points, colour, 3)
-        place = (left + (0.0 if name == "best" else 200.0), top - 16)
-        canvas.text(place, f"{name}: heading {line.heading[k]:03.0f}", 15, colour, anchor="lm")
-    canvas.text((left + width, top - 16), "glint [1/sr]", 13, GREY, anchor="rm")
+        place = (left + (0.0 if name == "least" else 220.0), top - 16)
+        said = f"{name} glint: heading {line.heading[k]:03.0f}, {100 * line.fraction[k]:.0f} %"
+        canvas.text(place, said, 15, colour, anchor="lm")
+    unit = "largest along, [1/sr]" if line.view.along else "glint [1/sr]"
+    canvas.text((left + width, top - 16), unit, 13, GREY, anchor="rm")
     below = (left + 0.5 * width, top + height + 40)
     canvas.text(below, "angle across the track: left of it, and right", 14, GREY, anchor="mm")
 

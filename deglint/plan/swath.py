@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,15 @@ import numpy.typing as npt
 from ..physics import glint
 from ..physics._checks import within
 from .mission import Mission
-from .missionfile import tables_of
 
 Array = npt.NDArray[np.floating[Any]]
 
 EARTH_RADIUS = 6_371_000.0
 """[m]"""
+FREE = 0.02
+"""Share of the view in glint up to which a heading counts as good [1]."""
+SPOILT = 0.5
+"""Share of the view in glint beyond which no heading is recommended [1]: less than half of the line is usable."""
 _ACROSS, _ALONG = 121, 31
 
 
@@ -77,16 +80,39 @@ class Line:
         """Index of the heading with the least of its view in glint, then the least glint."""
         return int(np.lexsort((self.mean, self.fraction.round(3)))[0])
 
+    @property
+    def worst(self) -> int:
+        """Index of the heading with the most of its view in glint, then the most glint."""
+        return int(np.lexsort((-self.mean, -self.fraction.round(3)))[0])
+
+    @property
+    def is_good(self) -> bool:
+        """The best heading keeps (nearly) all of the view out of glint."""
+        return bool(self.fraction[self.best] <= FREE)
+
+    @property
+    def is_any(self) -> bool:
+        """All headings do, as none has glint."""
+        return bool(self.fraction[self.worst] < 5e-4)
+
+    @property
+    def is_recommended(self) -> bool:
+        """The best heading is worth flying, and not every heading is as good."""
+        return not self.is_any and bool(self.fraction[self.best] <= SPOILT)
+
     def words(self) -> str:
-        """The best and the worst heading."""
-        best, worst = self.best, int(np.lexsort((-self.mean, -self.fraction.round(3)))[0])
+        """The heading to fly, or that there is none."""
         where = f"{self.view.across:g} degrees across" + (f" by {self.view.along:g}" if self.view.along else "")
-        if self.fraction[worst] < 5e-4:
+        if self.is_any:
             return f"Any heading will do: no part of the view ({where}) is in glint."
-        return (
-            f"Fly heading {self.heading[best]:03.0f}: {100 * self.fraction[best]:.0f} % of the view ({where}) in glint;"
-            f" worst is {self.heading[worst]:03.0f} with {100 * self.fraction[worst]:.0f} %."
+        (best, least), (worst, most) = (
+            (f"{self.heading[k]:03.0f}", f"{100 * self.fraction[k]:.0f} %") for k in (self.best, self.worst)
         )
+        if self.fraction[self.best] > 0.995:
+            return f"No heading is good: all of the view ({where}) is in glint on every one."
+        if self.fraction[self.best] > SPOILT:
+            return f"No heading is good: at least {least} of the view ({where}) is in glint, heading {best}."
+        return f"Fly heading {best}: {least} of the view ({where}) in glint; worst is {worst} with {most}."
 
 
 def looks(view: View, heading: npt.ArrayLike) -> tuple[Array, Array]:
@@ -151,16 +177,3 @@ def flight_line(mission: Mission, view: View, headings: npt.ArrayLike | None = N
     profile = np.where(np.isnan(kept).all(axis=1), np.nan, np.nan_to_num(kept, nan=0.0).max(axis=1))
     across = np.linspace(-0.5, 0.5, _ACROSS) * view.across
     return Line(view, heading, spoilt.mean(axis=(1, 2)), mean, across, profile)
-
-
-def numbers(mission: Mission, line: Line) -> dict[str, Any]:
-    """The flight lines for JSON."""
-    return {
-        "mission": tables_of(mission),
-        "view": asdict(line.view),
-        "best": {"heading": line.heading[line.best], "fraction": line.fraction[line.best]},
-        "words": line.words(),
-        "heading": line.heading,
-        "fraction": line.fraction,
-        "mean_glint": line.mean,
-    }

@@ -20,6 +20,8 @@ MOST = 500
 """Times in a sweep."""
 COARSE = 2.0
 """Step between looks in a sweep, where the mission has a finer one [degree]."""
+DAYLIGHT = 15.0
+"""Height of the sun from which on there is light under water to plan with [degree]."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,27 @@ def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) ->
     """The time at which the sun stands highest."""
     zenith = sun.position(latitude, longitude, np.array(when, dtype="datetime64[s]")).zenith
     return when[int(np.argmin(zenith))]
+
+
+def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.datetime64:
+    """When the sun next stands at least `DAYLIGHT` high, to 10 minutes; the highest sun of a day if it never does.
+
+    Parameters
+    ----------
+    latitude, longitude : float
+        Of the place, north and east positive [degree].
+    start : str, datetime or numpy.datetime64, optional
+        From when on; now by default.
+
+    Examples
+    --------
+    >>> str(next_daylight(36.8, -122.0, "2026-06-21T05:00Z"))
+    '2026-06-21T14:20:00'
+    """
+    first = np.datetime64("now", "s") if start is None else sun.moment(start)
+    when = first + np.arange(0, 145) * np.timedelta64(600, "s")
+    high = 90.0 - sun.position(latitude, longitude, when).zenith
+    return np.datetime64(when[int(np.argmax(high >= DAYLIGHT) if high.max() >= DAYLIGHT else np.argmax(high))], "s")
 
 
 def sweep(mission: Mission, when: list[np.datetime64]) -> list[Moment]:
