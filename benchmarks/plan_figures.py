@@ -17,12 +17,13 @@ from PIL import Image
 
 from deglint.physics import glint, slopes
 from deglint.plan import Limits, Mission, reticle
-from deglint.plan.charts import day_picture, line_picture, shown, spread_picture
+from deglint.plan.alternatives import alternatives, words
+from deglint.plan.charts import day_picture, line_picture, selected, wind_picture
 from deglint.plan.draw import GREY, INK, ORANGE, Canvas, disc, palette
 from deglint.plan.picture import layers, marks, picture, scale
-from deglint.plan.swath import View, flight_line
+from deglint.plan.swath import FieldOfView, flight_line
 from deglint.plan.sweep import plans, times
-from deglint.plan.uncertainty import spread
+from deglint.plan.uncertainty import wind_ensemble
 
 RADIUS = 150
 THESIS = {"sun_zenith": 20.5, "sun_azimuth": 270.2, "wind": 9.0, "wind_height": 12.5, "depth": 10.0}
@@ -157,12 +158,12 @@ def examples():
     bay = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0)
     found = list(plans(bay, times("2026-06-21T13:00Z", "2026-06-22T02:30Z", 90)))
     moments = [moment for moment, _ in found]
-    line = flight_line(bay, View(across=30.0, roll=25.0))
+    line = flight_line(bay, FieldOfView(across=30.0, roll=25.0))
     return {
         "reticle": picture(reticle(bay)),
-        "day": day_picture(bay, moments, {k: found[k][1] for k in shown(moments)}),
-        "heading": line_picture(bay, line),
-        "wind": spread_picture(spread(bay, speed=2.0, turn=30.0), speed=2.0, turn=30.0),
+        "day": day_picture(bay, moments, {k: found[k][1] for k in selected(moments)}),
+        "heading": line_picture(bay, line, words(line, alternatives(bay, line))),
+        "wind": wind_picture(wind_ensemble(bay, speed=2.0, turn=30.0), speed=2.0, turn=30.0),
     }
 
 

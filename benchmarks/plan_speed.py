@@ -65,7 +65,7 @@ def main(quick: bool, rounds: int | None = None) -> None:
     found = inside(rounds) | {
         name: [1e3 * run.wall for run in got] for name, got in runs.items() if not isinstance(got, str)
     }
-    print("361 x 81 looks of 1 degree, 8 bands, all masks; after a first call, but for the commands.")
+    print("361 x 81 viewing geometries of 1 degree, 8 bands, all masks; after a first call, but for the commands.")
     print(f"Load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores.\n")
     print("| what | fastest / median [ms] | wanted [ms] |")
     print("|------|-----------------------|-------------|")

@@ -25,7 +25,7 @@ THESIS = {
     "depth": 10.0,
     "air": atmosphere.Air(humidity=80, water_vapour=2.5, wind=9, wind_mean=9, visibility=40, ozone=300),
 }
-# sun zenith and azimuth; look zenith and azimuth; wind at 12.5 m and from; L/E_n; P; reflectance GC, BH06, Gauss
+# sun zenith and azimuth; view zenith and azimuth; wind at 12.5 m and from; L/E_n; P; reflectance GC, BH06, Gauss
 REFERENCE = [
     (20.5, 270.2, 0, 0, 9, 0, 0.01571, 5.06e-5, (0.0527, 0.0532, 0.0559)),
     (20.5, 270.2, 20.5, 90.2, 9, 0, 0.04181, 1.334e-4, (0.1402, 0.1411, 0.1265)),
@@ -44,7 +44,7 @@ def mission(**changes):
 
 
 def at(plan, layer, zenith, azimuth):
-    """A layer at a look, linear between the looks of the reticle."""
+    """A layer at a viewing geometry, linear between the viewing geometries of the reticle."""
     i, j = zenith / plan.mission.step, (azimuth % 360) / plan.mission.step
     low, left = int(i), int(j)
     a, b = i - low, j - left
@@ -91,7 +91,7 @@ def test_a_reticle_is_the_physics_room_look_by_look(zenith, azimuth, wind, wind_
     assert np.isfinite(plan.snr).all()
     assert (plan.snr >= 0).all()
     assert ((plan.sky_probability >= 0) & (plan.sky_probability <= 1)).all()
-    np.testing.assert_array_equal(plan.combined == 0, plan.keep_out)
+    np.testing.assert_array_equal(plan.combined == 0, plan.excluded)
     np.testing.assert_allclose(plan.combined[:, 0], plan.combined[:, -1], rtol=1e-6)
 
 
@@ -104,9 +104,11 @@ def test_water_is_that_of_the_physics_room_at_every_nanometre(zenith, band):
     edges = made.channels[0]
     wave = np.arange(edges.low, min(edges.high, 1000.0) + 0.5)[:, None, None]
     direct, diffuse = atmosphere.irradiance(wave, zenith, made.weather)
-    looks = (wave, 0.5, zenith, views[:, None], turns - 270.2)
-    deep = water.remote_sensing_reflectance(*looks) * (direct + diffuse)
-    over = water.object_reflectance(*looks, depth=10.0, reflectance=0.15, direct_fraction=direct / (direct + diffuse))
+    viewing_geometries = (wave, 0.5, zenith, views[:, None], turns - 270.2)
+    deep = water.remote_sensing_reflectance(*viewing_geometries) * (direct + diffuse)
+    over = water.object_reflectance(
+        *viewing_geometries, depth=10.0, reflectance=0.15, direct_fraction=direct / (direct + diffuse)
+    )
     np.testing.assert_allclose(found.background[0], deep.mean(axis=0), rtol=1e-10)
     np.testing.assert_allclose(found.target[0], (over * (direct + diffuse)).mean(axis=0), rtol=1e-10)
     assert found.direct[0] == pytest.approx(direct.mean())
@@ -117,8 +119,8 @@ def test_radiances_of_the_worked_case():
     """Section 8, number 14, which uses another table of the sun: within that table's difference."""
     plan = reticle(mission(bands=("COASTAL", "BLUE", "GREEN", "YELLOW", "RED")))
     weber = {(0, 0): (1.282, 1.924, 2.599, 0.721, 0.050), (40, 0.2): (1.144, 1.717, 2.247, 0.540, 0.029)}
-    for look, wanted in weber.items():
-        np.testing.assert_allclose(at(plan, plan.weber, *look), wanted, rtol=0.02, atol=5e-4)
+    for geometry, wanted in weber.items():
+        np.testing.assert_allclose(at(plan, plan.weber, *geometry), wanted, rtol=0.02, atol=5e-4)
     glints = {
         (0, 0): (0.0183, 0.02316, 0.02296, 0.02177, 0.02013),
         (40, 0.2): (0.00164, 0.00207, 0.00206, 0.00195, 0.0018),
@@ -127,9 +129,9 @@ def test_radiances_of_the_worked_case():
         (0, 0): (0.00205, 0.00189, 0.00148, 0.00122, 0.00104),
         (40, 0.2): (0.00263, 0.00243, 0.0019, 0.00156, 0.00133),
     }
-    for look in glints:
-        np.testing.assert_allclose(at(plan, plan.glint_radiance, *look), glints[look], rtol=0.03)
-        np.testing.assert_allclose(at(plan, plan.sky_radiance, *look), skies[look], rtol=0.03)
+    for geometry in glints:
+        np.testing.assert_allclose(at(plan, plan.glint_radiance, *geometry), glints[geometry], rtol=0.03)
+        np.testing.assert_allclose(at(plan, plan.sky_radiance, *geometry), skies[geometry], rtol=0.03)
     assert at(plan, plan.glint_probability, 40, 0.2) == pytest.approx(4.5e-6, rel=0.02)
 
 

@@ -180,7 +180,7 @@ def test_a_sweep(deglint, tmp_path):
     assert len(ran.out.splitlines()) == 5
     found = json.loads(outs[1].read_text())
     assert [m["time"][11:16] for m in found["moments"]] == ["11:00", "14:00", "17:00", "20:00"]
-    assert found["best"] == max((m for m in found["moments"] if m["look"]), key=lambda m: m["look"]["contrast"])
+    assert found["best"] == max((m for m in found["moments"] if m["geometry"]), key=lambda m: m["geometry"]["contrast"])
     assert "time" not in found["mission"]["place"]
     night = deglint("plan", *PLACE[:4], *WIND, "--from", "2026-06-21T07:00Z", "--to", "2026-06-21T09:00Z")
     assert night.code == 1

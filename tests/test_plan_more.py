@@ -1,4 +1,4 @@
-"""Beyond one reticle: the best look, a day, a flight line, a wind not exactly known, and the pictures of them."""
+"""Beyond one reticle: the best viewing geometry, a day, a flight line, an uncertain wind, and their pictures."""
 
 from dataclasses import replace
 
@@ -10,58 +10,60 @@ from hypothesis import strategies as st
 from deglint.errors import BandError, InputError
 from deglint.physics import atmosphere, glint
 from deglint.plan import Limits, Mission, reticle
-from deglint.plan.advice import MARGIN, best_look, compass, one_in, quality, sentence
+from deglint.plan.advice import MARGIN, best_geometry, compass, one_in, quality, sentence
 from deglint.plan.alternatives import alternatives
 from deglint.plan.alternatives import words as sentences
-from deglint.plan.charts import day_picture, line_picture, shown, spread_picture
+from deglint.plan.charts import day_picture, line_picture, selected, wind_picture
 from deglint.plan.draw import MAGENTA, png
 from deglint.plan.missionfile import merged, mission_from, pressure, tables_of
 from deglint.plan.picture import _CENTRE, _RADIUS, HEIGHT, WIDTH, layers, picture
-from deglint.plan.swath import View, flight_line, looks
+from deglint.plan.swath import FieldOfView, flight_line, viewing_geometries
 from deglint.plan.sweep import best_moment, next_daylight, plans, sweep, table, times
-from deglint.plan.uncertainty import spread, words
+from deglint.plan.uncertainty import wind_ensemble, words
 
 BAY = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0, step=2.0)
 
 
 def between(a, b):
-    """Angle between two looks (zenith, azimuth) [degree]."""
+    """Angle between two viewing geometries (zenith, azimuth) [degree]."""
     z1, a1, z2, a2 = np.radians([a[0], a[1], b[0], b[1]])
     return np.degrees(np.arccos(np.clip(np.cos(z1) * np.cos(z2) + np.sin(z1) * np.sin(z2) * np.cos(a1 - a2), -1, 1)))
 
 
 def test_best_look_is_the_best_of_those_with_a_margin():
     plan = reticle(BAY)
-    look = best_look(plan)
-    out = np.argwhere(plan.keep_out)
-    apart = [between((look.zenith, look.azimuth), (plan.zenith[i], plan.azimuth[j])) for i, j in out]
-    assert look.margin
+    geometry = best_geometry(plan)
+    out = np.argwhere(plan.excluded)
+    apart = [between((geometry.zenith, geometry.azimuth), (plan.zenith[i], plan.azimuth[j])) for i, j in out]
+    assert geometry.margin
     assert min(apart) >= MARGIN - plan.mission.step
-    assert look.contrast > 0.9 * plan.combined.max()
-    i, j = int(look.zenith / 2), int(look.azimuth / 2)
-    assert look.contrast == plan.combined[i, j]
-    assert look.glint == plan.glint_strength[i, j] <= plan.mission.limits.glint
-    order = [plan.by_band[plan.bands.index(b), i, j] for b in look.bands]
+    assert geometry.contrast > 0.9 * plan.combined.max()
+    i, j = int(geometry.zenith / 2), int(geometry.azimuth / 2)
+    assert geometry.contrast == plan.combined[i, j]
+    assert geometry.glint == plan.glint_strength[i, j] <= plan.mission.limits.glint
+    order = [plan.by_band[plan.bands.index(b), i, j] for b in geometry.bands]
     assert order == sorted(order, reverse=True)
     assert min(order) > 0
 
 
 def test_best_look_of_one_band():
     plan = reticle(BAY)
-    look = best_look(plan, band="red")
+    geometry = best_geometry(plan, band="red")
     k = plan.bands.index("RED")
-    assert look.bands == ("RED",)
-    assert look.contrast == plan.by_band[k, round(look.zenith / 2), round(look.azimuth / 2)]
-    assert best_look(plan, band="NIR1") is None
+    assert geometry.bands == ("RED",)
+    assert geometry.contrast == plan.by_band[k, round(geometry.zenith / 2), round(geometry.azimuth / 2)]
+    assert best_geometry(plan, band="NIR1") is None
     with pytest.raises(BandError, match="does not count in this plan; add it to the bands, BLUE"):
-        best_look(reticle(replace(BAY, bands=("BLUE",))), band="RED")
+        best_geometry(reticle(replace(BAY, bands=("BLUE",))), band="RED")
 
 
 def test_no_good_look_is_said():
     plan = reticle(replace(BAY, limits=Limits(snr=1e5)))
-    assert plan.keep_out.all()
-    assert best_look(plan) is None
-    assert sentence(None) == "There is no good look: sun glint, sky, noise or saturation spoil every one."
+    assert plan.excluded.all()
+    assert best_geometry(plan) is None
+    assert (
+        sentence(None) == "No viewing geometry is good: sun glint, mirrored sky, noise or saturation spoils every one."
+    )
     assert picture(plan).shape == (HEIGHT, WIDTH, 3)
 
 
@@ -69,9 +71,9 @@ def test_a_sliver_of_good_looks_is_taken_without_a_margin():
     plan = reticle(BAY)
     sliver = np.zeros_like(plan.combined)
     sliver[20, 40] = 5.0
-    look = best_look(plan, sliver)
-    assert (look.zenith, look.azimuth, look.margin) == (40.0, 80.0, False)
-    assert "Keep-out looks lie within 3 degrees" in quality(look)
+    geometry = best_geometry(plan, sliver)
+    assert (geometry.zenith, geometry.azimuth, geometry.margin) == (40.0, 80.0, False)
+    assert "Excluded viewing geometries lie within 3 degrees" in quality(geometry)
 
 
 @pytest.mark.parametrize(
@@ -95,19 +97,19 @@ def test_a_day():
     assert [str(t) for t in (when[0], when[-1])] == ["2026-06-21T11:00:00", "2026-06-21T20:00:00"]
     found = list(plans(BAY, when))
     moments = [m for m, _ in found]
-    assert [m.look is None for m in moments[:3]] == [True, True, False]
+    assert [m.geometry is None for m in moments[:3]] == [True, True, False]
     assert found[0][1] is None
     for moment, plan in found[2:]:
         alone = reticle(BAY.at(moment.time))
-        assert moment.look == best_look(alone)
+        assert moment.geometry == best_geometry(alone)
         np.testing.assert_array_equal(plan.combined, alone.combined)
     best = best_moment(moments)
-    assert best.look.contrast == max(m.look.contrast for m in moments if m.look)
+    assert best.geometry.contrast == max(m.geometry.contrast for m in moments if m.geometry)
     lines = table(moments)
     assert len(lines) == len(when) + 1
     assert "the sun is down" in lines[1]
     assert sum("<- best" in line for line in lines) == 1
-    kept = {k: found[k][1] for k in shown(moments)}
+    kept = {k: found[k][1] for k in selected(moments)}
     assert all(plan is not None for plan in kept.values())
     image = day_picture(BAY, moments, kept)
     assert image.dtype == np.uint8
@@ -117,7 +119,7 @@ def test_a_day():
 def test_a_night_has_no_best_time():
     moments = sweep(BAY, times("2026-06-21T07:00Z", "2026-06-21T10:00Z", 60))
     assert best_moment(moments) is None
-    assert shown(moments) == []
+    assert selected(moments) == []
     assert day_picture(BAY, moments, {}).ndim == 3
 
 
@@ -132,7 +134,7 @@ def test_spans_of_time_that_cannot_be():
 
 @given(st.floats(0, 360), st.floats(-60, 60))
 def test_a_line_scanner_sees_to_both_sides(heading, roll):
-    zenith, azimuth = looks(View(across=10.0, roll=roll, altitude=1.0), heading)
+    zenith, azimuth = viewing_geometries(FieldOfView(across=10.0, roll=roll, altitude=1.0), heading)
     assert zenith.shape == (1, 121)
     middle = zenith[0, 60]
     assert middle == pytest.approx(abs(roll), abs=1e-4)
@@ -142,24 +144,24 @@ def test_a_line_scanner_sees_to_both_sides(heading, roll):
 
 
 def test_a_look_ahead_sees_the_sensor_behind():
-    zenith, azimuth = looks(View(across=0.0, pitch=30.0, altitude=1.0), 40.0)
+    zenith, azimuth = viewing_geometries(FieldOfView(across=0.0, pitch=30.0, altitude=1.0), 40.0)
     assert zenith[0, 60] == pytest.approx(30.0, abs=1e-4)
     assert azimuth[0, 60] == pytest.approx(220.0)
 
 
 def test_from_orbit_the_earth_is_round():
-    zenith, _ = looks(View(across=40.0, altitude=800e3), 0.0)
+    zenith, _ = viewing_geometries(FieldOfView(across=40.0, altitude=800e3), 0.0)
     assert zenith[0, -1] == pytest.approx(
         np.degrees(np.arcsin(np.sin(np.radians(20.0)) * (6371 + 800) / 6371)), rel=1e-9
     )
-    beyond, _ = looks(View(across=150.0, altitude=800e3), 0.0)
+    beyond, _ = viewing_geometries(FieldOfView(across=150.0, altitude=800e3), 0.0)
     assert np.isnan(beyond[0, -1])
 
 
 def test_flight_line_is_the_glint_of_each_look():
-    view = View(across=50.0, along=20.0, pitch=10.0)
+    view = FieldOfView(across=50.0, along=20.0, pitch=10.0)
     line = flight_line(BAY, view, [30.0, 200.0])
-    zenith, azimuth = looks(view, 200.0)
+    zenith, azimuth = viewing_geometries(view, 200.0)
     wind = BAY.slope_wind
     spark = glint.sun_glint(*BAY.sun, zenith, azimuth, wind=wind.speed, wind_from=310.0).radiance
     assert line.fraction[1] == np.mean(spark > BAY.limits.glint)
@@ -169,7 +171,7 @@ def test_flight_line_is_the_glint_of_each_look():
 
 def test_best_heading_tilts_away_from_the_mirror_point():
     """A view that looks 30 degrees to the right is best flown so that it looks away from where the sun mirrors."""
-    line = flight_line(replace(BAY, wind=5.0), View(across=10.0, roll=35.0))
+    line = flight_line(replace(BAY, wind=5.0), FieldOfView(across=10.0, roll=35.0))
     looks_to = (line.heading[line.best] + 90.0) % 360.0
     mirror_seen_towards = BAY.sun[1]  # looking towards the sun one sees its glint
     assert np.cos(np.radians(looks_to - mirror_seen_towards)) < 0
@@ -181,7 +183,7 @@ def test_best_heading_tilts_away_from_the_mirror_point():
 @pytest.mark.parametrize(("across", "along"), [(40.0, 0.0), (30.0, 20.0)])
 def test_where_every_heading_is_in_glint_a_time_and_a_view_angle_are_worked_out(across, along):
     noon = Mission(latitude=20.0, longitude=-157.0, time="2026-06-21T22:00Z", wind=7.0, wind_from=310.0)
-    line = flight_line(noon, View(across=across, along=along))
+    line = flight_line(noon, FieldOfView(across=across, along=along))
     found = alternatives(noon, line)
     said = sentences(line, found)
     assert said[0].startswith("No heading is good: all of the view")
@@ -194,22 +196,22 @@ def test_where_every_heading_is_in_glint_a_time_and_a_view_angle_are_worked_out(
     assert not line.is_recommended
     magenta = (line_picture(noon, line, said)[230:, :600] == MAGENTA).all(axis=-1).sum()
     assert magenta == 0  # no arrow for a heading that is not recommended
-    good = flight_line(replace(BAY, wind=5.0), View(across=10.0, roll=35.0))
+    good = flight_line(replace(BAY, wind=5.0), FieldOfView(across=10.0, roll=35.0))
     assert alternatives(BAY, good) == ()
     assert (line_picture(BAY, good)[230:, :600] == MAGENTA).all(axis=-1).sum() > 100
 
 
 def test_without_a_place_only_the_view_angle_is_worked_out():
     mission = Mission(sun_zenith=10.0, sun_azimuth=100.0, wind=7.0)
-    line = flight_line(mission, View(across=30.0))
+    line = flight_line(mission, FieldOfView(across=30.0))
     assert [one.time for one in alternatives(mission, line)] == [None]
     storm = Mission(sun_zenith=30.0, sun_azimuth=100.0, wind=19.0, limits=Limits(glint=1e-9))
-    line = flight_line(storm, View(across=60.0))
+    line = flight_line(storm, FieldOfView(across=60.0))
     assert "wait for less wind" in sentences(line, alternatives(storm, line))[-1]
 
 
 def test_text_and_picture_agree_on_the_worst_heading():
-    line = flight_line(BAY, View(across=30.0, roll=20.0))
+    line = flight_line(BAY, FieldOfView(across=30.0, roll=20.0))
     assert f"worst is {line.heading[line.worst]:03.0f}" in line.words()
     assert line.fraction[line.worst] == line.fraction.max()
 
@@ -230,12 +232,12 @@ def test_the_next_daylight_in_winter_is_the_highest_sun():
 
 
 def test_any_heading_will_do_where_there_is_no_glint():
-    line = flight_line(Mission(sun_zenith=75.0, sun_azimuth=0.0, wind=2.0), View(across=20.0))
+    line = flight_line(Mission(sun_zenith=75.0, sun_azimuth=0.0, wind=2.0), FieldOfView(across=20.0))
     assert line.words().startswith("Any heading will do")
 
 
 def test_all_of_the_view_off_the_earth_is_spoilt_not_a_crash():
-    line = flight_line(BAY, View(across=4.0, pitch=79.0, altitude=30e6), [0.0])
+    line = flight_line(BAY, FieldOfView(across=4.0, pitch=79.0, altitude=30e6), [0.0])
     assert line.fraction[0] == 1.0
     assert np.isfinite(line.mean).all()
     line_picture(BAY, line)
@@ -243,7 +245,7 @@ def test_all_of_the_view_off_the_earth_is_spoilt_not_a_crash():
 
 def test_an_uncertain_wind_gives_intervals():
     coarse = replace(BAY, step=5.0)
-    found = spread(coarse, speed=2.0, turn=40.0)
+    found = wind_ensemble(coarse, speed=2.0, turn=40.0)
     assert found.winds[0][0] == 5.0
     assert found.winds[0][-1] == 9.0
     for wind, wind_from in ((5.0, 350.0), (9.0, 270.0), (7.0, 310.0)):
@@ -253,23 +255,23 @@ def test_an_uncertain_wind_gives_intervals():
         assert (found.contrast[0] <= one.combined).all()
         assert (found.contrast[1] >= one.combined).all()
     np.testing.assert_array_equal(found.risk > 0, found.contrast[0] == 0)
-    look = found.best
-    low, high = found.at(look)["contrast"]
-    assert 0 < low <= look.contrast <= high
+    geometry = found.best
+    low, high = found.at(geometry)["contrast"]
+    assert 0 < low <= geometry.contrast <= high
     assert "Whatever the wind" in words(found)[1]
-    assert spread_picture(found, speed=2.0, turn=40.0).shape == (HEIGHT, WIDTH, 3)
+    assert wind_picture(found, speed=2.0, turn=40.0).shape == (HEIGHT, WIDTH, 3)
 
 
 def test_a_wind_that_is_known_is_no_interval():
-    found = spread(replace(BAY, step=5.0), speed=0.0, turn=0.0)
+    found = wind_ensemble(replace(BAY, step=5.0), speed=0.0, turn=0.0)
     np.testing.assert_array_equal(found.glint[0], found.glint[1])
     np.testing.assert_array_equal(found.contrast[0], found.middle.combined)
     with pytest.raises(InputError, match="180 stands for not known"):
-        spread(BAY, turn=200.0)
+        wind_ensemble(BAY, turn=200.0)
 
 
 def test_the_picture_shows_what_the_plan_says():
-    """Colours where looks are good, hatching where they are not, the best look marked; the same every time."""
+    """Colours where it is good, hatching where it is not, the best viewing geometry marked; the same every time."""
     plan = reticle(BAY)
     image = picture(plan)
     np.testing.assert_array_equal(image, picture(plan))
@@ -282,8 +284,8 @@ def test_the_picture_shows_what_the_plan_says():
             image[round(y) - reach : round(y) + reach, round(x) - reach : round(x) + reach].reshape(-1, 3).astype(int)
         )
 
-    look = best_look(plan)
-    assert (np.abs(near(look.zenith, look.azimuth, 5) - MAGENTA).sum(axis=1) == 0).any()
+    geometry = best_geometry(plan)
+    assert (np.abs(near(geometry.zenith, geometry.azimuth, 5) - MAGENTA).sum(axis=1) == 0).any()
     glinty = near(45.0, BAY.sun[1] + 180.0)
     assert (np.abs(glinty - ORANGE).sum(axis=1) < 60).any()
     good = near(45.0, BAY.sun[1])
@@ -296,7 +298,7 @@ def test_hatching_is_where_the_masks_are(band):
     contrast, patterns = layers(plan, band)
     out = np.any([excess > 0 for excess, _, _ in patterns], axis=0)
     if band is None:
-        np.testing.assert_array_equal(out, plan.keep_out)
+        np.testing.assert_array_equal(out, plan.excluded)
         np.testing.assert_allclose(np.where(out, 0, contrast), plan.combined)
     else:
         k = plan.bands.index(band.upper())

@@ -61,15 +61,15 @@ NUMBERS = (  # option, unit, what it says
     ("--water-vapour", "CM", "Water column; 2.5 by default."),
     ("--air-mass", "1-10", "1: air of the ocean (default), to 10: of a continent."),
     ("--ozone", "DU", "By default what is usual for place and day."),
-    ("--max-glint", "1/SR", "Keep out above this glint radiance per sunlight; 1e-3 by default."),
+    ("--max-glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),
     ("--max-glint-probability", "SHARE", "... and where a larger share of the sea glints."),
     ("--tolerance", "DEG", "Around the sun's centre that counts as sun; its disk by default."),
     ("--max-sky-ratio", "N", "Sky over water that is too much; 2 by default."),
     ("--max-sky-share", "SHARE", "... where on more than this share of the sea; 0.1 by default."),
     ("--min-contrast", "N", "Contrast over noise that shows an object; 3 by default."),
     ("--ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default."),
-    ("--step", "DEG", "Between looks; 1 by default."),
-    ("--widest", "DEG", "Widest look off nadir; 80 by default."),
+    ("--step", "DEG", "Between viewing geometries, in angle; 1 by default."),
+    ("--widest", "DEG", "Largest angle of the sensor off nadir; 80 by default."),
 )
 
 
@@ -112,7 +112,7 @@ def _modes(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--to", "end", metavar="ISO", help="until when,"),
         click.option("--every", callback=duration, metavar="30min", help="and how often; 30min by default."),
         click.option("--wind-within", callback=at("speed", "turn", "2@30"), metavar="M/S@DEG",
-                     help="The wind is known to plus or minus this: intervals, and looks good under all of them."),
+                     help="The wind is known to plus or minus this: intervals, and what is good under all of them."),
         click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),
         click.option("--altitude", type=float, default=300.0, metavar="M", help="--fov: above the sea; 300."),
         click.option("--pitch", type=float, default=0.0, metavar="DEG", help="--fov: it looks forward by this,"),
@@ -204,7 +204,7 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
             "snr": given["min_contrast"],
             "ner": given["ner"],
         },
-        "look": {"step": given["step"], "widest": given["widest"]},
+        "view": {"step": given["step"], "widest": given["widest"]},
         "models": {"slopes": given["slopes"], "sky": given["sky"]},
     }
     kept = {name: {k: v for k, v in values.items() if v is not None} for name, values in tables.items()}

@@ -48,7 +48,7 @@ def mode_of(given: Given) -> Mode:
     """What the options ask for."""
     asked = {
         "--from": SWEEP if given["start"] or given["end"] or given["every"] else None,
-        "--wind-within": SPREAD if given["wind_within"] else None,
+        "--wind-within": WINDS if given["wind_within"] else None,
         "--fov": LINE if given["fov"] else None,
         "--serve": SERVE if given["serve"] else None,
     }
@@ -69,7 +69,7 @@ def mode_of(given: Given) -> Mode:
 
 def _reticle(given: Given, mission: Any, _console: Console) -> None:
     from ..plan import reticle
-    from ..plan.advice import best_look, quality, sentence
+    from ..plan.advice import best_geometry, quality, sentence
     from ..plan.dataset import summary
     from ..raster.planned import write_plan
 
@@ -88,8 +88,8 @@ def _reticle(given: Given, mission: Any, _console: Console) -> None:
     if given["as_json"]:
         _print(summary(found))
         return
-    look = best_look(found, band=given["show"])
-    click.echo(sentence(look) + ("" if look is None else f"\n{quality(look)}"))
+    geometry = best_geometry(found, band=given["show"])
+    click.echo(sentence(geometry) + ("" if geometry is None else f"\n{quality(geometry)}"))
 
 
 def _sweep(given: Given, mission: Any, console: Console) -> None:
@@ -103,10 +103,10 @@ def _sweep(given: Given, mission: Any, console: Console) -> None:
         console.progress("sweep", len(moments), len(when))
 
     def picture() -> bytes:
-        from ..plan.charts import day_picture, shown
+        from ..plan.charts import day_picture, selected
         from ..plan.draw import png
 
-        kept = {k: plan for k in shown(moments) if (plan := found[k]) is not None}
+        kept = {k: plan for k in selected(moments) if (plan := found[k]) is not None}
         return png(day_picture(mission, moments, kept))
 
     _finish(given, picture, numbers(mission, moments), table(moments))
@@ -123,31 +123,31 @@ def _day(given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**tables, "place": place}
 
 
-def _spread(given: Given, mission: Any, _console: Console) -> None:
-    from ..plan.uncertainty import numbers, spread, words
+def _winds(given: Given, mission: Any, _console: Console) -> None:
+    from ..plan.uncertainty import numbers, wind_ensemble, words
 
     within = {"turn": 30.0, **given["wind_within"]}
-    found = spread(mission, **within)
+    found = wind_ensemble(mission, **within)
 
     def picture() -> bytes:
-        from ..plan.charts import spread_picture
+        from ..plan.charts import wind_picture
         from ..plan.draw import png
 
-        return png(spread_picture(found, **within))
+        return png(wind_picture(found, **within))
 
     _finish(given, picture, numbers(found, **within), words(found))
 
 
 def _line(given: Given, mission: Any, _console: Console) -> None:
     from ..plan.alternatives import alternatives, numbers, words
-    from ..plan.swath import View, flight_line
+    from ..plan.swath import FieldOfView, flight_line
 
     across, _, along = given["fov"].lower().partition("x")
     try:
         angles = {"across": float(across), "along": float(along or 0.0)}
     except ValueError:
         raise click.UsageError(f"--fov {given['fov']!r} is not ACROSS or ACROSSxALONG degrees.") from None
-    view = View(**angles, altitude=given["altitude"], pitch=given["pitch"], roll=given["roll"])
+    view = FieldOfView(**angles, altitude=given["altitude"], pitch=given["pitch"], roll=given["roll"])
     found = flight_line(mission, view)
     said = words(found, others := alternatives(mission, found))
 
@@ -202,6 +202,6 @@ def _print(numbers: Mapping[str, Any]) -> None:
 
 RETICLE = Mode((".png", ".json", ".nc", ".tif"), _reticle)
 SWEEP = Mode((".png", ".json"), _sweep, _day)
-SPREAD = Mode((".png", ".json"), _spread)
+WINDS = Mode((".png", ".json"), _winds)
 LINE = Mode((".png", ".json"), _line)
 SERVE = Mode((), _serve, _daylight)

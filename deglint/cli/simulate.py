@@ -106,7 +106,9 @@ def whitecaps(_ctx: click.Context, _param: click.Parameter, value: str) -> float
 @click.option("--jpeg", type=click.IntRange(1, 100), metavar="QUALITY", help="The image went through a JPEG.")
 @click.option("--seed", type=int, default=0, metavar="N", help="Same seed, same scene.")
 @click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too.")
-@click.option("--grid", is_flag=True, help="All winds, delays, looks and f-numbers, into the directory OUT.")
+@click.option(
+    "--grid", is_flag=True, help="All winds, delays, viewing geometries and f-numbers, into the directory OUT."
+)
 @click.option("--overwrite", is_flag=True, help="Replace files that are there.")
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="All processors by default.")
 @click.option("--json", "as_json", is_flag=True, help="Print the names of the files as JSON on stdout.")

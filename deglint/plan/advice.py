@@ -1,4 +1,4 @@
-"""The plan in words: the best look, and what to expect of it."""
+"""The plan in words: the best viewing geometry, and what to expect of it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from .reticle import Mask, Reticle
 
 MARGIN = 3.0
-"""A best look stays this far from every keep-out look, where there is such a look [degree]."""
+"""The best viewing geometry stays this far from every excluded one, where that is possible [degree]."""
 _POINTS = (
     "north", "north-north-east", "north-east", "east-north-east", "east", "east-south-east", "south-east",
     "south-south-east", "south", "south-south-west", "south-west", "west-south-west", "west", "west-north-west",
@@ -22,8 +22,8 @@ _AROUND = 16
 
 
 @dataclass(frozen=True)
-class Look:
-    """One look at the object.
+class ViewingGeometry:
+    """A viewing geometry: where the sensor stands, and what it sees from there.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Look:
     glint, glint_probability : float
         Glint radiance per irradiance of a plane facing the sun [1/sr]; share of the sea that mirrors the sun [1].
     margin : bool
-        No keep-out look lies within `MARGIN`.
+        No excluded viewing geometry lies within `MARGIN`.
     """
 
     zenith: float
@@ -53,21 +53,23 @@ class Look:
         return (self.azimuth + 180.0) % 360.0
 
 
-def best_look(plan: Reticle, contrast: npt.NDArray[Any] | None = None, *, band: str | None = None) -> Look | None:
-    """The look with the highest contrast, away from the edges of what is to be kept out of.
+def best_geometry(
+    plan: Reticle, contrast: npt.NDArray[Any] | None = None, *, band: str | None = None
+) -> ViewingGeometry | None:
+    """The viewing geometry with the highest contrast, away from the edges of what is excluded.
 
     Parameters
     ----------
     plan : Reticle
     contrast : (zenith, azimuth) ndarray, optional
-        To judge by, 0 where to keep out; by default that of `band`, or of all bands.
+        To judge by, 0 where it is excluded; by default that of `band`, or of all bands.
     band : str, optional
         The one band that counts.
 
     Returns
     -------
-    Look or None
-        None where every look is to be kept out of.
+    ViewingGeometry or None
+        None where every viewing geometry is excluded.
 
     Raises
     ------
@@ -86,7 +88,7 @@ def best_look(plan: Reticle, contrast: npt.NDArray[Any] | None = None, *, band: 
     chosen = np.where(safe if has_margin else good, contrast, -1.0)
     i, j = np.unravel_index(int(np.argmax(chosen)), chosen.shape)
     order = [k for k in np.argsort(-by_band[:, i, j]) if by_band[k, i, j] > 0]
-    return Look(
+    return ViewingGeometry(
         zenith=float(plan.zenith[i]),
         azimuth=float(plan.azimuth[j]) % 360.0 if i else 0.0,
         contrast=float(contrast[i, j]),
@@ -97,29 +99,29 @@ def best_look(plan: Reticle, contrast: npt.NDArray[Any] | None = None, *, band: 
     )
 
 
-def sentence(look: Look | None) -> str:
-    """A look in words.
+def sentence(geometry: ViewingGeometry | None) -> str:
+    """A viewing geometry in words.
 
     Examples
     --------
-    >>> sentence(Look(24.0, 225.0, 41.2, ("BLUE", "GREEN"), 1e-4, 3.2e-7, True))
+    >>> sentence(ViewingGeometry(24.0, 225.0, 41.2, ("BLUE", "GREEN"), 1e-4, 3.2e-7, True))
     'Look from the south-west (azimuth 225), 24 degrees off nadir, towards 045.'
     """
-    if look is None:
-        return "There is no good look: sun glint, sky, noise or saturation spoil every one."
-    if look.zenith < 1.0:
+    if geometry is None:
+        return "No viewing geometry is good: sun glint, mirrored sky, noise or saturation spoils every one."
+    if geometry.zenith < 1.0:
         return "Look straight down."
-    where = f"{compass(look.azimuth)} (azimuth {look.azimuth:03.0f})"
-    return f"Look from the {where}, {look.zenith:.0f} degrees off nadir, towards {look.heading:03.0f}."
+    where = f"{compass(geometry.azimuth)} (azimuth {geometry.azimuth:03.0f})"
+    return f"Look from the {where}, {geometry.zenith:.0f} degrees off nadir, towards {geometry.heading:03.0f}."
 
 
-def quality(look: Look) -> str:
-    """What to expect of a look, in words."""
-    stand = "" if look.zenith < 1.0 else f"Stand off {np.tan(np.radians(look.zenith)):.2f} x your height. "
-    edge = "" if look.margin else f" Keep-out looks lie within {MARGIN:g} degrees of it."
+def quality(geometry: ViewingGeometry) -> str:
+    """What to expect of a viewing geometry, in words."""
+    stand = "" if geometry.zenith < 1.0 else f"Stand off {np.tan(np.radians(geometry.zenith)):.2f} x your height. "
+    edge = "" if geometry.margin else f" Excluded viewing geometries lie within {MARGIN:g} degrees of it."
     return (
-        f"{stand}Contrast {look.contrast:.3g} x noise in {', '.join(look.bands[:4])}."
-        f" Sun glint on {one_in(look.glint_probability)} of the sea.{edge}"
+        f"{stand}Contrast {geometry.contrast:.3g} x noise in {', '.join(geometry.bands[:4])}."
+        f" Sun glint on {one_in(geometry.glint_probability)} of the sea.{edge}"
     )
 
 
@@ -142,14 +144,14 @@ def compass(azimuth: float) -> str:
 
 
 def _with_margin(good: Mask, widest: float) -> Mask:
-    """Looks all around which, at `MARGIN`, looks are good."""
+    """Viewing geometries that have good ones all around them, at `MARGIN`."""
     i, j = _ring(good.shape, widest)
     return np.asarray(good[i, j].all(axis=0))
 
 
 @lru_cache(maxsize=4)
 def _ring(shape: tuple[int, int], widest: float) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Indices (point, zenith, azimuth) of the looks at `MARGIN` around every look, kept on the reticle."""
+    """Indices (point, zenith, azimuth) of the points at `MARGIN` around every viewing geometry, within the reticle."""
     zenith = np.radians(np.linspace(0.0, widest, shape[0]))[:, None]
     azimuth = np.radians(np.linspace(0.0, 360.0, shape[1]))
     turn = np.arange(_AROUND)[:, None, None] * (2.0 * np.pi / _AROUND)

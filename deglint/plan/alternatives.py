@@ -11,7 +11,7 @@ import numpy as np
 from ..physics import sun
 from .mission import SUN_LIMIT, Mission
 from .missionfile import tables_of
-from .swath import FREE, Line, View, flight_line
+from .swath import FREE, FieldOfView, Line, flight_line
 
 HEADINGS = np.arange(0.0, 360.0, 15.0)
 """Headings that alternatives are tried with [degree]."""
@@ -45,7 +45,7 @@ class Alternative:
     pitch: float
     roll: float
 
-    def words(self, view: View) -> str:
+    def words(self, view: FieldOfView) -> str:
         """What to do, in a sentence; `view` is that of the plan."""
         end = f"fly heading {self.heading:03.0f}: {100 * self.fraction:.0f} % of the view in glint."
         if self.time is not None:
@@ -89,7 +89,7 @@ def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
     return least if least is not None and least.fraction < GAIN * line.fraction[line.best] else None
 
 
-def _times(mission: Mission, view: View) -> Iterator[Alternative]:
+def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
     """Times of the day around that of the mission, the nearest first."""
     if mission.latitude is None or mission.longitude is None or mission.sun_zenith is not None:
         return
@@ -101,7 +101,7 @@ def _times(mission: Mission, view: View) -> Iterator[Alternative]:
             yield _tried(mission.at(time), view, time)
 
 
-def _tilts(mission: Mission, view: View) -> Iterator[Alternative]:
+def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
     """Pitch and roll, the smallest first."""
     for tilt in TILTS:
         for change in ({"roll": tilt}, {"roll": -tilt}, {"pitch": tilt}, {"pitch": -tilt}):
@@ -109,7 +109,7 @@ def _tilts(mission: Mission, view: View) -> Iterator[Alternative]:
                 yield _tried(mission, replace(view, **change), None)
 
 
-def _tried(mission: Mission, view: View, time: np.datetime64 | None) -> Alternative:
+def _tried(mission: Mission, view: FieldOfView, time: np.datetime64 | None) -> Alternative:
     line = flight_line(mission, view, HEADINGS)
     k = line.best
     return Alternative(float(line.heading[k]), float(line.fraction[k]), time, view.pitch, view.roll)

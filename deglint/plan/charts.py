@@ -10,11 +10,11 @@ from . import draw
 from .advice import sentence
 from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, YELLOW, Canvas, Image, Point
 from .mission import Mission
-from .picture import Words, conditions, layers, marks, page, scale, star
+from .picture import Caption, conditions, layers, marks, page, scale, star
 from .reticle import Reticle
 from .swath import Line
 from .sweep import Moment, best_moment
-from .uncertainty import Spread, words
+from .uncertainty import WindEnsemble, words
 
 WIDTH = 1240
 _SUNNY = (150, 110, 0)
@@ -23,14 +23,14 @@ _ROW = 6  # of them beside each other
 
 
 def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Reticle]) -> Image:
-    """Contrast and keep-out over time, with small reticles of some of the times below.
+    """Contrast and excluded share over time, with small reticles of some of the times below.
 
     Parameters
     ----------
     mission : Mission
     moments : sequence of Moment
     plans : dict of int to Reticle
-        Reticles to show, by their place in `moments`; see `shown`.
+        Reticles to show, by their place in `moments`; see `selected`.
     """
     rows = -(-len(plans) // _ROW)
     canvas = Canvas(WIDTH, 440 + rows * (2 * _SMALL + 74))
@@ -40,10 +40,10 @@ def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Re
     canvas.text((40, 22), "When to fly", 26)
     wind = conditions(mission)[-1]
     canvas.text((40, 60), f"{place}   {str(moments[0].time)[:10]}   {wind}", 15, GREY)
-    if best is None or best.look is None:
-        canvas.text((40, 84), "There is no good look at any of these times.", 20)
+    if best is None or best.geometry is None:
+        canvas.text((40, 84), "No viewing geometry is good at any of these times.", 20)
     else:
-        canvas.text((40, 84), f"Best at {str(best.time)[11:16]} UTC. {sentence(best.look)}", 20)
+        canvas.text((40, 84), f"Best at {str(best.time)[11:16]} UTC. {sentence(best.geometry)}", 20)
     _over_time(canvas, moments, best, (96.0, 140.0, 1090.0, 200.0))
     for n, (k, plan) in enumerate(plans.items()):
         centre = (40 + _SMALL + 20 + (n % _ROW) * 196.0, 424 + _SMALL + 28 + (n // _ROW) * (2 * _SMALL + 74.0))
@@ -51,7 +51,7 @@ def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Re
     return canvas.finished()
 
 
-def shown(moments: Sequence[Moment]) -> list[int]:
+def selected(moments: Sequence[Moment]) -> list[int]:
     """Which of many times get a small reticle: at most twelve, evenly among those with the sun up."""
     up = [k for k, m in enumerate(moments) if m.sun_zenith <= 89.0]
     if not up:
@@ -69,7 +69,7 @@ def _over_time(
 ) -> None:
     left, top, width, height = box
     count = max(len(moments) - 1, 1)
-    high = max((m.look.contrast for m in moments if m.look), default=1.0)
+    high = max((m.geometry.contrast for m in moments if m.geometry), default=1.0)
 
     def at(k: int, share: float) -> Point:
         return left + width * k / count, top + height * (1.0 - share)
@@ -81,9 +81,9 @@ def _over_time(
     high_sun = f"sun {90 - moments[peak].sun_zenith:.0f}°"
     canvas.text((sun[peak][0], sun[peak][1] - 10), high_sun, 13, _SUNNY, anchor="mm", halo=True)
     run: list[Point] = []
-    for k, look in enumerate([*(m.look for m in moments), None]):
-        if look is not None:
-            run.append(at(k, look.contrast / high))
+    for k, geometry in enumerate([*(m.geometry for m in moments), None]):
+        if geometry is not None:
+            run.append(at(k, geometry.contrast / high))
             continue
         if len(run) > 1:
             canvas.line(run, BLUE, 3)
@@ -91,12 +91,12 @@ def _over_time(
             canvas.circle(run[0], 3, BLUE, -1)
         run = []
     for k, m in enumerate(moments):
-        if m is best and m.look is not None:
-            star(canvas, at(k, m.look.contrast / high), 11.0)
+        if m is best and m.geometry is not None:
+            star(canvas, at(k, m.geometry.contrast / high), 11.0)
 
 
 def _axes(canvas: Canvas, moments: Sequence[Moment], box: tuple[float, float, float, float], high: float) -> None:
-    """Scales of contrast and time, and bars of the share of looks to keep out of."""
+    """Scales of contrast and time, and bars of the share of excluded viewing geometries."""
     left, top, width, height = box
     count = max(len(moments) - 1, 1)
     half = 0.5 * width / count
@@ -104,7 +104,7 @@ def _axes(canvas: Canvas, moments: Sequence[Moment], box: tuple[float, float, fl
     for k, m in enumerate(moments):
         x = left + width * k / count
         start, end = max(x - half, left), min(x + half, left + width)
-        tall = height * m.keep_out_share
+        tall = height * m.excluded_share
         canvas.box(start, top + height - tall, end - start, tall, (246, 226, 208))
         if k % every == 0:
             canvas.line([(x, top + height), (x, top + height + 6)], INK, 1)
@@ -115,7 +115,7 @@ def _axes(canvas: Canvas, moments: Sequence[Moment], box: tuple[float, float, fl
         canvas.text((left - 8, y), f"{high * share:.0f}", 13, INK, anchor="rm")
         canvas.text((left + width + 8, y), f"{100 * share:.0f} %", 13, ORANGE, anchor="lm")
     canvas.text((left - 56, top - 16), "contrast, x noise", 13, INK, anchor="lm")
-    canvas.text((left + width + 46, top - 16), "looks kept out of", 13, ORANGE, anchor="rm")
+    canvas.text((left + width + 46, top - 16), "excluded", 13, ORANGE, anchor="rm")
 
 
 def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best: bool) -> None:
@@ -124,11 +124,15 @@ def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best
     draw.disc(canvas, centre, _SMALL, contrast / max(float(good.max()), 1e-9), patterns)
     scale(canvas, centre, _SMALL, plan.mission.widest, small=True)
     marks(canvas, centre, _SMALL, plan, small=True)
-    if moment.look is not None:
-        star(canvas, draw.polar(centre, _SMALL, moment.look.zenith, moment.look.azimuth, plan.mission.widest), 8.0)
+    if moment.geometry is not None:
+        star(
+            canvas,
+            draw.polar(centre, _SMALL, moment.geometry.zenith, moment.geometry.azimuth, plan.mission.widest),
+            8.0,
+        )
     colour = MAGENTA if is_best else INK
     canvas.text((centre[0], centre[1] - _SMALL - 30), str(moment.time)[11:16], 16, colour, anchor="mm")
-    what = "no good look" if moment.look is None else f"contrast {moment.look.contrast:.0f}"
+    what = "none is good" if moment.geometry is None else f"contrast {moment.geometry.contrast:.0f}"
     canvas.text((centre[0], centre[1] + _SMALL + 16), what, 13, colour, anchor="mm")
 
 
@@ -207,22 +211,24 @@ def _profiles(canvas: Canvas, mission: Mission, line: Line, box: tuple[float, fl
     canvas.text(below, "angle across the track: left of it, and right", 14, GREY, anchor="mm")
 
 
-def spread_picture(spread: Spread, *, speed: float, turn: float) -> Image:
+def wind_picture(found: WindEnsemble, *, speed: float, turn: float) -> Image:
     """The reticle of the worst case: what is good under every wind, under some, under none."""
-    plan, look = spread.middle, spread.best
+    plan, geometry = found.middle, found.best
     contrast = layers(plan)[0]
-    good = spread.contrast[0]
-    some = np.where((spread.risk > 0) & (spread.risk < 1), 1.0, -1.0)
-    always = np.where(spread.risk >= 1, 1.0, -1.0)
-    what, *more = words(spread)
+    good = found.contrast[0]
+    some = np.where((found.risk > 0) & (found.risk < 1), 1.0, -1.0)
+    always = np.where(found.risk >= 1, 1.0, -1.0)
+    what, *more = words(found)
     expects = " ".join(more)
-    count = len(spread.winds[0]) * len(spread.winds[1])
+    count = len(found.winds[0]) * len(found.winds[1])
     blows = f"Wind ± {speed:g} m/s and ± {turn:g}°: the worst of {count} winds"
     legend = [
-        ("/", ORANGE, "keep out under every wind"),
-        (".", ORANGE, "keep out under some of these winds"),
+        ("/", ORANGE, "excluded under every wind"),
+        (".", ORANGE, "excluded under some of these winds"),
     ]
     top = float(good.max())
     patterns = [(some, ".", ORANGE), (always, "/", ORANGE)]
     shades = np.where(good > 0, good, contrast) / max(top, 1e-9)
-    return page(plan, shades, patterns, look, Words("Where to look from", blows, what, expects, tuple(legend), top))
+    return page(
+        plan, shades, patterns, geometry, Caption("Where to look from", blows, what, expects, tuple(legend), top)
+    )

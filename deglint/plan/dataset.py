@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from .advice import Look, best_look, quality, sentence
+from .advice import ViewingGeometry, best_geometry, quality, sentence
 from .missionfile import tables_of
 from .reticle import Reticle
 
@@ -16,9 +16,9 @@ RADIANCE = "W m-2 sr-1 nm-1"
 LAYERS = {  # name: attribute, unit, meaning
     "glint_probability": ("1", "share of the sea that mirrors the sun"),
     "glint_strength": ("sr-1", "glint radiance per irradiance of a plane facing the sun"),
-    "combined": ("1", "contrast over noise of all usable bands, 0 where to keep out"),
+    "combined": ("1", "contrast over noise of all usable bands, 0 where it is excluded"),
     "clear_of_glint": ("1", "1 where sun glint is within its limit"),
-    "keep_out": ("1", "1 where no band is usable"),
+    "excluded": ("1", "1 where no band is usable"),
 }
 BAND_LAYERS = {
     "glint_radiance": (RADIANCE, "sun glint"),
@@ -28,7 +28,7 @@ BAND_LAYERS = {
     "sky_probability": ("1", "share of the sea that mirrors more sky than the limit"),
     "weber": ("1", "Weber contrast of object and deep water"),
     "snr": ("1", "contrast over noise"),
-    "by_band": ("1", "contrast over noise, 0 where to keep out"),
+    "by_band": ("1", "contrast over noise, 0 where it is excluded"),
     "clear_of_sky": ("1", "1 where mirrored sky is within its limit"),
     "detectable": ("1", "1 where contrast is above the noise limit and nothing saturates"),
 }
@@ -59,9 +59,9 @@ def dataset(plan: Reticle) -> Any:
         import xarray
     except ImportError:
         raise InputError("this needs xarray: pip install 'deglint[xarray]', or write .json or .tif instead.") from None
-    looks = ("zenith", "azimuth")
-    data: dict[str, Any] = {n: (looks, _stored(layer(plan, n)), _said(*v)) for n, v in LAYERS.items()}
-    data |= {n: (("band", *looks), _stored(layer(plan, n)), _said(*v)) for n, v in BAND_LAYERS.items()}
+    axes = ("zenith", "azimuth")
+    data: dict[str, Any] = {n: (axes, _stored(layer(plan, n)), _said(*v)) for n, v in LAYERS.items()}
+    data |= {n: (("band", *axes), _stored(layer(plan, n)), _said(*v)) for n, v in BAND_LAYERS.items()}
     where = "of the sensor as seen from the object"
     coordinates = {
         "band": ("band", np.array(plan.bands)),
@@ -73,28 +73,28 @@ def dataset(plan: Reticle) -> Any:
 
 
 def summary(plan: Reticle) -> dict[str, Any]:
-    """The plan in short: mission, sun, best look, and what each band sees from there."""
-    look = best_look(plan)
+    """The plan in short: mission, sun, best viewing geometry, and what each band sees from there."""
+    geometry = best_geometry(plan)
     return {
         "mission": tables_of(plan.mission),
         "sun": dict(zip(("zenith", "azimuth"), plan.mission.sun, strict=True)),
-        "keep_out_share": solid_share(plan),
-        "best": None if look is None else look_numbers(plan, look),
-        "words": sentence(look) + ("" if look is None else f" {quality(look)}"),
+        "excluded_share": excluded_share(plan),
+        "best": None if geometry is None else geometry_numbers(plan, geometry),
+        "words": sentence(geometry) + ("" if geometry is None else f" {quality(geometry)}"),
         "cautions": list(plan.mission.cautions),
     }
 
 
-def solid_share(plan: Reticle) -> float:
-    """Share of the sky above the object, out to the widest look, that is to be kept out of [1]."""
+def excluded_share(plan: Reticle) -> float:
+    """Share of the sky above the object, out to the widest viewing geometry, that is excluded [1]."""
     weight = np.sin(np.radians(plan.zenith))[:, None] + np.zeros(plan.azimuth.size - 1)
-    return float(np.average(plan.keep_out[:, :-1], weights=weight))
+    return float(np.average(plan.excluded[:, :-1], weights=weight))
 
 
-def look_numbers(plan: Reticle, look: Look) -> dict[str, Any]:
-    """A look, and what each band sees from there."""
-    i = int(np.argmin(np.abs(plan.zenith - look.zenith)))
-    j = int(np.argmin(np.abs(plan.azimuth - look.azimuth)))
+def geometry_numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
+    """A viewing geometry, and what each band sees from there."""
+    i = int(np.argmin(np.abs(plan.zenith - geometry.zenith)))
+    j = int(np.argmin(np.abs(plan.azimuth - geometry.azimuth)))
     counts = plan.counts()
     bands = [
         {
@@ -106,13 +106,13 @@ def look_numbers(plan: Reticle, look: Look) -> dict[str, Any]:
         for k, name in enumerate(plan.bands)
     ]
     return {
-        "zenith": look.zenith,
-        "azimuth": look.azimuth,
-        "towards": look.heading,
-        "contrast": look.contrast,
-        "glint_strength": look.glint,
-        "glint_probability": look.glint_probability,
-        "away_from_keep_out": look.margin,
+        "zenith": geometry.zenith,
+        "azimuth": geometry.azimuth,
+        "towards": geometry.heading,
+        "contrast": geometry.contrast,
+        "glint_strength": geometry.glint,
+        "glint_probability": geometry.glint_probability,
+        "away_from_excluded": geometry.margin,
         "bands": bands,
     }
 

@@ -1,4 +1,4 @@
-"""Drawing on arrays: lines, text and discs of looks, without a plotting library, so that a picture takes no time."""
+"""Drawing on arrays: lines, text and discs, without a plotting library, so that a picture takes no time."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def wrapped(text: str, size: float, width: float) -> list[str]:
 
 
 def polar(centre: Point, radius: float, zenith: float, azimuth: float, widest: float) -> Point:
-    """Where a look stands on a disc: north up, east right, zenith angle outward."""
+    """Where a viewing geometry stands on a disc: north up, east right, zenith angle outward."""
     turn, out = np.radians(azimuth), radius * zenith / widest
     return centre[0] + out * float(np.sin(turn)), centre[1] - out * float(np.cos(turn))
 
@@ -143,18 +143,18 @@ def disc(
     patterns: Sequence[tuple[Any, str, Colour]] = (),
     name: str = "viridis",
 ) -> None:
-    """Draw a disc of looks.
+    """Draw a disc of viewing geometries.
 
     Parameters
     ----------
     canvas : Canvas
     centre : (float, float)
     radius : int
-        Of the widest look [pixel].
+        Of the widest viewing geometry [pixel].
     share : (zenith, azimuth) ndarray
-        Number 0 to 1 of each look, to be coloured; equal steps, azimuth 0 to 360.
+        Number 0 to 1 of each viewing geometry, to be coloured; equal steps, azimuth 0 to 360.
     patterns : sequence of (excess, pattern, colour)
-        Looks to hatch are those with an excess above 0; patterns are "/", "\\" or ".", over a pale ground.
+        Viewing geometries to hatch are those with an excess above 0; patterns are "/", "\\" or ".", over a pale ground.
     name : str
         Of the palette.
     """
@@ -191,12 +191,12 @@ def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour
     canvas.image[y : y + 18, x : x + 28] = cv2.resize(fine, (28, 18), interpolation=cv2.INTER_AREA)
 
 
-def _warped(looks: npt.NDArray[Any], radius: int) -> npt.NDArray[np.float32]:
-    """Looks (zenith, azimuth) on the fine pixels of a disc, linear between them."""
+def _warped(values: npt.NDArray[Any], radius: int) -> npt.NDArray[np.float32]:
+    """Viewing geometries (zenith, azimuth) on the fine pixels of a disc, linear between them."""
     import cv2
 
-    places = _places(radius, *looks.shape)
-    return np.asarray(cv2.remap(np.asarray(looks, np.float32), *places, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))
+    places = _places(radius, *values.shape)
+    return np.asarray(cv2.remap(np.asarray(values, np.float32), *places, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))
 
 
 @lru_cache(maxsize=16)
@@ -218,7 +218,7 @@ def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
 
 @lru_cache(maxsize=8)
 def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
-    """Where the fine pixels of a disc lie among the looks, as cv2.remap wants it."""
+    """Where the fine pixels of a disc lie among the viewing geometries, as cv2.remap wants it."""
     import cv2
 
     axis = _axis(radius, _FINE)

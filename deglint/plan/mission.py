@@ -31,19 +31,19 @@ SUN_LIMIT = 89.0
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """When a look is kept out of.
+    """When a viewing geometry is excluded.
 
     Attributes
     ----------
     glint : float
-        Glint radiance per irradiance of a plane facing the sun [1/sr]: above it, keep out. Ocean colour calls
+        Glint radiance per irradiance of a plane facing the sun [1/sr]: above it, it is excluded. Ocean colour calls
         1e-4 moderate and 5e-3 high glint.
     glint_probability : float, optional
-        Share of the sea that mirrors the sun: above it, keep out.
+        Share of the sea that mirrors the sun: above it, it is excluded.
     tolerance : float, optional
         Angle from the sun's centre that counts as the sun in the probability [degree]; the true disk by default.
     sky_ratio, sky_probability : float
-        Keep out where a share of the sea above `sky_probability` mirrors more than `sky_ratio` times the
+        Excluded where a share of the sea above `sky_probability` mirrors more than `sky_ratio` times the
         radiance of the deep water.
     snr : float
         Contrast of the object over the noise that makes it detectable in a band.
@@ -108,7 +108,7 @@ class Mission:
         The object by path lengths in water that scatters (Lee et al. 1999), or in water that only absorbs.
     limits : Limits
     step, widest : float
-        Step between looks, and largest zenith angle of a look [degree].
+        Step between viewing geometries, and the largest zenith angle of the sensor [degree].
 
     Raises
     ------

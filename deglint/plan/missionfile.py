@@ -4,7 +4,7 @@
     [wind]    speed, from, height, mean            [air]     air_mass_type, humidity, water_vapour, visibility,
     [water]   chlorophyll, model                             ozone, pressure
     [object]  depth, reflectance                   [sensor]  preset, bands, any of its numbers, [[sensor.band]]
-    [limits]  as `Limits`                          [look]    step, widest
+    [limits]  as `Limits`                          [view]    step, widest
     [models]  slopes, sky
 
 The command's options win over the file, table by table, value by value.
@@ -35,7 +35,7 @@ _FIELDS = {  # table, key: field of the mission
     "object": {"depth": "depth", "reflectance": "reflectance"},
     "sensor": {},
     "limits": {f.name: "" for f in fields(Limits)},
-    "look": {"step": "step", "widest": "widest"},
+    "view": {"step": "step", "widest": "widest"},
     "models": {"slopes": "slopes", "sky": "sky"},
 }
 _WORDS = ("time", "model", "slopes", "sky")
@@ -64,6 +64,7 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
     7.0
     """
     given: dict[str, Any] = {}
+    tables = {"view" if table == "look" else table: values for table, values in tables.items()}  # its old name
     for table, values in tables.items():
         _check(table, values, name)
         for key, value in values.items():

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import draw
-from .advice import Look, best_look, compass, quality, sentence
+from .advice import ViewingGeometry, best_geometry, compass, quality, sentence
 from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, PAPER, YELLOW, Canvas, Image, Point
 from .mission import Mission
 from .reticle import Reticle
@@ -42,29 +42,29 @@ def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to lo
         There is no such band.
     """
     contrast, patterns = layers(plan, band)
-    look = best_look(plan, band=band)
+    geometry = best_geometry(plan, band=band)
     shown = "all bands together" if band is None else f"band {plan.mission.sensor.band(band).name} alone"
     limits = plan.mission.limits
     also = "" if limits.glint_probability is None else f", or on > {limits.glint_probability:.1g} of the sea"
     share = f"{100 * limits.sky_probability:g} %"
     legend = [
-        ("/", ORANGE, f"keep out: sun glint (above {limits.glint:g} /sr{also})"),
-        ("\\", BLUE, f"keep out: sky glint ({limits.sky_ratio:g}x the water on > {share} of the sea)"),
+        ("/", ORANGE, f"excluded: sun glint (above {limits.glint:g} /sr{also})"),
+        ("\\", BLUE, f"excluded: sky glint ({limits.sky_ratio:g}x the water on > {share} of the sea)"),
         (".", GREY, f"too faint, or saturated (contrast below {limits.snr:g} x noise)"),
     ]
-    expects = "" if look is None else quality(look)
+    expects = "" if geometry is None else quality(geometry)
     top = float((plan.combined if band is None else plan.by_band[plan.index(band)]).max())
-    words = Words(title, f"Map: contrast over noise, {shown}", sentence(look), expects, tuple(legend), top)
-    return page(plan, contrast / max(top, 1e-9), patterns, look, words)
+    words = Caption(title, f"Map: contrast over noise, {shown}", sentence(geometry), expects, tuple(legend), top)
+    return page(plan, contrast / max(top, 1e-9), patterns, geometry, words)
 
 
-class Words(NamedTuple):
+class Caption(NamedTuple):
     """What stands beside a disc.
 
     Attributes
     ----------
     title, shows, what, expects : str
-        What the page is, what the map shows, the best look, and what to expect of it.
+        What the page is, what the map shows, the best viewing geometry, and what to expect of it.
     legend : tuple of (pattern, colour, str)
         Hatchings and their meaning.
     top : float
@@ -83,25 +83,25 @@ def page(
     plan: Reticle,
     share: npt.NDArray[Any],
     patterns: Sequence[tuple[Any, str, draw.Colour]],
-    look: Look | None,
-    words: Words,
+    geometry: ViewingGeometry | None,
+    words: Caption,
 ) -> Image:
-    """A disc of looks with its words; `share` is 0 to 1 of the scale of colours, `patterns` as for `draw.disc`."""
+    """A disc with its words; `share` is 0 to 1 of the scale of colours, `patterns` as for `draw.disc`."""
     canvas = Canvas(WIDTH, HEIGHT)
     draw.disc(canvas, _CENTRE, _RADIUS, share, patterns)
     scale(canvas, _CENTRE, _RADIUS, plan.mission.widest)
     marks(canvas, _CENTRE, _RADIUS, plan)
-    if look is not None:
-        _best(canvas, _CENTRE, _RADIUS, plan.mission.widest, look)
+    if geometry is not None:
+        _best(canvas, _CENTRE, _RADIUS, plan.mission.widest, geometry)
     y = _words(canvas, plan, words)
-    y = _table(canvas, plan, look, y)
+    y = _table(canvas, plan, geometry, y)
     _legend(canvas, words, y)
     _foot(canvas, plan)
     return canvas.finished()
 
 
 def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], list[tuple[Any, str, draw.Colour]]]:
-    """Contrast to colour (glint or not), and what to hatch: looks too faint, under sky, in glint, by their excess."""
+    """Contrast to colour (glint or not), and what to hatch, by its excess: too faint, under sky, in glint."""
     limits = plan.mission.limits
     with np.errstate(divide="ignore"):
         faint = np.clip(-np.log(plan.snr / max(limits.snr, 1e-9)), -5.0, 5.0)
@@ -193,10 +193,10 @@ def _sun(canvas: Canvas, at: Point, size: float) -> None:
     canvas.circle(at, size * 0.72, INK, 1)
 
 
-def _best(canvas: Canvas, centre: Point, radius: int, widest: float, look: Look) -> None:
-    at = draw.polar(centre, radius, look.zenith, look.azimuth, widest)
-    if look.zenith >= 6.0:
-        near = draw.polar(centre, radius, 3.0, look.azimuth, widest)
+def _best(canvas: Canvas, centre: Point, radius: int, widest: float, geometry: ViewingGeometry) -> None:
+    at = draw.polar(centre, radius, geometry.zenith, geometry.azimuth, widest)
+    if geometry.zenith >= 6.0:
+        near = draw.polar(centre, radius, 3.0, geometry.azimuth, widest)
         canvas.arrow(at, near, PAPER, 6, 18.0)
         canvas.arrow(at, near, MAGENTA, 3, 14.0)
     star(canvas, at, 15.0)
@@ -205,7 +205,7 @@ def _best(canvas: Canvas, centre: Point, radius: int, widest: float, look: Look)
 
 
 def star(canvas: Canvas, at: Point, size: float) -> None:
-    """The mark of the best look."""
+    """The mark of the best viewing geometry."""
     for reach, colour in ((size * 1.3, PAPER), (size, MAGENTA)):
         turns = np.radians(np.arange(10) * 36.0 - 90.0)
         out = np.where(np.arange(10) % 2 == 0, reach, reach * 0.45)
@@ -215,7 +215,7 @@ def star(canvas: Canvas, at: Point, size: float) -> None:
         )
 
 
-def _words(canvas: Canvas, plan: Reticle, words: Words) -> float:
+def _words(canvas: Canvas, plan: Reticle, words: Caption) -> float:
     canvas.text((_LEFT, 24), words.title, 26)
     y = 62.0
     for line in [*conditions(plan.mission), words.shows]:
@@ -252,11 +252,11 @@ def place_and_time(mission: Mission) -> str:
     return "   ".join(out)
 
 
-def _table(canvas: Canvas, plan: Reticle, look: Look | None, y: float) -> float:
-    if look is None:
+def _table(canvas: Canvas, plan: Reticle, geometry: ViewingGeometry | None, y: float) -> float:
+    if geometry is None:
         return y
-    i = int(np.argmin(np.abs(plan.zenith - look.zenith)))
-    j = int(np.argmin(np.abs(plan.azimuth - look.azimuth)))
+    i = int(np.argmin(np.abs(plan.zenith - geometry.zenith)))
+    j = int(np.argmin(np.abs(plan.azimuth - geometry.azimuth)))
     edges = (_LEFT + 120, _LEFT + 192, _LEFT + 262, _LEFT + 340)
     for x, head in zip(edges, ("nm", "x noise", "Weber", "sky glint"), strict=True):
         canvas.text((x, y), head, 13, GREY, anchor="ra")
@@ -279,7 +279,7 @@ def _table(canvas: Canvas, plan: Reticle, look: Look | None, y: float) -> float:
     return y + 14
 
 
-def _legend(canvas: Canvas, words: Words, y: float) -> None:
+def _legend(canvas: Canvas, words: Caption, y: float) -> None:
     x, row = _LEFT, round(y)
     if words.top > 0:
         colour_bar(canvas, x, row, 220)

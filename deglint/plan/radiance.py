@@ -1,7 +1,7 @@
-"""Light in each band and look: of the sun, out of the deep water, and out of the water over the object.
+"""Light in each band and viewing geometry: of the sun, out of the deep water, and out of the water over the object.
 
 All means over a band are those of 1 nm steps, and exact: the angular model of the water is linear in a few
-spectra, so these are averaged once and combined for every look. No sum here is left to the library of linear
+spectra, so these are averaged once and combined for all directions. No sum here is left to the library of linear
 algebra, whose threads wait for each other for seconds where a machine is busy.
 """
 
@@ -43,7 +43,7 @@ class Light:
 
 
 def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
-    """Light for all looks of a grid.
+    """Light for all viewing geometries of a grid.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
 
     Notes
     -----
-    Deep water after Lee et al. (2011), beyond the table (sun 75, look 70 degrees) with the coefficients of its
+    Deep water after Lee et al. (2011), beyond the table (sun 75, view 70 degrees) with the coefficients of its
     edge; the object after `water.submerged_reflectance` or `water.absorption_only_reflectance`.
     """
     wavelength, mean = _bands(mission.channels)

@@ -1,4 +1,4 @@
-"""The reticle: for every look at the object, how much glint, how much sky, how much contrast, and keep-out or not."""
+"""The reticle: glint, mirrored sky and contrast for every viewing geometry, and which of them are excluded."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Reticle:
-    """What a sensor sees from every look. Looks are (zenith, azimuth); layers with bands (band, zenith, azimuth).
+    """What a sensor sees from every viewing geometry.
+
+    Layers are (zenith, azimuth), or (band, zenith, azimuth).
 
     Attributes
     ----------
@@ -44,9 +46,9 @@ class Reticle:
     snr : (band, ...) ndarray
         The same difference over the noise-equivalent radiance, never negative [1].
     clear_of_glint : bool ndarray
-        Mask of sun glint, True where the look is good.
+        Mask of sun glint, True where the viewing geometry is good.
     clear_of_sky, detectable : (band, ...) bool ndarray
-        Masks of mirrored sky, and of contrast above the noise (and no saturation); True where the look is good.
+        Masks of mirrored sky, and of contrast above the noise (and no saturation); True where it is good.
     """
 
     mission: Mission
@@ -93,7 +95,7 @@ class Reticle:
 
     @cached_property
     def by_band(self) -> Array:
-        """The combined map of each band: contrast over noise, and 0 where any mask keeps out (thesis, 2.7.4)."""
+        """The combined map of each band: contrast over noise, and 0 where any mask excludes (thesis, 2.7.4)."""
         return np.asarray(self.snr * (self.clear_of_glint & self.clear_of_sky & self.detectable))
 
     @cached_property
@@ -102,8 +104,8 @@ class Reticle:
         return np.sqrt(np.sum(np.square(self.by_band), axis=0))
 
     @property
-    def keep_out(self) -> Mask:
-        """Looks from which no band is usable."""
+    def excluded(self) -> Mask:
+        """Viewing geometries from which no band is usable."""
         return np.asarray(~(self.clear_of_glint & (self.clear_of_sky & self.detectable).any(axis=0)))
 
     def counts(self) -> dict[str, Array]:
@@ -122,7 +124,7 @@ class Reticle:
 
 
 def reticle(mission: Mission) -> Reticle:
-    """Work out a mission for all looks.
+    """Work out a mission for all viewing geometries.
 
     Parameters
     ----------
@@ -151,7 +153,7 @@ def reticle(mission: Mission) -> Reticle:
     0.01571
     """
     limits, wind = mission.limits, mission.slope_wind
-    zenith, azimuth = looks(mission)
+    zenith, azimuth = viewing_geometries(mission)
     seen = light(mission, zenith, azimuth)
     disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
     spark = glint.sun_glint(
@@ -184,8 +186,8 @@ def reticle(mission: Mission) -> Reticle:
     )
 
 
-def looks(mission: Mission) -> tuple[Array, Array]:
-    """Zenith angles and azimuths of the looks of a mission [degree]."""
+def viewing_geometries(mission: Mission) -> tuple[Array, Array]:
+    """Zenith angles and azimuths of the viewing geometries of a mission [degree]."""
     down = round(mission.widest / mission.step)
     around = round(360.0 / mission.step)
     return np.linspace(0.0, mission.widest, max(down, 1) + 1), np.linspace(0.0, 360.0, around + 1)

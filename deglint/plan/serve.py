@@ -23,7 +23,7 @@ import numpy as np
 
 from ..errors import DeglintError, InputError
 from ..physics.presets import PRESETS
-from .advice import best_look, quality, sentence
+from .advice import best_geometry, quality, sentence
 from .draw import png
 from .mission import Mission
 from .missionfile import merged, mission_from, tables_of
@@ -48,7 +48,7 @@ AT_ONCE = 2
 """Plans that are drawn at a time: each takes some 15 MB and a processor."""
 WAIT = 5.0
 """How long another waits for its turn [s]; browsers and proxies wait for 30 s and more."""
-_THIN = 4  # every so many looks are told to the page, for what it says under the pointer
+_THIN = 4  # every so many viewing geometries are told to the page, for what it says under the pointer
 
 
 def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: bool = True) -> None:
@@ -194,7 +194,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
-    """The plan for what the page asks: picture, words, and the looks under the pointer.
+    """The plan for what the page asks: picture, words, and the viewing geometries under the pointer.
 
     Parameters
     ----------
@@ -224,10 +224,10 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
         mission = _with_sensor(mission, asked["sensor"])
     plan = reticle(mission)
     band = asked.get("band") or None
-    look = best_look(plan, band=band)
+    geometry = best_geometry(plan, band=band)
     return {
         "picture": base64.b64encode(png(picture(plan, band=band))).decode(),
-        "words": sentence(look) + ("" if look is None else f" {quality(look)}"),
+        "words": sentence(geometry) + ("" if geometry is None else f" {quality(geometry)}"),
         "bands": list(plan.bands),
         "pointer": _pointer(plan),
     }

@@ -1,7 +1,7 @@
-"""Skylight that the windy sea mirrors to every look: its mean, and how often facets are brighter than a limit.
+"""Skylight that the windy sea mirrors to the sensor: its mean, and how often facets are brighter than a limit.
 
 The sum over facets of the thesis (eq. 2.26 and 2.27), with each facet's share of the sea as the sensor sees it,
-taken at some hundred looks and carried from these to all others: both quantities change slowly with the look.
+taken at some hundred viewing geometries and interpolated to all others: both quantities change slowly between them.
 Facets that mirror the sea instead of the sky count for nothing.
 """
 
@@ -19,7 +19,7 @@ from ..physics import fresnel, sky, slopes
 Array = npt.NDArray[np.floating[Any]]
 
 ZENITHS, AZIMUTHS = 21, 36
-"""Looks at which the facets are summed, in zenith angle and around."""
+"""Viewing geometries at which the facets are summed, in zenith angle and around."""
 FACETS, REACH = 40, 4.5
 """Facets along each axis of the wind, and how far out they go [standard deviation of slope]."""
 LEVELS = np.geomspace(2e-3, 2.0, 120)
@@ -37,7 +37,7 @@ class Wind:
 
 @dataclass(frozen=True, eq=False)
 class Skylight:
-    """Mirrored skylight at looks.
+    """Mirrored skylight at viewing geometries.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Skylight:
 def skylight(
     zenith: Array, azimuth: Array, sun: tuple[float, float], wind: Wind, *, model: str = "uniform"
 ) -> Skylight:
-    """Mirrored skylight for all looks of a grid.
+    """Mirrored skylight for all viewing geometries of a grid.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def skylight(
     Returns
     -------
     Skylight
-        The mean within 1 % of `deglint.physics.sky.reflectance`, which sums at every look; 2.5 % under a clear
+        The mean within 1 % of `deglint.physics.sky.reflectance`, which sums at each one; 2.5 % under a clear
         sky in strong wind.
     """
     nodes = np.linspace(0.0, max(float(zenith[-1]), 20.0), ZENITHS)
@@ -196,7 +196,7 @@ class _Facets:
 
 
 def _counted(weight: Array, light: Array) -> npt.NDArray[Any]:
-    """Weights (look, facet) gathered at the levels (look, level), each split between the two next to it."""
+    """Weights (geometry, facet) gathered at the levels (geometry, level), each split between the two next to it."""
     place = np.log(light) - np.float32(np.log(LEVELS[0]))
     place *= np.float32(1.0 / np.log(LEVELS[1] / LEVELS[0]))
     np.clip(place, 0.0, LEVELS.size - 1.001, out=place)

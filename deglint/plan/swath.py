@@ -24,7 +24,7 @@ _ACROSS, _ALONG = 121, 31
 
 
 @dataclass(frozen=True, kw_only=True)
-class View:
+class FieldOfView:
     """What a sensor sees at once, or sweeps over on a line.
 
     Attributes
@@ -55,7 +55,7 @@ class Line:
 
     Attributes
     ----------
-    view : View
+    view : FieldOfView
     heading : (heading,) ndarray
         [degree]
     fraction : (heading,) ndarray
@@ -68,7 +68,7 @@ class Line:
         Largest glint along the track at each angle across [1/sr].
     """
 
-    view: View
+    view: FieldOfView
     heading: Array
     fraction: Array = field(repr=False)
     mean: Array = field(repr=False)
@@ -115,12 +115,12 @@ class Line:
         return f"Fly heading {best}: {least} of the view ({where}) in glint; worst is {worst} with {most}."
 
 
-def looks(view: View, heading: npt.ArrayLike) -> tuple[Array, Array]:
+def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Array, Array]:
     """Where the sensor stands as seen from each point of its view.
 
     Parameters
     ----------
-    view : View
+    view : FieldOfView
     heading : array_like
         Of the flight [degree].
 
@@ -143,23 +143,23 @@ def looks(view: View, heading: npt.ArrayLike) -> tuple[Array, Array]:
     return np.broadcast_to(zenith, towards.shape), (towards + 180.0) % 360.0
 
 
-def flight_line(mission: Mission, view: View, headings: npt.ArrayLike | None = None) -> Line:
+def flight_line(mission: Mission, view: FieldOfView, headings: npt.ArrayLike | None = None) -> Line:
     """Glint over the field of view for every heading.
 
     Parameters
     ----------
     mission : Mission
-    view : View
+    view : FieldOfView
     headings : array_like, optional
         [degree]; every 5 degrees if left out.
 
     Returns
     -------
     Line
-        Points beyond the widest look of the glint model, 89 degrees, or off the Earth count as in glint.
+        Points beyond the largest zenith angle of the glint model, 89 degrees, or off the Earth count as in glint.
     """
     heading = np.arange(0.0, 360.0, 5.0) if headings is None else np.atleast_1d(np.asarray(headings, np.float64))
-    zenith, azimuth = looks(view, heading)
+    zenith, azimuth = viewing_geometries(view, heading)
     seen = zenith < glint.VIEW_LIMIT
     wind = mission.slope_wind
     strength = glint.sun_glint(

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..physics import sun
-from .advice import Look, best_look, compass
-from .dataset import solid_share
+from .advice import ViewingGeometry, best_geometry, compass
+from .dataset import excluded_share
 from .mission import SUN_LIMIT, Mission
 from .missionfile import tables_of
 from .reticle import Reticle, reticle
@@ -19,7 +19,7 @@ from .reticle import Reticle, reticle
 MOST = 500
 """Times in a sweep."""
 COARSE = 2.0
-"""Step between looks in a sweep, where the mission has a finer one [degree]."""
+"""Step between viewing geometries in a sweep, where the mission has a finer one [degree]."""
 DAYLIGHT = 15.0
 """Height of the sun from which on there is light under water to plan with [degree]."""
 
@@ -34,17 +34,17 @@ class Moment:
         UTC.
     sun_zenith, sun_azimuth : float
         [degree]
-    look : Look or None
-        The best look; None where there is none, or the sun is too low.
-    keep_out_share : float
-        Share of the sky above the object that is to be kept out of [1].
+    geometry : ViewingGeometry or None
+        The best viewing geometry; None where there is none, or the sun is too low.
+    excluded_share : float
+        Share of the sky above the object that is excluded [1].
     """
 
     time: np.datetime64
     sun_zenith: float
     sun_azimuth: float
-    look: Look | None
-    keep_out_share: float
+    geometry: ViewingGeometry | None
+    excluded_share: float
 
 
 def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
@@ -105,7 +105,7 @@ def sweep(mission: Mission, when: list[np.datetime64]) -> list[Moment]:
     Returns
     -------
     list of Moment
-        One a time. Looks are `COARSE` apart at least.
+        One a time. Viewing geometries are `COARSE` apart at least.
     """
     return [moment for moment, _ in plans(mission, when)]
 
@@ -126,29 +126,33 @@ def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment,
             yield Moment(time, float(zenith), float(azimuth), None, 1.0), None
             continue
         plan = reticle(replace(mission, time=time, step=max(mission.step, COARSE)))
-        yield Moment(time, float(zenith), float(azimuth), best_look(plan), solid_share(plan)), plan
+        yield Moment(time, float(zenith), float(azimuth), best_geometry(plan), excluded_share(plan)), plan
 
 
 def best_moment(moments: list[Moment]) -> Moment | None:
-    """The time with the highest contrast; None where none has a good look."""
-    good = [m for m in moments if m.look is not None]
-    return max(good, key=lambda m: m.look.contrast if m.look else 0.0, default=None)
+    """The time with the highest contrast; None where none has a good viewing geometry."""
+    good = [m for m in moments if m.geometry is not None]
+    return max(good, key=lambda m: m.geometry.contrast if m.geometry else 0.0, default=None)
 
 
 def table(moments: list[Moment]) -> list[str]:
     """Lines for people."""
-    out = [f"{'UTC':<17}{'sun':>5}{'best look':>32}{'x noise':>9}{'glint':>9}{'keep out':>10}"]
+    out = [f"{'UTC':<17}{'sun':>5}{'best viewing geometry':>32}{'x noise':>9}{'glint':>9}{'excluded':>10}"]
     best = best_moment(moments)
     for m in moments:
         head = f"{str(m.time)[:16].replace('T', ' '):<17}{90 - m.sun_zenith:>4.0f}°"
-        if m.look is None:
-            why = "none: every look is spoilt" if m.sun_zenith <= SUN_LIMIT else "the sun is down"
+        if m.geometry is None:
+            why = "none: all are spoilt" if m.sun_zenith <= SUN_LIMIT else "the sun is down"
             out.append(f"{head}{why:>32}")
             continue
-        where = "straight down" if m.look.zenith < 1 else f"{m.look.zenith:.0f}° off from {compass(m.look.azimuth)}"
+        where = (
+            "straight down"
+            if m.geometry.zenith < 1
+            else f"{m.geometry.zenith:.0f}° off from {compass(m.geometry.azimuth)}"
+        )
         mark = "  <- best" if m is best else ""
         out.append(
-            f"{head}{where:>32}{m.look.contrast:>9.0f}{m.look.glint_probability:>9.0e}{m.keep_out_share:>10.0%}{mark}"
+            f"{head}{where:>32}{m.geometry.contrast:>9.0f}{m.geometry.glint_probability:>9.0e}{m.excluded_share:>10.0%}{mark}"
         )
     return out
 

@@ -1,4 +1,4 @@
-"""The plan when the wind is not known exactly: intervals of glint and contrast, and how likely a look is spoilt."""
+"""The plan when the wind is not known exactly: intervals of glint and contrast, and how often glint spoils it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..physics import slopes
 from ..physics._checks import within
-from .advice import Look, best_look, one_in, sentence
+from .advice import ViewingGeometry, best_geometry, one_in, sentence
 from .mission import Mission
 from .missionfile import tables_of
 from .reticle import Reticle, reticle
@@ -20,11 +20,11 @@ Array = npt.NDArray[np.floating[Any]]
 SPEEDS, TURNS = 5, 7
 """Winds that stand for the interval, of speed and of direction; its ends are among them."""
 COARSE = 2.0
-"""Step between looks, where the mission has a finer one [degree]."""
+"""Step between viewing geometries, where the mission has a finer one [degree]."""
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class WindEnsemble:
     """A mission under all winds of an interval. Pairs are (lowest, highest), each (zenith, azimuth).
 
     Attributes
@@ -36,7 +36,7 @@ class Spread:
     glint, glint_probability, contrast : (2, zenith, azimuth) ndarray
         Lowest and highest of `Reticle.glint_strength`, `Reticle.glint_probability` and `Reticle.combined`.
     risk : (zenith, azimuth) ndarray
-        Share of the winds under which the look is to be kept out of [1].
+        Share of the winds under which the viewing geometry is excluded [1].
     """
 
     middle: Reticle
@@ -47,19 +47,19 @@ class Spread:
     risk: Array = field(repr=False)
 
     @property
-    def best(self) -> Look | None:
-        """The look with the highest contrast under the worst of the winds; None where no look is always good."""
-        return best_look(self.middle, self.contrast[0])
+    def best(self) -> ViewingGeometry | None:
+        """The one with the highest contrast under the worst of the winds; None where none is always good."""
+        return best_geometry(self.middle, self.contrast[0])
 
-    def at(self, look: Look) -> dict[str, tuple[float, float]]:
-        """Intervals at a look."""
-        i = int(np.argmin(np.abs(self.middle.zenith - look.zenith)))
-        j = int(np.argmin(np.abs(self.middle.azimuth - look.azimuth)))
+    def at(self, geometry: ViewingGeometry) -> dict[str, tuple[float, float]]:
+        """Intervals at a viewing geometry."""
+        i = int(np.argmin(np.abs(self.middle.zenith - geometry.zenith)))
+        j = int(np.argmin(np.abs(self.middle.azimuth - geometry.azimuth)))
         pairs = {"glint": self.glint, "glint_probability": self.glint_probability, "contrast": self.contrast}
         return {name: (float(pair[0, i, j]), float(pair[1, i, j])) for name, pair in pairs.items()}
 
 
-def spread(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> Spread:
+def wind_ensemble(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> WindEnsemble:
     """Work out a mission under all winds of an interval.
 
     Parameters
@@ -72,7 +72,7 @@ def spread(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> Sprea
 
     Returns
     -------
-    Spread
+    WindEnsemble
 
     Raises
     ------
@@ -90,36 +90,36 @@ def spread(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> Sprea
         for azimuth in turns:
             plan = reticle(replace(middle.mission, wind=float(one), wind_from=float(azimuth % 360.0)))
             for held, layer in zip(
-                layers, (plan.glint_strength, plan.glint_probability, plan.combined, plan.keep_out), strict=True
+                layers, (plan.glint_strength, plan.glint_probability, plan.combined, plan.excluded), strict=True
             ):
                 held.append(np.asarray(layer))
     ends = [np.stack([np.min(held, axis=0), np.max(held, axis=0)]) for held in layers[:3]]
     winds = tuple(float(v) for v in speeds), tuple(float(v) for v in turns % 360.0)
-    return Spread(middle, winds, ends[0], ends[1], ends[2], np.mean(layers[3], axis=0))
+    return WindEnsemble(middle, winds, ends[0], ends[1], ends[2], np.mean(layers[3], axis=0))
 
 
-def words(found: Spread) -> list[str]:
-    """The best look, and its intervals, for people."""
-    look = found.best
-    if look is None:
-        return ["No look is good under all of these winds."]
-    at = found.at(look)
+def words(found: WindEnsemble) -> list[str]:
+    """The best viewing geometry, and its intervals, for people."""
+    geometry = found.best
+    if geometry is None:
+        return ["No viewing geometry is good under all of these winds."]
+    at = found.at(geometry)
     low, high = (one_in(share) for share in at["glint_probability"])
     least, most = at["contrast"]
     return [
-        sentence(look),
+        sentence(geometry),
         f"Whatever the wind: contrast {least:.3g} to {most:.3g} x noise; sun glint on {low} to {high} of the sea.",
     ]
 
 
-def numbers(found: Spread, *, speed: float, turn: float) -> dict[str, Any]:
-    """The intervals for JSON, with the risk of every look."""
-    look = found.best
+def numbers(found: WindEnsemble, *, speed: float, turn: float) -> dict[str, Any]:
+    """The intervals for JSON, with the risk of every viewing geometry."""
+    geometry = found.best
     return {
         "mission": tables_of(found.middle.mission),
         "wind_within": {"speed": speed, "turn": turn},
         "winds": {"speed": found.winds[0], "from": found.winds[1]},
-        "best": None if look is None else asdict(look) | {"intervals": found.at(look)},
+        "best": None if geometry is None else asdict(geometry) | {"intervals": found.at(geometry)},
         "words": " ".join(words(found)),
         "zenith": found.middle.zenith,
         "azimuth": found.middle.azimuth,
