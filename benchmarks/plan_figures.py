@@ -54,7 +54,7 @@ def slopes_2_2():
     canvas = Canvas(2 * (side + 70) + 30, side + 130)
     axis = np.linspace(-0.6, 0.6, side)
     for column, wind in enumerate((2.0, 9.0)):
-        density = slopes.cox_munk(-axis[:, None], axis[None, :], wind)  # upwind is up
+        density = slopes.density(-axis[:, None], axis[None, :], wind)  # upwind is up
         left, top = 50 + column * (side + 70), 60
         canvas.image[top : top + side, left : left + side] = palette(density / density.max())
         canvas.text((left + side / 2, 24), f"wind {wind:g} m/s", 16, INK, anchor="mm")
@@ -80,7 +80,7 @@ def facet_sum(plan, step):
             cosine = sum(n * v for n, v in zip(normal, to_sensor, strict=True))
             ray = [2 * cosine * n - v for n, v in zip(normal, to_sensor, strict=True)]
             hit = sum(r * s for r, s in zip(ray, to_sun, strict=True)) > np.cos(np.radians(0.2665))
-            density = slopes.cox_munk(*slopes.to_wind_axes(east, north, plan.mission.wind_from), 9.0)
+            density = slopes.density(*slopes.to_wind_axes(east, north, plan.mission.wind_from), 9.0)
             found += hit * density * step**2
     return found
 

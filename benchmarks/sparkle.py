@@ -12,7 +12,8 @@ import argparse
 import numpy as np
 
 import deglint.physics.surface as surface
-from deglint.physics.waves import SHORTEST, Sea, dispersion, omnidirectional
+from deglint.physics.spectra import dispersion
+from deglint.physics.waves import SHORTEST, Sea, omnidirectional
 from deglint.simulate.facets import sparkle_share
 
 SIDE, FINE, COARSE, PIXELS = 2.0, 2048, 32, 8

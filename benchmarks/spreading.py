@@ -28,7 +28,7 @@ def densities(wind, shortest, convention):
     up, cross = np.meshgrid(AXIS, AXIS, indexing="ij")
     seas = {s: Sea(wind=wind, spectrum="jonswap", spreading=convention, exponent=s) for s in EXPONENTS}
     drawn = {s: slopes.gaussian(up, cross, *slope_variance(sea, shortest=shortest)) for s, sea in seas.items()}
-    return slopes.cox_munk(up, cross, wind), drawn
+    return slopes.density(up, cross, wind), drawn
 
 
 def draw(path, wind, measured, drawn):

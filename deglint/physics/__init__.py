@@ -16,9 +16,6 @@ Rooms and their main functions::
 
     fresnel.reflectance(angle, index=1.34)                     unpolarised, air to water
     fresnel.refraction_angle(angle, index=1.34)                Snell, angle in water
-    slopes.cox_munk(upwind, crosswind, wind, *, clip=True)     density of slopes, Gram-Charlier
-    slopes.cox_munk_gaussian(upwind, crosswind, wind)          the same without skewness and peakedness
-    slopes.breon_henriot(upwind, crosswind, wind, *, clip=True)
     slopes.density(upwind, crosswind, wind, *, model="cox-munk")
     slopes.gaussian(upwind, crosswind, variance_upwind, variance_crosswind)
     slopes.variances(wind, *, model="cox-munk")                -> (upwind, crosswind)

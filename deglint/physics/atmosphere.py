@@ -6,7 +6,8 @@ visibility. The path through the air is that of Kasten and Young, and the larges
 0.05 that the paper left out and every code of the model has. Clouds are unknown here.
 
 References
----------- Gregg, Carder (1990), "A simple spectral solar irradiance model for cloudless maritime
+----------
+Gregg, Carder (1990), "A simple spectral solar irradiance model for cloudless maritime
 atmospheres", Limnology and Oceanography 35, 1657-1675, doi:10.4319/lo.1990.35.8.1657. Kasten, Young (1989),
 "Revised optical air mass tables and approximation formula", Applied Optics 28, 4735-4738,
 doi:10.1364/AO.28.004735. Van Heuklon (1979), "Estimating atmospheric ozone for solar radiation models", Solar
@@ -21,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from . import fresnel, sun
+from . import sun
 from ._checks import Array, within
 from .tables import load
 
@@ -275,38 +276,6 @@ def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike)
     north = 150.0 + 40.0 * _sine(0.9865 * (day - 30.0)) + 20.0 * _sine(3.0 * (lon + 20.0 * (lon > 0.0)))
     south = 100.0 + 30.0 * _sine(0.9865 * (day + 152.625)) + 20.0 * _sine(2.0 * (lon - 75.0))
     return 235.0 + np.where(lat > 0.0, north * _sine(1.28 * lat) ** 2, south * _sine(1.5 * lat) ** 2)
-
-
-def surface_reflectance(sun_zenith: npt.ArrayLike, wind: npt.ArrayLike) -> tuple[Array, Array]:
-    """Share of direct and of diffuse irradiance that a windy sea with foam reflects.
-
-    Gregg and Carder (1990), eq. 37 to 45. What enters the water is one less it.
-
-    Parameters
-    ----------
-    sun_zenith : array_like
-        Zenith angle of the sun [degree], 0 to 90.
-    wind : array_like
-        Speed at 10 m [m/s], 0 to 20.
-
-    Returns
-    -------
-    direct, diffuse : ndarray
-        Reflectance of irradiance [1].
-
-    Raises
-    ------
-    InputError
-        A value is out of range.
-    """
-    zenith = within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
-    wind = within("wind", wind, *_LIMITS["wind"])
-    slow = _AIR_DENSITY * 2.2e-5 * (0.62e-3 * wind**2 + 1.56e-3 * wind) - 4e-4
-    fast = (_AIR_DENSITY * 4.5e-5 * (0.49e-3 + 0.065e-3 * wind) - 4e-5) * wind**2
-    foam = np.where(wind <= 4.0, 0.0, np.where(wind <= 7.0, slow, fast))
-    rough = 0.0253 * np.exp((-7.14e-4 * wind + 0.0618) * (zenith - 40.0))
-    direct = np.where((zenith < 40.0) | (wind < 2.0), fresnel.reflectance(zenith, 1.341), rough)
-    return direct + foam, np.where(wind <= 4.0, 0.066, 0.057) + foam
 
 
 def _gases(spectrum: Spectrum, sun_zenith: npt.ArrayLike, air: Air) -> Array:

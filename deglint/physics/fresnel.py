@@ -1,12 +1,9 @@
 """How much light the flat boundary of air and water reflects, and where the rest goes.
 
-Unpolarised and polarised reflectance, Snell's angle, and the refractive index of sea water. This room knows
-neither waves nor the sun.
+Unpolarised and polarised reflectance, and Snell's angle. This module knows neither waves nor the sun.
 
 References
 ----------
-Quan, Fry (1995), "Empirical equation for the index of refraction of seawater", Applied Optics 34, 3477,
-doi:10.1364/AO.34.003477.
 Mobley (1994), "Light and Water", Academic Press, section 4.2.
 """
 
@@ -144,36 +141,6 @@ def radiance_transmittance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_IN
     0.5452
     """
     return (1.0 - reflectance(angle, index)) / np.square(np.asarray(index, dtype=np.float64))
-
-
-def sea_water_index(wavelength: npt.ArrayLike, *, temperature: float = 20.0, salinity: float = 35.0) -> Array:
-    """Refractive index of sea water (Quan and Fry 1995, eq. 3).
-
-    Parameters
-    ----------
-    wavelength : array_like
-        In vacuum [nm], 200 to 1100; the measurements end at 700.
-    temperature : float
-        Of the water [degree Celsius], 0 to 40.
-    salinity : float
-        Practical salinity [1], 0 to 45.
-
-    Raises
-    ------
-    InputError
-        A value is out of range.
-
-    Examples
-    --------
-    >>> float(sea_water_index(550).round(4))
-    1.3408
-    """
-    w = within("wavelength", wavelength, 200.0, 1100.0, "nm", "Give it in nanometres.")
-    t = within("temperature", temperature, 0.0, 40.0, "degrees Celsius", "Give that of the water.")
-    s = within("salinity", salinity, 0.0, 45.0, "", "Give practical salinity, 35 for the open sea.")
-    salt = (1.779e-4 - 1.05e-6 * t + 1.6e-8 * t**2) * s
-    colour = (15.868 + 0.01155 * s - 0.00423 * t) / w - 4382.0 / w**2 + 1.1455e6 / w**3
-    return np.asarray(1.31405 + salt - 2.02e-6 * t**2 + colour)
 
 
 def _both(cosine: Array, index: Array | float) -> tuple[Array, Array]:

@@ -6,7 +6,8 @@ slopes, and no sum over facets is needed. Angles are seen from the target: where
 stand. This room knows no winds; it takes the density of slopes as a number.
 
 References
----------- Cox, Munk (1954), "Measurement of the roughness of the sea surface from photographs of the sun's
+----------
+Cox, Munk (1954), "Measurement of the roughness of the sea surface from photographs of the sun's
 glitter", Journal of the Optical Society of America 44, 838-850, doi:10.1364/JOSA.44.000838.
 """
 

@@ -5,12 +5,11 @@ particles, 300 to 1000 nm. Made for the open ocean; coastal water with its own s
 described by giving `Iops` by hand.
 
 References
----------- Bricaud, Morel, Babin, Allali, Claustre (1998), "Variations of light absorption by suspended
+----------
+Bricaud, Morel, Babin, Allali, Claustre (1998), "Variations of light absorption by suspended
 particles with chlorophyll a concentration in oceanic (case 1) waters", Journal of Geophysical Research 103,
 31033-31044, doi:10.1029/98JC02712. Morel, Maritorena (2001), "Bio-optical properties of oceanic waters: a
-reappraisal", Journal of Geophysical Research 106, 7163-7180, doi:10.1029/2000JC000319. Gordon (1989), "Can
-the Lambert-Beer law be applied to the diffuse attenuation coefficient of ocean water?", Limnology and
-Oceanography 34, 1389-1409, doi:10.4319/lo.1989.34.8.1389.
+reappraisal", Journal of Geophysical Research 106, 7163-7180, doi:10.1029/2000JC000319.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from . import fresnel
 from ._checks import Array, within
 from .tables import load
 
@@ -117,61 +115,6 @@ def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -
     wavelength, chlorophyll = _wavelength(wavelength), _chlorophyll(chlorophyll)
     exponent = _interpolate("particle_absorption", "E", wavelength)
     return _interpolate("particle_absorption", "A", wavelength) * chlorophyll**exponent
-
-
-def diffuse_attenuation(water: Iops, sun_zenith: npt.ArrayLike, *, index: float = fresnel.WATER_INDEX) -> Array:
-    """Attenuation of downwelling irradiance just below the surface, 1.0395 (a + b_b) / mu_0 [1/m] (Gordon
-    1989).
-
-    mu_0 is the cosine of the sun's zenith angle in the water. About 4 % low against exact radiative transfer.
-
-    Parameters
-    ----------
-    water : Iops
-    sun_zenith : array_like
-        In air [degree], 0 to 90.
-    index : float
-        Refractive index of water [1].
-
-    Raises
-    ------
-    InputError
-        The sun is below the horizon.
-
-    Examples
-    --------
-    >>> float(diffuse_attenuation(case1(490, 0.5), 30.0).round(4))
-    0.0487
-    """
-    cosine = np.cos(np.radians(fresnel.refraction_angle(sun_zenith, index)))
-    return 1.0395 * (water.absorption + water.backscattering) / cosine
-
-
-def morel_attenuation(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Array:
-    """Attenuation of downwelling irradiance over the sunlit layer, K_w + chi C^e [1/m] (Morel and Maritorena
-    2001).
-
-    Parameters
-    ----------
-    wavelength : array_like
-        [nm], 400 to 700.
-    chlorophyll : array_like
-        [mg m-3], 0.01 to 30.
-
-    Raises
-    ------
-    InputError
-        A value is out of range.
-
-    Examples
-    --------
-    >>> float(morel_attenuation(490, 0.5).round(4))
-    0.0615
-    """
-    wavelength = within("wavelength", wavelength, 400.0, 700.0, "nm", "Outside use diffuse_attenuation.")
-    chlorophyll = _chlorophyll(chlorophyll)
-    water, factor, exponent = (_interpolate("diffuse_attenuation", name, wavelength) for name in ("Kw", "chi", "e"))
-    return water + factor * chlorophyll**exponent
 
 
 def _interpolate(table: str, column: str, wavelength: Array) -> Array:

@@ -5,7 +5,8 @@ Harrison and Coombes (brightest around the sun and near the horizon). Each is no
 receives exactly the diffuse irradiance that is asked for. The sun's disk itself is no part of the sky.
 
 References
----------- Moon, Spencer (1942), "Illumination from a non-uniform sky", Illuminating Engineering 37, 707-726.
+----------
+Moon, Spencer (1942), "Illumination from a non-uniform sky", Illuminating Engineering 37, 707-726.
 Harrison, Coombes (1988), "An opaque cloud cover model of sky short wavelength radiance", Solar Energy 41,
 387-392, doi:10.1016/0038-092X(88)90035-7.
 """

@@ -9,7 +9,8 @@ Axes: upwind slopes rise towards where the wind comes from; the crosswind axis l
 it. The windward side of a wave is the gentle one, so the most frequent upwind slope is slightly negative.
 
 References
----------- Cox, Munk (1954), "Measurement of the roughness of the sea surface from photographs of the sun's
+----------
+Cox, Munk (1954), "Measurement of the roughness of the sea surface from photographs of the sun's
 glitter", Journal of the Optical Society of America 44, 838-850, doi:10.1364/JOSA.44.000838. Breon, Henriot
 (2006), "Spaceborne observations of ocean glint reflectance and modeling of wave slope distributions", Journal
 of Geophysical Research 111, C06005, doi:10.1029/2005JC003343.
@@ -128,21 +129,6 @@ def density(
     if not clip:
         return plain * series
     return plain * np.maximum(series, 0.0) / (1.0 + np.interp(wind, *_negative_mass(model)))
-
-
-def cox_munk(upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt.ArrayLike, *, clip: bool = True) -> Array:
-    """Density of slopes after Cox and Munk (1954); `wind` at 12.5 m [m/s]. See `density`."""
-    return density(upwind, crosswind, wind, model="cox-munk", clip=clip)
-
-
-def cox_munk_gaussian(upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt.ArrayLike) -> Array:
-    """Density of slopes after Cox and Munk (1954) without skewness and peakedness. See `density`."""
-    return density(upwind, crosswind, wind, model="cox-munk-gaussian")
-
-
-def breon_henriot(upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt.ArrayLike, *, clip: bool = True) -> Array:
-    """Density of slopes after Breon and Henriot (2006); `wind` at 10 m [m/s]. See `density`."""
-    return density(upwind, crosswind, wind, model="breon-henriot", clip=clip)
 
 
 def gaussian(

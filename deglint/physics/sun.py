@@ -4,7 +4,8 @@ Positions come from the solar position algorithm of pvlib, which is loaded only 
 Zenith and azimuth are those seen from the place: the zenith includes refraction unless asked otherwise.
 
 References
----------- Reda, Andreas (2004), "Solar position algorithm for solar radiation applications", Solar Energy 76,
+----------
+Reda, Andreas (2004), "Solar position algorithm for solar radiation applications", Solar Energy 76,
 577-589, doi:10.1016/j.solener.2003.12.003. Gregg, Carder (1990), "A simple spectral solar irradiance model
 for cloudless maritime atmospheres", Limnology and Oceanography 35, 1657-1675, doi:10.4319/lo.1990.35.8.1657.
 """

@@ -15,15 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from .waves import (
-    GRAVITY,
-    SURFACE_TENSION,
-    Sea,
-    elfouhaily_spread,
-    omnidirectional,
-    spread_convention,
-    spreading_norm,
-)
+from .spectra import GRAVITY, SURFACE_TENSION, elfouhaily_spread, spreading_norm
+from .waves import Sea, omnidirectional, spread_convention
 
 Complex = npt.NDArray[np.complexfloating[Any, Any]]
 Array = npt.NDArray[np.floating[Any]]
@@ -61,12 +54,6 @@ class Surface:
     def shape(self) -> tuple[int, int]:
         """(rows, columns)."""
         return self.amplitudes.shape[0], self.amplitudes.shape[1]
-
-    @property
-    def crossing_time(self) -> float:
-        """Time in which the peak wave crosses the shorter side of the grid [s]; later the sea repeats."""
-        peak = self.sea.peak_wavenumber
-        return min(self.shape) * self.spacing / float(np.sqrt(GRAVITY / peak))
 
     def height(self, time: float = 0.0, *, workers: int = 1) -> Array:
         """Height of the surface [m], (row, column) float32, row 0 in the north, at a time [s]."""

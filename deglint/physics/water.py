@@ -10,7 +10,8 @@ its depth.
 the side of the sun, 180 opposite, where the glint is.
 
 References
----------- Lee, Du, Voss, Zibordi, Lubac, Arnone, Weidemann (2011), "An inherent-optical-property-centered
+----------
+Lee, Du, Voss, Zibordi, Lubac, Arnone, Weidemann (2011), "An inherent-optical-property-centered
 approach to correct the angular effects in water-leaving radiance", Applied Optics 50, 3155-3167,
 doi:10.1364/AO.50.003155. Lee, Carder, Mobley, Steward, Patch (1999), "Hyperspectral remote sensing for
 shallow waters: 2. Deriving bottom depths and water properties by optimization", Applied Optics 38, 3831-3843,
@@ -26,7 +27,7 @@ import numpy.typing as npt
 
 from . import fresnel
 from ._checks import Array, choice, within
-from .iops import Iops, case1, diffuse_attenuation, morel_attenuation, particle_absorption
+from .iops import Iops, case1, particle_absorption
 from .tables import load
 
 __all__ = [
@@ -35,12 +36,10 @@ __all__ = [
     "absorption_only_reflectance",
     "case1",
     "deep_reflectance",
-    "diffuse_attenuation",
     "lee_1999",
     "lee_2011",
     "lee_2011_grid",
     "lee_2011_terms",
-    "morel_attenuation",
     "object_reflectance",
     "particle_absorption",
     "remote_sensing_reflectance",
@@ -236,16 +235,9 @@ def lee_2011_grid(sun_zenith: float, view_zenith: npt.ArrayLike, relative_azimut
     (4, zenith, azimuth) ndarray
         Gw0, Gw1, Gp0, Gp1 [1/sr]; times `lee_2011_terms` and summed they are the reflectance of deep water.
     """
-    (suns, views, turns), values = _grid()
     turn = np.abs((np.asarray(relative_azimuth, dtype=np.float64) + 180.0) % 360.0 - 180.0)
-    at_sun = np.einsum("s,gsvt->gvt", _hats(suns, np.atleast_1d(sun_zenith))[0], values)
-    at_view = np.einsum("zv,gvt->gzt", _hats(views, np.atleast_1d(view_zenith)), at_sun)
-    return np.asarray(np.einsum("gzt,at->gza", at_view, _hats(turns, turn)))
-
-
-def _hats(axis: Array, points: Array) -> Array:
-    """Weights (point, node) of linear interpolation; points beyond the ends take the last node."""
-    return np.stack([np.interp(points, axis, row) for row in np.eye(axis.size)], axis=-1)
+    view = np.minimum(np.asarray(view_zenith, dtype=np.float64), VIEW_LIMIT)
+    return _coefficients(np.asarray(min(sun_zenith, SUN_LIMIT)), view[:, None], turn)
 
 
 def lee_1999(water: Iops) -> Array:
@@ -297,7 +289,8 @@ def submerged_reflectance(
         A value is out of range.
 
     Notes
-    ----- Against a Monte Carlo of 288 cases to 14 m the root mean square error is 1.4 %. Light that
+    -----
+    Against a Monte Carlo of 288 cases to 14 m the root mean square error is 1.4 %. Light that
     wide-angle scattering mixes in from beside a small object is left out.
     """
     depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")

@@ -2,7 +2,7 @@
 
 A `Sea` says which spectrum, how strong the wind is and how the waves spread about it; the functions here work
 out what that implies by quadrature. `deglint.physics.surface` draws surfaces from it. The formulas of the
-spectra stand in `deglint.physics.spectra` and can be had from here. Nothing here draws random numbers.
+spectra are in `deglint.physics.spectra`. Nothing here draws random numbers.
 
 Wavenumbers are in rad/m, frequencies in Hz. Wind is at 10 m unless a name says otherwise, and its azimuth is
 where it blows from, clockwise from north; waves run the other way.
@@ -29,31 +29,7 @@ from .spectra import (
     jonswap_peak,
     pierson_moskowitz,
     pierson_moskowitz_peak,
-    spreading,
-    spreading_norm,
 )
-
-__all__ = [
-    "GRAVITY",
-    "SURFACE_TENSION",
-    "WIND_19_5",
-    "Sea",
-    "anisotropy",
-    "dispersion",
-    "elfouhaily",
-    "elfouhaily_spread",
-    "height_variance",
-    "jonswap",
-    "jonswap_peak",
-    "omnidirectional",
-    "pierson_moskowitz",
-    "pierson_moskowitz_peak",
-    "slope_correlation",
-    "slope_variance",
-    "spread_convention",
-    "spreading",
-    "spreading_norm",
-]
 
 Spectrum = Literal["elfouhaily", "jonswap", "pierson-moskowitz"]
 Spreading = Literal["elfouhaily", "half-angle", "full-angle"]

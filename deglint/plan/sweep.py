@@ -92,26 +92,15 @@ def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.da
     return np.datetime64(when[int(np.argmax(high >= DAYLIGHT) if high.max() >= DAYLIGHT else np.argmax(high))], "s")
 
 
-def sweep(mission: Mission, when: list[np.datetime64]) -> list[Moment]:
-    """Work out a mission at several times.
+def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment, Reticle | None]]:
+    """Work out a mission at several times, one after the other; the reticle is None where the sun is too low.
 
     Parameters
     ----------
     mission : Mission
         With a place; its own time does not matter.
     when : list of numpy.datetime64
-        UTC.
-
-    Returns
-    -------
-    list of Moment
-        One a time. Viewing geometries are `COARSE` apart at least.
-    """
-    return [moment for moment, _ in plans(mission, when)]
-
-
-def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment, Reticle | None]]:
-    """The same with the reticle of each time; None where the sun is too low.
+        UTC. Viewing geometries are `COARSE` apart at least.
 
     Raises
     ------

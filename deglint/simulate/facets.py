@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..physics import fresnel, glint, sky, slopes
+from ..physics.spectra import dispersion
 from ..physics.surface import Surface, by_rows, normals, realise
-from ..physics.waves import SHORTEST, dispersion, omnidirectional
+from ..physics.waves import SHORTEST, omnidirectional
 from .setup import RESOLVED_AT_MOST, Setup
 
 Array = npt.NDArray[np.floating[Any]]

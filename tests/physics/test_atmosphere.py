@@ -242,18 +242,6 @@ def test_ozone_climatology():
     assert spring > autumn
 
 
-def test_surface_reflectance():
-    direct, diffuse = atmosphere.surface_reflectance([0, 39.9, 40, 60], [3, 3, 3, 3])
-    assert direct[0] == pytest.approx((0.341 / 2.341) ** 2)
-    assert direct[2] == pytest.approx(0.0253)
-    assert direct[3] == pytest.approx(0.0253 * np.exp((0.0618 - 7.14e-4 * 3) * 20))
-    assert diffuse.tolist() == [0.066] * 4
-    foam = 1200 * (0.49 + 0.065 * 10) * 1e-3 * 4.5e-5 * 100 - 4e-5 * 100
-    assert atmosphere.surface_reflectance(0, 10)[1] == pytest.approx(0.057 + foam)
-    foam = 1200 * (0.62 + 1.56 / 6) * 1e-3 * 2.2e-5 * 36 - 4e-4
-    assert atmosphere.surface_reflectance(0, 6)[1] == pytest.approx(0.057 + foam)
-
-
 @pytest.mark.parametrize(
     ("params", "message"),
     [

@@ -73,12 +73,6 @@ def test_radiance_loses_the_square_of_the_index():
     assert fresnel.radiance_transmittance(0, 1.34) == pytest.approx((1 - 0.021112) / 1.34**2, rel=1e-5)
 
 
-def test_index_of_sea_water():
-    assert fresnel.sea_water_index(550, temperature=20, salinity=35) == pytest.approx(1.3408, abs=5e-5)
-    assert fresnel.sea_water_index(550, salinity=0) < fresnel.sea_water_index(550)
-    assert np.all(np.diff(fresnel.sea_water_index(np.arange(400, 700, 10))) < 0)
-
-
 def test_nan_stays_nan_and_shapes_broadcast():
     out = fresnel.reflectance([[0.0], [np.nan]], [1.33, 1.34, 1.35])
     assert out.shape == (2, 3)

@@ -81,7 +81,7 @@ def by_facets(row, radius, step):
     towards = np.tensordot(view, normal, 1)
     mirrored = 2 * towards * normal - view[:, None, None]
     hit = np.tensordot(sun, mirrored, 1) > np.cos(np.radians(radius))
-    density = slopes.cox_munk(*slopes.to_wind_axes(east, north, wind_from), wind)
+    density = slopes.density(*slopes.to_wind_axes(east, north, wind_from), wind)
     return np.sum(density * towards * length / view[2] * hit) * step**2
 
 

@@ -94,7 +94,7 @@ def by_facets(view_zenith, view_azimuth, wind, wind_from, **options):
     normal = np.stack([-east, -north, np.ones_like(east)]) / length
     towards = np.tensordot(view, normal, 1)
     up = 2 * towards * normal - view[:, None, None]
-    density = slopes.cox_munk(*slopes.to_wind_axes(east, north, wind_from), wind) * 0.004**2
+    density = slopes.density(*slopes.to_wind_axes(east, north, wind_from), wind) * 0.004**2
     weight = density * np.maximum(towards, 0) * length / view[2]
     good = (up[2] > 0) & (towards > 0)
     zenith = np.degrees(np.arccos(np.clip(up[2][good], 0, 1)))

@@ -99,9 +99,6 @@ def test_deep_water_against_ecolight():
     assert rms(lee_2011[u < 0.12]) < 0.025
     assert rms(lee_2011) < 0.09
     assert rms(water.lee_1999(given_water) / truth - 1) < 0.06
-    attenuation = water.diffuse_attenuation(given_water, 30) / rows["Kd_0"] - 1
-    assert attenuation.mean() == pytest.approx(-0.043, abs=0.002)
-    assert rms(attenuation) < 0.055
 
 
 @pytest.mark.shared
@@ -203,12 +200,6 @@ def test_colours_follow_chlorophyll():
     assert np.all(np.diff(blue) < 0)
     assert np.all(np.diff(green) > 0)
     assert np.all(np.diff(blue / green) < 0)
-
-
-def test_attenuation_of_morel_and_maritorena():
-    assert water.morel_attenuation(400, 1.0) == pytest.approx(0.01042 + 0.11748)
-    assert water.morel_attenuation(440, 0.5) == pytest.approx(0.00885 + 0.10963 * 0.5**0.67175)
-    assert np.all(np.diff(water.morel_attenuation(490, CHLOROPHYLL)) > 0)
 
 
 def test_broadcasts_and_keeps_nan():
