@@ -8,6 +8,7 @@ This room opens no files and knows nothing of what is in the scene.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +24,8 @@ PLANCK = 6.62607015e-34
 """[J s]"""
 LIGHT_SPEED = 299792458.0
 """[m/s]"""
+TABLES = (300.0, 1000.0)
+"""Wavelengths that the tables of light and water cover [nm]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,6 +146,37 @@ class Sensor:
         """The same sensor with this delay from each band to the next [s]."""
         bands = tuple(replace(b, time_offset=i * delay) for i, b in enumerate(self.bands))
         return replace(self, bands=bands)
+
+
+def band_means(bands: Sequence[SensorBand]) -> tuple[Array, Callable[[Array], Array]]:
+    """Wavelengths of all bands in steps of 1 nm, and how to take means over each band.
+
+    Parameters
+    ----------
+    bands : sequence of SensorBand
+        A band that reaches beyond 300 to 1000 nm, where the tables of light and water end, is cut.
+
+    Returns
+    -------
+    wavelength : (n,) ndarray
+        Those of the first band, then those of the second, and so on [nm].
+    mean : callable
+        Takes values (n, ...) at these wavelengths and gives their means (band, ...).
+
+    Examples
+    --------
+    >>> wavelength, mean = band_means([SensorBand(name="green", low=540, high=542, full_scale=1.0)])
+    >>> mean(wavelength).tolist()
+    [541.0]
+    """
+    ranges = [np.arange(max(b.low, TABLES[0]), min(b.high, TABLES[1]) + 0.5) for b in bands]
+    sizes = np.array([steps.size for steps in ranges])
+    starts = np.cumsum(sizes) - sizes
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.add.reduceat(values, starts, axis=0) / sizes.reshape(-1, *[1] * (values.ndim - 1)))
+
+    return np.concatenate(ranges), mean
 
 
 def mtf_diffraction(frequency: npt.ArrayLike) -> Array:

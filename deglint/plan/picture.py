@@ -304,9 +304,9 @@ def colour_bar(canvas: Canvas, left: int, top: int, width: int, name: str = "vir
 
 def _foot(canvas: Canvas, plan: Reticle) -> None:
     mission = plan.mission
-    thing = f"Object {100 * mission.reflectance:g} % reflectance at {mission.depth:g} m"
+    target = f"Object {100 * mission.reflectance:g} % reflectance at {mission.depth:g} m"
     water = f"chlorophyll {mission.chlorophyll:g} mg/m3; visibility {mission.weather.visibility:g} km"
-    said = [f"{thing}; {water}; sensor {mission.sensor.name}.", *mission.cautions]
+    said = [f"{target}; {water}; sensor {mission.sensor.name}.", *mission.cautions]
     lines = [line for text in said for line in draw.wrapped(text, 13, WIDTH - _LEFT - 34)]
     y = HEIGHT - 24 - 18 * len(lines)
     for line in lines:

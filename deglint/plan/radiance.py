@@ -7,7 +7,6 @@ algebra, whose threads wait for each other for seconds where a machine is busy.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..physics import atmosphere, water
-from ..physics.sensor import SensorBand
+from ..physics.sensor import band_means
 from .mission import Mission
 
 Array = npt.NDArray[np.floating[Any]]
@@ -56,7 +55,7 @@ def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
     Deep water after Lee et al. (2011), beyond the table (sun 75, view 70 degrees) with the coefficients of its
     edge; the object after `water.submerged_reflectance` or `water.absorption_only_reflectance`.
     """
-    wavelength, mean = _bands(mission.channels)
+    wavelength, mean = band_means(mission.channels)
     sun_zenith, sun_azimuth = mission.sun
     direct, diffuse = atmosphere.irradiance(wavelength, sun_zenith, mission.weather, day=mission.day)
     sea = water.case1(wavelength, mission.chlorophyll)
@@ -85,16 +84,3 @@ def _through(mission: Mission, sea: water.Iops, zenith: Array, direct_fraction: 
         column, 0.0, sun, zenith, depth=depth, reflectance=reflectance, direct_fraction=fraction
     )
     return kept, shine
-
-
-def _bands(bands: tuple[SensorBand, ...]) -> tuple[Array, Callable[[Array], Array]]:
-    """Wavelengths of all bands in turn (n,), and what means values (n, ...) over each band (band, ...)."""
-    low, high = atmosphere.WAVELENGTH_RANGE
-    ranges = [np.arange(max(b.low, low), min(b.high, high) + 0.5) for b in bands]
-    sizes = np.array([steps.size for steps in ranges])
-    starts = np.cumsum(sizes) - sizes
-
-    def mean(values: Array) -> Array:
-        return np.asarray(np.add.reduceat(values, starts, axis=0) / sizes.reshape(-1, *[1] * (values.ndim - 1)))
-
-    return np.concatenate(ranges), mean

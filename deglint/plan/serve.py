@@ -48,7 +48,7 @@ AT_ONCE = 2
 """Plans that are drawn at a time: each takes some 15 MB and a processor."""
 WAIT = 5.0
 """How long another waits for its turn [s]; browsers and proxies wait for 30 s and more."""
-_THIN = 4  # every so many viewing geometries are told to the page, for what it says under the pointer
+_THIN = 4  # the page gets every fourth viewing geometry, for what it says under the pointer
 
 
 def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: bool = True) -> None:
@@ -61,7 +61,7 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
     port : int
         0 takes a free one.
     say : callable
-        Told the address.
+        Called with a line to show: the address of the page.
     browser : bool
         Open the page in a browser.
 

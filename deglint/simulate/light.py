@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..physics import atmosphere, water
-from ..physics.sensor import SensorBand
+from ..physics.sensor import band_means
 from .bottom import LEAST_DEPTH, MOST_DEPTH
 from .materials import reflectance
 from .setup import Setup
 
 Array = npt.NDArray[np.floating[Any]]
 
-TABLES = (300.0, 1000.0)
-"""Wavelengths that the tables cover [nm]; a band that reaches beyond is averaged over what is inside."""
 DEPTHS = 128
 """Depths at which the light over a bottom is worked out; neighbours differ by 5 %."""
 
@@ -58,47 +55,35 @@ def light(setup: Setup) -> Light:
 
     Sun and sky after Gregg and Carder (1990), case-1 water, objects by path length; see `deglint.physics`.
     """
-    bands = setup.sensor.bands
+    wavelength, mean = band_means(setup.sensor.bands)
+    direct, diffuse = atmosphere.irradiance(wavelength, setup.sun_zenith, setup.weather)
+    total, share = direct + diffuse, direct / (direct + diffuse)
     angles = setup.sun_zenith, setup.view_zenith, (setup.view_azimuth - setup.sun_azimuth) % 360.0
+    deep = water.remote_sensing_reflectance(wavelength, setup.chlorophyll, *angles)
 
-    def sunlight(wavelength: Array) -> Array:
-        return np.stack(atmosphere.irradiance(wavelength, setup.sun_zenith, setup.weather))
+    def over(depth: Array | float, albedo: Array | float) -> Array:
+        """Radiance over a flat matt ground at a depth, (band, ...); the wavelengths come first."""
+        column = [np.reshape(a, (-1, *[1] * np.ndim(depth))) for a in (wavelength, total, share)]
+        seen = water.object_reflectance(
+            column[0], setup.chlorophyll, *angles, depth=depth, reflectance=albedo, direct_fraction=column[2]
+        )
+        return mean(seen * column[1])
 
-    def deep(wavelength: Array) -> Array:
-        reflectance = water.remote_sensing_reflectance(wavelength, setup.chlorophyll, *angles)
-        return np.asarray(reflectance * sunlight(wavelength).sum(axis=0))
-
-    def over(depth: Array | float, reflects: float | str) -> Callable[[Array], Array]:
-        def radiance(wavelength: Array) -> Array:
-            direct, diffuse = sunlight(wavelength)
-            seen = water.object_reflectance(
-                wavelength,
-                setup.chlorophyll,
-                *angles,
-                depth=depth,
-                reflectance=reflectance(reflects, wavelength) if isinstance(reflects, str) else reflects,
-                direct_fraction=direct / (direct + diffuse),
-            )
-            return np.asarray(seen * (direct + diffuse))
-
-        return radiance
-
-    kinds = {(o.depth, o.reflectance): _means(over(o.depth, o.reflectance), bands) for o in setup.objects}
-    things = [kinds[o.depth, o.reflectance] for o in setup.objects]
-    direct, diffuse = _means(sunlight, bands).T
-    depths, bottom = np.zeros(0), np.zeros((0, 0, len(bands)))
+    kinds = {(o.depth, o.reflectance): over(o.depth, o.reflectance) for o in setup.objects}
+    objects = [kinds[o.depth, o.reflectance] for o in setup.objects]
+    depths, bottom = np.zeros(0), []
     if setup.bottom is not None:
         depths = np.geomspace(LEAST_DEPTH, MOST_DEPTH, DEPTHS)
-        grounds = [_means(over(depths[:, None], name), bands) for name in setup.bottom.materials]
-        bottom = np.moveaxis(np.asarray(grounds), 1, 2)
+        bottom = [over(depths, reflectance(name, wavelength)[:, None]).T for name in setup.bottom.materials]
+    sun = mean(direct)
     return Light(
-        normal=direct / np.cos(np.radians(setup.sun_zenith)),
-        direct=direct,
-        diffuse=diffuse,
-        water=_means(deep, bands),
-        objects=np.asarray(things).reshape(len(things), len(bands)),
+        normal=sun / np.cos(np.radians(setup.sun_zenith)),
+        direct=sun,
+        diffuse=mean(diffuse),
+        water=mean(deep * total),
+        objects=np.asarray(objects).reshape(len(objects), len(sun)),
         depths=depths,
-        bottom=bottom,
+        bottom=np.asarray(bottom),
     )
 
 
@@ -113,13 +98,6 @@ def matt(lit: Light, setup: Setup, materials: Sequence[str]) -> Array:
     materials : sequence of str
         The empty name stands for water: 0.
     """
-    bands = setup.sensor.bands
-    none = np.zeros(len(bands))
-    rows = [_means(partial(reflectance, name), bands) if name else none for name in materials]
+    wavelength, mean = band_means(setup.sensor.bands)
+    rows = [mean(reflectance(name, wavelength)) if name else np.zeros(len(lit.water)) for name in materials]
     return np.asarray(rows) * (lit.direct + lit.diffuse) / np.pi
-
-
-def _means(spectrum: Callable[[Array], Array], bands: tuple[SensorBand, ...]) -> Array:
-    """Mean over each band at whole nanometres, (band, ...)."""
-    ranges = [np.arange(max(b.low, TABLES[0]), min(b.high, TABLES[1]) + 0.5) for b in bands]
-    return np.stack([spectrum(w).mean(axis=-1) for w in ranges])

@@ -1,4 +1,4 @@
-"""Things under water: where they are, how deep, and how bright. Flat, matt and wide against their depth."""
+"""Targets under water: where they are, how deep, and how bright. Flat, matt and wide against their depth."""
 
 from __future__ import annotations
 
@@ -146,8 +146,8 @@ def label(objects: Sequence[SubmergedObject], shape: tuple[int, int], spacing: f
     from skimage.draw import polygon
 
     out = np.zeros(shape, dtype=np.uint16)
-    for number, thing in enumerate(objects, start=1):
-        right, down = np.asarray(thing.corners, dtype=np.float64).T / spacing - 0.5
+    for number, target in enumerate(objects, start=1):
+        right, down = np.asarray(target.corners, dtype=np.float64).T / spacing - 0.5
         rows, columns = polygon(down - 1e-9, right - 1e-9, shape)  # an edge through points takes one side only
         out[rows, columns] = number
     return out

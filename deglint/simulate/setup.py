@@ -154,8 +154,8 @@ class Setup:
                 f"misregistration must hold one (down, right) per band ({len(self.sensor.bands)}),"
                 f" got {len(self.misregistration)}; give (0, 0) for bands that are in place"
             )
-        for thing in self.objects:
-            thing.check_inside(self.size[0] * self.sensor.gsd, self.size[1] * self.sensor.gsd)
+        for target in self.objects:
+            target.check_inside(self.size[0] * self.sensor.gsd, self.size[1] * self.sensor.gsd)
         self._check_facets()
         self._check_delays()
 
