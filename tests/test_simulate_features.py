@@ -222,6 +222,27 @@ def test_features_by_command_are_written_with_their_truth(tmp_path):
         assert "mirrored sky, without sun glint" in high.tags()["MEANING"]
 
 
+def test_a_dry_run_says_what_would_be_written(tmp_path, capsys):
+    from deglint.cli import run
+
+    assert run(["simulate", "--grid", "--size", "64", "--wind", "5", "--dry-run", str(tmp_path / "grid")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 31  # three delays, five viewing geometries, two f-numbers
+    assert lines[0].endswith("wind05_delay000_view00_000_f10.tif")
+    assert "30 scenes with their truth, at most 17 MiB" in lines[-1]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["simulate", "plan"])
+def test_all_options_stand_under_a_heading(command):
+    from importlib import import_module
+
+    found = getattr(import_module(f"deglint.cli.{command}"), command)
+    named = [name for names in found.groups.values() for name in names]
+    assert len(named) == len(set(named))
+    assert {p.name for p in found.params if p.param_type_name == "option"} <= set(named)
+
+
 @pytest.mark.parametrize("wrong", [["--boat", "1,2"], ["--bottom", "deep"], ["--foam", "much"], ["--jpeg", "0"]])
 def test_features_that_cannot_be_read_are_a_usage_error(tmp_path, wrong):
     from deglint.cli import run

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import click
 
 GROUPS = {
@@ -25,12 +27,14 @@ SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}
 
 
 class Grouped(click.Command):
-    """Lists options under the headings of `GROUPS`."""
+    """Lists options under headings; a subclass may have its own `groups`, and names all of its options there."""
+
+    groups: ClassVar[dict[str, tuple[str, ...]]] = GROUPS
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, group by group."""
-        heading = {name: group for group, names in GROUPS.items() for name in names}
-        found: dict[str, list[tuple[str, str]]] = {group: [] for group in GROUPS}
+        heading = {name: group for group, names in self.groups.items() for name in names}
+        found: dict[str, list[tuple[str, str]]] = {group: [] for group in self.groups}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
             if record is not None:

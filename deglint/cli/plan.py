@@ -6,9 +6,11 @@ import logging
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import click
+
+from .grouped import Grouped
 
 log = logging.getLogger(__name__)
 
@@ -126,7 +128,27 @@ def _modes(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+class _Plan(Grouped):
+    groups: ClassVar[dict[str, tuple[str, ...]]] = {
+        "Place, time and sun": ("mission", "lat", "lon", "place", "time", "sun"),
+        "Wind and air": (
+            "wind", "wind_height", "wind_mean", "visibility", "humidity", "water_vapour", "air_mass", "ozone",
+            "pressure", "slopes", "sky",
+        ),
+        "Target, water and sensor": (
+            "depth", "reflectance", "chlorophyll", "water", "sensor", "bands", "min_contrast", "ner",
+        ),
+        "What is excluded": ("max_glint", "max_glint_probability", "tolerance", "max_sky_ratio", "max_sky_share"),
+        "When to fly": ("start", "end", "every"),
+        "If the wind is uncertain": ("wind_within",),
+        "Which way to fly": ("fov", "altitude", "pitch", "roll"),
+        "A page with sliders": ("serve", "port", "no_browser"),
+        "Output": ("outs", "show", "step", "widest", "overwrite"),
+        "Messages": ("as_json", "verbose", "quiet", "help"),
+    }  # fmt: skip
+
+
+@click.command(cls=_Plan, context_settings={"help_option_names": ["-h", "--help"]})
 @_options
 @_modes
 def plan(**given: Any) -> None:

@@ -6,9 +6,11 @@ import json
 import logging
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import click
+
+from .grouped import SETTINGS, Grouped
 
 log = logging.getLogger(__name__)
 
@@ -16,6 +18,8 @@ log = logging.getLogger(__name__)
 KERNEL_NAMES = ("bilinear", "cubic", "lanczos")
 PRESET_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
 SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
+BYTES = 2 + 4 + 4 + 2 + 4 + 1 + 1
+"""Of a pixel of one band: image, both truths, noisy truth, glint, its mask, and cover."""
 LEAST_SIDE, MOST_SIDE = 8, 16384
 SLOPE_NAMES = ("cox-munk", "cox-munk-gaussian")
 SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
@@ -69,7 +73,24 @@ def whitecaps(_ctx: click.Context, _param: click.Parameter, value: str) -> float
         raise click.BadParameter(f"{value!r} is neither a share, such as 0.01, nor auto.") from None
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
+class _Simulate(Grouped):
+    groups: ClassVar[dict[str, tuple[str, ...]]] = {
+        "Sea and light": (
+            "wind", "wind_from", "spectrum", "fetch", "slopes", "patch", "sky", "sun_zenith", "sun_azimuth",
+            "chlorophyll", "seed",
+        ),
+        "What lies in the water and on it": (
+            "objects", "depth", "bottom", "texture", "coast", "foam", "boat",
+        ),
+        "Sensor": ("preset", "size", "delay", "view_zenith", "view_azimuth", "supersample"),
+        "Errors of the image": ("misregistration", "striping", "resampling", "jpeg"),
+        "Output": ("surface", "grid", "overwrite", "dry_run"),
+        "Processing": ("threads",),
+        "Messages": ("as_json", "verbose", "quiet", "help"),
+    }  # fmt: skip
+
+
+@click.command(cls=_Simulate, context_settings=SETTINGS)
 @click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
 @click.option("--preset", type=click.Choice(PRESET_NAMES), default="thesis", help="Sensor.")
 @click.option("--size", default="512", callback=size, metavar="N|ROWSxCOLUMNS", help="Of the image [pixel].")
@@ -110,6 +131,7 @@ def whitecaps(_ctx: click.Context, _param: click.Parameter, value: str) -> float
     "--grid", is_flag=True, help="All winds, delays, viewing geometries and f-numbers, into the directory OUT."
 )
 @click.option("--overwrite", is_flag=True, help="Replace files that are there.")
+@click.option("--dry-run", is_flag=True, help="Say which scenes would be written and how large they are, and stop.")
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="All processors by default.")
 @click.option("--json", "as_json", is_flag=True, help="Print the names of the files as JSON on stdout.")
 @click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
@@ -128,26 +150,58 @@ def simulate(out: Path, **given: Any) -> None:
 
     written = []
     setups = _setups(out, given)
+    if given["dry_run"]:
+        _announce(setups, given)
+        return
+    if given["grid"]:
+        _make(out)
     for name, _setup in setups:
         check_free(name, overwrite=given["overwrite"])
+    bands = len(setups[0][1].sensor.bands)
     with Console(given) as console:
-        for name, setup in setups:
+
+        def progress(done: int, _total: int) -> None:
+            console.progress("simulate", count * bands + done, len(setups) * bands)
+
+        for count, (name, setup) in enumerate(setups):
             scene = make(
                 setup,
                 workers=given["threads"] or os.cpu_count() or 1,
                 keep_surface=given["surface"],
-                progress=lambda done, total: console.progress("simulate", done, total),
+                progress=progress,
             )
             files = write_scene(scene, name, overwrite=given["overwrite"])
             written += [str(f) for f in files]
-            log.info("%s: wind %g m/s, seed %d", files[0], setup.wind, setup.seed)
+            log.info("%d of %d: %s, wind %g m/s, seed %d", count + 1, len(setups), files[0], setup.wind, setup.seed)
     if given["as_json"]:
         click.echo(json.dumps(written))
 
 
+def _make(directory: Path) -> None:
+    """Make the directory of a grid."""
+    from ..errors import WriteError
+
+    try:
+        directory.mkdir(exist_ok=True)
+    except OSError as error:
+        raise WriteError(f"cannot make the directory {directory}: {error.strerror}. Name another one.") from error
+
+
+def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:
+    """Print the scenes that would be written, and their size before compression."""
+    rows, columns = given["size"]
+    pixel = len(setups[0][1].sensor.bands) * BYTES
+    if given["as_json"]:
+        click.echo(json.dumps([f"{name}.tif" for name, _ in setups]))
+        return
+    for name, _setup in setups:
+        click.echo(f"{name}.tif")
+    size = len(setups) * rows * columns * pixel / 2**20
+    click.echo(f"{len(setups)} scenes with their truth, at most {size:.0f} MiB. Nothing was written.")
+
+
 def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
     """Name and setup of each scene that is asked for."""
-    from ..errors import WriteError
     from ..physics.presets import preset
     from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array
     from ..simulate import whitecaps as _foam
@@ -179,10 +233,6 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
         if len(winds) > 1 or len(delays) > 1:
             raise click.UsageError("several --wind or --delay make several scenes: give --grid, too.")
         return [(out, base)]
-    try:
-        out.mkdir(exist_ok=True)
-    except OSError as error:
-        raise WriteError(f"cannot make the directory {out}: {error.strerror}. Name one that can be.") from error
     grid = experiments(base, winds=winds or WINDS, delays=delays or DELAYS)
     return [(out / name, setup) for name, setup in grid]
 
