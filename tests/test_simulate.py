@@ -128,8 +128,8 @@ def test_mean_glint_seen_at_an_angle_follows_the_closed_form():
 def test_resolved_and_unresolved_slopes_add_up_to_those_measured(name, wind, spectrum):
     setup = Setup(sensor=preset(name), wind=wind, spectrum=spectrum, fetch=20e3, size=(16, 16))
     sea = facets(setup)
-    assert max(setup.slope_variance) > min(sea.about) > 0
-    parts = sea.slope_variance, sea.sparkle, sea.about, setup.slope_variance
+    assert max(setup.slope_variance) > min(sea.unresolved) > 0
+    parts = sea.slope_variance, sea.sparkle, sea.unresolved, setup.slope_variance
     for resolved, sparkle, about, measured in zip(*parts, strict=True):
         assert resolved <= 0.9501 * measured
         assert resolved + sparkle + about == pytest.approx(measured, rel=1e-9)
@@ -184,11 +184,11 @@ def test_kernel_agrees_with_plain_numpy():
     up, cross = slopes.to_wind_axes(*sea.surface.slopes(time), setup.wind_from)
     amplitudes, choice, frequencies = sea._sparkle
     phase = frequencies[choice] * time
-    up = up * sea.calm[0] + amplitudes[..., 0] * np.cos(phase) + amplitudes[..., 1] * np.sin(phase)
-    cross = cross * sea.calm[1] + amplitudes[..., 2] * np.cos(phase) + amplitudes[..., 3] * np.sin(phase)
+    up = up * sea.slope_scale[0] + amplitudes[..., 0] * np.cos(phase) + amplitudes[..., 1] * np.sin(phase)
+    cross = cross * sea.slope_scale[1] + amplitudes[..., 2] * np.cos(phase) + amplitudes[..., 3] * np.sin(phase)
     facet = glint.facet(setup.sun_zenith, setup.sun_azimuth, 0.0, 0.0)
     wanted = slopes.to_wind_axes(facet.east, facet.north, setup.wind_from)
-    density = slopes.gaussian(up - wanted[0], cross - wanted[1], *sea.about)
+    density = slopes.gaussian(up - wanted[0], cross - wanted[1], *sea.unresolved)
     np.testing.assert_allclose(got, density, rtol=2e-3, atol=1e-4 * density.max())
     angle = np.degrees(np.arctan(np.hypot(up, cross)))
     from deglint.physics.fresnel import reflectance

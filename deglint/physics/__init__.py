@@ -1,6 +1,6 @@
 """Physics of the sea as a sensor sees it: pure functions on plain arrays.
 
-Conventions, in every room of this package:
+Conventions, in every module of this package:
 
 - angles are in degrees, wavelengths in nanometres, lengths in metres, times in seconds, speeds in m/s,
   pressure in hPa, water vapour in cm, ozone in Dobson units; radians never cross a function boundary;
@@ -12,7 +12,7 @@ Conventions, in every room of this package:
   gives NaN out; a value out of its range raises `InputError` with one line;
 - nothing is read from disk but the tables of this package, when they are first needed, and nothing is logged.
 
-Rooms and their main functions::
+Modules and their main functions::
 
     fresnel.reflectance(angle, index=1.34)                     unpolarised, air to water
     fresnel.refraction_angle(angle, index=1.34)                Snell, angle in water

@@ -1,4 +1,4 @@
-"""One way to refuse a value that a model was not made for: name, allowed range, got, and the remedy."""
+"""Errors for values outside the range of a model: name, allowed range, value, remedy."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ _LIMITS = {
 
 @dataclass(frozen=True)
 class Air:
-    """What the model wants to know of the air.
+    """State of the atmosphere.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How much light the flat boundary of air and water reflects, and where the rest goes.
+"""Reflection and refraction of light at the flat boundary of air and water.
 
 Unpolarised and polarised reflectance, and Snell's angle. This module knows neither waves nor the sun.
 

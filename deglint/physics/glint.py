@@ -3,7 +3,7 @@
 For a sun of small disk and single reflections the facet that glints is the one whose normal halves the angle
 between the directions to the sun and to the sensor. Its share of the pixel follows from the density of
 slopes, and no sum over facets is needed. Angles are seen from the target: where the sun and where the sensor
-stand. This room knows no winds; it takes the density of slopes as a number.
+stand. This module knows no wind; it takes the density of slopes as a number.
 
 References
 ----------

@@ -1,9 +1,9 @@
-"""The sensor: how it blurs the scene, how many electrons it collects, how noisy and coarse its numbers are.
+"""The sensor: modulation transfer, electrons, noise and quantisation.
 
 A `Sensor` holds the optics, the detector and the bands; `deglint.physics.presets` has some. Functions take
 plain numbers and arrays. Blur is a modulation transfer function (MTF), the product of diffraction, detector,
 smear and jitter; `deglint.physics.imaging` applies it to a finer grid than the pixels.
-This room opens no files and knows nothing of what is in the scene.
+This module opens no files and does not depend on the scene.
 """
 
 from __future__ import annotations

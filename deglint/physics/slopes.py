@@ -3,7 +3,7 @@
 Densities of the slope of a facet, per unit upwind and crosswind slope, for a wind: Cox and Munk with their
 Gram-Charlier series, the same as a plain or an isotropic Gaussian, and Breon and Henriot. A truncated
 Gram-Charlier series falls below zero far out in strong wind; unless asked otherwise the density is cut there
-and divided by what is left, so that it stays a density. This room knows neither the sun nor the sensor.
+and divided by what is left, so that it stays a density. This module needs neither sun nor sensor.
 
 Axes: upwind slopes rise towards where the wind comes from; the crosswind axis lies 90 degrees clockwise of
 it. The windward side of a wave is the gentle one, so the most frequent upwind slope is slightly negative.
@@ -37,7 +37,7 @@ _FEW = 10_000
 
 @dataclass(frozen=True)
 class SlopeModel:
-    """What a model of slopes says: variances and Gram-Charlier coefficients as functions of wind.
+    """A model of slopes: variances and Gram-Charlier coefficients as functions of wind.
 
     Attributes
     ----------

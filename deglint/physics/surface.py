@@ -23,7 +23,7 @@ Array = npt.NDArray[np.floating[Any]]
 Seed = int | np.random.SeedSequence | np.random.Generator
 
 SLABS = 16
-"""Parts that random numbers are drawn in, each from a seed of its own; part of what a seed means."""
+"""Random numbers are drawn in this many parts, each with a seed of its own; another number changes every scene."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -219,7 +219,7 @@ def lee_2011_terms(water: Iops) -> tuple[Array, Array, Array, Array]:
 
 
 def lee_2011_grid(sun_zenith: float, view_zenith: npt.ArrayLike, relative_azimuth: npt.ArrayLike) -> Array:
-    """Coefficients of Lee et al. (2011) for all looks of a grid at once; beyond the table, those of its edge.
+    """Coefficients of Lee et al. (2011) on a grid of viewing geometries; beyond the table, those of its edge.
 
     Parameters
     ----------

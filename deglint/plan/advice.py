@@ -1,4 +1,4 @@
-"""The plan in words: the best viewing geometry, and what to expect of it."""
+"""The best viewing geometry of a plan, and its description in words."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def sentence(geometry: ViewingGeometry | None) -> str:
 
 
 def quality(geometry: ViewingGeometry) -> str:
-    """What to expect of a viewing geometry, in words."""
+    """Contrast and glint of a viewing geometry, in words."""
     stand = "" if geometry.zenith < 1.0 else f"Stand off {np.tan(np.radians(geometry.zenith)):.2f} x your height. "
     edge = "" if geometry.margin else f" Excluded viewing geometries lie within {MARGIN:g} degrees of it."
     return (

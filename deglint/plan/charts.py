@@ -1,4 +1,4 @@
-"""Pictures of what goes beyond one reticle: a day, a flight line, a wind that is not known exactly."""
+"""Pictures of a day, of a flight line, and of a plan under an uncertain wind."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Re
 
 
 def selected(moments: Sequence[Moment]) -> list[int]:
-    """Which of many times get a small reticle: at most twelve, evenly among those with the sun up."""
+    """Indices of the times that get a small reticle: at most twelve, evenly among those with the sun up."""
     up = [k for k, m in enumerate(moments) if m.sun_zenith <= 89.0]
     if not up:
         return []

@@ -1,7 +1,7 @@
-"""What a planner says: place and time, wind, air, water, object, sensor, and what is too much glint.
+"""The input of a plan: place and time, wind, air, water, object, sensor, and limits of glint.
 
-One frozen value that resolves everything left out, says what it assumed, and refuses what no model holds for.
-This room opens no files; a mission file is read elsewhere and comes in as a mapping (`deglint.plan.missionfile`).
+A `Mission` fills in defaults and refuses values outside the range of the models. This module opens no files; the
+tables of a mission file become a `Mission` in `deglint.plan.missionfile`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..physics.sky import MODELS as SKIES
 from .skylight import Wind
 
 WATERS = ("scattering", "absorption")
-"""Models of how an object shines through the water."""
+"""Models of the light of an object through the water."""
 MEASURED_WIND = 14.0
 """Wind up to which Cox and Munk measured slopes [m/s]."""
 SUN_LIMIT = 89.0
@@ -74,7 +74,7 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Mission:
-    """All that a plan depends on. What is left out is assumed; `assumed` says what.
+    """All parameters of a plan; each has a default but the place.
 
     Attributes
     ----------

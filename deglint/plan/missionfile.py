@@ -107,7 +107,7 @@ def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
 
 
 def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
-    """Tables of one mission over those of another; the sun's angles and a time put each other out."""
+    """Tables of one mission over those of another; the angles of the sun replace place and time, and vice versa."""
     out = {table: dict(values) if isinstance(values, Mapping) else values for table, values in below.items()}
     if "sun" in above:
         out.pop("place", None)

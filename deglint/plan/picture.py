@@ -1,4 +1,4 @@
-"""The plan as a picture that can be read in a cockpit: the object in the middle, the sensor's place around it."""
+"""The plan as a picture for the cockpit: the object in the middle, viewing geometries around it."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to lo
 
 
 class Caption(NamedTuple):
-    """What stands beside a disc.
+    """Text beside a disc.
 
     Attributes
     ----------

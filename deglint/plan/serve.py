@@ -45,9 +45,9 @@ _NUMBERS = {  # name in the page: table and key of the mission
     "glint": ("limits", "glint"),
 }
 AT_ONCE = 2
-"""Plans that are drawn at a time: each takes some 15 MB and a processor."""
+"""Plans that are drawn at the same time; each takes some 15 MB and a processor."""
 WAIT = 5.0
-"""How long another waits for its turn [s]; browsers and proxies wait for 30 s and more."""
+"""Time that a further request waits for its turn [s]; browsers and proxies wait for 30 s and more."""
 _THIN = 4  # the page gets every fourth viewing geometry, for what it says under the pointer
 
 
@@ -106,7 +106,7 @@ def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
 
 
 class _Server(ThreadingHTTPServer):
-    """A server that waits for many at the door."""
+    """A server with a long queue of connections."""
 
     request_queue_size = 128
     daemon_threads = True

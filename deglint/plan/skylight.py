@@ -23,7 +23,7 @@ ZENITHS, AZIMUTHS = 21, 36
 FACETS, REACH = 40, 4.5
 """Facets along each axis of the wind, and how far out they go [standard deviation of slope]."""
 LEVELS = np.geomspace(2e-3, 2.0, 120)
-"""Mirrored radiance per diffuse irradiance at which the share of brighter facets is kept [1/sr]."""
+"""Levels of mirrored radiance per diffuse irradiance for which the share of brighter facets is tabulated [1/sr]."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def skylight(
 def _carried(
     values: Array, place: Array, axis: int, weights: Callable[[Array], tuple[Array, ...]], *, periodic: bool = False
 ) -> Array:
-    """Values on equal steps along an axis, carried to places counted in steps.
+    """Interpolate values on equal steps along an axis to places counted in steps.
 
     Written out, as the threads of a library of linear algebra wait for each other where a machine is busy.
     """
@@ -123,7 +123,7 @@ def _cubic(x: Array) -> tuple[Array, ...]:
 
 
 def _linear(x: Array) -> tuple[Array, ...]:
-    """Weights of two nodes at 0 and 1; what falls along one axis falls between the nodes, too."""
+    """Weights of two nodes at 0 and 1: linear interpolation keeps shares monotonic in the level."""
     return 1.0 - x, x
 
 

@@ -26,7 +26,7 @@ DAYLIGHT = 15.0
 
 @dataclass(frozen=True)
 class Moment:
-    """What the mission is like at one time.
+    """The mission at one time.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ def best_moment(moments: list[Moment]) -> Moment | None:
 
 
 def table(moments: list[Moment]) -> list[str]:
-    """Lines for people."""
+    """The sweep as lines of text."""
     out = [f"{'UTC':<17}{'sun':>5}{'best viewing geometry':>32}{'x noise':>9}{'glint':>9}{'excluded':>10}"]
     best = best_moment(moments)
     for m in moments:

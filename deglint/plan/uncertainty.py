@@ -18,7 +18,7 @@ from .reticle import Reticle, reticle
 Array = npt.NDArray[np.floating[Any]]
 
 SPEEDS, TURNS = 5, 7
-"""Winds that stand for the interval, of speed and of direction; its ends are among them."""
+"""Number of speeds and of directions that sample the interval, ends included."""
 COARSE = 2.0
 """Step between viewing geometries, where the mission has a finer one [degree]."""
 

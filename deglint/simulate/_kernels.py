@@ -10,11 +10,11 @@ from ..jit import njit
 
 
 @njit(nogil=True, cache=True)
-def reflect(slopes, sparkle, density, sky, first, last, time, wind, calm, glint, table):  # type: ignore[no-untyped-def]
+def reflect(slopes, sparkle, density, sky, first, last, time, wind, slope_scale, glint, table):  # type: ignore[no-untyped-def]
     """Slope density at the glinting slope, and sky radiance, of each facet.
 
     slopes: (row, column) complex, east + i north. sparkle: (row, column, 4) amplitudes, (row, column) indexes
-    into angular frequencies; empty without sparkle. wind: sine and cosine of its azimuth. calm: factors on
+    into angular frequencies; empty without sparkle. wind: sine and cosine of its azimuth. slope_scale: factors on
     the slopes of the grid. glint: upwind and crosswind slope that glints, variances about each facet. table:
     sky by upwind and crosswind slope, its first slope, its step.
     """
@@ -22,7 +22,7 @@ def reflect(slopes, sparkle, density, sky, first, last, time, wind, calm, glint,
     cosine = np.cos(frequencies * time).astype(np.float32)
     sine = np.sin(frequencies * time).astype(np.float32)
     east_sine, east_cosine = np.float32(wind[0]), np.float32(wind[1])
-    up_calm, cross_calm = np.float32(calm[0]), np.float32(calm[1])
+    up_scale, cross_scale = np.float32(slope_scale[0]), np.float32(slope_scale[1])
     up_glint, cross_glint = np.float32(glint[0]), np.float32(glint[1])
     up_factor, cross_factor = np.float32(-0.5 / glint[2]), np.float32(-0.5 / glint[3])
     norm = np.float32(1.0 / (2.0 * math.pi * math.sqrt(glint[2] * glint[3])))
@@ -36,8 +36,8 @@ def reflect(slopes, sparkle, density, sky, first, last, time, wind, calm, glint,
     for r in range(first, last):
         for c in range(slopes.shape[1]):
             east, north = slopes[r, c].real, slopes[r, c].imag
-            up = up_calm * (east * east_sine + north * east_cosine)
-            cross = cross_calm * (east * east_cosine - north * east_sine)
+            up = up_scale * (east * east_sine + north * east_cosine)
+            cross = cross_scale * (east * east_cosine - north * east_sine)
             if amplitudes.size:
                 f = choice[r, c]
                 up += amplitudes[r, c, 0] * cosine[f] + amplitudes[r, c, 1] * sine[f]

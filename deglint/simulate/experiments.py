@@ -1,4 +1,4 @@
-"""Whole experiments: the setups of every combination of wind, delay, look and optics."""
+"""Grids of setups: every combination of wind, band delay, viewing geometry and optics."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def experiments(
     Yields
     ------
     (str, Setup)
-        The name tells wind [m/s], delay [ms], look and f-number. Scenes that differ only in delay or optics
-        have the same seed, so they see the same sea.
+        The name holds wind [m/s], delay [ms], viewing geometry [deg] and f-number. Scenes that differ only in delay or
+        optics have the same seed, so they see the same sea.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""The sea as facets: how densely their slopes mirror the sun to the sensor, and how much sky they mirror.
+"""The sea as facets: how much sun and how much sky each of them mirrors to the sensor.
 
 The waves that the grid resolves tilt each facet; the rest of the measured slope variance is unresolved. A
 share of it, the sparkle, tilts each facet as a whole and changes with time as the spectrum says; what is left
 is a Gaussian about each facet. So the mean over many scenes is that of the closed form.
-Light and bands are not known here: both fields are the same for all bands that look at the same time.
+This module needs neither light nor bands: bands that see the sea at one time share both fields.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class Facets:
         What they were made for.
     surface : Surface
         The resolved waves.
-    calm : (float, float)
+    slope_scale : (float, float)
         Factors on the upwind and crosswind slopes of the grid, below 1 where these exceed what is measured.
     sparkle : (float, float)
         Variance of the slopes that unresolved waves give facets as a whole, upwind and crosswind.
-    about : (float, float)
+    unresolved : (float, float)
         Variance of the slopes about each facet, upwind and crosswind.
     glint_factor : float
         Glint radiance per slope density and irradiance facing the sun [1/sr].
@@ -49,9 +49,9 @@ class Facets:
 
     setup: Setup
     surface: Surface
-    calm: tuple[float, float]
+    slope_scale: tuple[float, float]
     sparkle: tuple[float, float]
-    about: tuple[float, float]
+    unresolved: tuple[float, float]
     glint_factor: float
     _sparkle: tuple[Any, Any, Any] = field(repr=False)
     _sky: Array = field(repr=False)
@@ -60,15 +60,15 @@ class Facets:
     def slope_variance(self) -> tuple[float, float]:
         """Variance of the resolved slopes upwind and crosswind, expected on this grid."""
         up, cross = self.surface.slope_variance
-        return up * self.calm[0] ** 2, cross * self.calm[1] ** 2
+        return up * self.slope_scale[0] ** 2, cross * self.slope_scale[1] ** 2
 
     def slopes(self, *, workers: int = 1) -> tuple[Array, Array]:
         """Resolved slopes towards east and north at the first time."""
         east, north = self.surface.slopes(workers=workers)
-        if self.calm == (1.0, 1.0):
+        if self.slope_scale == (1.0, 1.0):
             return east, north
         up, cross = slopes.to_wind_axes(east, north, self.setup.wind_from)
-        return slopes.from_wind_axes(up * self.calm[0], cross * self.calm[1], self.setup.wind_from)
+        return slopes.from_wind_axes(up * self.slope_scale[0], cross * self.slope_scale[1], self.setup.wind_from)
 
     def at(self, time: float, *, workers: int = 1) -> tuple[Array, Array]:
         """Density of slopes at the one that glints, and mirrored sky per diffuse irradiance [1/sr].
@@ -90,10 +90,12 @@ class Facets:
         density, mirrored = np.empty(packed.shape, np.float32), np.empty(packed.shape, np.float32)
         azimuth = np.radians(self.setup.wind_from)
         wind = float(np.sin(azimuth)), float(np.cos(azimuth))
-        wanted = (*_glinting_slope(self.setup), *self.about)
+        wanted = (*_glinting_slope(self.setup), *self.unresolved)
         table = self._sky, -TABLE_REACH, TABLE_STEP
         by_rows(
-            lambda a, b: reflect(packed, self._sparkle, density, mirrored, a, b, time, wind, self.calm, wanted, table),
+            lambda a, b: reflect(
+                packed, self._sparkle, density, mirrored, a, b, time, wind, self.slope_scale, wanted, table
+            ),
             packed.shape[0],
             workers,
         )
@@ -115,14 +117,14 @@ def facets(setup: Setup, *, workers: int = 1) -> Facets:
     shape = setup.grid[0] * setup.supersample, setup.grid[1] * setup.supersample
     surface = realise(setup.sea, shape=shape, spacing=setup.facet, seed=waves, workers=workers)
     measured, resolved = np.asarray(setup.slope_variance), np.asarray(surface.slope_variance)
-    calm = np.minimum(1.0, np.sqrt(RESOLVED_AT_MOST * measured / resolved))
-    unresolved = measured - calm**2 * resolved
+    slope_scale = np.minimum(1.0, np.sqrt(RESOLVED_AT_MOST * measured / resolved))
+    unresolved = measured - slope_scale**2 * resolved
     about = (1 - sparkle_share(setup.patch, setup.facet)) * unresolved
     about = np.maximum(about, np.minimum(unresolved, NARROWEST**2))
     tilts = _pair(unresolved - about)
     drawn = _draw_sparkle(setup, shape, tilts, sparkle, workers)
     factor, table = _glint_factor(setup), _sky_table(setup, _pair(about))
-    return Facets(setup, surface, _pair(calm), tilts, _pair(about), factor, drawn, table)
+    return Facets(setup, surface, _pair(slope_scale), tilts, _pair(about), factor, drawn, table)
 
 
 def _pair(values: Array) -> tuple[float, float]:
@@ -153,7 +155,7 @@ def _draw_sparkle(
     seed: np.random.SeedSequence,
     workers: int,
 ) -> tuple[Any, Any, Any]:
-    """Amplitudes, which frequency, and the frequencies of the tilt of each facet by unresolved waves."""
+    """Tilt of each facet by unresolved waves: amplitudes, index of the frequency, and the frequencies."""
     nothing = np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.uint16), np.zeros(1)
     if max(variance) <= 0:
         return nothing
@@ -186,7 +188,7 @@ def _glinting_slope(setup: Setup) -> tuple[float, float]:
 
 
 def _glint_factor(setup: Setup) -> float:
-    """Radiance per density and irradiance; holds what the Gram-Charlier series adds to the Gaussian."""
+    """Radiance per slope density and irradiance, times the Gram-Charlier series over the plain Gaussian."""
     facet, wanted = glint.facet(*_angles(setup)), _glinting_slope(setup)
     series = slopes.density(*wanted, slopes.wind_at_height(setup.wind), model=setup.slopes)
     plain = slopes.gaussian(*wanted, *setup.slope_variance)

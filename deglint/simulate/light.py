@@ -1,4 +1,4 @@
-"""How much light there is in each band: of the sun, of the sky, and out of the water."""
+"""Light in each band: irradiance by sun and sky, and radiance out of the water."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ def thesis_array(
 
 
 def label(objects: Sequence[SubmergedObject], shape: tuple[int, int], spacing: float) -> Labels:
-    """Which object lies under each point of a grid: 0 none, 1 the first; later ones lie over earlier ones.
+    """Number of the object under each point of a grid, from 1; 0 is none, and later objects hide earlier ones.
 
     Parameters
     ----------

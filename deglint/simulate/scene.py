@@ -1,4 +1,4 @@
-"""Puts a synthetic scene together: light, facets and optics band by band, then noise; and its truth."""
+"""Make a synthetic scene and its truth: light, facets and optics of each band, then noise."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def simulate(
 
     Notes
     -----
-    Bands that look at the same time share the work on the sea. Waves bend neither the light that leaves the
+    Bands that see the sea at the same time share the work on the sea. Waves bend neither the light that leaves the
     water nor the outlines of objects; multiple reflections and hiding of waves are left out. Seen at an angle, the
     pixels are squares on the sea. About 60 bytes of memory per facet.
 
@@ -120,7 +120,7 @@ def simulate(
 def simulate_together(
     setups: Sequence[Setup], *, workers: int = 1, keep_surface: bool = False, progress: Progress | None = None
 ) -> tuple[SimulatedScene, ...]:
-    """Simulate what several sensors see of one sea: they may differ in optics, noise and when their bands look.
+    """Simulate one sea for several sensors, which may differ in optics, noise and band delays.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def simulate_together(
 
     Notes
     -----
-    The sea is drawn once, moved once to each time at which any band looks, and transformed once for all optics.
+    The sea is drawn once, moved once to each time at which a band sees it, and transformed once for all optics.
 
     Examples
     --------
@@ -173,7 +173,7 @@ def simulate_together(
 
 @dataclass(frozen=True, eq=False)
 class _World:
-    """All of a setup but the surface of the sea, on its facets."""
+    """What a setup puts under and on the sea, on the facets, and the light."""
 
     setup: Setup
     lit: Light
@@ -226,7 +226,7 @@ class _World:
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """Radiances of one scene, (band, row, column) float32; what the sensor sees lies on its own grid."""
+    """Radiances of one scene, (band, row, column) float32; `seen_*` lie on the grid of the sensor before resampling."""
 
     truth: Array
     glint: Array
@@ -264,7 +264,7 @@ def _finished(
 def _add_bands(
     parts: Sequence[_Parts], setups: Sequence[Setup], world: _World, sea: Facets, time: float, workers: int
 ) -> Iterator[None]:
-    """Fill in the bands that look at one time, one after the other."""
+    """Fill in the bands that see the sea at one time, and yield after each."""
     density, mirrored = sea.at(time, workers=workers)
     cover = None if world.cover is None else world.cover.at(time)
     if cover is not None:

@@ -1,4 +1,4 @@
-"""Everything that a synthetic scene depends on, in one frozen value that goes into its sidecar."""
+"""All parameters of a synthetic scene, in one frozen value that the sidecar repeats."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
 MOST_FACETS = 1 << 26
 """Facets that a scene may have; at 60 bytes each they take 4 GB."""
 LEAST_GAIN = 0.3
-"""Short waves are damped to this at most; what is then too steep yet is levelled facet by facet."""
+"""Short waves keep at least this share of their energy; slopes that are then still too steep are scaled per facet."""
 RESOLVED_AT_MOST = 0.95
 """Share of the measured slope variance that the waves of the grid may carry; short waves are damped to it."""
 
@@ -238,7 +238,7 @@ class Setup:
 
 
 def check_one_sea(setups: Sequence[Setup]) -> None:
-    """Refuse setups that differ in more than optics, noise and when the bands look.
+    """Refuse setups that differ in more than optics, noise, artefacts and band delays.
 
     Raises
     ------
