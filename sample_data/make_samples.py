@@ -42,7 +42,7 @@ def sea_025m() -> Setup:
         FloatingTarget(right=x, down=y, length=1.2, width=0.7, speed=1.0, heading=heading, material=material)
         for x, y, heading, material in swimmers
     )
-    boat = FloatingTarget(right=30.0, down=32.0, length=8.0, width=2.6, speed=4.0, heading=65.0, wake=10.0)
+    boat = FloatingTarget(right=30.0, down=32.0, length=8.0, width=2.6, speed=4.0, heading=65.0, wake=14.0)
     squares = ((10.0, 10.0, 5.0, 0.30), (19.0, 10.0, 4.0, 0.25), (27.0, 10.0, 3.0, 0.20))
     return Setup(
         sensor=preset("thesis").delayed(0.020),

@@ -139,7 +139,8 @@ class Cover:
             behind = (-0.5 * target.length - along) / target.wake
             speckle = np.random.default_rng(self._speckle).random((64, 64))
             tiled = speckle[np.arange(rows.start, rows.stop)[:, None] % 64, np.arange(columns.start, columns.stop) % 64]
-            foam = (behind > 0) & (np.abs(across) < half * (1 + 2 * behind)) & (tiled > 0.3 + 0.7 * behind)
+            wide = half * (0.7 + 0.9 * np.sqrt(np.maximum(behind, 0.0)))
+            foam = (behind > 0) & (np.abs(across) < wide) & (tiled > 0.4 + 0.6 * behind)
             part[foam] = 3
         taper = np.clip((0.5 * target.length - along) / (0.35 * target.length), 0.0, 1.0)  # of the bow
         part[(np.abs(along) <= 0.5 * target.length) & (np.abs(across) <= half * taper)] = number
