@@ -30,7 +30,7 @@ def between(a, b):
     return np.degrees(np.arccos(np.clip(np.cos(z1) * np.cos(z2) + np.sin(z1) * np.sin(z2) * np.cos(a1 - a2), -1, 1)))
 
 
-def test_best_look_is_the_best_of_those_with_a_margin():
+def test_best_geometry_is_the_best_of_those_with_a_margin():
     plan = reticle(BAY)
     geometry = best_geometry(plan)
     out = np.argwhere(plan.excluded)
@@ -46,7 +46,7 @@ def test_best_look_is_the_best_of_those_with_a_margin():
     assert min(order) > 0
 
 
-def test_best_look_of_one_band():
+def test_best_geometry_of_one_band():
     plan = reticle(BAY)
     geometry = best_geometry(plan, band="red")
     k = plan.bands.index("RED")
