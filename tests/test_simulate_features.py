@@ -118,6 +118,14 @@ def test_a_bottom_is_seen_at_its_depth():
     assert level[0] == pytest.approx(level[1], rel=0.05)  # the right edge does not shine over the left one
 
 
+def test_an_object_below_the_bottom_is_not_seen():
+    objects = (square(4.0, 8.0, 4.0, reflectance=0.9, depth=5.0), square(20.0, 8.0, 4.0, reflectance=0.9, depth=9.0))
+    bottom = Bottom(depth=(20.0, 2.0), share=0.0)
+    scene, bare = (simulate(replace(SEA, bottom=bottom, objects=o)) for o in (objects, ()))
+    assert set(np.unique(scene.objects)) == {0, 1}
+    np.testing.assert_allclose(scene.truth[:, :, 60:], bare.truth[:, :, 60:], rtol=1e-3)
+
+
 def test_patches_cover_their_share_and_a_reef_edge_lies_where_it_is_put():
     bottom = Bottom(depth=(20.0, 3.0), edge=(12.0, 2.0), share=0.3, patch=2.0)
     scene = simulate(replace(SEA, bottom=bottom, size=(128, 128)))

@@ -42,10 +42,8 @@ def observe(
     ----------
     spectrum : (row, column // 2 + 1) complex ndarray
         Of the fine grid, from `transform`; rows and columns are even multiples of `factor`.
-    sensor : Sensor
-        Its optics and detector blur.
-    wavelength : float
-        [nm]
+    sensor, wavelength : Sensor, float
+        Whose optics and detector blur, at which wavelength [nm].
     factor : int
         Fine points per pixel, each way. Frequencies above factor / 2 cycles per pixel are not in the scene.
     shift : (float, float)

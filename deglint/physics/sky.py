@@ -142,21 +142,12 @@ def reflectance(
         Of the sensor from the target, zenith angle 0 to 89 [degree].
     sun_zenith, sun_azimuth, model, contrast
         The sky; see `radiance`.
-    wind : array_like
-        Speed at the height that the slope model wants [m/s].
-    wind_from : array_like
-        Azimuth that the wind blows from [degree].
-    slope_model : str
-        One of `slopes.MODELS`.
-    index : float
-        Refractive index of water [1].
+    wind, wind_from : array_like
+        Speed at the height that the slope model wants [m/s], and the azimuth that it blows from [degree].
+    slope_model, index : str, float
+        One of `slopes.MODELS`, and the refractive index of water [1].
     nodes : int
         Facets along each axis; the work grows with the square of it.
-
-    Returns
-    -------
-    ndarray
-        Mirrored radiance per unit of diffuse irradiance [1/sr].
 
     Raises
     ------
@@ -174,13 +165,8 @@ def reflectance(
     zenith, azimuth, sun_zenith, sun_azimuth, wind, wind_from = (np.asarray(x, np.float64)[..., None] for x in look)
     total = np.zeros(look[0].shape)
     for along, across, weight in _panels(zenith, azimuth - wind_from, wind, slope_model, nodes):
-        slant = np.cos(np.radians(zenith)) - along * np.sin(np.radians(zenith))  # cos(incidence) / cos(tilt)
-        length = 1.0 + along**2 + across**2
-        incidence = _arccos(slant / np.sqrt(length))
-        up = _arccos(2.0 * slant / length - np.cos(np.radians(zenith)))
-        forth = -2.0 * slant / length * along - np.sin(np.radians(zenith))
-        to = azimuth + np.degrees(np.arctan2(-2.0 * slant / length * across, forth))
-        mirrored = radiance(up, to, sun_zenith, sun_azimuth, model=model, contrast=contrast)
+        slant, incidence, up, turn = _mirror(zenith, along, across)
+        mirrored = radiance(up, azimuth + turn, sun_zenith, sun_azimuth, model=model, contrast=contrast)
         density = slopes.density(*slopes.to_wind_axes(across, along, wind_from - azimuth), wind, model=slope_model)
         share = density * slant / np.cos(np.radians(zenith)) * fresnel.reflectance(incidence, index)
         total += np.sum(weight * share * mirrored, axis=-1)
@@ -210,6 +196,20 @@ def _panels(
         low, high = np.maximum(-reach, -tangent - edge), np.minimum(reach, edge - tangent)
         half = np.maximum(0.5 * (high - low), 0.0)
         yield 0.5 * (high + low) + half * x, across, half * w * weight * reach_across
+
+
+def _mirror(zenith: Array, along: Array, across: float | Array) -> tuple[Array, Array, Array, Array]:
+    """Where a facet with slopes along and across the view mirrors the sensor's ray to.
+
+    Returns cos(incidence) / cos(tilt), the incidence, the zenith angle of the mirrored ray, and its azimuth from that
+    of the sensor [degree].
+    """
+    slant = np.cos(np.radians(zenith)) - along * np.sin(np.radians(zenith))
+    length = 1.0 + along**2 + across**2
+    up = _arccos(2.0 * slant / length - np.cos(np.radians(zenith)))
+    forth = -2.0 * slant / length * along - np.sin(np.radians(zenith))
+    turn = np.degrees(np.arctan2(-2.0 * slant / length * across, forth))
+    return slant, _arccos(slant / np.sqrt(length)), up, turn
 
 
 def _arccos(cosine: Array) -> Array:

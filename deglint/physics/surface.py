@@ -112,14 +112,7 @@ def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDAr
     return out
 
 
-def realise(
-    sea: Sea,
-    *,
-    shape: tuple[int, int],
-    spacing: float,
-    seed: Seed = 0,
-    workers: int = 1,
-) -> Surface:
+def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0, workers: int = 1) -> Surface:
     """Draw a surface.
 
     ``z = sum a(k) exp(i k x - i w t) + c.c.``, ``a = (r1 + i r2) / sqrt(2) sqrt(Psi(k) / 2 dkx dky)`` with
@@ -128,20 +121,12 @@ def realise(
     Parameters
     ----------
     sea : Sea
-        Which sea.
-    shape : (int, int)
-        Rows and columns.
-    spacing : float
-        Grid step [m].
+    shape, spacing : (int, int), float
+        Rows and columns of the grid, and its step [m].
     seed : int, SeedSequence or Generator
         The same seed gives the same surface to the bit, whatever `workers` is.
     workers : int
         Threads.
-
-    Returns
-    -------
-    Surface
-        Ready to be evaluated at any time.
 
     Raises
     ------

@@ -93,8 +93,7 @@ def excluded_share(plan: Reticle) -> float:
 
 def geometry_numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
     """A viewing geometry, and what each band sees from there."""
-    i = int(np.argmin(np.abs(plan.zenith - geometry.zenith)))
-    j = int(np.argmin(np.abs(plan.azimuth - geometry.azimuth)))
+    i, j = plan.nearest(geometry.zenith, geometry.azimuth)
     counts = plan.counts()
     bands = [
         {

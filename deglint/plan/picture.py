@@ -161,11 +161,9 @@ def marks(canvas: Canvas, centre: Point, radius: int, plan: Reticle, *, small: b
         canvas.circle(glint, 5, PAPER, -1)
         canvas.circle(glint, 5, ORANGE, 2)
         canvas.text((glint[0], glint[1] + 16), "mirror point", 14, INK, anchor="mm", halo=True)
-    for reach in (9.0,):
-        canvas.line([(centre[0] - reach, centre[1]), (centre[0] + reach, centre[1])], PAPER, 5)
-        canvas.line([(centre[0], centre[1] - reach), (centre[0], centre[1] + reach)], PAPER, 5)
-        canvas.line([(centre[0] - reach, centre[1]), (centre[0] + reach, centre[1])], INK, 2)
-        canvas.line([(centre[0], centre[1] - reach), (centre[0], centre[1] + reach)], INK, 2)
+    for colour, width in ((PAPER, 5), (INK, 2)):
+        canvas.line([(centre[0] - 9, centre[1]), (centre[0] + 9, centre[1])], colour, width)
+        canvas.line([(centre[0], centre[1] - 9), (centre[0], centre[1] + 9)], colour, width)
     _wind(canvas, centre, radius, plan)
 
 
@@ -255,8 +253,7 @@ def place_and_time(mission: Mission) -> str:
 def _table(canvas: Canvas, plan: Reticle, geometry: ViewingGeometry | None, y: float) -> float:
     if geometry is None:
         return y
-    i = int(np.argmin(np.abs(plan.zenith - geometry.zenith)))
-    j = int(np.argmin(np.abs(plan.azimuth - geometry.azimuth)))
+    i, j = plan.nearest(geometry.zenith, geometry.azimuth)
     edges = (_LEFT + 120, _LEFT + 192, _LEFT + 262, _LEFT + 340)
     for x, head in zip(edges, ("nm", "x noise", "Weber", "sky glint"), strict=True):
         canvas.text((x, y), head, 13, GREY, anchor="ra")

@@ -83,6 +83,10 @@ class Reticle:
             raise BandError(f"band {name} does not count in this plan; add it to the bands, {', '.join(self.bands)}.")
         return self.bands.index(name)
 
+    def nearest(self, zenith: float, azimuth: float) -> tuple[int, int]:
+        """Index of the viewing geometry nearest to a zenith angle and an azimuth [degree]."""
+        return int(np.argmin(np.abs(self.zenith - zenith))), int(np.argmin(np.abs(self.azimuth - azimuth)))
+
     @property
     def glint_radiance(self) -> Array:
         """Of each band [W m-2 sr-1 nm-1]."""
@@ -125,10 +129,6 @@ class Reticle:
 
 def reticle(mission: Mission) -> Reticle:
     """Work out a mission for all viewing geometries.
-
-    Parameters
-    ----------
-    mission : Mission
 
     Returns
     -------

@@ -53,8 +53,7 @@ class WindEnsemble:
 
     def at(self, geometry: ViewingGeometry) -> dict[str, tuple[float, float]]:
         """Intervals at a viewing geometry."""
-        i = int(np.argmin(np.abs(self.middle.zenith - geometry.zenith)))
-        j = int(np.argmin(np.abs(self.middle.azimuth - geometry.azimuth)))
+        i, j = self.middle.nearest(geometry.zenith, geometry.azimuth)
         pairs = {"glint": self.glint, "glint_probability": self.glint_probability, "contrast": self.contrast}
         return {name: (float(pair[0, i, j]), float(pair[1, i, j])) for name, pair in pairs.items()}
 

@@ -49,7 +49,8 @@ class SimulatedScene:
     glint_mask : bool ndarray
         Where glint exceeds the setup's share of `truth`.
     objects : (row, column) uint16 ndarray
-        Number of the submerged object, from 1; 0 where there is none, or something lies over it.
+        Number of the submerged object, from 1; 0 where there is none, or it is hidden: under something that floats, or
+        below the bottom.
     height, slopes : float32 ndarray or None
         Height [m] and (east, north) slope of the resolved waves, mean over each pixel, at the first time.
     resolved_slope_variance : (float, float)
@@ -197,6 +198,8 @@ class _World:
             seed = np.random.SeedSequence(setup.seed, spawn_key=(3,))
             width = setup.size[1] * setup.sensor.gsd
             depth, patches = depth_and_patches(setup.bottom, shape, setup.facet, width, seed)
+            buried = np.array([0.0, *(o.depth for o in setup.objects)], np.float32)[labels] > depth
+            labels = np.where(buried, np.uint16(0), labels)
         cover = Cover(setup) if setup.coast or setup.foam or setup.targets else None
         lit = light(setup)
         radiances = matt(lit, setup, cover.materials) if cover else np.zeros((0, 0))
