@@ -21,18 +21,16 @@ import numpy as np
 import numpy.typing as npt
 
 from .checks import checked_keywords
-from .compensate import Chain
+from .compensate2 import Chain
 from .errors import DeglintError, InputError
 from .pipeline import Fitted, Recipe, fit_scene
-from .pipeline.apply import given_model, marking
+from .pipeline.apply import correction, given_model
 from .pipeline.chunks import Nothing, over_tiles
 from .pipeline.correct import Correction
 from .pipeline.outputs import DTYPES
 from .pipeline.undeclared import settled
-from .raster.output import Layout
 from .readers.areas import open_area
 from .readers.arrays import open_array
-from .readers.roles import find_band
 from .remove import GlintModel
 from .scene import Scene
 from .tiles import Tile, default_threads
@@ -128,7 +126,7 @@ def apply(
         opened = replace(opened, scene=fitted.undeclared.on(opened.scene))
     work = _correction(opened.scene, fitted, dtype)
     every = (len(opened.scene.bands), np.dtype(work.layout.dtype))
-    return opened.like(over_tiles(opened, partial(_corrected, work), work.reach, every, threads=threads))
+    return opened.like(over_tiles(opened, partial(_corrected, work), work.halo, every, step=work.step, threads=threads))
 
 
 @checked_keywords()
@@ -210,15 +208,10 @@ def _correction(scene: Scene, fitted: Fitted, dtype: str | None) -> Correction:
     info = scene.source.info  # type: ignore[attr-defined]
     if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
-    out = np.dtype(dtype or info.dtype)
-    nodata, _masked = marking(scene, out)
     recipe = fitted.recipe
     area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "mask")
-    rule, bands = None if area else fitted.water, fitted.water_bands
-    bare = replace(scene, source=Nothing())
-    layout = Layout(info, tuple(range(info.count)), out.name, nodata)
-    only = tuple(find_band(scene, b) for b in recipe.bands)
-    return Correction(bare, fitted.model, False, False, layout, area, rule, bands, fitted.chain, only)
+    work = correction(scene, fitted, dtype=dtype, area=area)
+    return replace(work, scene=replace(scene, source=Nothing()), layout=replace(work.layout, masked=False))
 
 
 def _recipe(recipe: Recipe | str) -> Recipe:

@@ -1,4 +1,4 @@
-"""`deglint info`: what a raster is, and what it needs."""
+"""`deglint info`: what a raster is, and what candidates would do to it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .options import common, opening
 @click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout, and nothing else.")
 @common
 def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> None:
-    """Say what IN is and what it needs: bands, NIR, water, glint, which stages would run and which not."""  # fmt: skip
+    """Say what IN is, and what the candidate recipes would do to it."""  # fmt: skip
     from ..pipeline import Recipe
     from ..pipeline.examine import examine
     from ..raster.environment import environment
@@ -62,11 +62,11 @@ def lines(found: dict[str, Any]) -> list[str]:
         fitted = "" if slope is None else f"{slope:.4f}"
         out.append(f"{i:<6}{band['name']:<14}{wave:>12}{offset:>10}{said:>14}{fitted:>10}")
     out.append("")
-    for key, text in (("valid_fraction", "valid"), ("water_fraction", "water"), ("glint_cover", "glint cover")):
+    for key, text in (("valid_fraction", "valid"), ("water_fraction", "water")):
         if found[key] is not None:
             out.append(f"{text:<18}{found[key]:.1%}")
     if found["glint_level"] is not None:
         out.append(f"{'glint level':<18}{found['glint_level']:.4g} (mean NIR of the sample above its 5th percentile)")
     out.append(f"{'suggested method':<18}{found['suggested_method'] or 'none'}: {found['reason']}")
-    decided = [n for n in found["notes"] if n not in found["needs_said"] and n != found["reason"]]
-    return [*out, "", *decided, *found["needs_said"]]
+    decided = [n for n in found["notes"] if n not in found["tried"] and n != found["reason"]]
+    return [*out, "", *decided, *found["tried"]]

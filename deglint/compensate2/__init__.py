@@ -1,1 +1,20 @@
-"""Glint compensation: what a linear removal cannot do."""
+"""Glint compensation: what a linear removal cannot do, because bands see the sea at different instants or noise is left.
+
+Stages, one module each, in any order around the removal (`STAGES`); `fit_chain` fits a chain to a sample, `apply_chain`
+applies it to a block with a halo. Arrays only.
+
+Never here: files, tiles, threads, water masks, logging.
+"""
+
+from .chain import FittedChain, apply_chain, fit_chain, restored
+from .noise import clump_width, noise
+from .psf import PSF, system_psf
+from .stages import STAGES, Chain, parse
+from .state import Sample, Setting, State
+
+THESIS = "normalise, identify-median:5, replace-bands, median:25, remove"
+
+__all__ = [
+    "PSF", "STAGES", "THESIS", "Chain", "FittedChain", "Sample", "Setting", "State", "apply_chain", "clump_width",
+    "fit_chain", "noise", "parse", "restored", "system_psf",
+]  # fmt: skip

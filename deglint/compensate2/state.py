@@ -42,6 +42,8 @@ class State:
         Glint that the removal took.
     variance : (band, row, column) float32 ndarray, optional
         Posterior variance of the water.
+    origin : (int, int)
+        Row and column in the scene of the first pixel [pixel].
     """
 
     raw: Float32
@@ -54,14 +56,15 @@ class State:
     targets: Float32 | None = None
     removed: Float32 | None = None
     variance: Float32 | None = None
+    origin: tuple[int, int] = (0, 0)
 
     @classmethod
-    def of(cls, block: npt.NDArray[Any], water: Mask | None = None) -> State:
+    def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> State:
         """A state for a block; what is not valid water takes the value of the nearest that is."""
         valid = np.isfinite(block).all(axis=0)
         water = valid if water is None else water & valid
         image = filled(np.asarray(block, np.float32), water)
-        return cls(image, image, water)
+        return cls(image, image, water, origin=origin)
 
 
 def filled(block: Float32, water: Mask) -> Float32:

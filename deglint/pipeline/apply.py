@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,10 @@ import numpy as np
 
 from .. import tiles as tiling
 from ..checks import as_path, check_kind, check_number, checked_keywords, described
-from ..compensate import Chain
+from ..compensate2 import Chain
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
-from ..moments import CELL
+from ..moments import CELL as STRIP_CELL
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, write_json, write_text
 from ..raster.targets import Reads, check_image, check_targets
@@ -26,24 +27,23 @@ from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from ..timing import Reporter
-from .blocks import one_thread_each
 from .checksum import Checksum, fingerprint
 from .cluster import Cluster, writing_images
-from .compensated import changed_bands
-from .correct import Correction
+from .correct import CELL, Correction
 from .fit import Fitted, Progress, fit_scene
 from .log import log_model, log_result, log_scene, log_water
-from .look import block_of, look_at, raster_of, role_bands, tile_shape_of
+from .overview import block_of, overview_of, raster_of, role_bands, tile_shape_of
 from .outputs import Outputs, Result
 from .recipe import Recipe
 from .saved import saved
 from .sidecar import sidecar
 from .tally import Tally
-from .uncertain import with_stderr
 from .undeclared import settled
 
 CHAIN_COPIES = 3
 """How many times the memory of a tile a chain takes, against removal alone."""
+STRIP = 4 << 20
+"""Values of a tile of whole cells, where the file is in strips: as few strips as possible are read twice."""
 
 
 @checked_keywords("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options",
@@ -155,13 +155,12 @@ def _run(
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
     fitted = replace(fitted, notes=(*fitted.notes, *notes))
-    only = tuple(find_band(scene, b) for b in fitted.recipe.bands)
-    changed = tuple(changed_bands(scene, fitted.model, fitted.chain, only))
-    if targets.stderr and not changed:
+    work = correction(scene, fitted, targets=targets, dtype=targets.dtype, area=area)
+    if targets.stderr and not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name a --method.")
     with Scratch(overwrite=targets.overwrite) as scratch:
-        tally = _write_tiles(scratch, scene, fitted, targets, area, threads, progress, only, cluster)
-        if tally.corrected == tally.calm == 0 and fitted.model.fits:
+        tally = _write_tiles(scratch, work, targets, threads, progress, cluster)
+        if tally.corrected == 0 and fitted.model.fits:
             why = "every pixel is nodata" if tally.nodata == tally.total else "no pixel is water inside the mask"
             raise NoWaterError(f"nothing to correct in {scene.path}: {why}. Check --nodata and --mask.")
         if targets.sample:
@@ -189,39 +188,64 @@ def _mask_of(recipe: Recipe, scene: Scene) -> tuple[Area | None, tuple[str, ...]
     return area, (note,) if note else ()
 
 
-def _write_tiles(
-    scratch: Scratch, scene: Scene, fitted: Fitted, targets: Outputs, area: Area | None, threads: int,
-    progress: Progress | None, only: tuple[int, ...], cluster: Cluster | None,
-) -> Tally:  # fmt: skip
+def correction(
+    scene: Scene, fitted: Fitted, *, targets: Outputs | None = None, dtype: str | None = None, area: Area | None = None
+) -> Correction:
+    """What corrects the tiles of a scene, as it was fitted.
+
+    Parameters
+    ----------
+    scene : Scene
+    fitted : Fitted
+    targets : Outputs, optional
+        What is to be written beside the image.
+    dtype : str, optional
+        Type of the result; that of the scene by default.
+    area : Area, optional
+        What to correct; by the fitted water rule where None.
+    """
     info = raster_of(scene).info
     every = tuple(range(len(scene.bands)))
-    dtype = np.dtype(targets.dtype) if targets.dtype else info.dtype
-    nodata, masked = marking(scene, dtype)
-    shape = tile_shape_of(scene)
-    halo = fitted.chain.halo if fitted.chain.runs else fitted.model.halo
-    if halo:
-        held = tiling.HELD if fitted.chain.runs else tiling.HELD_ALONE
-        shape = tiling.compact(shape, block_of(scene), len(scene.bands), halo, held=held)
+    out = np.dtype(dtype or info.dtype)
+    nodata, masked = marking(scene, out)
     # bands of files without descriptions are known by their files' names, and must be in the output, too
     named = tuple(info.descriptions[b] or scene.bands[b].name for b in every)
-    image = Layout(info, every, dtype.name, nodata, targets.options, names=named, masked=masked, tile=shape)
-    everything = tiling.tiles(scene.height, scene.width, shape)
-    at_once = tiling.affordable(threads, shape, len(scene.bands) * (CHAIN_COPIES if fitted.chain.runs else 1))
-    rule, bands = None if area else fitted.water, fitted.water_bands
-    work = Correction(scene, fitted.model, bool(targets.flags), bool(targets.amount), image, area, rule, bands,
-                      fitted.chain, only)  # fmt: skip
-    if targets.stderr:
-        at_once = max(at_once // 2, 1)
-        learnt_from = tiling.tiles(scene.height, scene.width, (tiling.COMPACT, tiling.COMPACT))  # whatever the blocks
-        work = with_stderr(work, learnt_from, fitted.recipe.nir, at_once)
-        fitted.numbers["uncertainty"] = work.uncertainty.numbers() if work.uncertainty else None
+    options = targets.options if targets else {}
+    layout = Layout(info, every, out.name, nodata, options, names=named, masked=masked)
+    work = Correction(
+        scene, fitted.model, layout, fitted.chain, area, None if area else fitted.water,
+        fitted.water_bands, tuple(find_band(scene, b) for b in fitted.recipe.bands),
+        want_flags=bool(targets and targets.flags), want_amount=bool(targets and targets.amount),
+    )  # fmt: skip
+    return replace(work, layout=replace(layout, tile=_tile_shape(work)))
+
+
+def _tile_shape(work: Correction) -> tuple[int, int]:
+    """Rows and columns of the tiles that a scene is corrected in: whole cells, where a chain runs."""
+    scene, bands = work.scene, len(work.scene.bands)
+    shape = tile_shape_of(scene)
+    if work.chain.runs:
+        wide = CELL if shape[1] < scene.width else max(STRIP // (CELL * bands) // CELL * CELL, CELL)
+        return CELL, wide
+    if work.halo:
+        return tiling.compact(shape, block_of(scene), bands, work.halo, held=tiling.HELD_ALONE)
+    return shape
+
+
+def _write_tiles(
+    scratch: Scratch, work: Correction, targets: Outputs, threads: int, progress: Progress | None,
+    cluster: Cluster | None,
+) -> Tally:  # fmt: skip
+    scene, image = work.scene, work.layout
+    everything = tiling.tiles(scene.height, scene.width, image.tile)
+    at_once = tiling.affordable(threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.chain.runs else 1))
     tally = Tally(len(scene.bands))
     if work.copies and copied_whole(scratch, image, targets.image):
         return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.told))
     opened = writing_images(scratch, targets.image, images, cluster)
-    with one_thread_each(bool(fitted.chain.runs)), opened as (run, writers):
+    with one_thread_each(), opened as (run, writers):
         for tile, done in run(everything, work, threads=at_once, progress=note, start=enter_thread):
             for what, writer in writers.items():
                 writer.write(getattr(done, what), tile.window)
@@ -229,6 +253,19 @@ def _write_tiles(
                 writers["raw"].write_mask(done.valid, tile.window)
             tally.add(done.tally)
     return tally
+
+
+@contextmanager
+def one_thread_each() -> Iterator[None]:
+    """OpenCV on one thread: the tiles are on several already."""
+    import cv2
+
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
 
 
 def _beside(scene: Scene, targets: Outputs, image: Layout, told: tuple[int, ...]) -> dict[str, tuple[Path, Layout]]:
@@ -278,12 +315,8 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
         raise InputError(f"window {window} is not inside a scene of {scene.height} x {scene.width} pixels.")
     wanted = mask or fitted.recipe.mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
-    rule = fitted.water if wanted == "auto" else None
-    everything = tiling.tiles(scene.height, scene.width, tile_shape_of(scene))
-    info = raster_of(scene).info
-    layout = Layout(info, tuple(range(len(scene.bands))), info.dtype.name, info.nodata, {})
-    only = tuple(find_band(scene, b) for b in fitted.recipe.bands)
-    work = Correction(scene, fitted.model, False, False, layout, area, rule, fitted.water_bands, fitted.chain, only)
+    work = correction(scene, fitted if wanted == "auto" else replace(fitted, water=None), area=area)
+    everything = tiling.tiles(scene.height, scene.width, work.layout.tile)
     out, report = None, Reporter()
     with environment():
         for done, tile in enumerate(everything):
@@ -320,14 +353,14 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
             f"{', '.join(scene.names)}. Fit it to a scene like this one."
         )
     model = model.for_bands(scene.names)
-    if model.strips is not None and len(model.strips.rows) != -(-scene.height // CELL):
+    if model.strips is not None and len(model.strips.rows) != -(-scene.height // STRIP_CELL):
         raise InputError("the model holds the detector strips of another scene: fit it to this one.")
     notes = [f"model {model.method}, fitted before"]
     rule: WaterRule | None = None
     bands: tuple[int, ...] = ()
     if recipe.mask == "auto":
-        look = look_at(scene, model.index_bands[0], threads, wanted=True)
-        rule, bands = look.water, role_bands(look.roles)
+        overview = overview_of(scene, model.index_bands[0], threads, wanted=True)
+        rule, bands = overview.water, role_bands(overview.roles)
         if rule is not None:
             if not rule.has_water:
                 raise NoWaterError(rule.reason)
@@ -335,7 +368,7 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     log_water(rule, recipe.mask)
     log_model(model, notes[:1])
     resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
-    numbers = {"water": rule.numbers() if rule else None, "sample": None, "needs": None}
+    numbers = {"water": rule.numbers() if rule else None, "sample": None, "choice": None}
     numbers["compensation"] = chain.numbers()
     return Fitted(model, resolved, tuple(notes), numbers, None, rule, bands, chain)
 

@@ -1,4 +1,4 @@
-"""What a scene is, and what it needs: the numbers behind `deglint info`."""
+"""What a scene is, and what candidates would do to it: the numbers behind `deglint info`."""
 
 from __future__ import annotations
 
@@ -17,12 +17,10 @@ from ..readers.place import ground_size
 from ..scene import Scene
 from ..tiles import Tile, default_threads
 from .fit import fit_scene
-from .look import look_at, raster_of
+from .overview import overview_of, raster_of
 from .recipe import Recipe, make_request
 from .undeclared import settled
 
-USEFUL_R2 = 0.3
-"""Below this R2 in every visible band a removal that follows the NIR does nothing useful."""
 
 
 @checked_keywords()
@@ -39,8 +37,8 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     Returns
     -------
     dict
-        Plain numbers and words: size, place, bands, NIR, valid and water fraction of what was looked at, glint level
-        and cover, R2 of each band with the NIR, suggested method with the reason, and notes. What cannot be told is
+        Plain numbers and words: size, place, bands, NIR, valid and water fraction of what was looked at, glint level,
+        R2 of each band with the NIR, suggested method with the reason, and notes. What cannot be told is
         None, with the reason among the notes; so is what was not looked at.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
@@ -51,8 +49,8 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     out: dict[str, Any] = _header(scene)
     notes: list[str] = list(scene.notes)
     out |= {"nir": None, "valid_fraction": None, "water_fraction": None, "looked_at_pixels": None,
-            "glint_cover": None, "glint_level": None, "r2": None, "slopes": None,
-            "suggested_method": None, "reason": None, "needs": None, "needs_said": [], "notes": notes}  # fmt: skip
+            "glint_level": None, "r2": None, "slopes": None,
+            "suggested_method": None, "reason": None, "choice": None, "tried": [], "notes": notes}  # fmt: skip
     budget = raster_of(scene).budget = Budget(look_seconds(), LOOK_READS)
     try:
         with environment():
@@ -60,9 +58,9 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
             notes += [n for n in said if n not in notes]
             out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
             nir = request.indexes[0].bands[0]
-            look = look_at(scene, nir, threads, wanted=True)
-            out |= _validity(scene, look.tiles, nir, threads)
-            water = look.water
+            overview = overview_of(scene, nir, threads, wanted=True)
+            out |= _validity(scene, overview.tiles, nir, threads)
+            water = overview.water
             try:
                 fitted = fit_scene(scene, recipe, threads=threads)
                 water = fitted.water or water
@@ -75,18 +73,17 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         return out
     finally:
         raster_of(scene).budget = None
-    model = fitted.model
+    model, choice = fitted.model, fitted.choice
     sample = fitted.numbers["sample"]
     if sample:
-        out |= {k: sample[k] for k in ("r2", "slopes", "glint_cover", "glint_level")}
-    if fitted.chain.runs:
-        out["slopes"] = None  # each band follows a mixture of its own
-    out["needs"], out["needs_said"] = fitted.needs.numbers(), fitted.needs.lines()
-    best = max((r2 for r2 in (out["r2"] or {}).values() if r2 is not None), default=None)
-    out["suggested_method"], out["reason"] = _suggestion(best, out["glint_cover"], model.method)
-    if fitted.chain.runs:
-        out["suggested_method"], out["reason"] = model.method, f"after compensation: {fitted.chain.text}"
-    notes += [n for n in fitted.notes if n not in notes and n not in out["needs_said"]]
+        out |= {k: sample[k] for k in ("r2", "slopes", "glint_level")}
+    if choice is not None:
+        out["choice"], out["tried"] = choice.numbers(), choice.lines()
+        out["suggested_method"] = None if choice.best.method == "copy" else choice.best.name
+        out["reason"] = choice.why_copied if choice.best.method == "copy" else choice.why
+    else:
+        out["suggested_method"], out["reason"] = model.method, "as it was asked for"
+    notes += [n for n in fitted.notes if n not in notes and n not in out["tried"]]
     return out
 
 
@@ -98,17 +95,6 @@ def _not_seen(scene: Scene, budget: Budget) -> str:
         f"{budget.pixels} pixels were read, of {total} pixels; what lies in the others is not known. To look for "
         "longer, set the environment variable DEGLINT_INFO_SECONDS, or name a --sample"
     )
-
-
-def _suggestion(best: float | None, cover: float | None, method: str) -> tuple[str | None, str]:
-    if best is not None and best < USEFUL_R2:
-        return None, (
-            f"the NIR explains at most {best:.0%} of any band: there is little glint, or the bands are not taken at "
-            "the same time; following the NIR will remove next to nothing"
-        )
-    covered = "" if cover is None else f"; glint covers {cover:.0%} of the sample"
-    explained = "" if best is None else f"the NIR explains up to {best:.0%} of a band"
-    return method, explained + covered
 
 
 def _header(scene: Scene) -> dict[str, Any]:

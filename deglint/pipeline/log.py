@@ -15,7 +15,7 @@ from ..masks import WaterRule
 from ..scene import Scene
 
 if TYPE_CHECKING:
-    from ..needs import Needs
+    from ..choose import Choice
     from ..remove import GlintModel
     from .tally import Tally
 
@@ -61,12 +61,11 @@ def log_water(rule: WaterRule | None, mask: str) -> None:
         log.info("mask: %s", mask)
 
 
-def log_needs(needs: Needs) -> None:
-    """Which stages of compensation run, and what the scene is measured to need."""
-    stages = [s.stage for s in needs.stages if s.runs]
-    skipped = next((f" ({s.why})" for s in needs.stages if not s.runs), "")
-    log.info("compensation: %s", ", ".join(stages) if stages else f"none{skipped}")
-    why(needs.lines())
+def log_choice(choice: Choice) -> None:
+    """Which candidates were tried, and what they did to implanted signals."""
+    first, *others = choice.lines() or ["no candidate could be tried: wiener"]
+    log.info("%s", first)
+    why(others)
 
 
 def log_sample(pixels: int, place: str) -> None:
@@ -92,9 +91,8 @@ def log_result(scene: Scene, model: GlintModel, image: Path, tally: Tally, said:
     log.info("bands %s", "; ".join(parts))
     for warning in said["warnings"][len(model.warnings) :]:  # the model's were logged when it was fitted
         log.warning("%s", warning)
-    calm = f", {tally.calm} without glint as they were," if tally.calm else ""
     seconds = said["seconds"]
-    log.info("%s: %d of %d pixels corrected%s in %.2f s", image, tally.corrected, tally.total, calm, seconds)
+    log.info("%s: %d of %d pixels corrected in %.2f s", image, tally.corrected, tally.total, seconds)
 
 
 def _band(scene: Scene, index: int) -> str:

@@ -12,7 +12,7 @@ from ..errors import DeglintError
 from ..raster.environment import environment
 from ..scene import Band, FloatArray
 from .fit import Fitted
-from .look import raster_of
+from .overview import raster_of
 from .tally import Tally
 
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..checks import check_choice, check_kind, check_number, checked_keywords, described, nearest
-from ..compensate import parse
+from ..compensate2 import THESIS, parse
 from ..errors import InputError
 from ..readers.roles import explain_nir, find_band, find_nir, split_wanted
 from ..remove import METHODS, REGRESSIONS, FitRequest, nir_request
@@ -45,8 +46,8 @@ class Recipe:
     rrs_factor : float
         Physical values are this many times remote-sensing reflectance (Goodman).
     compensate : str
-        "auto" (what the scene needs), "thesis", "off", or a chain such as "identify-level:13, replace-level, remove";
-        see `deglint.compensate.STAGES`.
+        "auto" (with method "auto", the candidate with the least expected error on the scene; else none), "thesis",
+        "off", or a chain such as "identify-level:13, replace-level, remove"; see `deglint.compensate.STAGES`.
     smallest_object : str
         Width of the smallest thing to keep, such as "4m" or "16px"; 4 m where empty, or 16 pixels of unknown size.
     tolerance : float
@@ -97,11 +98,13 @@ class Recipe:
             if hint := nearest(self.compensate, list(CHAINS)):
                 raise InputError(f"compensate {self.compensate!r} is not one of {', '.join(CHAINS)}, nor a stage{hint}")
             parse(self.compensate)
-        if self.method == "wiener" and self.compensate not in ("auto", "off"):
-            raise InputError(
-                f"wiener is a removal without compensation, got --compensate {self.compensate}: leave it out, or name "
-                "another --method."
-            )
+
+    @property
+    def chain(self) -> str:
+        """Stages of compensation: "auto" where a recipe is to be chosen, "off" for none."""
+        if self.compensate == "auto":
+            return "auto" if self.method == "auto" else "off"
+        return THESIS if self.compensate == "thesis" else self.compensate
 
     def _check_tolerance(self) -> None:
         if not self.tolerance:
@@ -191,3 +194,33 @@ def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:
             return ()
         found.append(min(inside)[1])
     return tuple(found)
+
+
+SMALLEST_OBJECT = 4.0
+"""What must be kept where the user does not say: a boat, a person with raised arms seen from above, a buoy [m]."""
+UNKNOWN_OBJECT = 16.0
+"""The same where the size of a pixel is not known [pixel]."""
+
+
+def smallest_object(text: str | None, pixel: float | None) -> float:
+    """Width of the smallest object to keep [pixel], from "4m", "16px" or nothing.
+
+    Raises
+    ------
+    InputError
+        Not a length, or metres where the size of a pixel is not known.
+    """
+    if not text:
+        return UNKNOWN_OBJECT if pixel is None else SMALLEST_OBJECT / pixel
+    match = re.fullmatch(r"\s*([0-9.]+)\s*(px|pixels?|m|metres?|meters?)?\s*", text)
+    try:
+        value = float(match[1]) if match else float("nan")
+    except ValueError:
+        value = float("nan")
+    if not (match and 0 < value < 1e6):
+        raise InputError(f"--smallest-object {text!r} is not a width such as 4m or 16px.")
+    if (match[2] or "m").startswith("p"):
+        return value
+    if pixel is None:
+        raise InputError(f"--smallest-object {text}: the size of a pixel is not known; give pixels, such as 16px.")
+    return value / pixel

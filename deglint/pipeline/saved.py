@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from ..compensate import Chain, chain_from
+from ..compensate2.stages import Chain, chain_from
 from ..errors import InputError
 from ..readers.text import read_text
 from ..remove import GlintModel
@@ -15,7 +15,7 @@ def saved(fitted: Fitted) -> str:
     """A fit as JSON text (what `--save-model` writes)."""
     data = json.loads(fitted.model.to_json())
     if fitted.chain.runs:
-        data["compensation"] = fitted.chain.saved()
+        data["compensation"] = fitted.chain.numbers()
     return json.dumps(data, indent=2)
 
 

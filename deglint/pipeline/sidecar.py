@@ -37,13 +37,12 @@ def sidecar(
         "recipe": resolved(fitted),
         "model": asdict(fitted.model),
         **fitted.numbers,
-        "skipped": skipped(fitted, names, tally) | _not_looked_at(tally),
+        "skipped": skipped(fitted, names, tally),
         "pixels": {
             "total": tally.total,
             "nodata": None if tally.copied else tally.nodata,
             "not_water": None if tally.copied else tally.not_water,
             "corrected": tally.corrected,
-            "without_glint": tally.calm,
             "protected": tally.protected,
             "changed": changed(fitted, names, tally),
             "replaced": dict(zip(names, tally.replaced, strict=True)),
@@ -55,21 +54,6 @@ def sidecar(
         "warnings": warnings,
         "seconds": round(seconds, 3),
     }
-
-
-def _not_looked_at(tally: Tally) -> dict[str, str]:
-    """Pixels that were not computed, and why."""
-    if tally.copied:
-        return {"pixels": COPIED}
-    said = {}
-    if tally.passed:
-        part = tally.passed / tally.total
-        why = "of the pixels lie in tiles where nothing is to be corrected: passed as they are"
-        said["compensation"] = f"{part:.1%} {why}"
-    if tally.calm:
-        part = tally.calm / tally.total
-        said["removal"] = f"{part:.1%} of the pixels lie where the NIR shows no glint: passed as they are"
-    return said
 
 
 def resolved(fitted: Fitted) -> dict[str, Any]:
@@ -92,7 +76,7 @@ def changed(fitted: Fitted, names: Sequence[str], tally: Tally) -> dict[str, int
 
 def skipped(fitted: Fitted, names: Sequence[str], tally: Tally) -> dict[str, str]:
     """What was not done, and why."""
-    out = {}
+    out = {"pixels": COPIED} if tally.copied else {}
     if fitted.recipe.mask == "none":
         out["water mask"] = "not asked for: every valid pixel is corrected"
     elif fitted.recipe.mask != "auto":
@@ -100,11 +84,9 @@ def skipped(fitted: Fitted, names: Sequence[str], tally: Tally) -> dict[str, str
     elif fitted.water is None:
         out["water mask"] = "no visible band to tell water by: every valid pixel is corrected"
     corrected = {f.band for f in fitted.model.fits}
-    alone = (fitted.numbers.get("sample") or {}).get("left_alone", {})
     for i, name in enumerate(names):
         if i not in corrected:
             why = "glint reference" if i in fitted.model.index_bands else "not among the bands to correct"
-            why = alone.get(name, why)
             copied = not tally.rewritten[i]
             done = "copied" if copied else f"no glint removed, {tally.rewritten[i]} pixels replaced by compensation"
             out[name] = f"{why}: {done}"

@@ -19,11 +19,11 @@ from .. import tiles as tiling
 from ..errors import FitError
 from ..moments import in_share
 from ..remove import METHODS, FitRequest, SamplePlan, SampleStatistics, glint_error, levels_for, merge
-from ..remove.request import MIN_PIXELS, USELESS_R2
+from ..remove.request import MIN_PIXELS
 from ..remove.statistics import SamplePart
 from ..scene import Scene
 from ..tiles import Tile
-from .look import LOOK_PIXELS, LOOK_SIDE
+from .overview import OVERVIEW_PIXELS, TILE_SIDE
 from .sample import Sampler, tiles_over
 
 KEPT_PIXELS = 1 << 20
@@ -54,8 +54,6 @@ class Sampling:
         What the method gathers.
     tolerance : float
         Relative standard error wanted; 0: everything is one batch.
-    judge : bool
-        Bands that the NIR does not explain are going to be left alone, and are not waited for.
     """
 
     scene: Scene
@@ -64,7 +62,6 @@ class Sampling:
     method: str
     plan: SamplePlan
     tolerance: float = 0.0
-    judge: bool = False
     errors: dict[str, float] = field(default_factory=dict)
     parts: list[SamplePart] = field(default_factory=list)
     taken: int = 0
@@ -88,7 +85,7 @@ class Sampling:
             self.taken = self.total
             yield self.pool, self.plan
             return
-        wanted, done = LOOK_PIXELS, set[Tile]()
+        wanted, done = OVERVIEW_PIXELS, set[Tile]()
         while True:
             chosen = _spread(self.pool, min(wanted, self.total))
             batch = [t for t in chosen if t not in done]
@@ -130,10 +127,9 @@ class Sampling:
             return math.inf
         self.cells = math.inf
         for found in every:
-            if not (self.judge and found.r2 < USELESS_R2):
-                name = self.request.bands[self.request.correct[found.band]].name
-                self.errors[name], cells = glint_error(stats, found.band, found.references, found.weights)
-                self.cells = min(self.cells, cells)
+            name = self.request.bands[self.request.correct[found.band]].name
+            self.errors[name], cells = glint_error(stats, found.band, found.references, found.weights)
+            self.cells = min(self.cells, cells)
         if self.cells < LEAST_CELLS:
             return math.inf
         return max(self.errors.values(), default=0.0)
@@ -177,7 +173,7 @@ def _pool(scene: Scene, sampler: Sampler) -> list[Tile]:
     """Squares that the sample may be read from; the same ones however the file is stored."""
     if sampler.bounds is None:
         return list(sampler.tiles)
-    return tiles_over(scene, sampler.bounds, (LOOK_SIDE, LOOK_SIDE))
+    return tiles_over(scene, sampler.bounds, (TILE_SIDE, TILE_SIDE))
 
 
 def _spread(pool: Sequence[Tile], pixels: int) -> list[Tile]:

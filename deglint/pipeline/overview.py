@@ -24,11 +24,11 @@ from .recipe import Recipe
 
 LEAST_PIXELS = 256
 """Pixels of the smallest scene in which a sample is looked for."""
-LOOK_PIXELS = 300_000
+OVERVIEW_PIXELS = 300_000
 """Pixels of a first look at a scene."""
 SMALL_PIXELS = 600_000
 """Pixels of a scene that is looked at as a whole from the start."""
-LOOK_SIDE = SAMPLE_SIDE
+TILE_SIDE = SAMPLE_SIDE
 """Side of the tiles of a look [pixel]; the same for every file, so that what is found does not depend on its blocks."""
 MOST_PIXELS = 16 << 20
 """Pixels that are held of the last look: of larger scenes it reads all, and keeps some tiles of what is valid."""
@@ -37,7 +37,7 @@ MOST_TILES = 1 << 18
 
 
 @dataclass(frozen=True)
-class Look:
+class Overview:
     """What a first look at a scene found.
 
     Attributes
@@ -58,18 +58,18 @@ class Look:
     whole: bool
 
 
-def looks(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Look]:
-    """Look at more and more of the scene, the last time at all of it, and say what is water, where that is `wanted`."""
+def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
+    """Overview at more and more of the scene, the last time at all of it, and say what is water, where that is `wanted`."""
     found = band_roles(scene)
     roles = Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir})
     total = scene.height * scene.width
-    for pixels in (LOOK_PIXELS, 16 * LOOK_PIXELS, total) if total > SMALL_PIXELS else (total,):
+    for pixels in (OVERVIEW_PIXELS, 16 * OVERVIEW_PIXELS, total) if total > SMALL_PIXELS else (total,):
         last = pixels >= total
         chosen = _everywhere(scene, nir, threads) if last else _lattice(scene, pixels)
         rule = None
         if wanted and roles.visible and chosen:
             rule = fit_water(
-                read_looks(scene, chosen, roles, threads),
+                read_overview(scene, chosen, roles, threads),
                 _compact(roles),
                 pixel=pixel_size(scene),
                 whole=last and total <= MOST_PIXELS,
@@ -77,7 +77,7 @@ def looks(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Loo
             )
         elif not chosen:
             raise NoWaterError(f"{scene.path} holds no valid pixel in band {scene.bands[nir].name}. Check --nodata.")
-        yield Look(tuple(chosen), roles, rule, last)
+        yield Overview(tuple(chosen), roles, rule, last)
 
 
 def _reflectance(scene: Scene) -> bool:
@@ -88,10 +88,10 @@ def _reflectance(scene: Scene) -> bool:
 
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:
     """Some of the scene's tiles; of a huge scene, of every n-th row and column of tiles."""
-    step = max(1, math.isqrt(scene.height * scene.width // (LOOK_SIDE**2 * MOST_TILES)))
-    side = step * LOOK_SIDE
+    step = max(1, math.isqrt(scene.height * scene.width // (TILE_SIDE**2 * MOST_TILES)))
+    side = step * TILE_SIDE
     corners = tiling.tiles(scene.height, scene.width, (side, side))
-    cut = [Tile(t.row0, min(t.row0 + LOOK_SIDE, t.row1), t.col0, min(t.col0 + LOOK_SIDE, t.col1)) for t in corners]
+    cut = [Tile(t.row0, min(t.row0 + TILE_SIDE, t.row1), t.col0, min(t.col0 + TILE_SIDE, t.col1)) for t in corners]
     return tiling.spread(cut, pixels)
 
 
@@ -99,33 +99,33 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
     """All tiles of a scene; of one too large to hold, so many as can be held of those with valid pixels."""
     total = scene.height * scene.width
     if total <= MOST_PIXELS:
-        return tiling.tiles(scene.height, scene.width, (LOOK_SIDE, LOOK_SIDE))
+        return tiling.tiles(scene.height, scene.width, (TILE_SIDE, TILE_SIDE))
     shape = tile_shape_of(scene)
 
     def work(tile: Tile) -> list[Tile]:
         valid = np.isfinite(scene.source.read(tile.window, [nir])[0])
-        inside = (Tile(*_moved(t, tile)) for t in tiling.tiles(*tile.shape, (LOOK_SIDE, LOOK_SIDE)))
+        inside = (Tile(*_moved(t, tile)) for t in tiling.tiles(*tile.shape, (TILE_SIDE, TILE_SIDE)))
         return [t for t in inside if valid[t.row0 - tile.row0 : t.row1 - tile.row0,
                                            t.col0 - tile.col0 : t.col1 - tile.col0].any()]  # fmt: skip
 
     at_once = tiling.affordable(threads, shape, len(scene.bands))
     everything = tiling.tiles(scene.height, scene.width, shape)
     # a tile in so many is kept from the start: the list itself must not grow with the scene
-    share = max(1, total // (LOOK_SIDE**2 * MOST_TILES))
+    share = max(1, total // (TILE_SIDE**2 * MOST_TILES))
     found = [t for _t, part in tiling.run(everything, work, threads=at_once, start=enter_thread) for t in part[::share]]
-    return found[:: max(1, -(-len(found) * LOOK_SIDE**2 // MOST_PIXELS))]
+    return found[:: max(1, -(-len(found) * TILE_SIDE**2 // MOST_PIXELS))]
 
 
 def _moved(inner: Tile, outer: Tile) -> tuple[int, int, int, int]:
     return inner.row0 + outer.row0, inner.row1 + outer.row0, inner.col0 + outer.col0, inner.col1 + outer.col0
 
 
-def look_at(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Look:
+def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overview:
     """The first look that finds water, where that is `wanted`; else the last."""
-    for look in looks(scene, nir, threads, wanted=wanted):
-        if look.water is None or look.water.has_water:
+    for overview in overviews(scene, nir, threads, wanted=wanted):
+        if overview.water is None or overview.water.has_water:
             break
-    return look
+    return overview
 
 
 def check_size(scene: Scene, recipe: Recipe) -> None:
@@ -147,8 +147,8 @@ def where_to_sample(scene: Scene, recipe: Recipe, nir: int, threads: int) -> str
         return recipe.sample
     if recipe.mask != "none":
         return recipe.mask
-    look = look_at(scene, nir, threads, wanted=True)
-    return "auto" if look.water is not None and look.water.has_water else "all"
+    overview = overview_of(scene, nir, threads, wanted=True)
+    return "auto" if overview.water is not None and overview.water.has_water else "all"
 
 
 def raster_of(scene: Scene) -> RasterSource:
@@ -168,7 +168,7 @@ def _compact(roles: Roles) -> Roles:
     return Roles(nir=place[roles.nir], **index)
 
 
-def read_looks(scene: Scene, chosen: Sequence[Tile], roles: Roles, threads: int) -> list[Any]:
+def read_overview(scene: Scene, chosen: Sequence[Tile], roles: Roles, threads: int) -> list[Any]:
     """The bands that the masks look at, of some tiles."""
     bands = list(role_bands(roles))
     found = tiling.run(chosen, lambda t: scene.source.read(t.window, bands), threads=threads, start=enter_thread)

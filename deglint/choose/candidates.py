@@ -1,0 +1,77 @@
+"""The recipes that are tried on a scene, cheapest first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..compensate2 import Setting
+
+SMALLEST, LARGEST = 5, 13
+"""Windows of an opening [pixel]: a smaller one leaves clumps of sparkle, a larger one meets two waves at a time."""
+OF_OBJECT = 0.85
+"""Of the width of the smallest object: a window that leaves its corners alone."""
+LONG = 1.5
+"""Of a clump of glint, that a window must be wide to reach the water on both sides of it."""
+SHORTEST_DELAY = 0.003
+"""Time between bands below which they see the same waves, however fine the pixels: sparkle lasts longer [s]."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A recipe to try.
+
+    Attributes
+    ----------
+    name : str
+    method : str
+        "copy", or a key of `deglint.remove.METHODS`.
+    chain : str
+        Stages of compensation; "off" for none.
+    """
+
+    name: str
+    method: str
+    chain: str = "off"
+
+
+def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]:
+    """Recipes that make sense for a scene.
+
+    Parameters
+    ----------
+    setting : Setting
+    width : float
+        Of the smallest object to keep [pixel].
+    clump : int
+        Width of a clump of glint [pixel].
+    """
+    found = [
+        Candidate("copy", "copy"),
+        Candidate("hedley", "hedley"),
+        Candidate("wiener", "wiener"),
+    ]
+    delayed = setting.offsets is not None and float(setting.offsets.max() - setting.offsets.min()) > SHORTEST_DELAY
+    targets = "targets, " if delayed else ""
+    found.append(Candidate("wiener, posterior mean", "wiener", f"{targets}remove, posterior"))
+    sharpen = "psf:2, " if setting.psfs is not None else ""
+    for window in windows(width, clump):
+        stages = f"{sharpen}identify-level:{window}, {targets}replace-level, remove"
+        found.append(Candidate(f"opening of {window} pixels, wiener", "wiener", stages))
+    return found
+
+
+def windows(width: float, clump: int) -> list[int]:
+    """Odd sides of openings: what the smallest object allows, and what the clumps of glint need, if that is less.
+
+    Examples
+    --------
+    >>> windows(16.0, 4), windows(16.0, 20), windows(3.2, 4)
+    ([13, 7], [13], [5])
+    """
+    largest = _odd(min(max(OF_OBJECT * width, SMALLEST), LARGEST))
+    needed = _odd(min(max(LONG * clump + 1, SMALLEST), largest))
+    return [largest] if needed >= largest - 2 else [largest, needed]
+
+
+def _odd(size: float) -> int:
+    return int(size) - 1 + int(size) % 2

@@ -1,0 +1,77 @@
+r"""Expected error of a recipe, from what it leaves in sample tiles and what it makes of implanted signals.
+
+At each scale s the result of recipe c has the power
+
+.. math:: P_{cs} = g_{cs}^2 S_s + N_{cs}
+
+with S the power of the scene's own signal, the same for all recipes, g the gain of a signal at that scale, and N what is
+left of glint and noise. The error, against the scene without glint and noise, is then
+
+.. math:: E_{cs} = (1 - g_{cs})^2 S_s + N_{cs} = P_{cs} + (1 - 2 g_{cs}) S_s .
+
+S is not known, but no larger than :math:`P_{cs} / g_{cs}^2` of any recipe; the least of these is taken. Recipes that
+erase signals have a small P, and a small g too, and gain nothing by it. Objects are too rare to show in the power: their
+loss counts as if they had a usual contrast and covered a hundredth of the scene.
+
+At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: what is left of glint there is its level, which all
+pixels share, and which no texture tells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from .implants import BRIGHT, PLUME, SCALES, Float32, Mask
+
+Float64 = npt.NDArray[np.float64]
+
+SHARE = 0.01
+"""Part of a scene that objects and plumes are taken to cover each."""
+LEAST_GAIN = 0.05
+"""A gain below this is 0, within the error of its estimate from some tiles."""
+HALF = 0.5
+"""The same for plumes: there is one in a tile."""
+
+
+def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32) -> Float64:
+    """Mean square of the texture at each scale: between the scales, and what is coarser than the last, about the mean.
+
+    unit : (band,) by which bands are divided; infinite for those that do not count
+    """
+    import cv2
+
+    counted = int(np.isfinite(unit).sum())
+    total, pixels = np.zeros(len(SCALES)), 0
+    for image, mask in zip(images, inside, strict=True):
+        pixels += int(mask.sum()) * counted
+        for band, scale in zip(image, unit, strict=True):
+            if not np.isfinite(scale):
+                continue
+            finer = band / scale
+            for i, side in enumerate(SCALES[1:]):
+                coarser = cv2.blur(finer, (side, side))
+                total[i] += float(np.square((finer - coarser)[mask], dtype=np.float64).sum())
+                finer = coarser
+            rest = finer[mask]
+            total[-1] += float(np.square(rest - rest.mean(), dtype=np.float64).sum()) if rest.size else 0.0
+    return total / max(pixels, 1)
+
+
+def expected_errors(power: Float64, gain: Float64, objects: Float64) -> Float64:
+    """Expected error of each recipe, relative to the water.
+
+    Parameters
+    ----------
+    power, gain : (recipe, scale) ndarray
+        From `powers`, and of the textures and, for the coarsest scale, of plumes.
+    objects : (recipe,) ndarray
+        Gain of discs.
+    """
+    signal = (power / np.clip(gain, [LEAST_GAIN] * (gain.shape[1] - 1) + [HALF], 1) ** 2).min(axis=0)
+    error = np.maximum(power + (1 - 2 * gain) * signal, 0)[:, :-1].sum(axis=1)
+    lost = np.square(1 - gain[:, -1])
+    error += lost * (signal[-1] + SHARE * PLUME**2) + SHARE * np.square(BRIGHT * (1 - objects))
+    return np.asarray(np.sqrt(error), np.float64)

@@ -1,0 +1,218 @@
+"""Run candidates on sample tiles, with and without implanted signals, and choose."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..compensate2 import Sample, Setting, State, clump_width, fit_chain, noise
+from ..errors import FitError
+from ..remove import GlintModel
+from .candidates import Candidate, candidates
+from .implants import SCALES, Float32, Implants, gains, implants
+from .score import expected_errors, powers
+
+FitRemoval = Callable[[Sample], GlintModel]
+WATER = 10.0
+"""Percentile of a band over the sample that is taken for the water without glint, as the unit of contrasts [%]."""
+CHEAPER = 1.05
+"""A candidate whose expected error is no larger than this times the least is taken if it is cheaper."""
+LEAST_PIXELS = 2000
+"""Pixels of water below which nothing is tried: texture is not known."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a candidate did on the sample tiles.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    power : tuple of float
+        Mean square texture that it left, by scale, relative to the water.
+    gains : dict of str to float
+        What it left of each implanted signal.
+    error : float
+        Expected error, relative to the water.
+    """
+
+    candidate: Candidate
+    power: tuple[float, ...]
+    gains: dict[str, float]
+    error: float = float("nan")
+
+    @property
+    def signals(self) -> npt.NDArray[np.float64]:
+        """Gain at each scale of `SCALES`; that of plumes for the coarsest."""
+        textures = [v for k, v in self.gains.items() if k.startswith("texture")]
+        return np.array([*textures, self.gains["plumes"]])
+
+    @property
+    def kept(self) -> str:
+        """What is kept, in words."""
+        said = [f"{k} keep {max(min(v, 1.0), 0.0):.0%}" for k, v in self.gains.items() if not k.startswith("texture")]
+        return ", ".join(said)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The candidates that were tried, and the best.
+
+    Attributes
+    ----------
+    best : Candidate
+    trials : tuple of Trial
+        In the order they were tried, cheapest first; empty where nothing could be tried.
+    failed : dict of str to str
+        Candidates that could not be fitted, and why.
+    width : float
+        Of the smallest object to keep [pixel].
+    """
+
+    best: Candidate
+    trials: tuple[Trial, ...] = ()
+    failed: dict[str, str] | None = None
+    width: float = 0.0
+
+    @property
+    def trial(self) -> Trial | None:
+        """The trial of the best."""
+        return next((t for t in self.trials if t.candidate == self.best), None)
+
+    @property
+    def why_copied(self) -> str:
+        """Why nothing is corrected, where the best is to copy."""
+        others = [t for t in self.trials if t.candidate.method != "copy"]
+        if not others:
+            return "no method could be fitted to the sample"
+        least, trial = min(others, key=lambda t: t.error), self.trial
+        own = float("nan") if trial is None else trial.error
+        return (
+            f"an uncorrected image has the least expected error, {own:.1%} of the water ({least.candidate.name} "
+            f"{least.error:.1%}): the bands share no glint that is worth removing"
+        )
+
+    @property
+    def why(self) -> str:
+        """Why the best was chosen."""
+        trial = self.trial
+        if trial is None:
+            return "there is too little water to try others"
+        return f"least expected error of {len(self.trials)} candidates, {trial.error:.1%} of the water; {trial.kept}"
+
+    def lines(self) -> list[str]:
+        """What to say, one line each."""
+        out = []
+        trial = self.trial
+        if trial is not None:
+            out.append(
+                f"chosen on sample tiles: {self.best.name}; implanted signals: {trial.kept} (discs are {self.width:.3g} "
+                f"pixels wide); expected error {trial.error:.1%} of the water"
+            )
+        out += [f"  {t.candidate.name}: expected error {t.error:.1%}; {t.kept}" for t in self.trials]
+        return out + [f"  {name}: not tried, {why}" for name, why in (self.failed or {}).items()]
+
+    def numbers(self) -> dict[str, Any]:
+        """The same for the sidecar."""
+        return {
+            "best": self.best.name,
+            "smallest_object_pixels": self.width,
+            "scales_pixels": list(SCALES),
+            "trials": [{"name": t.candidate.name, **asdict(t)} for t in self.trials],
+            "not_tried": self.failed or {},
+        }
+
+
+def choose(
+    sample: Sample,
+    setting: Setting,
+    correct: Sequence[int],
+    removal: Callable[[str], FitRemoval],
+    *,
+    width: float,
+) -> Choice:
+    """Try candidates, and take the one with the least expected error.
+
+    Parameters
+    ----------
+    sample : Sample
+    setting : Setting
+    correct : sequence of int
+        0-based bands that are to be corrected, by which candidates are judged.
+    removal : callable
+        Gives what fits a method to a sample.
+    width : float
+        Of the smallest object to keep [pixel].
+
+    Returns
+    -------
+    Choice
+    """
+    if sum(int(m.sum()) for m in sample.inside) < LEAST_PIXELS:
+        return Choice(Candidate("wiener", "wiener"), width=width)
+    unit = _unit(sample, correct, len(setting.bands))
+    level = np.where(np.isfinite(unit), unit, _levels(sample, len(setting.bands))).astype(np.float32)
+    added = [
+        implants(s.image.shape[1:], setting.bands, level, width, n) for n, s in enumerate(sample.states)
+    ]
+    marked = replace(sample, states=tuple(_with(s, a) for s, a in zip(sample.states, added, strict=True)))
+    clump = clump_width(sample, setting.nir[0])
+    trials, failed = list[Trial](), dict[str, str]()
+    for candidate in candidates(setting, width=width, clump=clump):
+        try:
+            trials.append(_tried(candidate, sample, marked, added, setting, removal, unit))
+        except FitError as error:
+            failed[candidate.name] = str(error)
+    errors = expected_errors(
+        np.array([t.power for t in trials]),
+        np.array([t.signals for t in trials]),
+        np.array([t.gains["discs"] for t in trials]),
+    )
+    trials = [replace(t, error=float(e)) for t, e in zip(trials, errors, strict=True)]
+    best = next(t for t in trials if t.error <= CHEAPER * errors.min())
+    return Choice(best.candidate, tuple(trials), failed, width)
+
+
+def _tried(
+    candidate: Candidate,
+    sample: Sample,
+    marked: Sample,
+    added: Sequence[Implants],
+    setting: Setting,
+    removal: Callable[[str], FitRemoval],
+    unit: Float32,
+) -> Trial:
+    """Fit and run a candidate with and without the signals."""
+    if candidate.method == "copy":
+        images, others = ([s.image for s in some.states] for some in (sample, marked))
+    else:
+        chain = "remove" if candidate.chain == "off" else candidate.chain
+        fitted = fit_chain(chain, sample, setting, removal(candidate.method))
+        if not fitted.model.fits and not fitted.chain.replaces:
+            raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
+        images, others = fitted.images, fit_chain(chain, marked, setting, removal(candidate.method)).images
+    responses = [b - a for a, b in zip(images, others, strict=True)]
+    power = powers(images, sample.inside, unit)
+    return Trial(candidate, tuple(power.tolist()), gains(responses, added, sample.inside, unit))
+
+
+def _levels(sample: Sample, bands: int) -> npt.NDArray[np.float64]:
+    """The water without glint in each band, positive."""
+    values = [sample.values([s.image[b] for s in sample.states]) for b in range(bands)]
+    noises = [noise([s.image[b] for s in sample.states], sample.inside) for b in range(bands)]
+    return np.maximum([float(np.percentile(v, WATER)) for v in values], noises)
+
+
+def _unit(sample: Sample, correct: Sequence[int], bands: int) -> Float32:
+    """The same for the bands that are judged; infinite for the others."""
+    level = _levels(sample, bands)
+    return np.where(np.isin(np.arange(bands), list(correct)), level, np.inf).astype(np.float32)
+
+
+def _with(state: State, added: Implants) -> State:
+    image = state.image + added.total
+    return replace(state, raw=image, image=image)

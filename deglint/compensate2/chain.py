@@ -1,0 +1,96 @@
+"""Fit and apply a chain: stages, the removal, stages. Each is fitted to what the ones before it made of the sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import FitError
+from ..remove import GlintModel, apply
+from ..remove.predict import glint
+from .stages import STAGES, Chain, Step, parse
+from .state import Float32, Sample, Setting, State
+
+FitRemoval = Callable[[Sample], GlintModel]
+"""What fits the removal to a sample, as the stages before it left it."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedChain:
+    """A fitted chain, and what it makes of the sample."""
+
+    chain: Chain
+    model: GlintModel
+    sample: Sample
+
+    @property
+    def images(self) -> list[Float32]:
+        """The sample's blocks at the end, with their targets."""
+        return [restored(s) for s in self.sample.states]
+
+
+def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemoval) -> FittedChain:
+    """Fit a chain to a sample.
+
+    Parameters
+    ----------
+    text : str
+        Stages as `parse` reads them; "remove" alone for none.
+    sample : Sample
+    setting : Setting
+    fit_removal : callable
+        Fits the removal.
+
+    Raises
+    ------
+    FitError, InputError
+        The sample is too small, or a stage lacks what it needs.
+    """
+    steps = parse(text)
+    place = [s.name for s in steps].index("remove")
+    before, sample = _fitted(steps[:place], sample, setting)
+    model = fit_removal(sample)
+    sample = replace(sample, states=tuple(removed(s, model) for s in sample.states))
+    after, sample = _fitted(steps[place + 1 :], sample, setting)
+    return FittedChain(Chain(before, after, text), model, sample)
+
+
+def _fitted(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple[tuple, Sample]:
+    fitted = []
+    for step in steps:
+        stage = STAGES[step.name].fit(sample, setting, step.number)
+        sample = replace(sample, states=tuple(stage.apply(s) for s in sample.states))
+        fitted.append(stage)
+    return tuple(fitted), sample
+
+
+def apply_chain(state: State, chain: Chain, model: GlintModel) -> State:
+    """What a chain makes of a block."""
+    for stage in chain.before:
+        state = stage.apply(state)
+    state = removed(state, model)
+    for stage in chain.after:
+        state = stage.apply(state)
+    return state
+
+
+def removed(state: State, model: GlintModel) -> State:
+    """The state after the removal."""
+    if not model.fits:
+        return replace(state, removed=np.zeros_like(state.image))
+    if not model.halo:
+        image = apply(state.image, model)
+        return replace(state, image=image, removed=state.image - image)
+    image, amount = state.image.copy(), np.zeros_like(state.image)
+    found, _exceeds = glint(state.image, model, state.water, state.origin)
+    for band, taken in found.items():
+        amount[band] = taken
+        image[band] -= taken
+    return replace(state, image=image, removed=amount)
+
+
+def restored(state: State) -> Float32:
+    """The image at the end: with the targets that were recognised."""
+    return state.image if state.targets is None else state.image + state.targets
