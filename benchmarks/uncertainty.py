@@ -20,7 +20,7 @@ from deglint.compensate.uncertainty import Parts, stderr
 from deglint.errors import FitError
 from deglint.physics.presets import preset
 from deglint.pipeline.correct import Correction
-from deglint.pipeline.look import raster_of
+from deglint.pipeline.overview import raster_of
 from deglint.pipeline.uncertain import with_stderr
 from deglint.raster.output import Layout
 from deglint.raster.simulated import write_scene

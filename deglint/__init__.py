@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .errors import DeglintError as DeglintError
-    from .pipeline.apply import correct as correct
-    from .pipeline.apply import remove_glint as remove_glint
+    from .pipeline.run import correct as correct
+    from .pipeline.run import remove_glint as remove_glint
     from .pipeline.examine import examine as examine
     from .pipeline.fit import Fitted as Fitted
     from .pipeline.fit import fit_scene as fit_scene
@@ -48,13 +48,13 @@ _HOMES = {
     "Result": "pipeline.outputs",
     "Scene": "scene",
     "apply": "remove",
-    "correct": "pipeline.apply",
+    "correct": "pipeline.run",
     "examine": "pipeline.examine",
     "find_nir": "readers.roles",
     "fit": "remove",
     "fit_scene": "pipeline.fit",
     "open_scene": "readers.opening",
-    "remove_glint": "pipeline.apply",
+    "remove_glint": "pipeline.run",
 }
 """Where each name lives; type checkers read the imports above, and a test holds the two equal."""
 

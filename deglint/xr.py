@@ -24,11 +24,11 @@ from .checks import checked_keywords
 from .compensate2 import Chain
 from .errors import DeglintError, InputError
 from .pipeline import Fitted, Recipe, fit_scene
-from .pipeline.apply import correction, given_model
+from .pipeline.run import correction, given_model
 from .pipeline.chunks import Nothing, over_tiles
 from .pipeline.correct import Correction
 from .pipeline.outputs import DTYPES
-from .pipeline.undeclared import settled
+from .readers.undeclared import settled
 from .readers.areas import open_area
 from .readers.arrays import open_array
 from .remove import GlintModel

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from deglint.checks import checked_keywords
 from deglint.errors import InputError
 from deglint.pipeline.chunks import over_tiles
-from deglint.pipeline.undeclared import settled
+from deglint.readers.undeclared import settled
 from deglint.readers.arrays import open_array
 from deglint.scene import Scene
 from deglint.tiles import Tile, default_threads

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from deglint.errors import InputError, ReadError, WriteError
-from deglint.pipeline.batch import run_batch
-from deglint.pipeline.jobs import jobs_of, state_of
-from deglint.pipeline.order import read_order
+from deglint.batch.run import run_batch
+from deglint.batch.jobs import jobs_of, state_of
+from deglint.batch.order import read_order
 from deglint.raster.scratch import claimed
 from deglint.readers.scenes import ListedScene, list_scenes
 
@@ -196,7 +196,7 @@ def test_a_table_replaces_nothing_but_a_table(deglint, place):
 
 CRASH = """
     import os, signal, sys
-    import deglint.pipeline.workers as workers
+    import deglint.batch.workers as workers
     whole = workers.remove_glint
     def remove(paths, *arguments, **options):
         if paths[0].endswith("b.tif"):

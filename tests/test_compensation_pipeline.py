@@ -14,7 +14,7 @@ from deglint import tiles as tiling
 from deglint.compensate import THESIS
 from deglint.errors import DeglintError, InputError
 from deglint.physics.presets import preset
-from deglint.pipeline.saved import load_chain, load_model
+from deglint.pipeline.sidecar import load_chain, load_model
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate, thesis_array
 

@@ -13,7 +13,7 @@ from deglint import tiles as tiling
 from deglint.compensate.faint import FAINT, SKIRT, give_back
 from deglint.compensate.noise import Spread
 from deglint.physics.presets import preset
-from deglint.pipeline.saved import load_chain, load_model
+from deglint.pipeline.sidecar import load_chain, load_model
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate
 from deglint.simulate.objects import thesis_array

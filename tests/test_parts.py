@@ -7,7 +7,7 @@ from rio_cogeo import cog_validate
 
 from deglint import open_scene
 from deglint.errors import WriteError
-from deglint.pipeline.look import raster_of
+from deglint.pipeline.overview import raster_of
 from deglint.raster.environment import environment
 from deglint.raster.output import Layout, writing
 from deglint.raster.parts import Assembly, Decoded, can_copy, write_part, writing_parts

@@ -16,7 +16,7 @@ from deglint.compensate.glance import block
 from deglint.compensate.presence import BEYOND, CALM, CELL, CLEAR, FAR, MOST, Presence, blend, fit
 from deglint.errors import InputError
 from deglint.physics.presets import preset
-from deglint.pipeline.saved import load_chain, load_model
+from deglint.pipeline.sidecar import load_chain, load_model
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate, thesis_array
 

@@ -82,7 +82,7 @@ def test_a_mask_in_a_file_is_the_users_word(sea, write, geojson, tmp_path, monke
     def never(*_args, **_options):
         raise AssertionError("water is searched for")
 
-    monkeypatch.setattr("deglint.pipeline.look.fit_water", never)
+    monkeypatch.setattr("deglint.pipeline.overview.fit_water", never)
     value = remedies["--mask FILE (polygons" if mask == "polygons" else "a raster of it"][1]
     for name, scene in (("land", land(sea)), ("sea", sea(80, 100))):
         source, out = write(tmp_path / f"{name}.tif", scene), tmp_path / f"{name}_out.tif"
@@ -166,7 +166,7 @@ def test_info_and_remove_decide_the_same(kind, sea, write, deglint, tmp_path):
 
 
 def test_what_was_fitted_and_what_is_corrected_agree_in_memory(sea, write, tmp_path):
-    from deglint.pipeline.apply import correct
+    from deglint.pipeline.run import correct
 
     scene = sea(80, 100)
     scene[:, :10] = 0

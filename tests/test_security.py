@@ -12,7 +12,7 @@ import pytest
 
 from deglint.cli.running import printable
 from deglint.errors import InputError
-from deglint.pipeline.order import read_order
+from deglint.batch.order import read_order
 from deglint.raster.info import open_dataset
 from deglint.readers.scenes import checked_name, list_scenes
 

@@ -17,7 +17,7 @@ from deglint.compensate import Chain, Sample, Setting, State, fit_stages, parse
 from deglint.compensate.psf import system_psf
 from deglint.compensate.spread import lower_spread
 from deglint.pipeline.blocks import aside
-from deglint.pipeline.checksum import Checksum, begin_checksum
+from deglint.raster.checksum import Checksum, begin_checksum
 from deglint.pipeline.warming import warm_up, warming
 from deglint.remove.levels import mode, quantile
 from deglint.scene import Band

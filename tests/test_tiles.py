@@ -194,7 +194,7 @@ def small_tiles(monkeypatch):
     monkeypatch.setattr(tiles, "SAMPLES", 4 * 128 * 128)
     monkeypatch.setattr(tiles, "MOST_SAMPLES", 4 * 256 * 512)
     monkeypatch.setattr(tiles, "LARGEST", 256)
-    monkeypatch.setattr("deglint.pipeline.look.LOOK_SIDE", 128)
+    monkeypatch.setattr("deglint.pipeline.overview.LOOK_SIDE", 128)
 
 
 def scene_of(sea, dtype="uint16"):

@@ -91,7 +91,9 @@ def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, widt
     )
 
 
-def gains(responses: Sequence[Float32], added: Sequence[Implants], inside: Sequence[Mask], unit: Float32) -> dict[str, float]:
+def gains(
+    responses: Sequence[Float32], added: Sequence[Implants], inside: Sequence[Mask], unit: Float32
+) -> dict[str, float]:
     """What is left of each signal: least squares of the responses on the patterns, over all tiles and bands.
 
     responses : (band, row, column) of each tile, what a recipe makes of it with the signals less without them

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -134,6 +134,7 @@ def choose(
     removal: Callable[[str], FitRemoval],
     *,
     width: float,
+    each: Callable[..., Iterable[Any]] = map,
 ) -> Choice:
     """Try candidates, and take the one with the least expected error.
 
@@ -147,6 +148,8 @@ def choose(
         Gives what fits a method to a sample.
     width : float
         Of the smallest object to keep [pixel].
+    each : callable
+        What runs the candidates: `map`, or the map of a pool of threads.
 
     Returns
     -------
@@ -156,17 +159,20 @@ def choose(
         return Choice(Candidate("wiener", "wiener"), width=width)
     unit = _unit(sample, correct, len(setting.bands))
     level = np.where(np.isfinite(unit), unit, _levels(sample, len(setting.bands))).astype(np.float32)
-    added = [
-        implants(s.image.shape[1:], setting.bands, level, width, n) for n, s in enumerate(sample.states)
-    ]
+    added = [implants(s.image.shape[1:], setting.bands, level, width, n) for n, s in enumerate(sample.states)]
     marked = replace(sample, states=tuple(_with(s, a) for s, a in zip(sample.states, added, strict=True)))
     clump = clump_width(sample, setting.nir[0])
-    trials, failed = list[Trial](), dict[str, str]()
-    for candidate in candidates(setting, width=width, clump=clump):
+
+    def work(candidate: Candidate) -> Trial | str:
         try:
-            trials.append(_tried(candidate, sample, marked, added, setting, removal, unit))
+            return _tried(candidate, sample, marked, added, setting, removal, unit)
         except FitError as error:
-            failed[candidate.name] = str(error)
+            return str(error)
+
+    todo = candidates(setting, width=width, clump=clump)
+    done = list(each(work, todo))
+    failed = {c.name: why for c, why in zip(todo, done, strict=True) if isinstance(why, str)}
+    trials = [t for t in done if isinstance(t, Trial)]
     errors = expected_errors(
         np.array([t.power for t in trials]),
         np.array([t.signals for t in trials]),

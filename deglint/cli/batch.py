@@ -75,9 +75,9 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     dtype = "uint16"
     options = {COMPRESS = "ZSTD"}
     """  # fmt: skip
-    from ..pipeline.batch import run_batch
-    from ..pipeline.jobs import FAILED
-    from ..pipeline.order import read_order
+    from ..batch.run import run_batch
+    from ..batch.jobs import FAILED
+    from ..batch.order import read_order
     from ..readers.scenes import list_scenes
 
     order, read = read_order(recipe, given["directory"]), [recipe, *scenes]
@@ -118,7 +118,7 @@ def summary(found: list[Any]) -> list[str]:
 
 
 def _columns() -> list[str]:
-    from ..pipeline.jobs import Outcome
+    from ..batch.jobs import Outcome
 
     return [f.name for f in fields(Outcome)]
 

@@ -8,12 +8,12 @@ only passes over its tiles, does not wait for the rest.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .apply import remove_glint
     from .correct import FLAGS
     from .fit import Fitted, fit_scene
     from .outputs import Outputs, Result
     from .recipe import Recipe
-    from .saved import load_chain, load_model
+    from .run import remove_glint
+    from .sidecar import load_chain, load_model
 
 _HOMES = {
     "FLAGS": "correct",
@@ -22,9 +22,9 @@ _HOMES = {
     "Recipe": "recipe",
     "Result": "outputs",
     "fit_scene": "fit",
-    "load_chain": "saved",
-    "load_model": "saved",
-    "remove_glint": "apply",
+    "load_chain": "sidecar",
+    "load_model": "sidecar",
+    "remove_glint": "run",
 }
 
 __all__ = [

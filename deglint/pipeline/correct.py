@@ -19,8 +19,8 @@ from ..remove import GlintModel, apply
 from ..remove.predict import glint
 from ..scene import Scene
 from ..tiles import Tile
-from .overview import core_of, place_in, raster_of
-from .tally import Tally, saturated_in
+from .outputs import Tally
+from .overview import place_in, raster_of
 
 FLAGS = {
     1: "nodata: not valid, copied",
@@ -127,13 +127,13 @@ class Correction:
             return self._copied(tile)
         block = self._read(tile)
         before = block.wide[block.place][self.told].copy() if self.want_amount else None
-        saturated = saturated_in(self.scene, block.wide[block.place], self.want_flags)
+        saturated = self._saturated(block.wide[block.place])
         physical, done = self._corrected(block)
         tally = self._tally(block, done)
-        tally.saturated = saturated.counts
+        tally.saturated = saturated.sum(axis=(1, 2))
         flags = self._flags(block, done) if self.want_flags else None
-        if flags is not None and saturated.any_band is not None:
-            flags[saturated.any_band] |= SATURATED
+        if flags is not None and saturated.any():
+            flags[saturated.any(axis=0)] |= SATURATED
         out = self._encoded(block, physical, done, flags, tally)
         amount = None if before is None else np.subtract(before, physical[self.told], dtype=np.float32)
         file_valid = self._file_valid(block.raw, block.valid)
@@ -187,6 +187,16 @@ class Correction:
         if self.water is None or self.water.all_water:
             return None
         return np.asarray(water([physical[b] for b in self.water_bands], self.water))
+
+    def _saturated(self, physical: Any) -> npt.NDArray[np.bool_]:
+        """Where each band is saturated, (band, row, column); of bands that have a saturation."""
+        limits = [(i, b.saturation) for i, b in enumerate(self.scene.bands) if b.saturation is not None]
+        out = np.zeros(physical.shape if limits else (len(physical), 1, 1), np.bool_)
+        for i, limit in limits:
+            np.greater_equal(
+                physical[i], float(physical.dtype.type(limit)), out=out[i]
+            )  # as a saturated value is rounded
+        return out
 
     def _corrected(self, block: _Block) -> tuple[Any, list[tuple[list[int], Mask | None]]]:
         """Physical values of the tile after the correction; which bands changed, and where (None: everywhere)."""

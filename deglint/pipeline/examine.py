@@ -14,13 +14,12 @@ from ..raster.environment import enter_thread, environment
 from ..raster.limits import LOOK_READS, look_seconds
 from ..raster.source import Budget
 from ..readers.place import ground_size
+from ..readers.undeclared import settled
 from ..scene import Scene
 from ..tiles import Tile, default_threads
 from .fit import fit_scene
 from .overview import overview_of, raster_of
 from .recipe import Recipe, make_request
-from .undeclared import settled
-
 
 
 @checked_keywords()

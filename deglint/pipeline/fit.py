@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -19,6 +20,7 @@ from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
 from ..readers.optics import optics_of, pixel_size
+from ..readers.undeclared import Undeclared, undeclared
 from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, combine, gather, levels_for, merge, wiener
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
@@ -27,11 +29,13 @@ from .overview import TILE_SIDE, Overview, check_size, core_of, overviews, role_
 from .recipe import Recipe, make_request, smallest_object
 from .sample import Sampler, Training, sampler_of, some, strips_finder, strips_of_footprints, tiles_of, training_reader
 from .tolerance import Sampling, short_of
-from .undeclared import Undeclared, undeclared
 
 Progress = Callable[[str, int, int], None]
 HALO = 64
 """Pixels around a tile to learn from that stages look at; those farther away change next to nothing [pixel]."""
+TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
+"""Number and side of the tiles that candidates are tried on, and pixels around them [pixel]: enough to rank candidates,
+in a second."""
 
 
 @dataclass(frozen=True)
@@ -131,13 +135,12 @@ def fit_scene(
         check_size(scene, recipe)
         request, notes = make_request(scene, recipe)
         log_nir(scene, [b for i in request.indexes for b in i.bands], notes)
-        if recipe.regression == "auto":
-            recipe = replace(recipe, regression="detrended" if recipe.sample == "auto" else "ols")
         nir = request.indexes[0].bands[0]
         if _is_sampled(recipe):
             recipe = replace(recipe, sample=where_to_sample(scene, recipe, nir, threads))
         wanted = recipe.mask == "auto" or (_is_sampled(recipe) and recipe.sample == "auto")
-        request = replace(request, regression=recipe.regression)
+        usual = "detrended" if recipe.sample == "auto" else "ols"
+        request = replace(request, regression=usual if recipe.regression == "auto" else recipe.regression)
         for overview in overviews(scene, nir, threads, wanted=wanted):
             job = _Job(scene, recipe, request, overview, threads, tuple(notes), progress, run, want_sample)
             try:
@@ -237,9 +240,10 @@ def _setting(job: _Job) -> Setting:
     return Setting(job.scene.bands, nir, psfs)
 
 
-def _training(job: _Job, sampler: Sampler | None, halo: int) -> list[Training]:
+def _training(job: _Job, sampler: Sampler | None, halo: int, places: Sequence[Tile] | None = None) -> list[Training]:
     """Tiles to learn from, in memory."""
-    places = tiles_of(job.scene, sampler) if sampler is not None else some(job.overview.tiles)
+    if places is None:
+        places = tiles_of(job.scene, sampler) if sampler is not None else some(job.overview.tiles)
     at_once = tiling.affordable(job.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(job.scene.bands))
     read = training_reader(job.scene, job.overview, sampler, halo)
     return [t for _p, t in tiling.run(places, read, threads=at_once, start=enter_thread, progress=job.note())]
@@ -281,14 +285,24 @@ def fit_pointwise(method: str, request: FitRequest, images: Sequence[Any], insid
 
 def _chosen(job: _Job, sampler: Sampler | None) -> Choice:
     """Try candidate recipes on sample tiles."""
-    training = _training(job, sampler, HALO)
-    pixel = pixel_size(job.scene)
-    width = smallest_object(job.recipe.smallest_object, pixel)
+    places = tiles_of(job.scene, sampler) if sampler is not None else list(job.overview.tiles)
+    parts = [part for t in places for part in _parts(t)]
+    chosen = tiling.spread(parts, TRIED * TRIED_SIDE**2)
+    training = _training(job, sampler, TRIED_HALO, chosen)
+    width = smallest_object(job.recipe.smallest_object, pixel_size(job.scene))
 
     def removal(method: str) -> Callable[[Sample], GlintModel]:
         return _removal(job, training, method)
 
-    return choose(_sample_of(training), _setting(job), job.request.correct, removal, width=width)
+    with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
+        return choose(_sample_of(training), _setting(job), job.request.correct, removal, width=width, each=pool.map)
+
+
+def _parts(tile: Tile) -> list[Tile]:
+    """A tile in squares that candidates are tried on; what is left over at its end is left out."""
+    inside = tiling.tiles(*tile.shape, (TRIED_SIDE, TRIED_SIDE))
+    whole = [t for t in inside if t.shape == (TRIED_SIDE, TRIED_SIDE)] or inside[:1]
+    return [Tile(t.row0 + tile.row0, t.row1 + tile.row0, t.col0 + tile.col0, t.col1 + tile.col0) for t in whole]
 
 
 def _fit_chain(

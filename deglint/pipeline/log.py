@@ -17,7 +17,7 @@ from ..scene import Scene
 if TYPE_CHECKING:
     from ..choose import Choice
     from ..remove import GlintModel
-    from .tally import Tally
+    from .outputs import Tally
 
 log = logging.getLogger("deglint.pipeline")
 

@@ -7,14 +7,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from ..checks import check_choice
 from ..errors import DeglintError
 from ..raster.environment import environment
 from ..scene import Band, FloatArray
 from .fit import Fitted
 from .overview import raster_of
-from .tally import Tally
 
+_PER_BAND = ("replaced", "rewritten", "negative", "clipped", "saturated")
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
 """Types that an output may be given."""
 
@@ -68,6 +71,37 @@ class Outputs:
         """All files that will be written."""
         extra = (self.flags, self.amount, self.stderr, self.sample, self.model, self.picture)
         return [self.image, self.sidecar, *(p for p in extra if p is not None)]
+
+
+@dataclass
+class Tally:
+    """Pixels of the whole run; bands in scene order. What was `copied` was not computed: only its total is known;
+    `rewritten` counts pixels of bands without a removal that compensation changed."""
+
+    bands: int
+    total: int = 0
+    copied: bool = False
+    nodata: int = 0
+    not_water: int = 0
+    corrected: int = 0
+    protected: int = 0
+    usable: int = 0
+    replaced: npt.NDArray[np.int64] = field(init=False)
+    rewritten: npt.NDArray[np.int64] = field(init=False)
+    negative: npt.NDArray[np.int64] = field(init=False)
+    clipped: npt.NDArray[np.int64] = field(init=False)
+    saturated: npt.NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        for name in _PER_BAND:
+            setattr(self, name, np.zeros(self.bands, np.int64))
+
+    def add(self, other: Tally) -> None:
+        """Add a tile's counts."""
+        counts = ("total", "nodata", "not_water", "usable", "corrected", "protected")
+        self.copied |= other.copied
+        for name in (*counts, *_PER_BAND):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
 
 
 @dataclass(frozen=True)

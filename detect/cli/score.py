@@ -10,7 +10,7 @@ import click
 from deglint.cli.console import Console
 from deglint.cli.grouped import SETTINGS, Grouped
 from deglint.cli.options import cluster_of, common, creation_options, names, needs_output, on_cluster, opening
-from deglint.pipeline.checksum import begin_checksum
+from deglint.raster.checksum import begin_checksum
 
 # The keys of detect.pipeline.recipe's tables, which --help must not wait for; a test holds them equal.
 METHOD_NAMES = ("auto", "sea", "rx", "local", "utd", "rx-utd", "subspace", "residual")

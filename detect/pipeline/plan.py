@@ -13,7 +13,7 @@ import numpy.typing as npt
 from deglint import tiles as tiling
 from deglint.errors import BandError, InputError, NoWaterError
 from deglint.masks import Roles, WaterRule, water
-from deglint.pipeline.look import block_of, core_of, look_at, role_bands
+from deglint.pipeline.overview import block_of, core_of, overview_of, role_bands
 from deglint.readers.areas import Area, open_area
 from deglint.readers.roles import explain_nir, find_band, find_nir
 from deglint.readers.text import read_text
@@ -211,7 +211,7 @@ def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
     nir = find_nir(scene, list(recipe.nir) or None)[0]
     if (known := water_of_removal(scene, nir)) is not None:
         return Masking(scene, None, *known)
-    look = look_at(scene, nir, threads, wanted=True)
+    look = overview_of(scene, nir, threads, wanted=True)
     if look.water is None:
         raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")
     if not look.water.has_water:

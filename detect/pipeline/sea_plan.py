@@ -11,7 +11,7 @@ import numpy.typing as npt
 from deglint import tiles as tiling
 from deglint.errors import BandError, DeglintError, NoWaterError
 from deglint.masks import Roles, WaterRule
-from deglint.pipeline.look import role_bands
+from deglint.pipeline.overview import role_bands
 from deglint.readers.place import ground_area
 from deglint.readers.roles import band_roles
 from deglint.readers.text import read_json

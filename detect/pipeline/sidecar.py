@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from deglint import __version__
 from deglint.errors import DeglintError
-from deglint.pipeline.checksum import Checksum
+from deglint.raster.checksum import Checksum
 from deglint.pipeline.sidecar import versions
 from deglint.readers.text import read_json
 

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from deglint import __version__
-from deglint.pipeline.checksum import Checksum
+from deglint.raster.checksum import Checksum
 from deglint.pipeline.sidecar import versions
 
 from .evaluate import Request

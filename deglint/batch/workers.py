@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from ..errors import DeglintError, NoWaterError
+from ..pipeline.run import remove_glint
 from ..tiles import default_threads
-from .apply import remove_glint
 from .jobs import DONE, FAILED, NO_WATER, Job, Outcome, Say, outcome
 from .order import Order
 

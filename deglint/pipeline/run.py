@@ -17,28 +17,26 @@ from ..compensate2 import Chain
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL as STRIP_CELL
+from ..raster.checksum import Checksum, fingerprint
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, write_json, write_text
 from ..raster.targets import Reads, check_image, check_targets
 from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
 from ..readers.stated import Names, Numbers
+from ..readers.undeclared import settled
 from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from ..timing import Reporter
-from .checksum import Checksum, fingerprint
 from .cluster import Cluster, writing_images
 from .correct import CELL, Correction
 from .fit import Fitted, Progress, fit_scene
 from .log import log_model, log_result, log_scene, log_water
+from .outputs import Outputs, Result, Tally
 from .overview import block_of, overview_of, raster_of, role_bands, tile_shape_of
-from .outputs import Outputs, Result
 from .recipe import Recipe
-from .saved import saved
-from .sidecar import sidecar
-from .tally import Tally
-from .undeclared import settled
+from .sidecar import saved, sidecar
 
 CHAIN_COPIES = 3
 """How many times the memory of a tile a chain takes, against removal alone."""

@@ -114,7 +114,7 @@ def begin_checksum(paths: Sequence[str]) -> None:
 
 def behind(names: Sequence[str]) -> tuple[str, ...]:
     """All files behind some names; what cannot be read stands for itself."""
-    from ..raster.files import files_behind
+    from .files import files_behind
 
     return files_behind(names)
 

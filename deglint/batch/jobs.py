@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DeglintError, InputError
+from ..raster.checksum import are_as, is_as
 from ..raster.environment import environment
 from ..raster.targets import check_unread
 from ..readers.scenes import ListedScene
 from ..readers.stac import files_of
 from ..readers.text import read_json
-from .checksum import are_as, is_as
 from .order import EXTRAS, Order
 
 TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"

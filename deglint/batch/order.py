@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from ..errors import InputError
+from ..pipeline.outputs import DTYPES
+from ..pipeline.recipe import Recipe
+from ..raster.checksum import fingerprints
 from ..readers.scenes import checked_name
 from ..readers.text import read_text
-from .checksum import fingerprints
-from .outputs import DTYPES
-from .recipe import Recipe
 
 MOST_BYTES = 1 << 20
 """Largest recipe file that is read [byte]."""

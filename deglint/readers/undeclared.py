@@ -5,6 +5,7 @@ Opening a scene reads no pixels. `settled` is called once, before a scene is exa
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -19,8 +20,8 @@ from ..raster.info import RasterInfo
 from ..raster.source import RasterSource
 from ..scene import Scene
 from ..tiles import Tile
-from .log import log
 
+log = logging.getLogger("deglint")
 LOOKED_AT = 400_000
 """Pixels of a scene that are looked at; a smaller one is looked at as a whole."""
 SIDE = 128

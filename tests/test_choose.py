@@ -1,0 +1,105 @@
+"""Candidates are ranked by what they leave of glint and of implanted signals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deglint import Recipe, fit_scene, open_scene
+from deglint.choose import candidates
+from deglint.choose.candidates import windows
+from deglint.choose.implants import gains, implants
+from deglint.choose.score import expected_errors, powers
+from deglint.compensate2 import Setting
+from deglint.scene import Band
+
+BANDS = tuple(Band(n, w) for n, w in (("blue", 480.0), ("green", 560.0), ("red", 660.0), ("nir", 840.0)))
+LEVEL = np.array([0.05, 0.04, 0.02, 0.01], np.float32)
+INSIDE = np.ones((128, 128), np.bool_)
+
+
+def signals(seed=0):
+    return implants((128, 128), BANDS, LEVEL, 8.0, seed)
+
+
+def test_what_is_scaled_has_that_gain():
+    added = [signals(n) for n in range(3)]
+    factors = np.linspace(0.2, 1.1, len(added[0].names), dtype=np.float32)
+    responses = [np.einsum("s,sb,sij->bij", factors, a.colours, a.patterns) for a in added]
+    found = gains(responses, added, [INSIDE] * 3, LEVEL)
+    assert list(found.values()) == pytest.approx(factors, abs=0.02)
+
+
+def test_signals_differ_from_tile_to_tile_and_are_the_same_every_time():
+    assert np.array_equal(signals(1).total, signals(1).total)
+    assert not np.array_equal(signals(1).total, signals(2).total)
+
+
+def test_textures_have_the_power_they_were_given_at_their_scale():
+    one = signals()
+    for k, name in enumerate(n for n in one.names if n.startswith("texture")):
+        image = one.patterns[k][None] / one.patterns[k].std()
+        found = powers([image], [INSIDE], np.ones(1, np.float32))
+        assert found.argmax() == k, name
+        assert found.sum() == pytest.approx(1.0, rel=0.5)
+
+
+def test_bands_that_do_not_count_have_no_power():
+    image = np.random.default_rng(0).standard_normal((2, 64, 64)).astype(np.float32)
+    both, one = (powers([image], [INSIDE[:64, :64]], np.array(u, np.float32)) for u in ((1, np.inf), (1, 1)))
+    assert both == pytest.approx(powers([image[:1]], [INSIDE[:64, :64]], np.ones(1, np.float32)))
+    assert not np.allclose(both, one)
+
+
+@pytest.mark.parametrize(
+    ("power", "gain", "best"),
+    [
+        ([[9.0, 0, 0, 0], [1.0, 0, 0, 0]], [[1.0] * 4, [1.0] * 4], 1),  # what leaves less is better
+        ([[1.0, 1, 0, 0], [0.5, 0.01, 0, 0]], [[1.0] * 4, [1.0, 0.1, 1, 1]], 0),  # not by erasing signals
+        ([[0.1] * 4, [0.1, 0.1, 0.1, 0.02]], [[1.0] * 4, [1.0, 1, 1, 0.2]], 0),  # nor plumes
+        ([[4.0, 4, 0, 0], [0.2, 0.2, 0, 0]], [[1.0] * 4, [0.6, 0.6, 1, 1]], 1),  # a little loss for much glint
+    ],
+)
+def test_the_least_expected_error(power, gain, best):
+    found = expected_errors(np.array(power), np.array(gain, float), np.ones(2))
+    assert found.argmin() == best
+
+
+def test_lost_objects_cost():
+    same = np.full((2, 4), 0.01)
+    found = expected_errors(same, np.ones((2, 4)), np.array([1.0, 0.0]))
+    assert found[0] < found[1]
+
+
+def test_windows_fit_the_smallest_object_and_the_clumps():
+    assert windows(16.0, 20) == [13]
+    assert windows(16.0, 4) == [13, 7]
+    assert windows(3.0, 4) == [5]
+
+
+def test_targets_are_looked_for_where_bands_are_not_simultaneous():
+    late = tuple(Band(b.name, b.wavelength, time_offset=0.05 * i) for i, b in enumerate(BANDS))
+    chains = ["".join(c.chain for c in candidates(Setting(bands, (3,)), width=16, clump=4)) for bands in (BANDS, late)]
+    assert "targets" not in chains[0]
+    assert "targets" in chains[1]
+
+
+def test_a_sea_without_glint_is_copied(write, tmp_path):
+    noise = np.random.default_rng(0).normal(0, 3, (4, 96, 96))
+    scene = open_scene(
+        write(tmp_path / "calm.tif", np.rint(np.array([900, 700, 400, 100])[:, None, None] + noise).astype("uint16"))
+    )
+    fitted = fit_scene(scene)
+    assert fitted.choice is not None
+    assert fitted.choice.best.method == "copy"
+    assert not fitted.model.fits
+    assert "least expected error" in fitted.model.warnings[0]
+
+
+def test_nothing_is_tried_where_the_user_has_chosen(sea, write, tmp_path):
+    scene = open_scene(write(tmp_path / "sea.tif", sea()))
+    assert fit_scene(scene, Recipe(method="hedley")).choice is None
+    assert fit_scene(scene, Recipe(compensate="off")).choice is None
+    found = fit_scene(scene).choice
+    assert found is not None
+    assert found.best.method != "copy", found.lines()
