@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..physics.iops import WAVELENGTH_RANGE, case1
 from ..scene import Band
 
 Float32 = npt.NDArray[np.float32]
@@ -28,11 +29,8 @@ TEXTURE, BRIGHT, DARK, PLUME, WHITE = 0.1, 0.5, -0.25, 0.5, 0.3
 relative to the water's blue. An analyst would not miss any of them in an image without glint."""
 SEED = 1
 """The same signals in the same tiles, every time."""
-ABSORPTION = np.array([
-    (400, 0.007), (450, 0.009), (500, 0.020), (525, 0.042), (550, 0.057), (575, 0.077), (600, 0.222), (650, 0.340),
-    (675, 0.448), (700, 0.624), (725, 1.49), (750, 2.5), (800, 2.1), (835, 3.5), (900, 6.5), (950, 30.0), (2500, 1e3),
-])  # fmt: skip
-"""Wavelength [nm] and absorption of pure water [1/m], of `deglint.physics.water` (Pope and Fry 1997; Kou 1993)."""
+CHLOROPHYLL = 0.1
+"""Of the clear sea through which they are seen [mg m-3]."""
 TURBID = np.array([(400, 0.3), (490, 0.5), (560, 1.0), (660, 1.0), (710, 0.6), (740, 0.2), (850, 0.1)])
 """Wavelength [nm] and relative brightness of a plume of sediment, bright from the green to the red."""
 
@@ -77,7 +75,8 @@ def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, widt
     rng = np.random.default_rng((SEED, seed))
     known = [b.wavelength for b in bands]
     wavelengths = np.array([w for w in known if w]) if all(known) else np.full(len(bands), 480.0)
-    through = np.exp(-DEPTH * np.interp(wavelengths, *ABSORPTION.T)).astype(np.float32) * level
+    seen = case1(np.clip(wavelengths, *WAVELENGTH_RANGE), CHLOROPHYLL).absorption
+    through = np.exp(-DEPTH * seen).astype(np.float32) * level
     turbid = np.interp(wavelengths, *TURBID.T).astype(np.float32) * level
     white = np.full(len(bands), WHITE * float(level.max()), np.float32)
     patterns = {f"texture of {a} to {b} pixels": (_texture(shape, a, b, rng), through) for a, b in _pairs()}

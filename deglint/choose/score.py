@@ -10,8 +10,8 @@ left of glint and noise. The error, against the scene without glint and noise, i
 .. math:: E_{cs} = (1 - g_{cs})^2 S_s + N_{cs} = P_{cs} + (1 - 2 g_{cs}) S_s .
 
 S is not known, but no larger than :math:`P_{cs} / g_{cs}^2` of any recipe; the least of these is taken. Recipes that
-erase signals have a small P, and a small g too, and gain nothing by it. Objects are too rare to show in the power: their
-loss counts as if they had a usual contrast and covered a hundredth of the scene.
+erase signals have a small P, and a small g too, and gain nothing by it. Objects are too rare to show in the power:
+their loss counts as if they had a usual contrast and covered a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: what is left of glint there is its level, which all
 pixels share, and which no texture tells.

@@ -110,8 +110,8 @@ class Choice:
         trial = self.trial
         if trial is not None:
             out.append(
-                f"chosen on sample tiles: {self.best.name}; implanted signals: {trial.kept} (discs are {self.width:.3g} "
-                f"pixels wide); expected error {trial.error:.1%} of the water"
+                f"chosen on sample tiles: {self.best.name}; implanted signals: {trial.kept} "
+                f"(discs of {self.width:.3g} pixels); expected error {trial.error:.1%} of the water"
             )
         out += [f"  {t.candidate.name}: expected error {t.error:.1%}; {t.kept}" for t in self.trials]
         return out + [f"  {name}: not tried, {why}" for name, why in (self.failed or {}).items()]

@@ -35,8 +35,8 @@ FLAGS = {
 """Bits of the flag raster."""
 NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED, REPLACED, PROTECTED = FLAGS
 CELL = tiling.COMPACT
-"""Side of the cells that a chain is applied to, from the first pixel of the scene on [pixel]: the same cells however the
-scene is stored and read, so that the result is the same to the bit."""
+"""Side of the cells that a chain is applied to, from the first pixel of the scene on [pixel]: the same cells however
+the scene is stored and read, so that the result is the same to the bit."""
 Mask = npt.NDArray[np.bool_]
 
 
@@ -163,9 +163,8 @@ class Correction:
         block = _Block(tile, outer, raw[place], None if valid is None else valid[place], wide)
         block.known = self._known(wide[place], raw.dtype, valid)
         inside = self._water_in(outer, wide)
-        block.where = block.known if inside is None else inside[place[1:]]
-        if inside is not None and block.known is not None:
-            block.where = block.where & block.known
+        own = None if inside is None else inside[place[1:]]
+        block.where = block.known if own is None else own if block.known is None else own & block.known
         if block.where is not None and block.where.all():
             block.where = None
         return block
@@ -272,7 +271,7 @@ class Correction:
             beside = block.targets if block.where is None else block.targets & block.where
             tally.protected = int(np.count_nonzero(beside))
         for bands, place in done:
-            if place is not block.where:
+            if place is not None and place is not block.where:
                 tally.rewritten[bands] = np.count_nonzero(place)
         return tally
 

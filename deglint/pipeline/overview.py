@@ -1,4 +1,4 @@
-"""A first, cheap look at a scene: which tiles to look at, and what is water there."""
+"""A first, cheap overview of a scene: some of its tiles, and what is water there."""
 
 from __future__ import annotations
 
@@ -25,31 +25,31 @@ from .recipe import Recipe
 LEAST_PIXELS = 256
 """Pixels of the smallest scene in which a sample is looked for."""
 OVERVIEW_PIXELS = 300_000
-"""Pixels of a first look at a scene."""
+"""Pixels of a first overview."""
 SMALL_PIXELS = 600_000
-"""Pixels of a scene that is looked at as a whole from the start."""
+"""Pixels of a scene that is read as a whole from the start."""
 TILE_SIDE = SAMPLE_SIDE
-"""Side of the tiles of a look [pixel]; the same for every file, so that what is found does not depend on its blocks."""
+"""Side of the tiles of an overview [pixel]; the same for every file, so that the result does not depend on its blocks."""
 MOST_PIXELS = 16 << 20
-"""Pixels that are held of the last look: of larger scenes it reads all, and keeps some tiles of what is valid."""
+"""Pixels that are held of the last overview: of larger scenes it reads all, and keeps some tiles of what is valid."""
 MOST_TILES = 1 << 18
-"""Tiles of a look that are listed."""
+"""Tiles of an overview that are listed."""
 
 
 @dataclass(frozen=True)
 class Overview:
-    """What a first look at a scene found.
+    """What an overview of a scene found.
 
     Attributes
     ----------
     tiles : tuple of Tile
-        Where it looked.
+        That were read.
     roles : Roles
         Of the scene's bands.
     water : WaterRule or None
         None where the scene has no visible band to tell water by, or was told what is water.
     whole : bool
-        It looked at everything.
+        Everything was read.
     """
 
     tiles: tuple[Tile, ...]
@@ -59,7 +59,7 @@ class Overview:
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
-    """Overview at more and more of the scene, the last time at all of it, and say what is water, where that is `wanted`."""
+    """Overviews of more and more of the scene, the last one of all of it; what is water, where that is `wanted`."""
     found = band_roles(scene)
     roles = Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir})
     total = scene.height * scene.width
@@ -121,7 +121,7 @@ def _moved(inner: Tile, outer: Tile) -> tuple[int, int, int, int]:
 
 
 def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overview:
-    """The first look that finds water, where that is `wanted`; else the last."""
+    """The first overview that finds water, where that is `wanted`; else the last."""
     for overview in overviews(scene, nir, threads, wanted=wanted):
         if overview.water is None or overview.water.has_water:
             break
@@ -129,7 +129,7 @@ def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overvi
 
 
 def check_size(scene: Scene, recipe: Recipe) -> None:
-    """Refuse to look for a sample in a scene in which there is too little to fit anything to."""
+    """Refuse to seek a sample in a scene in which there is too little to fit anything to."""
     if recipe.sample == "auto" and scene.height * scene.width < LEAST_PIXELS:
         raise NoWaterError(
             f"{scene.path}: {scene.height} x {scene.width} pixels are too few to fit a correction to (at least "

@@ -92,7 +92,7 @@ def _auto_sampler(scene: Scene, overview: Overview, threads: int) -> Sampler:
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A tile of a scene to learn from, with the pixels around it that stages look at.
+    """A tile of a scene to learn from, with the pixels around it that stages need.
 
     Attributes
     ----------
