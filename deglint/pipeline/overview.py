@@ -29,7 +29,7 @@ OVERVIEW_PIXELS = 300_000
 SMALL_PIXELS = 600_000
 """Pixels of a scene that is read as a whole from the start."""
 TILE_SIDE = SAMPLE_SIDE
-"""Side of the tiles of an overview [pixel]; the same for every file, so that the result does not depend on its blocks."""
+"""Side of the tiles of an overview [pixel]: the same for every file, so that its blocks do not matter."""
 MOST_PIXELS = 16 << 20
 """Pixels that are held of the last overview: of larger scenes it reads all, and keeps some tiles of what is valid."""
 MOST_TILES = 1 << 18
