@@ -1,0 +1,176 @@
+"""Compensation end to end, on small scenes of the simulator: its error, its flags, and the same bits however it runs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rasterio
+
+from deglint import Recipe, correct, fit_scene, open_scene, remove_glint
+from deglint.errors import DeglintError
+from deglint.physics.presets import preset
+from deglint.pipeline import load_chain, load_model
+from deglint.raster.simulated import write_scene
+from deglint.simulate import Setup, simulate, thesis_array
+
+SIDE = 192
+OPENING = "psf:2, identify-level:13, targets, replace-level, remove"
+POSTERIOR = "targets, remove, posterior"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Scenes by delay and pixel, made once: the file, the truth, and the level of the water."""
+    place, known = tmp_path_factory.mktemp("seas"), {}
+
+    def make(delay=0.06, wind=7.0, sensor="thesis"):
+        key = f"{delay}_{wind}_{sensor}"
+        if key not in known:
+            setup = Setup(
+                sensor=preset(sensor).delayed(delay), size=(SIDE, SIDE), wind=wind, sky="cardioidal", patch=0.06,
+                objects=thesis_array((SIDE, SIDE), 0.25, sides=(16,)), seed=11,
+            )  # fmt: skip
+            scene = simulate(setup)
+            write_scene(scene, place / key, truth=False)
+            known[key] = place / f"{key}.tif", scene.truth.astype(np.float64)
+        return known[key]
+
+    return make
+
+
+def error(path, truth, bands=5):
+    """Root mean square error of the visible bands, of the water's level."""
+    clean = open_scene(path).read().astype(np.float64)
+    level = np.median(truth, axis=(1, 2))
+    return float(np.sqrt(np.mean([(((c - t) / m) ** 2).mean() for c, t, m in zip(clean[:bands], truth, level, strict=False)])))
+
+
+@pytest.mark.parametrize(("delay", "limit"), [(0.0, 0.06), (0.06, 0.06)])
+def test_the_default_brings_the_water_back(made, tmp_path, delay, limit):
+    path, truth = made(delay)
+    assert error(path, truth) > 1
+    result = remove_glint(path, tmp_path / "out.tif")
+    assert error(tmp_path / "out.tif", truth) < limit, result.fitted.choice.lines()
+
+
+@pytest.mark.parametrize("chain", [OPENING, POSTERIOR, "thesis"])
+def test_the_same_bits_however_a_scene_is_stored_and_read(made, tmp_path, chain):
+    path, _ = made()
+    with rasterio.open(path) as source:
+        profile, data, tags = source.profile, source.read(), [source.tags(i) for i in source.indexes]
+        scales, offsets, names, more = source.scales, source.offsets, source.descriptions, source.tags()
+    big = np.tile(data, (1, 3, 4))
+    seen = []
+    for name, layout in {"tiled": {"tiled": True, "blockxsize": 256, "blockysize": 128}, "strips": {"tiled": False}}.items():
+        file = tmp_path / f"{name}.tif"
+        options = {k: v for k, v in profile.items() if k not in ("blockxsize", "blockysize", "tiled", "interleave")}
+        with rasterio.open(file, "w", **options | layout | {"height": big.shape[1], "width": big.shape[2]}) as target:
+            target.write(big)
+            target.scales, target.offsets, target.descriptions = scales, offsets, names
+            target.update_tags(**more)
+            for i, own in enumerate(tags, start=1):
+                target.update_tags(i, **own)
+        for threads in (1, 2):
+            out = tmp_path / f"{name}_{threads}_out.tif"
+            remove_glint(file, out, Recipe(compensate=chain), threads=threads)
+            with rasterio.open(out) as clean:
+                seen.append(clean.read())
+    for other in seen[1:]:
+        assert np.array_equal(seen[0], other)
+    scene = open_scene(tmp_path / "tiled.tif")
+    fitted = fit_scene(scene, Recipe(compensate=chain))
+    whole = correct(scene, fitted)
+    assert np.array_equal(correct(scene, fitted, window=((30, 200), (500, 600))), whole[:, 30:200, 500:600])
+
+
+def test_a_saved_chain_gives_the_same_result(made, tmp_path):
+    path, _ = made()
+    out, model = tmp_path / "out.tif", tmp_path / "model.json"
+    remove_glint(path, out, Recipe(compensate=OPENING), model_file=model)
+    again = tmp_path / "again.tif"
+    remove_glint(path, again, model=load_model(str(model)), chain=load_chain(str(model)))
+    assert np.array_equal(open_scene(out).read(), open_scene(again).read())
+
+
+def test_a_saved_chain_of_an_earlier_version_is_refused(tmp_path):
+    file = tmp_path / "old.json"
+    file.write_text(json.dumps({"compensation": {"chain": "x", "before": [{"stage": "identify-level"}], "after": []}}))
+    with pytest.raises(DeglintError, match=r"save.*again"):
+        load_chain(str(file))
+
+
+def test_flags_and_counts_agree(made, tmp_path):
+    path, _ = made()
+    result = remove_glint(path, tmp_path / "out.tif", Recipe(compensate=OPENING), flags=tmp_path / "flags.tif")
+    with rasterio.open(tmp_path / "flags.tif") as source:
+        flags = source.read(1)
+    assert np.count_nonzero(flags & 4) == result.sidecar["pixels"]["corrected"]
+    assert np.count_nonzero(flags & 128) == result.sidecar["pixels"]["protected"]
+    assert np.count_nonzero(flags & 64) >= max(result.sidecar["pixels"]["replaced"].values())
+
+
+def test_what_is_not_valid_stays_as_it_is(made, tmp_path):
+    path, _ = made()
+    scene = open_scene(path)
+    values = scene.read().astype(np.float32)
+    values[:, 40:60, 50:90] = np.nan
+    file = tmp_path / "holes.tif"
+    with rasterio.open(file, "w", driver="GTiff", dtype="float32", count=len(values), height=SIDE, width=SIDE) as target:
+        target.write(values)
+        for i, band in enumerate(scene.bands, start=1):
+            target.set_band_description(i, band.name)
+            target.update_tags(i, wavelength=str(band.wavelength), time_offset_s=str(band.time_offset))
+    remove_glint(file, tmp_path / "out.tif", Recipe(compensate=OPENING))
+    clean = open_scene(tmp_path / "out.tif").read()
+    assert np.isnan(clean[:, 40:60, 50:90]).all()
+    assert np.isfinite(clean).sum() == np.isfinite(values).sum()
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "float64"])
+def test_other_types(made, tmp_path, dtype):
+    path, _ = made()
+    scene = open_scene(path)
+    values = scene.read()
+    factor = 250 / np.percentile(values, 99, axis=(1, 2), keepdims=True) if dtype == "uint8" else 1.0
+    array = np.clip(np.rint(values * factor), 1, 255) if dtype == "uint8" else values
+    file = tmp_path / "other.tif"
+    with rasterio.open(file, "w", driver="GTiff", dtype=dtype, count=len(values), height=SIDE, width=SIDE) as target:
+        target.write(array.astype(dtype))
+        for i, band in enumerate(scene.bands, start=1):
+            target.set_band_description(i, band.name)
+            target.update_tags(i, wavelength=str(band.wavelength), time_offset_s=str(band.time_offset))
+    result = remove_glint(file, tmp_path / "out.tif")
+    clean = open_scene(tmp_path / "out.tif").read().astype(float)
+    assert np.isfinite(clean).all()
+    assert clean[:5].std() < 0.5 * array[:5].std(), result.fitted.choice.lines()
+
+
+@pytest.mark.parametrize("bands", [(6,), (2, 6)])
+def test_one_or_two_bands_give_a_result_or_one_clear_line(made, tmp_path, bands):
+    path, _ = made()
+    scene = open_scene(path)
+    file = tmp_path / "few.tif"
+    with rasterio.open(file, "w", driver="GTiff", dtype="float32", count=len(bands), height=SIDE, width=SIDE) as target:
+        target.write(scene.read().astype("float32")[list(bands)])
+        for i, b in enumerate(bands, start=1):
+            target.set_band_description(i, scene.bands[b].name)
+            target.update_tags(i, wavelength=str(scene.bands[b].wavelength))
+    try:
+        remove_glint(file, tmp_path / "out.tif")
+    except DeglintError as said:
+        assert "\n" not in str(said)
+        assert len(bands) == 1
+    else:
+        assert np.isfinite(open_scene(tmp_path / "out.tif").read()).all()
+
+
+@pytest.mark.parametrize("size", [(1, 40), (9, 9), (40, 17)])
+def test_scenes_smaller_than_the_window(made, tmp_path, size):
+    path, _ = made()
+    scene = open_scene(path)
+    fitted = fit_scene(scene, Recipe(compensate=OPENING))
+    small = replace(scene, height=size[0], width=size[1])
+    assert correct(small, fitted).shape == (len(scene.bands), *size)
