@@ -1,0 +1,1 @@
+"""Glint compensation: what a linear removal cannot do."""

@@ -1,0 +1,152 @@
+"""What passes from stage to stage of a compensation: a block of the image, and what the stages found out about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import FitError
+from ..scene import Band
+from .psf import PSF
+
+Float32 = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A block of a scene on its way through the stages; no stage modifies an array of it.
+
+    Attributes
+    ----------
+    raw, image : (band, row, column) float32 ndarray
+        As it was read, and as the stages have made it; finite everywhere.
+    water : (row, column) bool ndarray
+        Valid water; the rest holds values of the water beside it.
+    sharp : (band, row, column) float32 ndarray, optional
+        The image after deconvolution, from which the background is determined.
+    background : (band, row, column) float32 ndarray, optional
+        The bands as they would be without glint.
+    glint : (band, row, column) bool ndarray, optional
+        Pixels that were identified as glint and are not replaced yet.
+    replaced : (band, row, column) bool ndarray, optional
+        Pixels that were replaced.
+    targets : (band, row, column) float32 ndarray, optional
+        What small bright targets add to the water, which is restored at the end.
+    removed : (band, row, column) float32 ndarray, optional
+        Glint that the removal took.
+    variance : (band, row, column) float32 ndarray, optional
+        Posterior variance of the water.
+    """
+
+    raw: Float32
+    image: Float32
+    water: Mask
+    sharp: Float32 | None = None
+    background: Float32 | None = None
+    glint: Mask | None = None
+    replaced: Mask | None = None
+    targets: Float32 | None = None
+    removed: Float32 | None = None
+    variance: Float32 | None = None
+
+    @classmethod
+    def of(cls, block: npt.NDArray[Any], water: Mask | None = None) -> State:
+        """A state for a block; what is not valid water takes the value of the nearest that is."""
+        valid = np.isfinite(block).all(axis=0)
+        water = valid if water is None else water & valid
+        image = filled(np.asarray(block, np.float32), water)
+        return cls(image, image, water)
+
+
+def filled(block: Float32, water: Mask) -> Float32:
+    """A block in which every pixel that is not water has the values of the nearest that is; zeros where none is."""
+    import cv2
+
+    if water.all():
+        return block
+    if not water.any():
+        return np.zeros_like(block)
+    away = cv2.distanceTransformWithLabels((~water).view(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL)[1]
+    place = np.zeros(int(away.max()) + 1, np.int64)
+    place[away[water]] = np.flatnonzero(water)
+    return np.ascontiguousarray(block.reshape(len(block), -1)[:, place[away]])
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a chain needs to know of the scene to be fitted.
+
+    Attributes
+    ----------
+    bands : tuple of Band
+        Of the scene.
+    nir : tuple of int
+        0-based bands that show glint and nothing of the water.
+    psfs : tuple of PSF, optional
+        Of the bands, where the optics are known.
+    """
+
+    bands: tuple[Band, ...]
+    nir: tuple[int, ...]
+    psfs: tuple[PSF, ...] | None = None
+
+    @cached_property
+    def wavelengths(self) -> npt.NDArray[np.float64]:
+        """Of the bands [nm]; NaN where not known."""
+        return np.array([b.wavelength or np.nan for b in self.bands])
+
+    @cached_property
+    def offsets(self) -> npt.NDArray[np.float64] | None:
+        """When each band sees the ground [s]; None where that is not known of all."""
+        found = [b.time_offset for b in self.bands]
+        return None if any(t is None for t in found) else np.array(found, np.float64)
+
+    @cached_property
+    def order(self) -> tuple[int, ...]:
+        """Bands in the order of their instants; of their wavelengths, or of the file, where these are not known."""
+        by = self.wavelengths if self.offsets is None else self.offsets
+        return tuple(int(i) for i in np.argsort(by, kind="stable"))
+
+    @cached_property
+    def saturation(self) -> npt.NDArray[np.float64]:
+        """Of each band; infinity where not known."""
+        return np.array([np.inf if b.saturation is None else b.saturation for b in self.bands])
+
+    @cached_property
+    def colour(self) -> Float32:
+        """Radiance of glint in each band, relative: that of the sun, or 1 where wavelengths are not known."""
+        from ..physics.atmosphere import irradiance
+
+        known = np.isfinite(self.wavelengths) & (self.wavelengths > 300) & (self.wavelengths < 1000)
+        if not known.all():
+            return np.ones(len(self.bands), np.float32)
+        return np.asarray(irradiance(self.wavelengths, SUN_ZENITH).direct, np.float32)
+
+
+SUN_ZENITH = 40.0
+"""Of the colour of glint, which changes by less than a fifth from 20 to 60 degrees [degree]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Blocks of a scene with a halo, and the pixels of each to learn from."""
+
+    states: tuple[State, ...]
+    inside: tuple[Mask, ...]
+
+    def values(self, planes: Sequence[Float32]) -> Float32:
+        """The sample's pixels of one plane of each block."""
+        found = np.concatenate([p[m] for p, m in zip(planes, self.inside, strict=True)])
+        if found.size < FEWEST:
+            raise FitError(f"the sample holds {found.size} pixels, need at least {FEWEST}. Widen the --sample.")
+        return found
+
+
+FEWEST = 64
+"""Fewest pixels that a level and a spread are taken from."""
