@@ -242,7 +242,7 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
         kind = STAGES[data["stage"]].stage
         assert kind is not None
         if "psfs" in rest:
-            rest["psfs"] = tuple(PSF(np.array(k, np.float64), len(k) // 2) for k in rest["psfs"])
+            rest["psfs"] = tuple(PSF(np.array(k, np.float64)) for k in rest["psfs"])
         return kind(**rest)
     except (AssertionError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved stage of a compensation ({error}); fit and save it again.") from error
