@@ -38,9 +38,9 @@ ABOVE = 1.5
 """The limit is so many times that quantile: at 1, sparkle adds 10 % to the error at 9 m/s; at 4, faint discs go."""
 COVER_K = 3.0
 """Standard deviations above the background that count as glint where its share is determined (normal noise: 0.1 %)."""
-PIT_K, MOST_PITS = 5.0, 1e-3
+PIT_K, MOST_PITS = 5.0, 3e-4
 """A pit lies so many standard deviations below the water around it: 3e-7 of normal noise, and 1e-4 of all pixels on
-simulated seas; a scene resampled by cubic convolution or Lanczos has 1 to 4 in a hundred."""
+simulated seas; the least of all bands of a scene resampled by cubic convolution or Lanczos is 4e-4 to 1e-2."""
 PIT_SIDE = 9
 """Side of the window that pits are compared with [pixel]; ringing reaches 2 or 3 pixels."""
 
@@ -220,6 +220,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     """
     size, states = int(number or WINDOW), sample.states
     bands = range(len(setting.bands))
+    sample.values([s.image[0] for s in states])  # refuses what is too small
     sigma = np.array([noise([s.image[b] for s in states], sample.inside) for b in bands])
     colour = setting.colour / (1 if states[0].unit is None else states[0].unit)
     colour = np.asarray(colour / np.median(colour / sigma), np.float32)

@@ -22,7 +22,7 @@ def blurred(band: Float32, psf: PSF, rank: int = 2) -> Float32:
     import cv2
 
     parts = [
-        cv2.sepFilter2D(band, -1, np.float32(across), np.float32(down), borderType=cv2.BORDER_REFLECT_101)
+        cv2.sepFilter2D(band, -1, across.astype(np.float32), down.astype(np.float32), borderType=cv2.BORDER_REFLECT_101)
         for down, across in psf.factors(rank)
     ]
     total = parts[0]
