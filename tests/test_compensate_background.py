@@ -36,6 +36,17 @@ def test_opening_by_a_square_is_its_definition(size):
     np.testing.assert_array_equal(opening(band, size)[inner], wanted[inner])
 
 
+@pytest.mark.parametrize(("size", "cut"), [(11, 2), (17, 8), (13, 6), (5, 1)])
+def test_corners_are_cut_off_step_by_step(size, cut):
+    band = RNG.random((60, 70)).astype(np.float32)
+    down, across = np.abs(np.mgrid[-(size // 2) : size // 2 + 1, -(size // 2) : size // 2 + 1])
+    window = down + across <= 2 * (size // 2) - cut  # a square with corners of `cut` pixels less
+    low = ndimage.median_filter(ndimage.minimum_filter(band, footprint=window), 3)
+    wanted = ndimage.maximum_filter(low, footprint=window)
+    inner = (slice(size, -size),) * 2
+    np.testing.assert_array_equal(opening(band, size, cut)[inner], wanted[inner])
+
+
 def test_an_octagon_follows_discs_and_a_diamond_squares_on_their_corners():
     down, across = np.mgrid[:60, :60] - 30
     disc = np.float32(np.hypot(down, across) <= 8)

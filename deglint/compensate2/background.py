@@ -66,15 +66,26 @@ def opening(band: Float32, size: int, cut: int = 0) -> Float32:
     """
     import cv2
 
-    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    square = np.ones((max(size - 2 * cut, 1),) * 2, np.uint8)
+    square, corners = np.ones((max(size - 2 * cut, 1),) * 2, np.uint8), _diamond(cut)
     low = cv2.erode(band, square)
-    if cut:
-        low = cv2.erode(low, cross, iterations=cut)
+    for part in corners:
+        low = cv2.erode(low, part)
     low = cv2.medianBlur(low, 3)
-    if cut:
-        low = cv2.dilate(low, cross, iterations=cut)
+    for part in corners:
+        low = cv2.dilate(low, part)
     return np.asarray(cv2.dilate(low, square), np.float32)
+
+
+def _diamond(radius: int) -> list[npt.NDArray[np.uint8]]:
+    """Windows of five pixels that make a diamond one after the other: each doubles the radius."""
+    parts, reach = [], 0
+    while reach < radius:
+        arm = min(max(reach, 1), radius - reach)
+        part = np.zeros((2 * arm + 1, 2 * arm + 1), np.uint8)
+        part[arm, ::arm] = part[::arm, arm] = 1
+        parts.append(part)
+        reach += arm
+    return parts
 
 
 def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
@@ -87,7 +98,7 @@ def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
     out = np.empty_like(sharp)
     for b, band in enumerate(sharp):
         found = np.maximum(opening(band, octagon, octagon // 4), opening(band, diamond, diamond // 2))
-        out[b] = np.maximum(found - level[b], 0)
+        np.maximum(found - level[b], 0, out=out[b])
     return out
 
 
@@ -182,9 +193,11 @@ class Background:
             level = np.stack([opening(b, self.size) for b in source])
         else:
             level, detail = self.details(state)
-            seen = (detail > np.float32(max(self.limit, 1e-6))).sum(axis=0) >= 2
-            near = cv2.dilate(seen.view(np.uint8), np.ones((self.size, self.size), np.uint8))
-            level += detail * near * np.array(self.colour, np.float32)[:, None, None]
+            seen = np.count_nonzero(detail > np.float32(max(self.limit, 1e-6)), axis=0) >= 2
+            if seen.any():
+                near = cv2.dilate(seen.astype(np.float32), np.ones((self.size, self.size), np.uint8))
+                for b, unit in enumerate(self.colour):
+                    level[b] += detail[b] * (near * np.float32(unit))
         if sharpened and state.psfs is not None:
             level = np.stack([blurred(b, p) for b, p in zip(level, state.psfs, strict=True)])
         return level
@@ -195,7 +208,8 @@ class Background:
         Pixels of noise above the background are marked, too: replaced by it they lose their noise. A threshold of one
         standard deviation changed errors by less than 2 %, but by 19 % in dense glint, where faint glint is below it.
         """
-        background = self.level(state) + np.array(self.offsets, np.float32)[:, None, None]
+        background = self.level(state)
+        background += np.array(self.offsets, np.float32)[:, None, None]
         return replace(state, background=background, glint=state.image > background)
 
 
