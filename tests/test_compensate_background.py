@@ -13,7 +13,7 @@ from deglint.compensate2.background import fit as fit_background
 from deglint.compensate2.background import opening, ringing, shared
 from deglint.compensate2.median import adaptive_median
 from deglint.compensate2.normalise import water_level
-from deglint.compensate2.psf import PSF, kernel_psf, system_psf
+from deglint.compensate2.psf import PSF, kernel_psf, system_psf, typical_psf
 from deglint.compensate2.replace_glint import fit_bands, nearest_clean
 from deglint.compensate2.sharpen import blurred, richardson_lucy
 from deglint.compensate2.stages import apply_stages, fit_stages, parse
@@ -210,6 +210,15 @@ def test_outlines_count_where_the_nir_shows_none():
     )
     lost = [np.sqrt(((a - truth)[2][objects] ** 2).mean()) for a in (round_, square_)]
     assert lost[0] < 0.6 * lost[1]
+
+
+def test_typical_optics_are_better_than_none():
+    block, truth, setting, _ = simulated("square")
+    state, sample = sampled(block)
+    typical = replace(setting, psfs=tuple(typical_psf(b.wavelength) for b in setting.bands))
+    chains = (CHAIN, typical), ("identify-level:13, replace-level", setting)
+    out = [apply_stages(state, fit_stages(parse(t)[:-1], sample, s)[0]).image for t, s in chains]
+    assert errors(out[0], truth) < 0.95 * errors(out[1], truth)
 
 
 def test_pits_beside_sparkle_are_found_in_resampled_images_only():
