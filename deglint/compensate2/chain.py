@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import FitError
 from ..remove import GlintModel, apply
 from ..remove.predict import glint
-from .stages import STAGES, Chain, Step, parse
+from .stages import Chain, apply_stages, fit_stages, parse
 from .state import Float32, Sample, Setting, State
 
 FitRemoval = Callable[[Sample], GlintModel]
@@ -28,7 +28,7 @@ class FittedChain:
     @property
     def images(self) -> list[Float32]:
         """The sample's blocks at the end, with their targets."""
-        return [restored(s) for s in self.sample.states]
+        return [with_targets(s) for s in self.sample.states]
 
 
 def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemoval) -> FittedChain:
@@ -50,30 +50,17 @@ def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemov
     """
     steps = parse(text)
     place = [s.name for s in steps].index("remove")
-    before, sample = _fitted(steps[:place], sample, setting)
+    before, sample = fit_stages(steps[:place], sample, setting)
     model = fit_removal(sample)
     sample = replace(sample, states=tuple(removed(s, model) for s in sample.states))
-    after, sample = _fitted(steps[place + 1 :], sample, setting)
+    after, sample = fit_stages(steps[place + 1 :], sample, setting)
     return FittedChain(Chain(before, after, text), model, sample)
-
-
-def _fitted(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple[tuple, Sample]:
-    fitted = []
-    for step in steps:
-        stage = STAGES[step.name].fit(sample, setting, step.number)
-        sample = replace(sample, states=tuple(stage.apply(s) for s in sample.states))
-        fitted.append(stage)
-    return tuple(fitted), sample
 
 
 def apply_chain(state: State, chain: Chain, model: GlintModel) -> State:
     """What a chain makes of a block."""
-    for stage in chain.before:
-        state = stage.apply(state)
-    state = removed(state, model)
-    for stage in chain.after:
-        state = stage.apply(state)
-    return state
+    state = removed(apply_stages(state, chain.before), model)
+    return apply_stages(state, chain.after)
 
 
 def removed(state: State, model: GlintModel) -> State:
@@ -91,6 +78,6 @@ def removed(state: State, model: GlintModel) -> State:
     return replace(state, image=image, removed=amount)
 
 
-def restored(state: State) -> Float32:
+def with_targets(state: State) -> Float32:
     """The image at the end: with the targets that were recognised."""
     return state.image if state.targets is None else state.image + state.targets

@@ -16,7 +16,11 @@ def spread(values: Float32) -> float:
 
 
 def noise(planes: list[Float32], inside: tuple[Mask, ...]) -> float:
-    """Standard deviation of a band's noise at the radiance of water (Immerkaer 1996, along one diagonal): second differences in the darker half."""
+    """Standard deviation of a band's noise at the radiance of water.
+
+    From second differences down the columns in the darker half (after Immerkaer 1996,
+    doi:10.1006/cviu.1996.0060).
+    """
     import cv2
 
     differences, means = [], []

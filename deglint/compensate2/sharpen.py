@@ -7,49 +7,127 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..errors import InputError
 from .psf import PSF
 from .state import Float32, Sample, Setting, State
 
 ITERATIONS = 2
-"""Richardson-Lucy iterations; more dig pits beside sparkle, which the opening then spreads."""
+"""Richardson-Lucy iterations: 1 leaves 8 % more error at 9 m/s, 3 dig pits beside sparkle, which openings spread."""
+FLOOR = 1e-3
+"""Least value, as a share of the band's median: counts of the division must be positive (see Notes)."""
 
 
-def blurred(band: Float32, psf: PSF) -> Float32:
-    """A band convolved with a PSF (its two largest separable products)."""
+def blurred(band: Float32, psf: PSF, rank: int = 2) -> Float32:
+    """A band convolved with a PSF, as the sum of its largest separable products: with one, errors are 5 % larger."""
     import cv2
 
-    total = np.zeros_like(band)
-    for down, across in psf.factors(2):
-        total += cv2.sepFilter2D(band, -1, across, down, borderType=cv2.BORDER_REFLECT_101)
-    return total
+    parts = [
+        cv2.sepFilter2D(band, -1, across.astype(np.float32), down.astype(np.float32), borderType=cv2.BORDER_REFLECT_101)
+        for down, across in psf.factors(rank)
+    ]
+    total = parts[0]
+    for part in parts[1:]:
+        total = total + part
+    return np.asarray(total, np.float32)
 
 
-def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS) -> Float32:
-    """Deconvolution of Richardson (1972) and Lucy (1974), begun with the band itself."""
-    floor = np.float32(max(1e-3 * float(np.median(band)), 1e-12))
-    known = np.maximum(band, floor)
+def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor: float = 1e-12) -> Float32:
+    """Deconvolution of Richardson (1972) and Lucy (1974), begun with the band itself.
+
+    .. math:: u_{k+1} = u_k \\, h^T * \\frac{y}{h * u_k}
+
+    Parameters
+    ----------
+    band : (row, column) float32 ndarray
+        y, finite.
+    psf : PSF
+        h, which is its own mirror image.
+    iterations : int
+    floor : float
+        y and its prediction are not below that; above 0.
+
+    Returns
+    -------
+    (row, column) float32 ndarray
+
+    Notes
+    -----
+    Fails where the PSF is wider than the image's: it rings. Few iterations gather the light of sparkle in fewer pixels
+    and leave the noise nearly as it was.
+
+    References
+    ----------
+    Richardson (1972), J. Opt. Soc. Am. 62, 55-59, doi:10.1364/JOSA.62.000055.
+    Lucy (1974), Astron. J. 79, 745-754, doi:10.1086/111605.
+    """
+    least = np.float32(floor)
+    known = np.maximum(band, least)
     out = known
     for _ in range(iterations):
-        ratio = known / np.maximum(blurred(out, psf), floor)
-        out = out * np.maximum(blurred(ratio, psf), np.float32(1e-3))
+        ratio = np.asarray(known / np.maximum(blurred(out, psf), least), np.float32)
+        out = out * np.maximum(blurred(ratio, psf), np.float32(1e-3))  # a pixel may lose all but a thousandth
     return out
 
 
 @dataclass(frozen=True)
 class Sharpen:
+    """The stage psf: sharp bands, from which the background is determined; the image stays.
+
+    Attributes
+    ----------
+    psfs : tuple of PSF
+        Of each band.
+    iterations : int
+    floors : tuple of float
+        Of each band.
+    """
+
     name: ClassVar[str] = "psf"
     psfs: tuple[PSF, ...]
-    iterations: int = ITERATIONS
+    iterations: int
+    floors: tuple[float, ...]
 
     @property
     def halo(self) -> int:
-        return (2 * self.iterations + 1) * max(p.radius for p in self.psfs)
+        """Reach of the iterations [pixel]."""
+        return 2 * self.iterations * max(p.radius for p in self.psfs)
+
+    def sharp(self, state: State) -> Float32:
+        """All bands deconvolved."""
+        parts = zip(state.image, self.psfs, self.floors, strict=True)
+        return np.stack([richardson_lucy(b, p, self.iterations, f) for b, p, f in parts])
 
     def apply(self, state: State) -> State:
-        sharp = np.stack([richardson_lucy(b, p, self.iterations) for b, p in zip(state.image, self.psfs, strict=True)])
-        return replace(state, sharp=sharp)
+        """Sharpen every band beside the image."""
+        return replace(state, sharp=self.sharp(state), psfs=self.psfs)
+
+
+@dataclass(frozen=True)
+class SharpenImage(Sharpen):
+    """The stage psf-image: the sharp bands become the image, as in Fink (2014), section 6.3."""
+
+    name: ClassVar[str] = "psf-image"
+
+    def apply(self, state: State) -> State:
+        """Sharpen every band."""
+        return replace(state, image=self.sharp(state), replaced=np.broadcast_to(state.water, state.image.shape))
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Sharpen:
-    assert setting.psfs is not None
-    return Sharpen(setting.psfs, int(number or ITERATIONS))
+    """The stage for the PSFs of a scene; `number` is that of the iterations."""
+    return _fitted(Sharpen, sample, setting, number)
+
+
+def fit_image(sample: Sample, setting: Setting, number: float | None = None) -> Sharpen:
+    """The same for the image itself."""
+    return _fitted(SharpenImage, sample, setting, number)
+
+
+def _fitted(kind: type[Sharpen], sample: Sample, setting: Setting, number: float | None) -> Sharpen:
+    if setting.psfs is None:
+        raise InputError(
+            f"{kind.name} needs the sensor's optics, which are not known. Name a --sensor, or leave it out."
+        )
+    middles = [np.median(sample.values([s.image[b] for s in sample.states])) for b in range(len(setting.bands))]
+    floors = tuple(max(FLOOR * float(m), 1e-12) for m in middles)
+    return kind(setting.psfs, int(number or ITERATIONS), floors)

@@ -1,69 +1,277 @@
-"""Stand-in until the real table lands."""
+"""Stages in a row: how a chain is written, fitted to a sample of a scene, applied to its blocks, saved and read back.
+
+A chain is written as its stages with their numbers, in order: ``psf:2, identify-level:13, replace-level, remove``.
+`remove` is where the removal of the glint that bands share stands; the stages before it see the scene, the stages
+after it what removal has left.
+"""
+
 from __future__ import annotations
-from dataclasses import dataclass
-from types import SimpleNamespace
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from typing import Any
-from . import background, sharpen
-from .state import State, Sample, Setting
-class ReplaceLevel:
-    name = "replace-level"; halo = 0
-    def apply(self, state): return background.replace_glint(state)
-class NoTargets:
-    name = "targets"; halo = 0
-    def apply(self, state): return state
-class Posterior:
-    name = "posterior"
-    def __init__(self, bands, curves, sigma, width):
-        self.bands, self.curves, self.sigma, self.width = bands, curves, sigma, width
-    @property
-    def halo(self): return 12 * self.width
-    def apply(self, state):
-        from dataclasses import replace
-        import numpy as np
-        from .posterior import posterior
-        image = state.image.copy()
-        for b in self.bands:
-            q, v = self.curves[b]
-            g = np.maximum(state.removed[b], 0)
-            V = (np.interp(g, q, v) * np.maximum(g / max(q[-1], 1e-9), 1) ** 2).astype("f4")
-            image[b], _ = posterior(state.image[b], V, self.sigma[b], self.width)
-        return replace(state, image=image)
-def fit_posterior(sample, setting, number=None):
-    import cv2, numpy as np
-    from .posterior import left_over
-    from .noise import noise, clump_width
-    bands = [b for b in range(len(setting.bands)) if any(s.removed[b].any() for s in sample.states)]
-    width = min(max(clump_width(sample, setting.nir[0]), 3), 8)
-    curves, sigma = {}, {}
-    for b in bands:
-        ys = [s.image[b] for s in sample.states]
-        sigma[b] = min(noise([s.raw[b] for s in sample.states], sample.inside), noise(ys, sample.inside))
-        curves[b] = left_over([y - cv2.medianBlur(y, 5) for y in ys], [np.maximum(s.removed[b], 0) for s in sample.states], sample.inside, sigma[b])
-    return Posterior(bands, curves, sigma, width)
-STAGES = {"psf": SimpleNamespace(fit=sharpen.fit), "identify-level": SimpleNamespace(fit=background.fit), "replace-level": SimpleNamespace(fit=lambda *a: ReplaceLevel()), "posterior": SimpleNamespace(fit=fit_posterior), "remove": None, "targets": SimpleNamespace(fit=lambda *a: NoTargets())}
+
+import numpy as np
+
+from ..errors import InputError
+from . import background, identify, median, normalise, replace_glint, sharpen
+from .psf import PSF
+from .state import Sample, Setting, State, in_scene_units
+
+Stage = Any
+"""A fitted stage: a frozen dataclass of plain numbers with `name`, `halo` and `apply(state) -> State`."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A stage that a chain may name.
+
+    Attributes
+    ----------
+    help : str
+        One line.
+    fit : callable, optional
+        ``fit(sample, setting, number) -> stage``; None for `remove`.
+    stage : type, optional
+        Of what `fit` gives.
+    low, high : float
+        Range of its number; no number where both are 0.
+    whole, odd : bool
+        Whether that must be an integer, and an odd one.
+    """
+
+    help: str
+    fit: Callable[[Sample, Setting, float | None], Stage] | None = None
+    stage: type | None = None
+    low: float = 0.0
+    high: float = 0.0
+    whole: bool = False
+    odd: bool = False
+
+
+STAGES: dict[str, Kind] = {
+    "normalise": Kind(
+        "divide by the median of deep water; by its mode where glint covers more than N %",
+        normalise.fit, normalise.Normalise, 1, 100,
+    ),
+    "psf": Kind(
+        "N iterations of Richardson-Lucy, to build the level only", sharpen.fit, sharpen.Sharpen, 1, 20, whole=True
+    ),
+    "psf-image": Kind(
+        "N iterations of Richardson-Lucy, as the image itself",
+        sharpen.fit_image, sharpen.SharpenImage, 1, 20, whole=True,
+    ),
+    "identify-median": Kind(
+        "glint is above median + K lower-side deviations", identify.fit, identify.IdentifyMedian, 0, 1000
+    ),
+    "identify-level": Kind(
+        "glint is above the opened level (window of N pixels)",
+        background.fit, background.Background, 3, 255, whole=True, odd=True,
+    ),
+    "replace-bands": Kind(
+        "from the spectrally nearest clean band", replace_glint.fit_bands, replace_glint.ReplaceBands
+    ),
+    "replace-level": Kind(
+        "from the band's own opened level", lambda *_: replace_glint.ReplaceLevel(), replace_glint.ReplaceLevel
+    ),
+    "median": Kind(
+        "adaptive median up to N pixels where glint is left",
+        lambda _sample, _setting, n: median.Median(int(n or median.LARGEST)), median.Median,
+        3, 255, whole=True, odd=True,
+    ),
+    "remove": Kind("where the removal by the NIR stands"),
+}  # fmt: skip
+THESIS = "normalise, identify-median:5, replace-bands, median:25, remove"
+"""Fink (2014), section 6.3, as far as it can be reconstructed."""
+
+
 @dataclass(frozen=True)
 class Step:
+    """One stage as written: its name and number."""
+
     name: str
     number: float | None = None
-def parse(text):
-    steps = []
-    for p in text.split(","):
-        n, _, k = p.strip().partition(":")
-        steps.append(Step(n, float(k) if k else None))
-    if all(s.name != "remove" for s in steps): steps.append(Step("remove"))
-    return tuple(steps)
+
+
 @dataclass(frozen=True)
 class Chain:
-    before: tuple = ()
-    after: tuple = ()
-    text: str = ""
-    @property
-    def runs(self): return bool(self.before or self.after)
-    @property
-    def halo(self): return sum(s.halo for s in (*self.before, *self.after))
-    @property
-    def replaces(self): return any(s.name.startswith('replace') for s in self.before + self.after)
-    def numbers(self): return {"chain": self.text}
+    """A fitted chain.
 
-def chain_from(data):
-    raise NotImplementedError
+    Attributes
+    ----------
+    before, after : tuple of stages
+        Before and after the removal.
+    text : str
+        How it is written.
+    """
+
+    before: tuple[Stage, ...] = ()
+    after: tuple[Stage, ...] = ()
+    text: str = ""
+
+    @property
+    def runs(self) -> bool:
+        """There are stages at all."""
+        return bool(self.before or self.after)
+
+    @property
+    def replaces(self) -> bool:
+        """Some stage replaces pixels of any band, and not only of those that the removal corrects."""
+        return any(s.name.startswith("replace") or s.name in ("median", "psf-image") for s in (*self.before, *self.after))
+
+    @property
+    def halo(self) -> int:
+        """Pixels around a block that the chain looks at."""
+        return sum(stage.halo for stage in (*self.before, *self.after))
+
+    def numbers(self) -> dict[str, Any]:
+        """What was fitted, as plain numbers (JSON), to be read back by `chain_from`."""
+        return {"chain": self.text, "before": [*map(plain, self.before)], "after": [*map(plain, self.after)]}
+
+
+def parse(text: str) -> tuple[Step, ...]:
+    """Read a chain as it is written.
+
+    Raises
+    ------
+    InputError
+        An unknown stage, or a number where none is taken, or none where one is needed.
+
+    Examples
+    --------
+    >>> [step.name for step in parse("psf:2, identify-level:13, replace-level")]
+    ['psf', 'identify-level', 'replace-level', 'remove']
+    """
+    steps = []
+    for part in (p.strip() for p in text.split(",")):
+        name, colon, number = part.partition(":")
+        if name not in STAGES:
+            raise InputError(f"stage {name!r} is not one of {', '.join(STAGES)}.")
+        steps.append(Step(name, _number(name, number) if colon else None))
+    if sum(s.name == "remove" for s in steps) > 1:
+        raise InputError("a chain removes once; name other stages before and after it.")
+    _check(steps)
+    if not any(s.name == "remove" for s in steps):
+        steps.append(Step("remove"))
+    return tuple(steps)
+
+
+def _number(name: str, text: str) -> float:
+    """The number of a stage, from its text."""
+    kind = STAGES[name]
+    if not kind.high:
+        raise InputError(f"{name} takes no number, got {text!r}.")
+    try:
+        number = float(text)
+    except ValueError:
+        raise InputError(f"stage '{name}:{text}': {text!r} is not a number.") from None
+    if not kind.low <= number <= kind.high or (kind.whole and number % 1):
+        whole = "whole " * kind.whole
+        raise InputError(f"{name} takes a {whole}number from {kind.low:g} to {kind.high:g}, got {text}.")
+    if kind.odd and not number % 2:
+        raise InputError(f"{name}:{text}: the size must be odd, so that it has a middle.")
+    return number
+
+
+def _check(steps: Sequence[Step]) -> None:
+    """Refuse stages that lack what a stage before them is to find."""
+    ready: set[str] = set()
+    for place, step in enumerate(steps):
+        after = [s.name for s in steps[place + 1 :]]
+        if step.name == "psf" and "identify-level" not in after[: after.index("remove") if "remove" in after else None]:
+            raise InputError("psf serves identify-level: name that after it, or psf-image to sharpen the image itself.")
+        if step.name == "replace-bands" and "normalise" not in [s.name for s in steps[:place]]:
+            raise InputError("replace-bands needs bands of one scale: name normalise at the beginning.")
+        if step.name in ("replace-bands", "median") and "glint" not in ready:
+            raise InputError(
+                f"{step.name} needs glint to be identified: name identify-median or identify-level before it."
+            )
+        if step.name == "replace-level" and "level" not in ready:
+            raise InputError("replace-level needs a level: name identify-level before it.")
+        if step.name.startswith("identify"):
+            ready |= {"glint"} | ({"level"} if step.name == "identify-level" else set())
+        if step.name in ("replace-level", "median", "remove"):
+            ready.clear()
+
+
+def apply_stages(state: State, stages: Sequence[Stage]) -> State:
+    """Apply stages in order; at the end the image is in the scene's unit."""
+    for stage in stages:
+        state = stage.apply(state)
+    return in_scene_units(state)
+
+
+def fit_stages(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple[tuple[Stage, ...], Sample]:
+    """Fit stages to a sample, each on what the stages before it made of it.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        No `remove` among them.
+    sample : Sample
+        Not modified.
+    setting : Setting
+
+    Returns
+    -------
+    (tuple of stages, Sample)
+        The fitted stages, and what they made of the sample.
+
+    Raises
+    ------
+    FitError, InputError
+        The sample is too small, or a stage lacks what it needs.
+    """
+    stages, states = [], sample.states
+    for step in steps:
+        fit = STAGES[step.name].fit
+        assert fit is not None
+        stages.append(fit(Sample(states, sample.inside), setting, step.number))
+        states = tuple(stages[-1].apply(s) for s in states)
+    return tuple(stages), Sample(tuple(map(in_scene_units, states)), sample.inside)
+
+
+def plain(stage: Stage) -> dict[str, Any]:
+    """A stage as plain numbers; PSFs as their kernels."""
+    found = {f.name: getattr(stage, f.name) for f in fields(stage) if f.name == "psfs"}
+    rest = {k: v for k, v in (asdict(stage) if not found else vars(stage)).items() if k != "psfs"}
+    kernels = {"psfs": [p.kernel.tolist() for p in found["psfs"]]} if found else {}
+    return {"stage": stage.name, **rest, **kernels}
+
+
+def stage_from(data: Mapping[str, Any]) -> Stage:
+    """Read back what `plain` says of a stage.
+
+    Raises
+    ------
+    InputError
+        Not a stage of this version.
+    """
+    rest = {k: _tuples(v) for k, v in data.items() if k != "stage"}
+    try:
+        kind = STAGES[data["stage"]].stage
+        assert kind is not None
+        if "psfs" in rest:
+            rest["psfs"] = tuple(PSF(np.array(k, np.float64)) for k in rest["psfs"])
+        return kind(**rest)
+    except (AssertionError, AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"not a saved stage of a compensation ({error}); fit and save it again.") from error
+
+
+def chain_from(data: Mapping[str, Any]) -> Chain:
+    """Read back what `Chain.numbers` says.
+
+    Raises
+    ------
+    InputError
+        Not a chain of this version.
+    """
+    try:
+        before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
+        return Chain(before, after, str(data["chain"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"not a saved compensation ({error}); fit and save it again.") from error
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value

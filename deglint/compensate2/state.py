@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -30,6 +30,10 @@ class State:
         Valid water; the rest holds values of the water beside it.
     sharp : (band, row, column) float32 ndarray, optional
         The image after deconvolution, from which the background is determined.
+    psfs : tuple of PSF, optional
+        With which `sharp` was deconvolved.
+    unit : (band,) float32 ndarray, optional
+        By which the image has been divided (normalised); 1 without it.
     background : (band, row, column) float32 ndarray, optional
         The bands as they would be without glint.
     glint : (band, row, column) bool ndarray, optional
@@ -50,6 +54,8 @@ class State:
     image: Float32
     water: Mask
     sharp: Float32 | None = None
+    psfs: tuple[PSF, ...] | None = None
+    unit: Float32 | None = None
     background: Float32 | None = None
     glint: Mask | None = None
     replaced: Mask | None = None
@@ -65,6 +71,15 @@ class State:
         water = valid if water is None else water & valid
         image = filled(np.asarray(block, np.float32), water)
         return cls(image, image, water, origin=origin)
+
+
+def in_scene_units(state: State) -> State:
+    """A state in the scene's unit, ready for the removal: pixels that were not replaced have their own value again."""
+    if state.unit is None:
+        return state
+    image = state.image * state.unit[:, None, None]
+    image = state.raw if state.replaced is None else np.where(state.replaced, image, state.raw)
+    return replace(state, image=image, unit=None, sharp=None, background=None, glint=None)
 
 
 def filled(block: Float32, water: Mask) -> Float32:

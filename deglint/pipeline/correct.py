@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..compensate2 import Chain, State, apply_chain, restored
+from ..compensate2 import Chain, State, apply_chain, with_targets
 from ..masks import WaterRule, water
 from ..raster.encode import encode, relaid
 from ..raster.output import Layout
@@ -231,7 +231,7 @@ class Correction:
             state = apply_chain(state, self.chain, self.model)
             core = place_in(cell, cell.grown(self.chain_halo, self.scene.height, self.scene.width))
             where = _or_all(None if block.where is None else block.where[within[1:]])
-            clean = restored(state)[core]
+            clean = with_targets(state)[core]
             if state.replaced is not None:
                 block.replaced[within] = state.replaced[core] & where
             if state.targets is not None:

@@ -1,0 +1,57 @@
+"""Glint above a threshold for the whole scene: the median of deep water and some standard deviations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from .noise import noise, spread
+from .state import Sample, Setting, State
+
+K = 5.0
+"""Standard deviations above the median: the number of Fink (2014), section 6.3."""
+
+
+@dataclass(frozen=True)
+class IdentifyMedian:
+    """Fitted thresholds; any pixel above is glint, bright objects and shoals, too.
+
+    Attributes
+    ----------
+    thresholds : tuple of float
+        Of each band, in the image's unit at that stage; not above the radiance at which it saturates.
+    """
+
+    name: ClassVar[str] = "identify-median"
+    thresholds: tuple[float, ...]
+
+    @property
+    def halo(self) -> int:
+        """None: it looks at single pixels."""
+        return 0
+
+    def apply(self, state: State) -> State:
+        """Mark glint."""
+        return replace(state, glint=state.image > np.array(self.thresholds, np.float32)[:, None, None])
+
+
+def fit(sample: Sample, setting: Setting, number: float | None = None) -> IdentifyMedian:
+    """Thresholds from a sample; `number` is that of the standard deviations above the median.
+
+    The standard deviation is that of what lies below the median, as glint only adds: ``1.4826 median(m - x | x <= m)``
+    (Rousseeuw, Croux 1993, doi:10.1080/01621459.1993.10476408), and at least that of the noise. Fails where glint
+    covers half of the pixels: the median is glint then.
+    """
+    k = K if number is None else number
+    unit = sample.states[0].unit
+    full = setting.saturation / (1 if unit is None else unit)
+    found = []
+    for b in range(len(setting.bands)):
+        planes = [s.image[b] for s in sample.states]
+        values = sample.values(planes)
+        middle = np.float32(np.median(values))
+        about = max(spread(values[values <= middle] - middle), noise(planes, sample.inside))
+        found.append(min(float(middle) + k * about, float(full[b]) * (1 - 1e-6)))  # saturated pixels exceed it
+    return IdentifyMedian(tuple(found))

@@ -1,0 +1,98 @@
+"""Adaptive median: glint that nothing else replaced takes the median of clean pixels around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from ..errors import InputError
+from .replace_glint import put
+from .state import Float32, Mask, State
+
+LARGEST = 25
+"""Side of the largest window where none is given [pixel]: twice the usual window of the opening."""
+CLEAN = 5
+"""Clean neighbours that are enough: the median of fewer is hardly less noisy than one pixel."""
+AT_ONCE = 1 << 22
+"""Values gathered at a time: 16 MB."""
+
+
+@dataclass(frozen=True)
+class Median:
+    """Adaptive median of identified pixels.
+
+    Attributes
+    ----------
+    largest : int
+        Side of the largest window, odd [pixel].
+    """
+
+    name: ClassVar[str] = "median"
+    largest: int = LARGEST
+
+    @property
+    def halo(self) -> int:
+        """Half the largest window [pixel]."""
+        return self.largest // 2
+
+    def apply(self, state: State) -> State:
+        """Fill what is identified; what has too few clean pixels even in the largest window stays as it is."""
+        if state.glint is None:
+            raise InputError("median needs glint to be identified: name identify-median or identify-level before it.")
+        values, filled = state.image.copy(), np.zeros_like(state.glint)
+        for b, glint in enumerate(state.glint):
+            at, clean = glint & state.water, ~glint & state.water
+            values[b], filled[b] = adaptive_median(state.image[b], at, clean, self.largest)
+        return put(state, filled, values, glint=None, background=None, sharp=None, psfs=None)
+
+
+def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARGEST) -> tuple[Float32, Mask]:
+    """Median of the clean pixels around each pixel of glint.
+
+    Parameters
+    ----------
+    band : (row, column) float32 ndarray
+    glint, clean : (row, column) bool ndarray
+        Pixels to fill, and those that may be used.
+    largest : int
+        Side of the largest window, odd [pixel]. The window grows from 3 by 2 until it holds `CLEAN` of them.
+
+    Returns
+    -------
+    (ndarray, ndarray)
+        The band with filled pixels, and which were filled.
+
+    References
+    ----------
+    Hwang, Haddad (1995), IEEE Trans. Image Process. 4, 499-502, doi:10.1109/83.370679.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> sea = np.arange(9, dtype=np.float32).reshape(3, 3)
+    >>> float(adaptive_median(sea, sea == 4, sea != 4)[0][1, 1])
+    3.0
+    """
+    out, filled, half = band.copy(), np.zeros_like(glint), largest // 2
+    padded = np.pad(np.where(clean, band, np.float32(np.nan)), half, constant_values=np.nan)
+    rows, columns = np.nonzero(glint)
+    for reach in range(1, half + 1):
+        if not rows.size:
+            break
+        side = 2 * reach + 1
+        windows, left = sliding_window_view(padded, (side, side)), []
+        for part in np.array_split(np.arange(rows.size), rows.size * side**2 // AT_ONCE + 1):
+            r, c = rows[part], columns[part]
+            values = windows[r + half - reach, c + half - reach].reshape(r.size, -1)
+            count = np.isfinite(values).sum(axis=1)
+            enough = count >= CLEAN
+            values = np.sort(values[enough], axis=1)  # NaN comes last
+            out[r[enough], c[enough]] = values[np.arange(len(values)), (count[enough] - 1) // 2]
+            filled[r[enough], c[enough]] = True
+            left.append(part[~enough])
+        keep = np.concatenate(left)
+        rows, columns = rows[keep], columns[keep]
+    return out, filled

@@ -1,0 +1,87 @@
+"""Median normalisation: bands in units of water, so that one threshold serves all and one band may replace another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from ..errors import FitError
+from .noise import spread
+from .state import Float32, Sample, Setting, State
+
+COVER_K = 3.0
+"""Standard deviations above the mode from which on a pixel counts as glint (normal noise: 0.1 %)."""
+
+
+@dataclass(frozen=True)
+class Normalise:
+    """Fitted normalisation.
+
+    Attributes
+    ----------
+    levels : tuple of float
+        Radiance of deep water in each band.
+    robust : tuple of bool
+        Whether that is the mode, because of glint.
+    """
+
+    name: ClassVar[str] = "normalise"
+    levels: tuple[float, ...]
+    robust: tuple[bool, ...]
+
+    @property
+    def halo(self) -> int:
+        """None: it looks at single pixels."""
+        return 0
+
+    def apply(self, state: State) -> State:
+        """Divide by the levels."""
+        unit = np.array(self.levels, np.float32)
+        before = 1 if state.unit is None else state.unit
+        background = None if state.background is None else state.background / unit[:, None, None]
+        image = state.image / unit[:, None, None]
+        return replace(state, image=image, background=background, sharp=None, unit=unit * before)
+
+
+def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
+    """Median of a sample; its mode, and True, where glint covers a larger share than `most_cover`, 0..1."""
+    from ..remove.levels import mode
+
+    middle = float(np.median(values))
+    if most_cover >= 1:
+        return middle, False
+    peak = mode(values)
+    sigma = spread(values[values <= peak] - np.float32(peak))
+    return (peak, True) if np.mean(values > peak + COVER_K * sigma) > most_cover else (middle, False)
+
+
+def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normalise:
+    """Find the level of water in each band.
+
+    Parameters
+    ----------
+    sample : Sample
+    setting : Setting
+    number : float, optional
+        Cover of glint above which the mode is taken instead of the median [%]; never by default: the median of bands
+        that glint brightens is larger, which makes up for some of it when one band replaces another.
+
+    Raises
+    ------
+    FitError
+        A band has no positive level.
+
+    References
+    ----------
+    Fink (2014), Glint Avoidance and Removal in the Maritime Environment, Rochester Institute of Technology, section
+    6.3.
+    """
+    planes = [[s.image[b] for s in sample.states] for b in range(len(setting.bands))]
+    found = [water_level(sample.values(p), 0.01 * (number or 100)) for p in planes]
+    for place, (level, _) in enumerate(found, start=1):
+        if not level > 0:
+            raise FitError(f"band {place} has a level of {level:g} in deep water; normalising needs a positive one.")
+    levels, robust = zip(*found, strict=True)
+    return Normalise(levels, robust)

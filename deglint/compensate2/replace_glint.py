@@ -1,0 +1,84 @@
+"""Glint replacement: by the band's own background, or by the spectrally nearest band without glint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from ..errors import InputError
+from .state import Float32, Mask, Sample, Setting, State
+
+
+@dataclass(frozen=True)
+class ReplaceLevel:
+    """Replace glint by the background of the band: local in wavelength, nothing is assumed of the spectrum."""
+
+    name: ClassVar[str] = "replace-level"
+
+    @property
+    def halo(self) -> int:
+        """None: it looks at single pixels."""
+        return 0
+
+    def apply(self, state: State) -> State:
+        """Put the background where there is glint."""
+        if state.background is None or state.glint is None:
+            raise InputError("replace-level needs a level: name identify-level before it.")
+        return put(state, state.glint, state.background, glint=None, sharp=None, psfs=None)
+
+
+@dataclass(frozen=True)
+class ReplaceBands:
+    """Replace glint by the value of the spectrally nearest band that has none there, in units of water.
+
+    It keeps the pixel's own texture, and assumes that what is there is as bright against water in both bands: glint
+    below the threshold is carried over, and coloured objects change.
+
+    Attributes
+    ----------
+    order : tuple of tuple of int
+        For each band the others, the nearest in wavelength first.
+    """
+
+    name: ClassVar[str] = "replace-bands"
+    order: tuple[tuple[int, ...], ...]
+
+    @property
+    def halo(self) -> int:
+        """None: it looks at single pixels."""
+        return 0
+
+    def apply(self, state: State) -> State:
+        """Replace; pixels that are glint in every band stay identified."""
+        if state.glint is None:
+            raise InputError("replace-bands needs glint to be identified: name identify-median or identify-level.")
+        values, found = nearest_clean(state.image, state.glint, self.order)
+        return put(state, found, values, glint=state.glint & ~found)
+
+
+def put(state: State, where: Mask, values: Float32, **changes: object) -> State:
+    """A state with values in some of its pixels, which count as replaced."""
+    replaced = where if state.replaced is None else state.replaced | where
+    return replace(state, image=np.where(where, values, state.image), replaced=replaced, **changes)  # type: ignore[arg-type]
+
+
+def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...]) -> tuple[Float32, Mask]:
+    """Values of the spectrally nearest band without glint, (band, row, column), and where one was found."""
+    values, todo = image.copy(), glint.copy()
+    for band, others in enumerate(order):
+        for other in others:
+            take = todo[band] & ~glint[other]
+            np.copyto(values[band], image[other], where=take)
+            todo[band] &= ~take
+    return values, glint & ~todo
+
+
+def fit_bands(_sample: Sample, setting: Setting, _number: float | None = None) -> ReplaceBands:
+    """The order of the bands by distance in wavelength; by place in the file, where wavelengths are not known."""
+    waves = setting.wavelengths
+    place = waves if np.isfinite(waves).all() else np.arange(len(waves), dtype=float)
+    count = range(len(place))
+    order = [sorted((j for j in count if j != i), key=lambda j: (abs(place[j] - place[i]), j)) for i in count]
+    return ReplaceBands(tuple(map(tuple, order)))
