@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,6 @@ Curve = Callable[[Array], Array]
 Kind = tuple[str, int]
 
 SENSOR = preset("thesis")
-SCALE = np.array([SENSOR.scale(b) for b in SENSOR.bands])[:, None, None]
 STEP, SIDE, SIZES = 24, 33, (1, 2, 3, 5)
 LEAST, MOST = 0.8, 1.25
 """Share of its contrast with which a target survives."""
@@ -55,7 +54,16 @@ COLOURS: dict[str, Curve] = {
     "blue dye": lambda w: 0.43 + 0.35 * _falls(510)(w) - 0.4 * _falls(740)(w),
 }
 """Reflectance by wavelength [nm]; "blue dye" is bright in the near infrared, as many dyes are."""
-REFLECTANCE = {k: np.array([f(np.arange(b.low, b.high + 1)).mean() for b in SENSOR.bands]) for k, f in COLOURS.items()}
+
+
+def reflectance(colour: str, sensor: Sensor) -> Array:
+    """Of a colour in each band of a sensor."""
+    return np.array([COLOURS[colour](np.arange(b.low, b.high + 1)).mean() for b in sensor.bands])
+
+
+def scale(sensor: Sensor) -> Array:
+    """Radiance of one digital number, (band, 1, 1)."""
+    return np.array([sensor.scale(b) for b in sensor.bands])[:, None, None]
 
 
 @dataclass(frozen=True)
@@ -77,23 +85,24 @@ class Sea:
     truth: Array
     glint: Array
     objects: npt.NDArray[Any]
+    sensor: Sensor = SENSOR
 
 
 @cache
-def white() -> Array:
-    """Digital numbers of a white thing."""
-    lit = light(Setup(sensor=SENSOR))
-    return np.asarray((lit.direct + lit.diffuse) / np.pi / SCALE.ravel())
+def white(sensor: Sensor) -> Array:
+    """Digital numbers of a white target."""
+    lit = light(Setup(sensor=sensor))
+    return np.asarray((lit.direct + lit.diffuse) / np.pi / scale(sensor).ravel())
 
 
 @cache
-def outline(size: int, down: float, right: float, speed: float) -> Array:
+def outline(sensor: Sensor, size: int, down: float, right: float, speed: float) -> Array:
     """Share of each pixel that a square takes, through the optics, (band, SIDE, SIDE); speed to the right [m/s]."""
     fine = np.fft.fftfreq(SIDE * 8, 1 / 8)
     out, middle = [], 0.0 if size % 2 else 0.5
-    for band in SENSOR.bands:
-        moved = right + speed * band.time_offset / SENSOR.gsd
-        spectrum = mtf(fine[:, None], fine[None], SENSOR, band.wavelength) * np.outer(
+    for band in sensor.bands:
+        moved = right + speed * band.time_offset / sensor.gsd
+        spectrum = mtf(fine[:, None], fine[None], sensor, band.wavelength) * np.outer(
             np.sinc(size * fine), np.sinc(size * fine)
         )
         spectrum = spectrum * np.exp(-2j * np.pi * np.add.outer(fine * (down + middle), fine * (moved + middle)))
@@ -107,7 +116,7 @@ def implant(
     """The scene with targets on a grid, every second seed off the grid of the pixels; not over the squares."""
     rng, image, truth = np.random.default_rng(seed), sea.image.copy(), sea.truth.copy()
     taken = cv2.dilate((sea.objects > 0).astype(np.uint8), np.ones((41, 41), np.uint8)) > 0
-    half, found, queue, steep = SIDE // 2, [], [], noise_model(SENSOR)[0]
+    half, found, queue, steep = SIDE // 2, [], [], noise_model(sea.sensor)[0]
     for row in range(20, image.shape[1] - 20, step):
         for column in range(20, image.shape[2] - 20, step):
             if taken[row, column]:
@@ -115,23 +124,23 @@ def implant(
             queue = queue or [kinds[i] for i in rng.permutation(len(kinds))]
             colour, size = queue.pop()
             down, right = (rng.integers(-2, 3, 2) / 4).tolist() if seed % 2 else (0.0, 0.0)
-            part = outline(size, down, right, speed)
+            part = outline(sea.sensor, size, down, right, speed)
             place = slice(None), slice(row - half, row + half + 1), slice(column - half, column + half + 1)
-            own = (REFLECTANCE[colour] * white())[:, None, None]
+            own = (reflectance(colour, sea.sensor) * white(sea.sensor))[:, None, None]
             clean = (sea.truth[place] + sea.glint[place]) * (1 - part) + part * own
             noisy = clean + np.sqrt(steep[0] + steep[1] * clean) * rng.standard_normal(clean.shape)
-            image[place] = np.where(part > 2e-3, np.clip(np.rint(noisy), 0, SENSOR.levels), image[place])
+            image[place] = np.where(part > 2e-3, np.clip(np.rint(noisy), 0, sea.sensor.levels), image[place])
             truth[place] = truth[place] * (1 - part) + part * own
             found.append(Target(colour, size, row, column))
-    return Sea(sea.path, image, truth, sea.glint, sea.objects), found
+    return replace(sea, image=image, truth=truth), found
 
 
-def contrast(clean: Array, without: Array, truth: Array, targets: Sequence[Target]) -> Array:
+def contrast(clean: Array, without: Array, truth: Array, targets: Sequence[Target], sensor: Sensor = SENSOR) -> Array:
     """Share of each target's contrast that is left."""
     out = []
     for t in targets:
         place = slice(VISIBLE), slice(t.row - 5, t.row + 7), slice(t.column - 5, t.column + 7)
-        lit = white()[:VISIBLE, None, None]
+        lit = white(sensor)[:VISIBLE, None, None]
         wanted, is_left = (truth[place] - without[place]) / lit, (clean[place] - without[place]) / lit
         counts = np.abs(wanted) > 0.25 * np.abs(wanted).max()
         out.append((is_left * wanted)[counts].sum() / (wanted[counts] ** 2).sum())
@@ -143,27 +152,27 @@ def shared(name: str) -> Sea:
     return _sea(DATA / "simulated" / f"{name}.tif")
 
 
-def simulated(place: Path, wind: float, patch: float, seed: int) -> Sea:
-    """A scene made here, in a file at a place."""
-    path = place / f"{wind:g}-{patch:g}-{seed}.tif"
-    things = thesis_array((384, 384), SENSOR.gsd)
-    setup = Setup(sensor=SENSOR, size=(384, 384), wind=wind, patch=patch, seed=seed, objects=things, sky="cardioidal")
-    write_scene(simulate(setup, workers=2), path)
-    return _sea(path)
+def simulated(place: Path, wind: float, patch: float, seed: int, sensor: Sensor = SENSOR) -> Sea:
+    """A scene made here, in a file at a place; squares under water where pixels are fine."""
+    path = place / f"{sensor.name}-{wind:g}-{patch:g}-{seed}.tif"
+    squares = thesis_array((384, 384), sensor.gsd) if sensor.gsd < 0.5 else ()
+    sea = {"wind": wind, "patch": patch, "seed": seed, "sky": "cardioidal"}
+    write_scene(simulate(Setup(sensor=sensor, size=(384, 384), objects=squares, **sea), workers=2), path)
+    return _sea(path, sensor)
 
 
-def _sea(path: Path) -> Sea:
+def _sea(path: Path, sensor: Sensor = SENSOR) -> Sea:
     parts = [open_scene(path.with_stem(path.stem + e)).read().astype(np.float64) for e in ("", "_truth", "_glint")]
-    image, truth, glint = (p / SCALE for p in parts)
+    image, truth, glint = (p / scale(sensor) for p in parts)
     objects = open_scene(path.with_stem(f"{path.stem}_objects")).read()[0]
-    return Sea(path, np.rint(image), truth, glint, objects)
+    return Sea(path, np.rint(image), truth, glint, objects, sensor)
 
 
 def write(sea: Sea, path: Path) -> None:
     """A copy of the sea's own file with another image."""
     shutil.copyfile(sea.path, path)
     with rasterio.open(path, "r+") as out:
-        out.write(np.clip(sea.image, 0, SENSOR.levels).astype(out.dtypes[0]))
+        out.write(np.clip(sea.image, 0, sea.sensor.levels).astype(out.dtypes[0]))
 
 
 def survive(shares: Array) -> float:

@@ -1,42 +1,51 @@
-"""Do small bright things survive `deglint remove`? Targets put into scenes, and ships of real scenes, end to end.
+"""Do small bright targets survive `deglint remove`? Targets put into scenes, and ships of real scenes, end to end.
 
-A target survives where 80 to 125 % of its contrast is left (see `benchmarks.implants`). Between them, "raw" is the
-limit: there sparkle beside a target adds to it.
+A target survives where 80 to 125 % of its contrast is left (see `benchmarks.implants`). "Raw" is the limit: there
+sparkle beside a target adds to it. `chain` is any function from a sea and a folder to its image in digital numbers.
 """
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from deglint import open_scene, remove_glint
-from deglint.compensate.evidence import Protection
-from deglint.pipeline import compensation
+from deglint.physics.presets import preset
 from detect.bench.measure import rms_error
 
-from .compensation import changed
 from .error import DATA, DEEP
-from .implants import COLOURS, SCALE, SIZES, STEP, Array, Sea, contrast, implant, shared, simulated, survive, write
+from .implants import (
+    COLOURS,
+    SENSOR,
+    SIZES,
+    STEP,
+    Array,
+    Sea,
+    contrast,
+    implant,
+    scale,
+    shared,
+    simulated,
+    survive,
+    write,
+)
 from .timing import machine, say
 
+Chain = Callable[[Sea, Path], Array]
+
 BESIDE = 0.02
-"""Of the water level, that a target may add where none is."""
-DEGLINTED, UNPROTECTED = "deglint remove", "nothing put back"
+"""Of the water's radiance, that a target may add where none is."""
 
 
-def deglinted(sea: Sea, place: Path, protect: bool = True) -> tuple[Array, float | None]:
-    """What `deglint remove` makes of a scene, in digital numbers, and its threshold on sums of S."""
+def deglinted(sea: Sea, place: Path) -> Array:
+    """What `deglint remove` makes of a scene, in digital numbers."""
     write(sea, place / "in.tif")
-    off = changed(compensation, "_protection", lambda *_: Protection(reason="left out to compare"))
-    with off if not protect else changed(compensation, "BLURRED", compensation.BLURRED):
-        remove_glint(place / "in.tif", place / "out.tif", overwrite=True)
-    told = json.loads((place / "out.tif.json").read_text())["compensation"]["protection"]
-    return open_scene(place / "out.tif").read().astype(np.float64) / SCALE, told["threshold"]
+    remove_glint(place / "in.tif", place / "out.tif", overwrite=True)
+    return open_scene(place / "out.tif").read().astype(np.float64) / scale(sea.sensor)
 
 
 def groups(place: Path, quick: bool) -> Iterator[tuple[str, list[Sea]]]:
@@ -44,10 +53,11 @@ def groups(place: Path, quick: bool) -> Iterator[tuple[str, list[Sea]]]:
     if (DATA / "simulated").exists():
         for name in ("wind05_delay60", "wind09_delay60"):
             yield name, [shared(name)]
-    for patch in (0.005, 0.06):
+    seeds = range(101, 102 if quick else 104)
+    for sensor, patch in ((SENSOR, 0.005), (SENSOR, 0.06), (preset("worldview3"), 0.06)):
         for wind in (5.0, 9.0):
-            seeds = range(101, 102 if quick else 104)
-            yield f"simulated, {wind:g} m/s, patch {patch:g}", [simulated(place, wind, patch, s) for s in seeds]
+            name = f"{sensor.gsd:g} m, {wind:g} m/s, patch {patch:g}"
+            yield name, [simulated(place, wind, patch, seed, sensor) for seed in seeds]
 
 
 def errors(image: Array, truth: Array, without: Array | None = None) -> Array:
@@ -58,55 +68,43 @@ def errors(image: Array, truth: Array, without: Array | None = None) -> Array:
     return np.array([rms_error(image, truth, columns) for columns in (slice(DEEP), slice(None))])
 
 
-def survivors(place: Path, quick: bool) -> None:
+def survivors(place: Path, quick: bool, chain: Chain = deglinted) -> None:
     """Error without and with targets, and share of targets that survive."""
     kinds = [(c, s) for c in COLOURS for s in SIZES]
     table, rows = [], []
     for name, seas in groups(place, quick):
         left: dict[str, dict[tuple[str, bool], list[float]]] = defaultdict(lambda: defaultdict(list))
         found: dict[str, list[Array]] = defaultdict(list)
-        thresholds = []
         for sea in seas:
-            found["plain"].append(errors(deglinted(sea, place, protect=False)[0], sea.truth))
-            clean, threshold = deglinted(sea, place)
-            found["alone"].append(errors(clean, sea.truth))
-            thresholds.append(np.inf if threshold is None else threshold)
+            found["alone"].append(errors(chain(sea, place), sea.truth))
             for seed in range(2 if quick else 4):
                 there, targets = implant(sea, kinds, seed)
-                results = {"raw": there.image, DEGLINTED: deglinted(there, place)[0]}
-                if seed == 0:
-                    results[UNPROTECTED] = deglinted(there, place, protect=False)[0]
-                found["raw with"].append(errors(there.image, there.truth, sea.truth))
-                found["with"].append(errors(results[DEGLINTED], there.truth, sea.truth))
-                for label, image in results.items():
-                    for t, share in zip(targets, contrast(image, sea.truth, there.truth, targets), strict=True):
+                for label, image in {"raw": there.image, "deglint remove": chain(there, place)}.items():
+                    found[label].append(errors(image, there.truth, sea.truth))
+                    shares = contrast(image, sea.truth, there.truth, targets, sea.sensor)
+                    for t, share in zip(targets, shares, strict=True):
                         left[label][t.colour, t.size > 1].append(share)
-        cells = ["{:.2f} / {:.2f}".format(*np.mean(found[k], axis=0)) for k in ("plain", "alone", "raw with", "with")]
-        table.append([name, *cells, f"{np.mean(thresholds):.0f}"])
+        table.append(
+            [name, *("{:.2f} / {:.2f}".format(*np.mean(found[k], axis=0)) for k in ("alone", "raw", "deglint remove"))]
+        )
         for label, shares in left.items():
-            cells = [
-                f"{survive(np.array(shares[c, True])):.2f} / {survive(np.array(shares[c, False])):.2f}" for c in COLOURS
-            ]
-            rows.append([name, label, *cells])
-    note = "Deep water / whole crop, in percent of the water level; in scenes with targets the water beside them alone."
-    head = "", f"without targets, {UNPROTECTED}", f"without, {DEGLINTED}", "with, raw", f"with, {DEGLINTED}"
-    say("Error [%], and threshold", (*head, "threshold"), table, note)
+            cells = [[survive(np.array(shares[c, larger])) for larger in (True, False)] for c in COLOURS]
+            rows.append([name, label, *("{:.2f} / {:.2f}".format(*cell) for cell in cells)])
+    note = "Deep water / whole crop, in percent of the water's radiance; with targets the water beside them alone."
+    say("Error [%]", ("", "without targets", "with, raw", "with, deglint remove"), table, note)
     note = "Share that keeps 80 to 125 % of its contrast: targets of 2, 3 and 5 pixels / of 1 pixel."
     say("Targets that survive", ("", "", *COLOURS), rows, note)
 
 
-def moving(place: Path, quick: bool) -> None:
-    """Targets that move while the bands look one after the other."""
+def moving(place: Path, quick: bool, chain: Chain = deglinted) -> None:
+    """Targets that move while the bands are taken one after the other."""
     rows, kinds = [], [("white 30 %", 2), ("white 30 %", 3), ("white 30 %", 5)]
     for name, seas in groups(place, True):
         for speed in (0.5, 1.0, 2.0) if quick else (0.25, 0.5, 1.0, 2.0, 4.0):
             there, targets = implant(seas[0], kinds, 1, speed, 2 * STEP)
-            shares = contrast(deglinted(there, place)[0], seas[0].truth, there.truth, targets)
-            cells = [
-                f"{survive(np.array([x for t, x in zip(targets, shares, strict=True) if t.size == s])):.2f}"
-                for s in (2, 3, 5)
-            ]
-            rows.append([name, f"{speed:g}", *cells])
+            shares = contrast(chain(there, place), seas[0].truth, there.truth, targets, seas[0].sensor)
+            by_size = [[x for t, x in zip(targets, shares, strict=True) if t.size == s] for s in (2, 3, 5)]
+            rows.append([name, f"{speed:g}", *(f"{survive(np.array(x)):.2f}" for x in by_size)])
     say("White (30 %) targets that move and survive", ("", "m/s", "2 pixels", "3", "5"), rows)
 
 
@@ -114,7 +112,7 @@ def main(quick: bool) -> None:
     """Measure and print."""
     from .harbours import ships, targets
 
-    print("## Small things\n\n" + machine())
+    print("## Small targets\n\n" + machine())
     for part in (survivors, moving):
         with tempfile.TemporaryDirectory() as name:
             part(Path(name), quick)

@@ -16,7 +16,7 @@ def test_small_things_at_rest_keep_their_contrast(sea, tmp_path):
     kinds, left = [(colour, size) for colour in COLOURS for size in SIZES], []
     for seed in (0, 1):
         there, targets = implant(sea, kinds, seed)
-        shares = contrast(deglinted(there, tmp_path)[0], sea.truth, there.truth, targets)
+        shares = contrast(deglinted(there, tmp_path), sea.truth, there.truth, targets)
         left += [(t.colour, t.size > 1, share) for t, share in zip(targets, shares, strict=True)]
 
     def share(*colours, single=False):
@@ -33,6 +33,6 @@ def test_small_things_at_rest_keep_their_contrast(sea, tmp_path):
 def test_boats_that_move_keep_their_contrast(sea, tmp_path, speed):
     """They had passed for sparkle that lasts, and all were lost."""
     there, targets = implant(sea, [("white 30 %", 5)], 1, speed, 48)
-    shares = contrast(deglinted(there, tmp_path)[0], sea.truth, there.truth, targets)
+    shares = contrast(deglinted(there, tmp_path), sea.truth, there.truth, targets)
     assert len(targets) > 24
     assert survive(shares) >= 0.95

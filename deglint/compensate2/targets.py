@@ -1,0 +1,376 @@
+"""Small bright targets (boats, swimmers, buoys), distinguished from sparkle by one likelihood ratio.
+
+The excess e of a pixel over the background, in bands 1 to B in the order of time, is weighed against two models:
+
+.. math:: S = \\max_k \\ln w_k N(e; 0, A^2 F_k F_k^T + h h^T + V_k) - \\ln p(e_1) \\prod_{b=2}^B p(e_b \\mid e_{b-1})
+
+A target has one of the spectra F (smooth, or with an edge or two, in the light of sun and sky; V noise and what is not
+smooth, h the water that it hides) and is there at all instants; sparkle comes and goes as histograms of the scene's own
+bands show. A pixel belongs to a target where S summed over 3 x 3 pixels, and the log likelihood ratio of one outline in
+all bands, reach a threshold for a false-alarm rate, which rises where sparkle lasts through all instants.
+
+Without instants there is no test: sparkle is as smooth as paint. It fails for targets that move by more than half their
+size while the bands are taken, for most coloured ones of 1 pixel where sparkle lasts, and where bands are registered to
+no better than a third of a pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from .noise import noise
+from .spectra import Model, models
+from .state import SUN_ZENITH, Float32, Mask, Sample, Setting, State
+
+Float64 = npt.NDArray[np.float64]
+Places = npt.NDArray[np.intp]
+Kinds = npt.NDArray[np.uint8]
+
+RATE, TOGETHER = 1e-5, 2.8
+"""False-alarm rate where none is given, and how often evidence counts: blurred light of a facet covers three pixels.
+Independent pixels of sparkle would reach ln(1 / rate) with a chance of `rate` at most."""
+ALIKE, LIT_TOGETHER = 10.0, 4.0
+"""Of pixels that sparkle lights through all instants one in ten has a target's spectrum; where they are common, each of
+the some four that one flash lights within 3 x 3 pixels is likelier by as much."""
+LEAST_DELAY, FEWEST_BANDS = 0.01, 4
+"""Spread of instants [s] in which ripples turn; three bands always meet the three parameters of a smooth spectrum."""
+WINDOW = 15
+"""Side of the local mean where no background was determined [pixel]: three times a target of 5 pixels."""
+ASIDE = 37, 53
+"""Displacement of later bands [pixel]: farther than a clump of glint, oblique to waves along or across."""
+EXCEEDS, FEWEST_LIT, LONE = 3.0, 3, 2.0
+"""Standard deviations of noise by which a band is lit (one pixel of water in 700); fewest bands that a target lights;
+least S of a target's pixel (7 to 1)."""
+SAME, REACH = 0.7, 2
+"""Bands of one outline peak at one pixel: each within 0.7 of its brightest of 3 x 3, for noise and blur. The edge of a
+target, blurred or hidden in one band by sparkle, reaches two pixels."""
+BLUR, VARIED = 0.012, 0.15
+"""Share of the power of 3 x 3 pixels that is not one outline times one spectrum: of a point, whose blur differs between
+bands (0.7 to 2 % at f/10; flat targets have less), and of sparkle."""
+DARK = 700.0
+"""Wavelength from which bands show sparkle and little of the water [nm]."""
+BINS, LOW = 40, -3.0
+"""Histograms of asinh(excess / noise): bins of a factor of 1.3, as noise and blur make of steady light, from -10 on."""
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Small bright targets are found, to be restored after the removal.
+
+    Attributes
+    ----------
+    bands, wavelengths, widths : tuple
+        0-based bands that are judged, in the order of time; their wavelengths and full widths [nm].
+    light : tuple of float
+        Radiance of a white target, such that noise has a standard deviation of 1 in the median of the bands.
+    noise, water : tuple of float
+        Standard deviation of noise, and radiance of water, over `light`.
+    top, tables, first, following : float, tuple
+        Largest asinh(excess) of the histograms; which of `following` is that of each band but the first; logarithms of
+        the share of pixels in each bin at the first instant, and at the next given the bin before.
+    threshold, reason : float, str
+        On the sum over 3 x 3 pixels; why there is no test, empty where there is.
+    """
+
+    name: ClassVar[str] = "targets"
+    bands: Sequence[int] = ()
+    wavelengths: Sequence[float] = ()
+    widths: Sequence[float] = ()
+    light: Sequence[float] = ()
+    noise: Sequence[float] = ()
+    water: Sequence[float] = ()
+    top: float = 1.0
+    tables: Sequence[int] = ()
+    first: Sequence[float] = field(default=(), repr=False)
+    following: Sequence[Sequence[float]] = field(default=(), repr=False)
+    threshold: float = 0.0
+    reason: str = ""
+
+    @property
+    def halo(self) -> int:
+        """Pixels around a block: local mean, peaks, neighbours of those, surroundings, sums twice, outline, reach."""
+        return 0 if self.reason else WINDOW // 2 + 1 + 1 + 1 + 3 + 1 + 1 + REACH + 1
+
+    def apply(self, state: State) -> State:
+        """Find targets; where no background was determined, the image is left without them."""
+        if self.reason:
+            return state
+        excess = Excess.of(self, state.raw, state.background)
+        places, found = excess.restored(*excess.scores())
+        targets, image = np.zeros(state.raw.shape, np.float32), state.image
+        if places.size:
+            targets.reshape(len(targets), -1)[np.array(self.bands)[:, None], places] = found
+            image = image if state.background is not None else image - targets
+        return replace(state, targets=targets, image=image)
+
+    @property
+    def models(self) -> list[Model]:
+        """Of targets, by brightness."""
+        return models(*(tuple(v) for v in (self.wavelengths, self.widths, self.water, self.noise)))
+
+    @cached_property
+    def _steps(self) -> Float32:
+        return np.array(self.following, np.float32).reshape(-1, BINS, BINS)
+
+    def binned(self, e: Float32) -> Places:
+        """Bins of excesses."""
+        return np.clip((np.arcsinh(e) - LOW) * (BINS / (self.top - LOW)), 0, BINS - 1).astype(np.intp)
+
+    def sparkle(self, e: Float32) -> Float32:
+        """Log density of pixels as sparkle; e : (band, pixel)."""
+        q = self.binned(e)
+        chain = [self._steps[k, a, b] for k, (a, b) in zip(self.tables, pairwise(q), strict=True)]
+        each = np.float32(np.log(BINS / (self.top - LOW))) - np.log1p(e * e) / 2
+        return np.asarray(each.sum(axis=0) + np.array(self.first, np.float32)[q[0]] + np.sum(chain, axis=0), np.float32)
+
+    def score(self, e: Float32) -> tuple[Float32, Places, Places]:
+        """S of pixels, the spectrum that explains each best, and its brightness [power of 2]; e : (band, pixel)."""
+        best, kind, level = -self.sparkle(e), np.empty(e.shape[1], np.intp), brightness(e)
+        row, column = np.triu_indices(len(e))
+        for n in np.unique(level):
+            i, (form, constant, _) = np.flatnonzero(level == n), self.models[n]
+            x = e[:, i] * np.float32(0.5**n)
+            p = constant - form @ (x[row] * x[column])
+            kind[i] = p.argmax(axis=0)
+            best[i] += p.max(axis=0)
+        return best, kind, level
+
+    def explained(self, e: Float32, kind: Kinds) -> Float32:
+        """What a target of this spectrum adds: its regression on the excess, nowhere negative; (band, pixel)."""
+        out, level = np.empty_like(e), brightness(e)
+        for n in np.unique(level):
+            i = np.flatnonzero(level == n)
+            out[:, i] = (self.models[n][2][kind[i]] @ e[:, i].T[:, :, None])[:, :, 0].T
+        return np.maximum(out, 0)
+
+
+def brightness(e: Float32) -> Places:
+    """Power of 2 of the brightest band."""
+    return np.clip(np.rint(np.log2(np.maximum(np.abs(e).max(axis=0), 1))), 0, 16).astype(np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class Excess:
+    """What exceeds the background in a block; planes in the order of time."""
+
+    stage: Targets
+    raw: list[Float32]
+    below: list[Float32]
+
+    @classmethod
+    def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
+        """Over the background, or over the local mean where there is none."""
+        import cv2
+
+        planes = [raw[b] for b in stage.bands]
+        below = (
+            [cv2.blur(p, (WINDOW, WINDOW)) for p in planes]
+            if background is None
+            else [background[b] for b in stage.bands]
+        )
+        return cls(stage, planes, below)
+
+    def at(self, places: Places) -> Float32:
+        """Of pixels, over the light of a white target, (band, pixel)."""
+        lit = zip(self.raw, self.below, self.stage.light, strict=True)
+        return np.stack([(r.ravel()[places] - m.ravel()[places]) / np.float32(w) for r, m, w in lit])
+
+    def peaks(self, rows: int = 32) -> Mask:
+        """Where three bands, not all early or late, are lit and near their brightest of 3 x 3: one outline may peak."""
+        import cv2
+
+        (height, width), square = self.raw[0].shape, np.ones((3, 3), np.uint8)
+        out, (e, limit) = np.empty((height, width), np.bool_), np.empty((2, rows + 2, width), np.float32)
+        for top in range(0, height, rows):  # strips stay in the cache
+            first, last = max(top - 1, 0), min(top + rows + 1, height)
+            n, count = last - first, np.zeros((2, last - first, width), np.uint8)
+            planes = zip(self.raw, self.below, self.stage.light, self.stage.noise, strict=True)
+            for i, (raw, below, light, s) in enumerate(planes):
+                cv2.subtract(raw[first:last], below[first:last], dst=e[:n])
+                cv2.dilate(e[:n], square, dst=limit[:n])
+                np.multiply(limit[:n], np.float32(SAME), out=limit[:n])
+                np.maximum(limit[:n], np.float32(EXCEEDS * s * light), out=limit[:n])
+                count[2 * i // len(self.raw)] += (e[:n] >= limit[:n]).view(np.uint8)
+            lit = (count > 0).all(axis=0) & (count.sum(axis=0) >= FEWEST_LIT)
+            out[top : top + rows] = lit[top - first : top - first + rows]
+        return out
+
+    def scores(self) -> tuple[Float32, Float32, Kinds]:
+        """S from `LONE` on (else 0), what 3 x 3 pixels say together, the best spectrum: at peaks and around them."""
+        import cv2
+
+        shape, least = self.raw[0].shape, EXCEEDS * np.array(self.stage.noise, np.float32)[:, None]
+        S, known, kind = np.zeros(shape, np.float32), np.zeros(shape, np.bool_), np.zeros(shape, np.uint8)
+
+        def weigh(where: Mask) -> Float32:
+            """Score pixels that are not yet; sum over 3 x 3."""
+            i = np.flatnonzero(where & ~known)
+            known.flat[i], e = True, self.at(i)
+            lit = (e > least).sum(axis=0) >= FEWEST_LIT
+            found, kind.flat[i[lit]], _ = self.stage.score(e[:, lit])
+            S.flat[i[lit]] = np.where(found > LONE, found, 0)
+            return np.asarray(cv2.boxFilter(S, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT), np.float32)
+
+        weigh(self.peaks())
+        T, some = weigh(near(S > 0, 3)), np.log(1 / RATE)
+        T = weigh(near(some < T, 7))
+        rows, columns = np.nonzero(some < T)
+        T[rows, columns] += self.outline(rows, columns)
+        return S, T, kind
+
+    def outline(self, rows: Places, columns: Places) -> Float32:
+        """Log likelihood ratio by the share of the power of 3 x 3 pixels that is not one outline times one spectrum.
+
+        The rest is B - 1 normal numbers with the variance of noise and blur for a target, `VARIED` for sparkle. The
+        worst band of each pixel does not count: sparkle beside targets spoils them one by one.
+        """
+        (height, width), steps = self.raw[0].shape, (-1, 0, 1)
+        at = [
+            np.clip(rows + i, 0, height - 1) * width + np.clip(columns + j, 0, width - 1) for i in steps for j in steps
+        ]
+        patch = np.stack([self.at(i).T for i in at], axis=1).astype(np.float64)
+        power = (patch**2).sum(axis=(1, 2))
+        v = np.linalg.eigh(patch.swapaxes(1, 2) @ patch)[1][:, :, -1:]
+        rest = (patch - patch @ v @ v.swapaxes(1, 2)) ** 2
+        random = patch.shape[1] * patch.shape[2] / 2 / power  # half of it is in the worst bands
+        share = np.maximum((rest.sum(axis=2) - rest.max(axis=2)).sum(axis=1) / power - random, 0)
+        known = BLUR * (patch**2).sum(axis=2).max(axis=1) / power + random
+        varied = np.maximum(VARIED, known)
+        ratio = np.log(varied / known) - share * (1 / known - 1 / varied)
+        return np.asarray((patch.shape[2] - 1) / 2 * ratio, np.float32)
+
+    def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
+        """Where targets are, and what they add, (band, pixel); beside them as much of it as all bands but one show."""
+        import cv2
+
+        on = near(self.stage.threshold < T, 3) & (S > 0)
+        places, (light, s) = (
+            np.flatnonzero(on),
+            (np.array(v, "f4")[:, None] for v in (self.stage.light, self.stage.noise)),
+        )
+        if not places.size:
+            return places, np.zeros((len(self.raw), 0), np.float32)
+        e = self.at(places)
+        full = self.stage.explained(e, kind.flat[places])
+        away, label = cv2.distanceTransformWithLabels(
+            (~on).view(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        number = np.zeros(int(label.max()) + 1, np.intp)
+        number[label.flat[places]] = np.arange(places.size)
+        beside = np.flatnonzero((away > 0) & (away < REACH + 0.5))
+        spectrum = full[:, number[label.flat[beside]]]
+        share = np.clip(np.sort(self.at(beside) / np.maximum(spectrum, s), axis=0)[1], 0, 1)
+        own = np.minimum(full, np.maximum(e + EXCEEDS * s, 0))
+        return np.concatenate([places, beside]), np.concatenate([own, spectrum * share], axis=1) * light
+
+
+def near(where: Mask, side: int) -> Mask:
+    """Pixels with one of a mask in the square around them."""
+    import cv2
+
+    return np.asarray(cv2.dilate(where.view(np.uint8), np.ones((side, side), np.uint8))).view(np.bool_)
+
+
+def fit(sample: Sample, setting: Setting, number: float | None = None) -> Targets:
+    """Histograms of sparkle and a threshold, from a scene.
+
+    Parameters
+    ----------
+    sample : Sample
+        After the stages that come before, with a background or without.
+    setting : Setting
+    number : float, optional
+        False-alarm rate, `RATE` by default.
+    """
+    t, w = setting.offsets, setting.wavelengths
+    if t is None or not np.isfinite(t).all() or np.ptp(t) < LEAST_DELAY:
+        why = "are not known" if t is None else "differ by less than 10 ms"
+        return Targets(reason=f"time offsets of the bands {why}: nothing distinguishes targets from sparkle")
+    order = sorted((b for b in range(len(w)) if 300 < w[b] < 1000), key=list(zip(t, w, strict=True)).__getitem__)
+    if len(order) < FEWEST_BANDS:
+        return Targets(reason=f"{len(order)} bands are between 300 and 1000 nm, need at least {FEWEST_BANDS}")
+    stage, t = described(sample, setting, order), t[list(order)]
+    blocks = [Excess.of(stage, s.raw, s.background) for s in sample.states]
+    planes = [x.at(np.arange(x.raw[0].size)).reshape(-1, *x.raw[0].shape) for x in blocks]
+    top = max(float(e[:, m].max(initial=1)) for e, m in zip(planes, sample.inside, strict=True))
+    stage = replace(stage, top=float(np.arcsinh(top)) + 1e-3)
+    bins = [stage.binned(e) for e in planes]
+
+    def pixels() -> Places:
+        return np.concatenate([b[:, m] for b, m in zip(bins, sample.inside, strict=True)], axis=1)
+
+    stage = histograms(stage, q := pixels(), t)
+    for plane in bins:  # later bands moved aside: what is steady then is so by chance
+        plane[np.diff(t).argmax() + 1 :] = np.roll(plane[np.diff(t).argmax() + 1 :], ASIDE, (1, 2))
+    lasting = max(extrapolated(steady(q, stage)), steady(pixels(), stage)[-1])
+    rate = RATE if number is None else number
+    threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (ALIKE * rate), 1))
+    return replace(stage, threshold=float(threshold))
+
+
+def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets:
+    """Bands, their light, noise and water."""
+    from ..physics.atmosphere import irradiance
+
+    below = [[(x.raw if x.background is None else x.background)[b] for x in sample.states] for b in order]
+    water = np.array([np.median(sample.values(b)) for b in below])
+    w = setting.wavelengths[list(order)]
+    apart = np.gradient(np.sort(w))[np.argsort(np.argsort(w))]  # bands whose width is not known touch each other
+    widths = np.array([setting.bands[b].width or g for b, g in zip(order, apart, strict=True)])
+    inside = np.clip(w[:, None] + widths[:, None] * np.linspace(-0.5, 0.5, 17), 300, 1000)
+    light = np.sum(irradiance(inside, SUN_ZENITH), axis=0).mean(axis=1)
+    s = np.array([noise([x.raw[b] for x in sample.states], sample.inside) for b in order])
+    light *= np.median(s / light)
+    numbers = [tuple(map(float, v)) for v in (w, widths, light, s / light, water / light)]
+    return Targets(tuple(order), *numbers)  # type: ignore[arg-type]
+
+
+def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
+    """What sparkle does from one instant to the next: pairs of dark bands of the nearest delay; q : (band, pixel)."""
+    import cv2
+
+    dark = [b for b, w in enumerate(stage.wavelengths) if w >= DARK]
+    dark = dark if len(dark) > 1 else list(range(len(t)))
+    pairs = np.array([(i, j) for i in dark for j in dark if i != j])
+    smooth, made = cv2.getGaussianKernel(7, 1.5), {}
+    counts = np.bincount(q[dark].ravel(), minlength=BINS).astype(np.float64)
+    single = cv2.sepFilter2D(counts[:, None], -1, np.ones(1), smooth).ravel() + 0.5
+    single /= single.sum()
+    for delay in np.diff(t):
+        off = np.abs(np.abs(t[pairs[:, 0]] - t[pairs[:, 1]]) - delay)
+        made[delay] = tuple(np.flatnonzero(off < off.min() + 1e-3))
+    following = {}
+    for same in made.values():
+        i, j = (np.concatenate(q[pairs[list(same), k]]) for k in (0, 1))
+        both = np.bincount(i * BINS + j, minlength=BINS * BINS).astype(np.float64).reshape(BINS, BINS)
+        both = cv2.sepFilter2D(both, -1, smooth, smooth, borderType=cv2.BORDER_REPLICATE) + 5 * single
+        following[same] = tuple(np.round(np.log(both / both.sum(axis=1, keepdims=True)), 3).ravel().tolist())
+    tables = tuple(list(following).index(made[delay]) for delay in np.diff(t))
+    return replace(stage, tables=tables, first=tuple(np.log(single).tolist()), following=tuple(following.values()))
+
+
+def steady(q: Places, stage: Targets) -> Float64:
+    """Share of the pixels that are lit and steady, to a bin, for 1, 2, ... steps from the first instant on."""
+    lit = int((np.arcsinh(EXCEEDS) - LOW) * BINS / (stage.top - LOW))
+    like = [(np.abs(b - a) <= 1) & (b > lit) for a, b in pairwise(q)]
+    return np.logical_and.accumulate(like).mean(axis=1)
+
+
+def extrapolated(runs: Float64) -> float:
+    """Share of the pixels that sparkle lights through all instants, from what ends before: targets are not counted.
+
+    Examples
+    --------
+    >>> round(extrapolated(0.2 * 0.5 ** np.arange(7) + 0.01), 6)  # a hundredth is targets
+    0.003125
+    """
+    ends = np.maximum(-np.diff(runs), 0)
+    ratio = float(np.clip(np.median(ends[1:] / np.maximum(ends[:-1], 1e-12)), 0, 0.95)) if len(ends) > 1 else 0.95
+    return float(ends[-1]) * ratio / (1 - ratio)

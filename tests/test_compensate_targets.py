@@ -1,0 +1,198 @@
+"""Small targets are distinguished from sparkle by the instants of the bands."""
+
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from deglint.compensate2.spectra import reflectances
+from deglint.compensate2.state import Sample, Setting, State
+from deglint.compensate2.targets import Targets, extrapolated, fit
+from deglint.errors import FitError
+from deglint.physics.atmosphere import irradiance
+from deglint.scene import Band
+
+WAVELENGTHS = np.array([425.0, 480, 545, 605, 660, 725, 832, 950])
+COLOURS = {
+    "white": np.full(8, 0.3),
+    "grey": np.full(8, 0.1),
+    "blue": np.array([0.38, 0.34, 0.07, 0.03, 0.03, 0.03, 0.03, 0.03]),
+    "red": np.array([0.03, 0.03, 0.03, 0.26, 0.48, 0.48, 0.48, 0.48]),
+}
+CENTRE = 100, 60
+
+
+def light():
+    direct, diffuse = irradiance(WAVELENGTHS, 40.0)
+    return np.asarray(direct + diffuse)
+
+
+def sparkle(rng, shape, dense=0.1):
+    """Flashes over 2 x 2 pixels, drawn anew for each band."""
+    out = np.zeros((8, *shape))
+    for band in out:
+        rows, columns = np.nonzero(rng.random(shape) < dense / 4)
+        power = rng.lognormal(-1.5, 1.0, rows.size)
+        for i in (0, 1):
+            for j in (0, 1):
+                band[(rows + i) % shape[0], (columns + j) % shape[1]] += power
+    return out
+
+
+def scene(colour=None, size=3, shape=(160, 160), seed=1):
+    """Water, sparkle, and a square of a colour; the block, the water, and what the target adds."""
+    rng = np.random.default_rng(seed)
+    water = 0.02 * light() * np.exp(-(WAVELENGTHS - 425) / 100)
+    clean = np.broadcast_to(water[:, None, None], (8, *shape)).copy()
+    image = clean + sparkle(rng, shape) * light()[:, None, None]
+    added = np.zeros_like(image)
+    if colour:
+        place = np.s_[:, CENTRE[0] : CENTRE[0] + size, CENTRE[1] : CENTRE[1] + size]
+        image[place] = (COLOURS[colour] * light())[:, None, None]
+        added[place] = image[place] - clean[place]
+    image += 3e-4 * rng.standard_normal(image.shape)
+    return image.astype(np.float32), clean.astype(np.float32), added
+
+
+def setting(offsets):
+    bands = [Band(f"b{w:g}", wavelength=w, time_offset=t) for w, t in zip(WAVELENGTHS, offsets, strict=True)]
+    return Setting(tuple(bands), (6, 7))
+
+
+DELAYED = setting(0.06 * np.arange(8))
+GROUPS = setting([0.008, 0.3, 0.308, 0.016, 0.316, 0.024, 0.324, 0.0])
+
+
+def fitted(image, clean, what=DELAYED, **options):
+    state = State.of(image)
+    state = state if clean is None else replace(state, background=clean)
+    return state, fit(Sample((state,), (state.water,)), what, **options)
+
+
+def contrast(found, added):
+    return float((found * added).sum() / (added**2).sum())
+
+
+@pytest.mark.parametrize("what", [DELAYED, GROUPS], ids=["delayed", "groups"])
+@pytest.mark.parametrize("colour", COLOURS)
+def test_a_target_of_three_pixels_survives_in_sparkle(colour, what):
+    image, clean, added = scene(colour)
+    state, stage = fitted(image, clean, what)
+    targets = stage.apply(state).targets
+    assert 0.9 < contrast(targets, added) < 1.1
+    targets[:, CENTRE[0] - 3 : CENTRE[0] + 6, CENTRE[1] - 3 : CENTRE[1] + 6] = 0
+    assert not targets.any()
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_sparkle_alone_has_no_targets_and_the_image_stays(seed):
+    image, clean, _ = scene(seed=seed)
+    state, stage = fitted(image, clean)
+    out = stage.apply(state)
+    assert not out.targets.any()
+    assert out.image is state.image
+
+
+def test_flashes_that_last_for_half_of_the_bands_are_sparkle():
+    image, clean, _ = scene()
+    rng = np.random.default_rng(5)
+    for row, column in rng.integers(10, 150, (60, 2)):
+        first = rng.integers(0, 5)
+        image[first : first + 4, row : row + 2, column : column + 2] += light()[first : first + 4, None, None] * 0.3
+    state, stage = fitted(image, clean)
+    assert not stage.apply(state).targets.any()
+
+
+def test_without_a_background_the_image_is_left_without_targets():
+    image, _, added = scene("white", 2)
+    state, stage = fitted(image, None, GROUPS)
+    out = stage.apply(state)
+    assert np.array_equal(out.image, state.image - out.targets)
+    assert contrast(out.targets, added) > 0.75  # the local mean holds some of the target
+
+
+@pytest.mark.parametrize(("offsets", "word"), [([None] * 8, "not known"), ([0.0] * 8, "less than 10 ms")])
+def test_without_instants_there_is_no_test_and_a_reason(offsets, word):
+    image, clean, _ = scene("white")
+    state, stage = fitted(image, clean, setting(offsets))
+    assert word in stage.reason
+    assert stage.halo == 0
+    assert stage.apply(state) is state
+
+
+@pytest.mark.parametrize("background", [True, False])
+def test_a_block_with_its_halo_is_the_same_as_the_whole_inside(background):
+    image, clean, _ = scene("white")
+    state, stage = fitted(image, clean if background else None)
+    whole, h = stage.apply(state).targets, stage.halo
+    inner = np.s_[:, CENTRE[0] - 5 : CENTRE[0] + 2, CENTRE[1] - 6 : CENTRE[1] + 20]
+    outer = np.s_[:, inner[1].start - h : inner[1].stop + h, inner[2].start - h : inner[2].stop + h]
+    block = State.of(image[outer])
+    block = replace(block, background=clean[outer]) if background else block
+    found = stage.apply(block).targets[:, h:-h, h:-h]
+    assert found.any()
+    np.testing.assert_allclose(found, whole[inner], rtol=1e-4, atol=1e-6)
+
+
+def test_serialised_it_finds_the_same():
+    image, clean, _ = scene("red")
+    state, stage = fitted(image, clean)
+    again = Targets(**json.loads(json.dumps(asdict(stage))))
+    assert np.array_equal(again.apply(state).targets, stage.apply(state).targets)
+
+
+def test_bands_in_another_order_give_the_same():
+    image, clean, _ = scene("blue")
+    state, stage = fitted(image, clean, GROUPS)
+    order = np.random.default_rng(0).permutation(8)
+    other = Setting(tuple(GROUPS.bands[i] for i in order), (6, 7))
+    moved, permuted = fitted(image[order], clean[order], other)
+    assert permuted.threshold == pytest.approx(stage.threshold)
+    expected = stage.apply(state).targets[order]
+    np.testing.assert_allclose(permuted.apply(moved).targets, expected, rtol=1e-3, atol=1e-5)
+
+
+def test_a_lower_false_alarm_rate_asks_for_more():
+    image, clean, _ = scene()
+    assert fitted(image, clean, number=1e-8)[1].threshold > fitted(image, clean)[1].threshold
+
+
+def test_sparkle_that_lasts_raises_the_threshold():
+    image, clean, _ = scene(seed=4)
+    lasting = image.copy()
+    flash = np.random.default_rng(6).random((160, 160)) < 0.03
+    lasting[:7, flash] += 0.2 * light()[:7, None]
+    assert fitted(lasting, clean)[1].threshold > fitted(image, clean)[1].threshold + 5
+
+
+def test_extrapolation_does_not_count_targets():
+    assert extrapolated(0.2 * 0.5 ** np.arange(7) + 0.01) == pytest.approx(0.2 * 0.5**7 / 0.5, rel=1.1)
+    assert extrapolated(np.full(7, 0.01)) == 0
+
+
+def test_scores_are_those_of_the_normal_distributions():
+    """The oracle: densities of scipy, spectrum by spectrum."""
+    from scipy.stats import multivariate_normal
+
+    image, clean, _ = scene("white")
+    _, stage = fitted(image, clean)
+    e = np.array([[40.0, 5.0], [42, 6], [39, 4], [41, 5], [40, 300], [38, 6], [43, 4], [40, 5]], np.float32)
+    S, kind, level = stage.score(e)
+    values, factors, weight = reflectances(np.array(stage.wavelengths), np.array(stage.widths))
+    water = np.array(stage.water)
+    for pixel in (0, 1):
+        A = 2.0 ** level[pixel]
+        every = []
+        for v, F, w in zip(values, factors, weight, strict=True):
+            V = np.square(stage.noise) + (0.03 * A) ** 2 * v + (0.05 * water) ** 2
+            C = A * A * F.T @ F + 0.25 * np.outer(water, water) + np.diag(V)
+            every.append(np.log(w) + multivariate_normal(np.zeros(8), C).logpdf(e[:, pixel]))
+        assert kind[pixel] == np.argmax(every)
+        assert S[pixel] == pytest.approx(max(every) - stage.sparkle(e)[pixel], rel=1e-2, abs=0.05)
+    assert S[0] > 2 > S[1]
+
+
+def test_a_sample_without_pixels_is_an_error():
+    with pytest.raises(FitError, match="sample"):
+        fitted(np.full((8, 20, 20), np.nan, np.float32), None)
