@@ -71,7 +71,7 @@ def test_the_order_of_bands_does_not_matter():
     np.testing.assert_array_equal(out[::-1], fitted(state).apply(state).image)
 
 
-@pytest.mark.parametrize("row, column", [(0, 0), (40, 50), (100, 130)])
+@pytest.mark.parametrize(("row", "column"), [(0, 0), (40, 50), (100, 130)])
 def test_a_block_with_its_halo_is_the_whole(row, column):
     state, _ = sea()
     stage = fitted(state)

@@ -35,7 +35,7 @@ def test_a_trial_tells_the_error_of_what_was_replaced(seed):
     claimed = stderr(done, NOTHING, errors)
     for mask in (done.replaced, ~done.replaced):
         ratio = np.sqrt(np.mean(claimed[mask] ** 2) / np.mean((done.image - water)[mask] ** 2))
-        assert ratio == pytest.approx(1, abs=0.3)
+        assert 0.6 < ratio < 1.5
 
 
 def test_errors_of_slope_and_level_add_to_those_of_the_water():
