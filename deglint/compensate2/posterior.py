@@ -11,8 +11,8 @@ the glint g that was taken. The scene tells it: the spread about a median of 5 x
 g, beyond that of the calmest. So what varies where nothing was taken (noise of any correlation, and texture) is not
 glint, and a pixel of which nothing was taken keeps its value to the bit. The mean and the variance of the water around
 are weighted by precision, over a window about twice as wide as a clump of glint (Lee 1980, whose filter this is for
-even v). Where the water varies more than its noise explains - an edge, an object - :math:`\tau^2` is large, and the pixel
-stays.
+even v). Where the water varies more than its noise explains - an edge, an object - :math:`\tau^2` is large, and the
+pixel stays.
 
 Fails where strong glint covers all of a window: its mean then has the error of the removal. What is narrower than a
 clump and lies under strong glint is lost; its standard error says so. Costs three box filters a band.

@@ -171,7 +171,7 @@ def _prepared(
     """Tiles with cleaned references and without what teaches nothing."""
     rules = _rules(request, tiles, sets)
     learnt = [_learnt(tile, request, rules) for tile in tiles]
-    limits = _limits(learnt)
+    limits = [] if request.faint else _limits(learnt)  # weights bound what a pixel teaches
     return [_without_outliers(tile, limits) for tile in learnt], rules
 
 
@@ -269,7 +269,9 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[Band
     rules = {}
     for r in used:
         coarse = (request.bands[r].wavelength or 0) > SHORTEST_SWIR
-        rules[r] = fit_reference([(b[r], m) for b, m in samples], r, edge=COARSE_EDGE if coarse else 1)
+        rules[r] = fit_reference(
+            [(b[r], m) for b, m in samples], r, edge=COARSE_EDGE if coarse else 1, sparkle=request.faint
+        )
     return rules
 
 
