@@ -4,32 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from .state import Float32, Mask, Sample
+from ..remove.noise import noise, spread
+from .state import Sample
+
+__all__ = ["clump_width", "noise", "spread"]
 
 WIDEST_CLUMP = 32
 """Longest distance at which glint is correlated that is looked for [pixel]."""
-
-
-def spread(values: Float32) -> float:
-    """Robust standard deviation about zero: 1.4826 times the median absolute value."""
-    return 1.4826 * float(np.median(np.abs(values))) if values.size else 0.0
-
-
-def noise(planes: list[Float32], inside: tuple[Mask, ...]) -> float:
-    """Standard deviation of a band's noise at the radiance of water.
-
-    From second differences down the columns in the darker half (after Immerkaer 1996,
-    doi:10.1006/cviu.1996.0060).
-    """
-    import cv2
-
-    differences, means = [], []
-    for plane, mask in zip(planes, inside, strict=True):
-        second = (plane[:-2, 1:-1] + plane[2:, 1:-1] - 2 * plane[1:-1, 1:-1]) / np.float32(np.sqrt(6))
-        differences.append(second[mask[1:-1, 1:-1]])
-        means.append(cv2.blur(plane, (3, 3))[1:-1, 1:-1][mask[1:-1, 1:-1]])
-    second, mean = np.concatenate(differences), np.concatenate(means)
-    return max(spread(second[mean <= np.median(mean)]), 1e-12)
 
 
 def clump_width(sample: Sample, band: int) -> int:

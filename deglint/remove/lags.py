@@ -82,6 +82,7 @@ def gather(
     *,
     size: int,
     origin: tuple[int, int] = (0, 0),
+    weight: FloatArray | None = None,
 ) -> LagGrams:
     """Sums of one tile.
 
@@ -94,6 +95,8 @@ def gather(
         A local mean over squares of this side is subtracted from everything before; 0 for none [pixel].
     origin : (int, int)
         Row and column of the tile in the scene.
+    weight : (row, column) ndarray, optional
+        Of each pixel in the sums; 1 by default.
     """
     import cv2
 
@@ -117,8 +120,9 @@ def gather(
             ]
             own = [plane[top : top + height, left : left + width][mask] for plane in values[len(references) :]]
             variables = np.stack([*shifted, *own])
-            variables -= variables.mean(axis=1, keepdims=True)
-            grams.append(variables @ variables.T)
+            w = 1.0 if weight is None else weight[top : top + CELL, left : left + CELL][mask].astype(np.float64)
+            variables -= np.average(variables, axis=1, weights=None if weight is None else w)[:, None]
+            grams.append((variables * w) @ variables.T)
             pixels.append(variables.shape[1])
             places.append((origin[0] + top, origin[1] + left))
     count = len(references) * SIDE**2 + len(bands)

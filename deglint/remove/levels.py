@@ -24,6 +24,13 @@ _REACH = 4
 _MOST_BINS = 1 << 20
 LEAST_GLINT = 0.2
 """Percent of the sample with the least glint, whose median prediction is the level [%]."""
+MOSTLY_CLEAR, LEAST_CLEAR = 0.05, 40.0
+"""Where the lower half of the predictions spans less than this share of what strong glint spans (from the median to the
+99th percentile), most pixels have no glint and differ by noise, whose lowest is no level: more percent are taken [%].
+Pixels that resolve sparkle have .007 to .02, pixels of 1.2 m .07, of 10 m .4."""
+STRONG, PIT = 98.0, 7
+"""Glint above this percentile [%], and the width of the pits around it [pixel]: two lobes of a Lanczos kernel and the
+kernel of the removal. A third of the pixels stay where glint has the size of a pixel."""
 NEGATIVE = 0.1
 """Percent of the calmer half of the sample that may be zero or less in a band after removal [%]. There the level
 decides; under strong glint it is the error of the kernels that makes a pixel negative."""
@@ -183,17 +190,37 @@ def _peak(counts: Float64) -> float:
     return at + 0.5 * (left - right) / (left - 2 * counts[at] + right)
 
 
+def apart_from_sparkle(together: FloatArray, sample: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """The sample without what lies beside strong glint: resampling digs pits there that are no level."""
+    import cv2
+
+    strong = together > np.percentile(together[sample], STRONG)
+    beside = cv2.dilate(strong.view(np.uint8), np.ones((PIT, PIT), np.uint8))
+    return sample & ~np.asarray(beside).view(np.bool_)
+
+
 def shared_level(
-    prediction: FloatArray, value: FloatArray, slopes: Float64
+    prediction: FloatArray,
+    value: FloatArray,
+    slopes: Float64,
+    apart: npt.NDArray[np.bool_] | None = None,
+    share: float | None = None,
 ) -> tuple[Float64, tuple[float, float, float]]:
     """Level of each band [unit of its NIR], and the interval: the lowest possible, the one chosen, the median.
 
-    prediction, value : (band, pixel)
+    prediction, value : (band, pixel); apart : (pixel,), those that may be the least; share : percent of the sample
+    whose median is the level, found by default [%]
     """
     together = slopes @ prediction / slopes.sum()  # in units of the NIR
-    least = together <= np.percentile(together, LEAST_GLINT)
+    middle, strong = np.percentile(together, [50.0, 99.0])
+    if apart is not None and apart.any():
+        prediction, value, together = prediction[:, apart], value[:, apart], together[apart]
+    if share is None:
+        low = float(np.percentile(together, LEAST_GLINT / 2))
+        share = LEAST_CLEAR if middle - low < MOSTLY_CLEAR * (strong - middle) else LEAST_GLINT
+    least = together <= np.percentile(together, share)
     level = np.median(prediction[:, least], axis=1)
-    raised, middle = float(np.median(together[least])), float(np.median(together))
+    raised, middle = float(np.median(together[least])), float(middle)
     short = [
         float(np.percentile((p - v / s)[inside], 100 - NEGATIVE)) - at
         for p, v, s, at in zip(prediction, value, slopes, level, strict=True)
@@ -203,10 +230,18 @@ def shared_level(
     return np.asarray(level + lift, np.float64), (max(float(lowest), 0.0), float(raised + lift), middle)
 
 
-def shared_level_error(prediction: FloatArray, value: FloatArray, slopes: Float64) -> float:
+def shared_level_error(
+    prediction: FloatArray,
+    value: FloatArray,
+    slopes: Float64,
+    apart: npt.NDArray[np.bool_] | None = None,
+    share: float | None = None,
+) -> float:
     """Standard error of the level [unit of the NIR]: the jackknife over groups of neighbouring pixels of the sample."""
     every = max(prediction.shape[1] // LEVEL_PIXELS, 1)
     prediction, value = prediction[:, ::every], value[:, ::every]
+    apart = np.ones(prediction.shape[1], np.bool_) if apart is None else apart[::every]
     group = np.arange(prediction.shape[1]) * GROUPS // prediction.shape[1]
-    left_out = [shared_level(prediction[:, group != g], value[:, group != g], slopes)[1][1] for g in range(GROUPS)]
+    others = [group != g for g in range(GROUPS)]
+    left_out = [shared_level(prediction[:, o], value[:, o], slopes, apart[o], share)[1][1] for o in others]
     return float(np.std(left_out) * np.sqrt(GROUPS - 1))

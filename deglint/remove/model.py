@@ -117,6 +117,9 @@ class GlintModel:
         Where the scene has strips of detectors with opposite delays.
     second : tuple of GlintIndex
         What stands for `indexes` in strips of the second kind.
+    signed : bool
+        Whether a model of kernels also adds where its prediction lies below the level: after compensation has replaced
+        strong glint, what is left lies evenly about the level.
     """
 
     method: str
@@ -130,6 +133,7 @@ class GlintModel:
     level_stderr: float | None = None
     strips: Strips | None = None
     second: tuple[GlintIndex, ...] = ()
+    signed: bool = False
 
     @property
     def halo(self) -> int:
@@ -200,6 +204,7 @@ class GlintModel:
                 level_stderr=data.get("level_stderr"),
                 strips=Strips(tuple(data["strips"]["rows"])) if data.get("strips") else None,
                 second=tuple(_index_from(i) for i in data.get("second", ())),
+                signed=bool(data.get("signed", False)),
             )
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             if isinstance(error, InputError):

@@ -107,7 +107,7 @@ def glint(
     Returns
     -------
     glint : dict of int to (row, column) ndarray
-        By 0-based band, without the halo; never negative, and meaningful only over water.
+        By 0-based band, without the halo; never negative unless the model is signed, and meaningful only over water.
     exceeds : (row, column) ndarray of bool, or None
         Water where a reference exceeds its surroundings by more than glint does, so that the glint around is taken.
     """
@@ -128,7 +128,8 @@ def glint(
         index = model.indexes[fit.index]
         above = predicted(references, model, fit.index, (origin[0] + top, origin[1] + left))[inner]
         above -= above.dtype.type(index.level)
-        np.maximum(above, 0, out=above)
+        if not model.signed:
+            np.maximum(above, 0, out=above)
         above *= above.dtype.type(fit.slope)
         out[fit.band] = above
     return out, exceeds

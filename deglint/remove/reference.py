@@ -65,7 +65,9 @@ class ReferenceRule:
         return 3 * (SIZE // 2) + 3 * self.edge
 
 
-def fit_reference(looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: int = 1) -> ReferenceRule:
+def fit_reference(
+    looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: int = 1, sparkle: bool = False
+) -> ReferenceRule:
     """Measure on open water how far glint exceeds its surroundings.
 
     Parameters
@@ -76,6 +78,9 @@ def fit_reference(looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: 
         0-based band of the reference.
     edge : int
         Width of mixed pixels [pixel]; 2 for a band of half the resolution.
+    sparkle : bool
+        Pixels may resolve sparkle, whose few flashes exceed all else: the limit is at least that which one pixel in a
+        million exceeds if the tail goes on as a power from the 99th to the 99.9th percentile.
 
     Returns
     -------
@@ -86,11 +91,12 @@ def fit_reference(looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: 
     low = min((float(v.min()) for v in found), default=0.0)
     high = max((float(v.max()) for v in found), default=0.0)
     rule = ReferenceRule(band, np.inf, np.inf, low, (high - low) / GRAINS or 1.0, edge)
-    tops, means = [], []
+    tops, means, excesses = [], [], []
     for values, sample in looks:
         total, count = _sums(_grains(values, rule), sample)
         mean = _mean(total, count, rule)
         excess = np.where(sample & (count >= LEAST_PIXELS), values - mean, -np.inf)
+        excesses.append(excess[np.isfinite(excess)])
         means.append(float(mean[sample].min(initial=np.inf)))
         for row in range(0, sample.shape[0], CELL):
             for column in range(0, sample.shape[1], CELL):
@@ -100,6 +106,9 @@ def fit_reference(looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: 
     if not tops:
         return rule
     limit = FACTOR * float(np.percentile(tops, QUARTILE))
+    if sparkle:
+        often, seldom = np.maximum(np.percentile(np.concatenate(excesses), [99.0, 99.9]), np.finfo(np.float32).tiny)
+        limit = max(limit, float(seldom * (seldom / often) ** 3))
     return ReferenceRule(band, limit, min(means) + limit, low, rule.step, edge)
 
 

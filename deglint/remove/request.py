@@ -51,6 +51,15 @@ class FitRequest:
         Percentile of the index that Hedley takes as its level [%]; 0 is the minimum, as published.
     rrs_factor : float
         Physical values are this many times remote-sensing reflectance [sr^-1]; pi for reflectance.
+    more : tuple of int
+        0-based bands that also serve as references for bands of shorter wavelength
+        (`deglint.remove.further.more_references`).
+    faint : bool
+        Kernels suit faint glint rather than strong glint, of which they leave more: for the posterior mean, which takes
+        that from the water beside.
+    level_percentile : float, optional
+        Percentile of the prediction that is the level of `wiener` [%], where strong glint has been replaced: what is
+        left lies evenly about it, and may be negative.
     """
 
     bands: tuple[Band, ...]
@@ -60,6 +69,9 @@ class FitRequest:
     regression: str = "ols"
     floor_percentile: float = 0.0
     rrs_factor: float = math.pi
+    more: tuple[int, ...] = ()
+    faint: bool = False
+    level_percentile: float | None = None
 
     def __post_init__(self) -> None:
         if self.regression not in REGRESSIONS:

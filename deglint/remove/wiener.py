@@ -36,16 +36,18 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
+from ..moments import CELL
 from ..scene import Band, FloatArray
 from .colour import SharedGlint, shared_glint
 from .detrend import SIZE as LOCAL_MEAN
 from .detrend import detrend
 from .kernels import SUPPORTS, WITH_SWIR, WORTH, BandSet, KernelFit, fit_kernels, joined
 from .lags import LagGrams, gather, merge, offsets
-from .levels import even_share, shared_level, shared_level_error
+from .levels import apart_from_sparkle, even_share, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
+from .noise import faint_weight
 from .predict import bordered, predicted
-from .reference import ReferenceRule, clean, fit_reference
+from .reference import FACTOR, LEAST_WATER, QUARTILE, ReferenceRule, clean, fit_reference
 from .request import EVEN, FitRequest
 from .strips import LEAST as LEAST_SQUARES
 from .strips import Strips, find_kernels, second_kind
@@ -57,8 +59,6 @@ SAMPLE_SIDE = 192
 """Side of the tiles of a sample [pixel]."""
 SURE = 3.0
 """Standard errors by which the glint that the bands share must exceed zero."""
-FAR_OUT = 8.0
-"""Robust standard deviations from the local mean beyond which a pixel teaches nothing: a ship, surf, a rare flash."""
 SHEET = 0.5
 """Glint-free NIR over green after removal, from which on an even sheet of glint may hide in it. Clear and moderately
 turbid water has .05 to .4, with the light that the air scatters."""
@@ -171,7 +171,7 @@ def _prepared(
     """Tiles with cleaned references and without what teaches nothing."""
     rules = _rules(request, tiles, sets)
     learnt = [_learnt(tile, request, rules) for tile in tiles]
-    limits = _limits(learnt)
+    limits = [] if request.faint else _limits(learnt)  # weights bound what a pixel teaches
     return [_without_outliers(tile, limits) for tile in learnt], rules
 
 
@@ -186,6 +186,7 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
                 t.sample if everything else t.teaches,
                 size=size,
                 origin=t.origin,
+                weight=faint_weight(t.references[band_set.references[0]], t.sample, size) if request.faint else None,
             )
             for t in learnt
         ]
@@ -226,19 +227,25 @@ def _nothing(model: GlintModel, why: str) -> GlintModel:
 
 
 def band_sets(request: FitRequest) -> list[BandSet]:
-    """Bands by what they follow: the NIR taken with them, then SWIR or another NIR that is not itself corrected."""
+    """Bands by what they follow: the NIR taken with them, SWIR or another NIR, then what the request adds."""
     out: dict[tuple[int, ...], list[int]] = {}
     for place, follows in enumerate(request.follows):
         first = request.indexes[follows or 0].bands[0]
         others = [i for i, b in enumerate(request.bands) if i != first and i not in request.correct and _serves(b)]
         others.sort(key=lambda i: _preference(request.bands[i]))
-        out.setdefault((first, *others[:1]), []).append(place)
+        own = request.bands[request.correct[place]].wavelength or np.inf
+        longer = [i for i in request.more if i != first and (request.bands[i].wavelength or 0.0) > own]
+        out.setdefault(tuple(dict.fromkeys((first, *others[:1], *longer))), []).append(place)
     return [BandSet(references, tuple(bands)) for references, bands in out.items()]
 
 
 def _supports_of(band_set: BandSet, request: FitRequest) -> tuple[tuple[int, ...], ...]:
-    last = request.bands[band_set.references[-1]].wavelength or 0.0
-    return WITH_SWIR if len(band_set.references) > 1 and last > SHORTEST_SWIR else SUPPORTS
+    count = len(band_set.references)
+    if count == 1:
+        return SUPPORTS
+    second = request.bands[band_set.references[1]].wavelength or 0.0
+    plain = WITH_SWIR if second > SHORTEST_SWIR else SUPPORTS
+    return plain if count == 2 else (*plain, *(sides * count for sides in ((1,), (3,))))
 
 
 def _serves(band: Band) -> bool:
@@ -262,7 +269,9 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[Band
     rules = {}
     for r in used:
         coarse = (request.bands[r].wavelength or 0) > SHORTEST_SWIR
-        rules[r] = fit_reference([(b[r], m) for b, m in samples], r, edge=COARSE_EDGE if coarse else 1)
+        rules[r] = fit_reference(
+            [(b[r], m) for b, m in samples], r, edge=COARSE_EDGE if coarse else 1, sparkle=request.faint
+        )
     return rules
 
 
@@ -287,20 +296,26 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
 
 
 def _limits(learnt: Sequence[_Learnt]) -> list[float]:
-    """Of every reference, then every band: the deviation from its local mean beyond which a pixel teaches nothing."""
-    planes = [list(t.references.values()) + t.bands for t in learnt]
-    out = []
-    for k in range(len(planes[0]) if planes else 0):
-        away = [np.abs(detrend(p[k][None], t.sample)[0][t.sample]) for p, t in zip(planes, learnt, strict=True)]
-        together = np.concatenate(away)
-        out.append(FAR_OUT * 1.4826 * float(np.median(together)) if together.size else np.inf)
-    return out
+    """Of every reference, then every band: the deviation from its local mean beyond which a pixel teaches nothing.
+
+    As for references: sparkle is found all over the sea with much the same strength, a ship or surf is not.
+    """
+    tops = []
+    for tile in learnt:
+        away = np.abs(detrend(np.stack([*tile.references.values(), *tile.bands]), tile.sample))
+        away[:, ~tile.sample] = 0
+        for row in range(0, tile.sample.shape[0], CELL):
+            for column in range(0, tile.sample.shape[1], CELL):
+                cell = slice(row, row + CELL), slice(column, column + CELL)
+                if tile.sample[cell].mean() >= LEAST_WATER:
+                    tops.append(away[:, *cell].max(axis=(1, 2)))
+    return [] if not tops else list(FACTOR * np.percentile(tops, QUARTILE, axis=0))
 
 
 def _without_outliers(tile: _Learnt, limits: Sequence[float]) -> _Learnt:
     import cv2
 
-    if not tile.sample.any():
+    if not limits or not tile.sample.any():
         return tile
     away = np.abs(detrend(np.stack([*tile.references.values(), *tile.bands]), tile.sample))
     with np.errstate(invalid="ignore"):
@@ -351,19 +366,25 @@ def _predictions(model: GlintModel, tile: _Learnt) -> list[FloatArray]:
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
     """One level for all bands, from the pixels of the sample where their predictions together are least."""
     slopes = np.array([f.slope for f in model.fits])
-    predictions, values = [], []
+    predictions, values, places = [], [], []
     for tile in learnt:
         if tile.sample.any():
-            predictions.append(np.stack(_predictions(model, tile))[:, tile.sample])
+            found = np.stack(_predictions(model, tile))
+            predictions.append(found[:, tile.sample])
             values.append(np.stack([band[tile.sample] for band in tile.bands]))
+            places.append(apart_from_sparkle(np.tensordot(slopes, found, 1), tile.sample)[tile.sample])
     prediction, value = np.concatenate(predictions, axis=1), np.concatenate(values, axis=1)  # (band, pixel)
-    level, interval = shared_level(prediction, value, slopes)
-    error = shared_level_error(prediction, value, slopes)
+    apart = np.concatenate(places)
+    share = None if request.level_percentile is None else 2 * request.level_percentile
+    level, interval = shared_level(prediction, value, slopes, apart, share)
+    error = shared_level_error(prediction, value, slopes, apart, share)
     indexes = tuple(replace(i, level=float(at)) for i, at in zip(model.indexes, level, strict=True))
     second = tuple(replace(i, level=float(at)) for i, at in zip(model.second, level, strict=False))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
     clean = float(np.median(value[green] - slopes[green] * np.maximum(prediction[green] - indexes[green].level, 0)))
-    model = replace(model, indexes=indexes, second=second, level_interval=interval, level_stderr=error)
+    model = replace(
+        model, indexes=indexes, second=second, level_interval=interval, level_stderr=error, signed=share is not None
+    )
     return replace(model, warnings=_sheet(interval, clean))
 
 

@@ -1,0 +1,143 @@
+r"""Standard errors of a compensated image, from the scene itself.
+
+.. math:: \sigma^2 = \sigma_w^2 + (\sigma_b g / b)^2 + (b \sigma_0)^2
+
+with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the glint that removal took, and
+:math:`\sigma_0` the standard error of the level that all bands share. The variance of the water, :math:`\sigma_w^2`, is
+that of the posterior mean where that stage ran (`deglint.compensate.posterior`). Where glint was replaced by a
+background instead, it is that of the background's error, by one trial: the glint of the scene is laid on its own
+compensated image, half a tile away, and the chain run again. Where nothing was replaced it is that of noise.
+
+Root mean square errors, noise included. What all pixels share and no image shows is not in them: calibration,
+atmosphere, an even sheet of glint. What is narrower than the window of an opening is erased, and nothing tells.
+
+References
+----------
+Efron, Tibshirani (1993), An Introduction to the Bootstrap, doi:10.1201/9780429246593 (errors from a known copy).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..remove.model import GlintModel
+from .noise import noise
+from .state import FEWEST, Float32, Sample, State
+
+SPAN = 7
+"""Side of the window in which a background's relief is looked at [pixel]: errors lie at edges."""
+
+LEAST = 0.25
+"""Least variance of a background, relative to that of noise: it is made of a few of the window's darkest pixels."""
+
+
+@dataclass(frozen=True)
+class ReplacedError:
+    """Variance of one band where nothing, and where glint, was replaced.
+
+    Attributes
+    ----------
+    band : int
+        0-based.
+    noise : float
+        Variance of noise [unit of the band squared].
+    even, relief : float
+        Variance of a background that is even, and per square of how far the result spans within `SPAN` pixels.
+    """
+
+    band: int
+    noise: float
+    even: float
+    relief: float
+
+
+def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -> tuple[ReplacedError, ...]:
+    """Measure on a sample how far backgrounds are from the water, by a trial.
+
+    Parameters
+    ----------
+    before, after : Sample
+        As read, and after all stages.
+    run : callable
+        The chain: the state after all stages of a state as read.
+
+    Returns
+    -------
+    tuple of ReplacedError
+        One for each band.
+    """
+    tried = [run(_trial(s)) for s in after.states]
+    out = []
+    for b in range(len(before.states[0].raw)):
+        s2 = noise([s.raw[b] for s in before.states], before.inside) ** 2
+        wrong, spans = [], []
+        for truth, done, inside in zip(after.states, tried, after.inside, strict=True):
+            if truth.replaced is not None and done.replaced is not None:
+                seen = inside & done.replaced[b] & ~truth.replaced[b]  # the truth has its own noise there
+                wrong.append((done.image[b] - truth.image[b])[seen])
+                spans.append(_span(done.image[b])[seen])
+        away = np.concatenate(wrong) if wrong else np.zeros(0, np.float32)
+        if away.size < FEWEST:
+            out.append(ReplacedError(b, s2, s2, 0.0))
+            continue
+        relief = np.concatenate(spans).astype(np.float64) ** 2
+        square = away.astype(np.float64) ** 2 - s2
+        flat = relief <= np.median(relief)
+        even = max(float(square[flat].mean()), LEAST * s2)
+        steep = max(float(square[~flat].mean()) - even, 0.0) / max(float(relief[~flat].mean()), 1e-30)
+        out.append(ReplacedError(b, s2, even, steep))
+    return tuple(out)
+
+
+def _trial(done: State) -> State:
+    """The compensated image under the glint that was taken from another part of it."""
+    glint = np.maximum(done.raw - done.image, 0)
+    if done.replaced is not None:
+        glint = np.where(done.replaced, glint, 0)
+    half = done.raw.shape[1] // 2, done.raw.shape[2] // 2
+    known = done.image + np.roll(glint, half, (1, 2))
+    return State(known, known, done.water)
+
+
+def _span(band: Float32) -> Float32:
+    """How far a band spans around each pixel; single pixels do not count."""
+    import cv2
+
+    plane, window = cv2.medianBlur(band, 5), np.ones((SPAN, SPAN), np.uint8)
+    return np.asarray(cv2.dilate(plane, window) - cv2.erode(plane, window), np.float32)
+
+
+def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()) -> Float32:
+    """Standard error of a block after all stages.
+
+    Parameters
+    ----------
+    state : State
+        With `variance` of a posterior mean; or `replaced`, with `errors`.
+    model : GlintModel
+        Of the removal.
+    errors : sequence of ReplacedError
+
+    Returns
+    -------
+    (band, row, column) float32 ndarray
+        0 for a band of which nothing is known.
+    """
+    variance = np.zeros_like(state.image) if state.variance is None else state.variance.copy()
+    for e in errors:
+        rough = np.float32(e.even) + np.float32(e.relief) * _span(state.image[e.band]) ** 2
+        replaced = np.zeros_like(state.water) if state.replaced is None else state.replaced[e.band]
+        variance[e.band] += np.where(replaced, rough, np.float32(e.noise))
+    for f in model.fits:
+        if state.removed is not None and f.slope:
+            variance[f.band] += np.square(np.float32((f.stderr or 0.0) / f.slope) * state.removed[f.band])
+        variance[f.band] += np.float32((f.slope * (model.level_stderr or 0.0)) ** 2)
+    return np.sqrt(variance)
+
+
+def halo(errors: Sequence[ReplacedError]) -> int:
+    """Pixels around a block that `stderr` looks at."""
+    return SPAN // 2 + 2 if errors else 0

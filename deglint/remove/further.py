@@ -1,0 +1,74 @@
+"""Further references of the Wiener filter: red-edge bands, where they show nothing of the water."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..scene import FloatArray
+from .noise import noise
+from .predict import glint
+from .request import FitRequest
+from .wiener import SampleTile, fit
+
+RED_EDGE = 680.0
+"""Shortest wavelength of further references [nm]: from there on water takes half of the light within .7 m. Red bands
+show objects and plumes: with them a fifth of the objects in simulated scenes lost their contrast."""
+TEST_TILES = 4
+"""Tiles that further references are tested on, spread over the sample."""
+EVEN_SIDE, MOST_TAKEN = 9, 2.0
+"""Side of the means [pixel], and how far they may vary [standard deviations of a pixel's noise]: over deep water they
+vary by .1 to .9, where red edge sees a textured bottom by 4.5 and more."""
+
+
+def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[int, ...]:
+    """Red-edge bands that may serve as further references: where they show nothing of the water.
+
+    Their glint is nearer in wavelength, noise and time to that of shorter bands. Where they see bottom, plume or weed,
+    a kernel that follows them takes these from the shorter bands. That is tested where the NIR shows the least glint:
+    what further references take there, as means over `EVEN_SIDE` pixels, must not vary by more than the noise of a
+    pixel, with the scene's own structures as test signal. (Under wide plumes it is the structure beside them.)
+
+    Parameters
+    ----------
+    request : FitRequest
+        Without further references.
+    tiles : sequence of SampleTile
+
+    Returns
+    -------
+    tuple of int
+        0-based bands for `FitRequest.more`; empty where there are none, or all show the water.
+    """
+    waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
+    more = sorted((b for b, w in waves.items() if w >= RED_EDGE), key=waves.__getitem__)
+    while more:
+        if _taken_from_water(request, tiles, tuple(more)) <= MOST_TAKEN:
+            return tuple(more)
+        more.pop(0)
+    return ()
+
+
+def _taken_from_water(request: FitRequest, tiles: Sequence[SampleTile], more: tuple[int, ...]) -> float:
+    """How the glint that further references add varies over calm water, in standard deviations of noise."""
+    import cv2
+
+    tiles = tiles[:: max(len(tiles) // TEST_TILES, 1)]
+    plain, longer = fit(request, tiles), fit(replace(request, more=more), tiles)
+    shorter = [f.band for f in longer.fits if f.band not in more]
+    changes: list[list[FloatArray]] = [[] for _ in shorter]
+    for tile in tiles:
+        inside = tile.sample & np.isfinite(tile.block).all(axis=0)
+        if not inside.any() or not plain.fits:
+            continue
+        before, _ = glint(tile.block, plain, tile.water, tile.origin)
+        after, _ = glint(tile.block, longer, tile.water, tile.origin)
+        strength = np.sum([before[b] for b in shorter], axis=0)
+        calm = inside & (strength <= np.median(strength[inside]))
+        for k, b in enumerate(shorter):
+            sigma = noise([np.where(inside, tile.block[b], 0).astype(np.float32)], (inside,))
+            change = cv2.blur(np.where(inside, after[b] - before[b], 0), (EVEN_SIDE, EVEN_SIDE))
+            changes[k].append(change[calm] / sigma)
+    return max((float(np.std(np.concatenate(c))) for c in changes if c), default=np.inf)

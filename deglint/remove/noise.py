@@ -1,0 +1,51 @@
+"""Noise and spread of a band: scalars of a sample. Arrays only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ..scene import FloatArray
+from .detrend import SIZE, detrend
+
+Mask = npt.NDArray[np.bool_]
+
+FAINT = 10.0
+"""Standard deviations of noise at which glint leaves as much as noise does: kernels leave some tenth of it."""
+
+
+def spread(values: FloatArray) -> float:
+    """Robust standard deviation about zero: 1.4826 times the median absolute value."""
+    return 1.4826 * float(np.median(np.abs(values))) if values.size else 0.0
+
+
+def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
+    """Standard deviation of a band's noise at the radiance of water: second differences in the darker half.
+
+    planes, inside : (row, column) of each tile. After Immerkaer (1996), Computer Vision and Image Understanding 64,
+    300-302, doi:10.1006/cviu.1996.0060, along the diagonals.
+    """
+    import cv2
+
+    differences, means = [], []
+    for plane, mask in zip(planes, inside, strict=True):
+        second = (plane[:-2, 1:-1] + plane[2:, 1:-1] - 2 * plane[1:-1, 1:-1]) / np.float32(np.sqrt(6))
+        differences.append(second[mask[1:-1, 1:-1]])
+        means.append(cv2.blur(plane, (3, 3))[1:-1, 1:-1][mask[1:-1, 1:-1]])
+    second, mean = np.concatenate(differences), np.concatenate(means)
+    return max(spread(second[mean <= np.median(mean)]), 1e-12)
+
+
+def faint_weight(nir: FloatArray, sample: Mask, size: int) -> FloatArray:
+    """Weight of each pixel: one over the variance of what kernels leave, noise and an error that grows with the glint.
+
+    .. math:: 1 / (1 + (h / k s)^2)
+
+    with h the NIR about its local mean, s its noise and k `FAINT`.
+    """
+    high = detrend(nir[None], sample, size or SIZE)[0]
+    sigma = noise([np.where(sample, nir, 0).astype(np.float32)], (sample,))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.nan_to_num(1 / (1 + (high / (FAINT * sigma)) ** 2)), np.float32)

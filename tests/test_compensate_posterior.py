@@ -1,0 +1,132 @@
+"""Posterior mean of the water after removal: identity, scaling, order of bands, blocks, edges, plumes, calibration."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from deglint.compensate2 import posterior
+from deglint.compensate2.posterior import LeftOver, Posterior, posterior_mean
+from deglint.compensate2.state import Sample, Setting, State
+from deglint.errors import InputError
+from deglint.scene import Band
+
+BANDS = (Band("GREEN", 545.0), Band("RED", 660.0), Band("NIR", 840.0))
+SETTING = Setting(BANDS, (2,))
+
+
+def sea(shape=(160, 192), seed=0, plume=0.0, target=0.0):
+    """A state after removal that left a tenth of sparkle, and its water."""
+    rng = np.random.default_rng(seed)
+    water = np.ones((3, *shape), np.float32) * np.array([100, 60, 10], np.float32)[:, None, None]
+    row, column = np.mgrid[: shape[0], : shape[1]]
+    water[:2] += plume * np.exp(-((row - 80) ** 2 + (column - 60) ** 2) / (2 * 30.0**2))
+    water[:2, 60:84, 120:144] += target
+    sparkle = 300 * np.maximum(gaussian_filter(rng.normal(size=shape), 1.0) * 3.5 - 1.2, 0)
+    removed = np.stack([sparkle, 0.8 * sparkle, 0 * sparkle]).astype(np.float32)
+    left = 0.1 * removed * rng.normal(size=removed.shape)
+    image = (water + rng.normal(size=water.shape) + left).astype(np.float32)
+    return State(image + removed, image, np.ones(shape, bool), removed=removed), water
+
+
+def fitted(state):
+    return posterior.fit(Sample((state,), (state.water,)), SETTING)
+
+
+def error(image, water):
+    return float(np.sqrt(np.mean((image - water)[:2] ** 2)))
+
+
+def test_left_over_glint_is_taken_and_calm_pixels_stay_to_the_bit():
+    state, water = sea()
+    out = fitted(state).apply(state).image
+    assert error(out, water) < 0.3 * error(state.image, water)
+    calm = state.removed == 0
+    np.testing.assert_array_equal(out[calm], state.image[calm])
+
+
+def test_nothing_is_done_where_glint_leaves_nothing():
+    state, _ = sea()
+    even = replace(state, removed=np.zeros_like(state.image))
+    np.testing.assert_array_equal(fitted(even).apply(even).image, state.image)
+    rng = np.random.default_rng(5)
+    noisy = replace(state, image=rng.normal(100, 3, state.image.shape).astype(np.float32))
+    found = fitted(noisy)
+    assert not found.resolved
+    np.testing.assert_array_equal(found.apply(noisy).image, noisy.image)
+
+
+def test_the_unit_does_not_matter():
+    state, _ = sea()
+    large = State(4 * state.raw, 4 * state.image, state.water, removed=4 * state.removed)
+    np.testing.assert_allclose(fitted(large).apply(large).image, 4 * fitted(state).apply(state).image, rtol=1e-4)
+
+
+def test_the_order_of_bands_does_not_matter():
+    state, _ = sea()
+    turned = State(state.raw[::-1], state.image[::-1], state.water, removed=state.removed[::-1])
+    setting = Setting(BANDS[::-1], (0,))
+    out = posterior.fit(Sample((turned,), (turned.water,)), setting).apply(turned).image
+    np.testing.assert_array_equal(out[::-1], fitted(state).apply(state).image)
+
+
+@pytest.mark.parametrize(("row", "column"), [(0, 0), (40, 50), (100, 130)])
+def test_a_block_with_its_halo_is_the_whole(row, column):
+    state, _ = sea()
+    stage = fitted(state)
+    whole, h = stage.apply(state), stage.halo
+    outer = slice(max(row - h, 0), row + 40 + h), slice(max(column - h, 0), column + 40 + h)
+    part = State(state.raw[:, *outer], state.image[:, *outer], state.water[outer], removed=state.removed[:, *outer])
+    top, left = row - outer[0].start, column - outer[1].start
+    for name in ("image", "variance"):
+        got = getattr(stage.apply(part), name)[:, top : top + 40, left : left + 40]
+        np.testing.assert_allclose(got, getattr(whole, name)[:, row : row + 40, column : column + 40], rtol=2e-4)
+
+
+def test_plumes_and_objects_keep_their_contrast():
+    state, water = sea(plume=20.0, target=15.0)
+    out = fitted(state).apply(state).image
+    gain = (out[0, 64:96, 44:76] - 100).mean() / (water[0, 64:96, 44:76] - 100).mean()
+    assert gain == pytest.approx(1, abs=0.05)
+    inside = np.zeros(state.water.shape, bool)
+    inside[62:82, 122:142] = True
+    assert (out[0][inside].mean() - 100) / (water[0][inside].mean() - 100) == pytest.approx(1, abs=0.08)
+    assert out[0, 72, 122:142].mean() - out[0, 72, 100:118].mean() > 10
+
+
+def test_the_variance_is_that_of_the_error():
+    for seed in (1, 2):
+        state, water = sea(seed=seed, target=15.0)
+        out = fitted(state).apply(state)
+        ratio = np.sqrt(out.variance[:2].mean() / np.mean((out.image - water)[:2] ** 2))
+        assert ratio == pytest.approx(1, abs=0.2)
+
+
+def test_saturated_pixels_take_the_water_around():
+    state, _ = sea()
+    raw, image = state.raw.copy(), state.image.copy()
+    raw[:, 80, 90], image[:2, 80, 90] = 4095, 900
+    stage = replace(fitted(state), saturation=(4095.0,) * 3)
+    out = stage.apply(replace(state, raw=raw, image=image))
+    assert abs(out.image[0, 80, 90] - 100) < 5
+
+
+def test_the_table_of_variances_is_the_line_between_them():
+    left = LeftOver(0, 1.0, (0.0, 2.0, 10.0), (0.0, 0.0, 8.0))
+    glint = np.array([[0.0, 1.0, 2.0, 6.0, 10.0, 20.0]], np.float32)
+    np.testing.assert_allclose(left.of(glint)[0], [0, 0, 0, 4, 8, 32], atol=0.02)
+
+
+def test_even_left_over_glint_is_the_filter_of_lee():
+    rng = np.random.default_rng(3)
+    x = rng.normal(50, 2, (64, 64)).astype(np.float32)
+    out, variance = posterior_mean(x, np.full_like(x, 3.0), np.float32(1.0), 9)
+    assert out.std() < 0.65 * x.std()
+    assert (variance > 0).all()
+
+
+def test_the_stage_needs_a_removal_before_it():
+    state, _ = sea()
+    with pytest.raises(InputError, match="after remove"):
+        Posterior(4, (), (np.inf,) * 3).apply(replace(state, removed=None))

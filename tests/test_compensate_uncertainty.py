@@ -1,0 +1,53 @@
+"""Standard errors of compensated images against errors of known water."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter, grey_opening
+
+from deglint.compensate2.state import Sample, State
+from deglint.compensate2.uncertainty import ReplacedError, fit_replaced, halo, stderr
+from deglint.remove import BandFit, GlintIndex, GlintModel
+
+NOTHING = GlintModel("wiener", (GlintIndex((1,), (1.0,)),), (), ("B", "NIR"))
+
+
+def opened(state):
+    """A chain of one stage: what exceeds an opening is replaced by it."""
+    level = np.stack([grey_opening(b, (9, 9)) for b in state.raw]) + 2.0
+    glint = state.raw > level + 1.5
+    return State(state.raw, np.where(glint, level, state.raw).astype(np.float32), state.water, replaced=glint)
+
+
+def sea(seed):
+    rng = np.random.default_rng(seed)
+    water = np.full((2, 160, 160), 50.0)
+    water[:, 40:70, 40:70] += 15
+    glint = np.maximum(gaussian_filter(rng.normal(size=water.shape), (0, 1, 1)) * 300 - 120, 0)
+    raw = (water + glint + rng.normal(size=water.shape)).astype(np.float32)
+    return State(raw, raw, np.ones(raw.shape[1:], bool)), water
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_trial_tells_the_error_of_what_was_replaced(seed):
+    state, water = sea(seed)
+    done = opened(state)
+    errors = fit_replaced(Sample((state,), (state.water,)), Sample((done,), (state.water,)), opened)
+    claimed = stderr(done, NOTHING, errors)
+    for mask in (done.replaced, ~done.replaced):
+        ratio = np.sqrt(np.mean(claimed[mask] ** 2) / np.mean((done.image - water)[mask] ** 2))
+        assert 0.6 < ratio < 1.5
+
+
+def test_errors_of_slope_and_level_add_to_those_of_the_water():
+    fit = BandFit(0, "B", 0, 2.0, stderr=0.2)
+    model = GlintModel("wiener", NOTHING.indexes, (fit,), ("B", "NIR"), level_stderr=0.5)
+    ones = np.ones((2, 8, 8), np.float32)
+    state = State(ones, ones, np.ones((8, 8), bool), removed=30 * ones, variance=4 * ones)
+    out = stderr(state, model)
+    np.testing.assert_allclose(out[0], np.sqrt(4 + 9 + 1), rtol=1e-6)
+    np.testing.assert_allclose(out[1], 2, rtol=1e-6)
+
+
+def test_without_a_trial_there_is_no_halo():
+    assert halo(()) == 0
+    assert halo((ReplacedError(0, 1.0, 1.0, 0.0),)) > 0

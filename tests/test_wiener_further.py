@@ -1,0 +1,102 @@
+"""Further references of the Wiener filter, kernels of faint glint, and levels after compensation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from deglint import remove
+from deglint.remove import GlintModel, SampleTile, nir_request, wiener
+from deglint.remove.further import more_references
+from deglint.remove.levels import apart_from_sparkle
+from deglint.remove.predict import glint
+from deglint.scene import Band
+
+BANDS = (Band("BLUE", 480.0), Band("RED", 660.0), Band("EDGE", 715.0), Band("NIR", 840.0))
+
+
+def sea(seed=0, bottom=0.0, shape=(192, 192)):
+    """Sparkle with a part that the NIR does not show; a textured bottom that the red edge sees a little."""
+    rng = np.random.default_rng(seed)
+    sparkle = np.maximum(gaussian_filter(rng.normal(size=shape), 1) * 4 - 1.5, 0) * 200
+    own = 1 + 0.1 * gaussian_filter(rng.normal(size=shape), 1) * 4
+    texture = gaussian_filter(rng.normal(size=shape), 6) * 20
+    water = np.stack([90 + bottom * texture, 40 + bottom * texture, 10 + 0.1 * bottom * texture, 2 + 0 * texture])
+    glints = np.stack([sparkle * own, sparkle * own, sparkle * own, sparkle])
+    return (water + glints + 0.5 * rng.normal(size=water.shape)).astype(np.float32), water
+
+
+def parts(block):
+    every = np.ones(block.shape[1:], bool)
+    return nir_request(BANDS, [3], regression="detrended"), [SampleTile(block, every, every)]
+
+
+def test_a_red_edge_band_serves_over_deep_water_and_not_over_a_bottom_that_it_sees():
+    request, tiles = parts(sea()[0])
+    assert more_references(request, tiles) == (2,)
+    request, tiles = parts(sea(bottom=6.0)[0])
+    assert more_references(request, tiles) == ()
+
+
+def test_further_references_lessen_what_is_left_and_are_saved():
+    block, water = sea()
+    request, tiles = parts(block)
+    left = {}
+    for more in ((), (2,)):
+        model = wiener.fit(replace(request, more=more), tiles)
+        left[more] = float(np.std((remove.apply(block, model) - water)[0]))
+    assert left[(2,)] < 0.6 * left[()]
+    again = GlintModel.from_json(model.to_json())
+    assert again == model
+    np.testing.assert_array_equal(remove.apply(block, again), remove.apply(block, model))
+
+
+def test_a_plume_survives_a_fit_with_it():
+    block, _ = sea()
+    row, column = np.mgrid[:192, :192]
+    plume = np.exp(-((row - 96) ** 2 + (column - 96) ** 2) / (2 * 40.0**2)) * np.array([8, 20, 5, 0.5])[:, None, None]
+    results = []
+    for image in (block, (block + plume).astype(np.float32)):
+        request, tiles = parts(image)
+        model = wiener.fit(replace(request, more=more_references(request, tiles), faint=True), tiles)
+        results.append(remove.apply(image, model))
+    kept = (results[1] - results[0])[1, 66:126, 66:126].mean() / plume[1, 66:126, 66:126].mean()
+    assert kept == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.parametrize("options", [{"more": (2,)}, {"more": (2,), "faint": True}, {"level_percentile": 30.0}])
+def test_a_tile_with_its_halo_is_the_whole_to_the_bit(options):
+    block, _ = sea()
+    request, tiles = parts(block)
+    model = wiener.fit(replace(request, **options), tiles)
+    whole, h = remove.apply(block, model), model.halo
+    part = remove.apply(np.ascontiguousarray(block[:, 60 - h : 100 + h, 70 - h : 120 + h]), model)
+    np.testing.assert_array_equal(part[:, h:-h, h:-h], whole[:, 60:100, 70:120])
+
+
+def test_faint_glint_is_followed_better_than_strong():
+    block, water = sea()
+    block[:3] += 0.002 * (block[3] - 2) ** 2  # strong glint is not linear
+    request, tiles = parts(block)
+    faint = (block[3] > 10) & (block[3] < 40)
+    wrong = [remove.apply(block, wiener.fit(replace(request, faint=f), tiles))[0] - water[0] for f in (False, True)]
+    assert np.std(wrong[1][faint]) < 0.9 * np.std(wrong[0][faint])
+
+
+def test_a_level_of_replaced_glint_is_a_percentile_and_glint_may_be_negative():
+    block, _ = sea()
+    request, tiles = parts(block)
+    model = wiener.fit(replace(request, level_percentile=30.0), tiles)
+    taken, _ = glint(block, model, np.ones(block.shape[1:], bool))
+    assert model.signed
+    assert GlintModel.from_json(model.to_json()).signed
+    assert 0.1 < np.mean(taken[0] < 0) < 0.4
+
+
+def test_pits_beside_sparkle_are_no_level():
+    together, sample = np.zeros((64, 64), np.float32), np.ones((64, 64), bool)
+    together[20, 20], together[20, 22] = 100, -50
+    apart = apart_from_sparkle(together, sample)
+    assert not apart[20, 22]
+    assert apart[40, 40]
