@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .errors import DeglintError as DeglintError
-    from .pipeline.run import correct as correct
-    from .pipeline.run import remove_glint as remove_glint
     from .pipeline.examine import examine as examine
     from .pipeline.fit import Fitted as Fitted
     from .pipeline.fit import fit_scene as fit_scene
     from .pipeline.outputs import Result as Result
     from .pipeline.recipe import Recipe as Recipe
+    from .pipeline.run import correct as correct
+    from .pipeline.run import remove_glint as remove_glint
     from .readers.opening import open_scene as open_scene
     from .readers.roles import find_nir as find_nir
     from .remove import METHODS as METHODS

@@ -24,13 +24,13 @@ from .checks import checked_keywords
 from .compensate2 import Chain
 from .errors import DeglintError, InputError
 from .pipeline import Fitted, Recipe, fit_scene
-from .pipeline.run import correction, given_model
 from .pipeline.chunks import Nothing, over_tiles
 from .pipeline.correct import Correction
 from .pipeline.outputs import DTYPES
-from .readers.undeclared import settled
+from .pipeline.run import correction, given_model
 from .readers.areas import open_area
 from .readers.arrays import open_array
+from .readers.undeclared import settled
 from .remove import GlintModel
 from .scene import Scene
 from .tiles import Tile, default_threads

@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..compensate2 import Sample, Setting, State, clump_width, fit_chain, noise
+from ..compensate2 import FitRemoval, Sample, Setting, State, clump_width, fit_chain, noise
 from ..errors import FitError
-from ..remove import GlintModel
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, gains, implants
 from .score import expected_errors, powers
 
-FitRemoval = Callable[[Sample], GlintModel]
 WATER = 10.0
 """Percentile of a band over the sample that is taken for the water without glint, as the unit of contrasts [%]."""
 CHEAPER = 1.05

@@ -75,9 +75,9 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     dtype = "uint16"
     options = {COMPRESS = "ZSTD"}
     """  # fmt: skip
-    from ..batch.run import run_batch
     from ..batch.jobs import FAILED
     from ..batch.order import read_order
+    from ..batch.run import run_batch
     from ..readers.scenes import list_scenes
 
     order, read = read_order(recipe, given["directory"]), [recipe, *scenes]

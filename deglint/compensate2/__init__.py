@@ -6,13 +6,30 @@ applies it to a block with a halo. Arrays only.
 Never here: files, tiles, threads, water masks, logging.
 """
 
-from .chain import FittedChain, apply_chain, fit_chain, with_targets
+from .background import Background
+from .chain import FitRemoval, FittedChain, apply_chain, fit_chain, with_targets
 from .noise import clump_width, noise
 from .psf import PSF, system_psf, typical_psf
 from .stages import STAGES, THESIS, Chain, parse
 from .state import Sample, Setting, State
 
 __all__ = [
-    "PSF", "STAGES", "THESIS", "Chain", "FittedChain", "Sample", "Setting", "State", "apply_chain", "clump_width",
-    "fit_chain", "noise", "parse", "system_psf", "typical_psf", "with_targets",
+    "PSF",
+    "STAGES",
+    "THESIS",
+    "Background",
+    "Chain",
+    "FitRemoval",
+    "FittedChain",
+    "Sample",
+    "Setting",
+    "State",
+    "apply_chain",
+    "clump_width",
+    "fit_chain",
+    "noise",
+    "parse",
+    "system_psf",
+    "typical_psf",
+    "with_targets",
 ]  # fmt: skip

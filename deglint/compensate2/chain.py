@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import FitError
 from ..remove import GlintModel, apply
 from ..remove.predict import glint
 from .stages import Chain, apply_stages, fit_stages, parse
 from .state import Float32, Sample, Setting, State
 
-FitRemoval = Callable[[Sample], GlintModel]
-"""What fits the removal to a sample, as the stages before it left it."""
+FitRemoval = Callable[[Sample, Chain], GlintModel]
+"""What fits the removal to a sample, as the stages before it left it; the chain holds these."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +50,7 @@ def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemov
     steps = parse(text)
     place = [s.name for s in steps].index("remove")
     before, sample = fit_stages(steps[:place], sample, setting)
-    model = fit_removal(sample)
+    model = fit_removal(sample, Chain(before, (), text))
     sample = replace(sample, states=tuple(removed(s, model) for s in sample.states))
     after, sample = fit_stages(steps[place + 1 :], sample, setting)
     return FittedChain(Chain(before, after, text), model, sample)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from . import background, identify, median, normalise, replace_glint, sharpen
+from . import background, identify, median, normalise, posterior, replace_glint, sharpen, targets
 from .psf import PSF
 from .state import Sample, Setting, State, in_scene_units
 
@@ -79,7 +79,15 @@ STAGES: dict[str, Kind] = {
         lambda _sample, _setting, n: median.Median(int(n or median.LARGEST)), median.Median,
         3, 255, whole=True, odd=True,
     ),
+    "targets": Kind(
+        "small bright targets, at a false-alarm rate of N; restored at the end",
+        targets.fit, targets.Targets, 1e-9, 0.1,
+    ),
     "remove": Kind("where the removal by the NIR stands"),
+    "posterior": Kind(
+        "the posterior mean of the water, clumps of glint N pixels wide", posterior.fit, posterior.Posterior, 1, 64,
+        whole=True,
+    ),
 }  # fmt: skip
 THESIS = "normalise, identify-median:5, replace-bands, median:25, remove"
 """Fink (2014), section 6.3, as far as it can be reconstructed."""
@@ -180,6 +188,10 @@ def _check(steps: Sequence[Step]) -> None:
         after = [s.name for s in steps[place + 1 :]]
         if step.name == "psf" and "identify-level" not in after[: after.index("remove") if "remove" in after else None]:
             raise InputError("psf serves identify-level: name that after it, or psf-image to sharpen the image itself.")
+        if step.name == "posterior" and "remove" not in [s.name for s in steps[:place]]:
+            raise InputError("posterior treats what removal leaves: name remove before it.")
+        if step.name == "targets" and "remove" in [s.name for s in steps[:place]]:
+            raise InputError("targets are found before the removal: name remove after it.")
         if step.name == "replace-bands" and "normalise" not in [s.name for s in steps[:place]]:
             raise InputError("replace-bands needs bands of one scale: name normalise at the beginning.")
         if step.name in ("replace-bands", "median") and "glint" not in ready:

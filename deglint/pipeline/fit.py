@@ -14,7 +14,7 @@ import numpy.typing as npt
 from .. import tiles as tiling
 from ..checks import check_kind, checked_keywords
 from ..choose import Choice, choose
-from ..compensate2 import Chain, Sample, Setting, State, fit_chain, system_psf
+from ..compensate2 import Background, Chain, FitRemoval, Sample, Setting, State, fit_chain, system_psf, typical_psf
 from ..errors import FitError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment
@@ -22,6 +22,7 @@ from ..readers.areas import collection, to_geojson
 from ..readers.optics import optics_of, pixel_size
 from ..readers.undeclared import Undeclared, undeclared
 from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, combine, gather, levels_for, merge, wiener
+from ..remove.further import more_references
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
 from .log import log_choice, log_model, log_nir, log_sample, log_scene, log_water
@@ -33,6 +34,8 @@ from .tolerance import Sampling, short_of
 Progress = Callable[[str, int, int], None]
 HALO = 64
 """Pixels around a tile to learn from that stages look at; those farther away change next to nothing [pixel]."""
+LEAST_PERCENTILE = 1.0
+"""Percentile of the prediction that is its level where glint covers all of the sample [%]: the least but for noise."""
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
 """Number and side of the tiles that candidates are tried on, and pixels around them [pixel]: enough to rank candidates,
 in a second."""
@@ -232,10 +235,9 @@ def _setting(job: _Job) -> Setting:
     """What stages need to know of the scene."""
     optics, wavelengths = optics_of(job.scene), [b.wavelength for b in job.scene.bands]
     psfs = None
-    if optics is not None and all(wavelengths):
-        psfs = tuple(
-            system_psf(w, f_number=optics.f_number, pitch=optics.pitch, smear=optics.smear) for w in wavelengths if w
-        )
+    if all(w and 300 <= w <= 2500 for w in wavelengths):
+        known = {} if optics is None else {"f_number": optics.f_number, "pitch": optics.pitch, "smear": optics.smear}
+        psfs = tuple(system_psf(w, **known) if known else typical_psf(w) for w in wavelengths if w)
     nir = tuple(dict.fromkeys(b for i in job.request.indexes for b in i.bands))
     return Setting(job.scene.bands, nir, psfs)
 
@@ -254,20 +256,34 @@ def _sample_of(training: Sequence[Training]) -> Sample:
     return Sample(states, tuple(t.inside & s.water for t, s in zip(training, states, strict=True)))
 
 
-def _removal(job: _Job, training: Sequence[Training], method: str) -> Callable[[Sample], GlintModel]:
+def _removal(job: _Job, training: Sequence[Training], method: str) -> FitRemoval:
     """What fits a method to tiles, as the stages before the removal leave them."""
 
-    def fit(sample: Sample) -> GlintModel:
+    def fit(sample: Sample, chain: Chain) -> GlintModel:
         images = [s.image for s in sample.states]
-        if METHODS[method].neighbours:
-            return wiener.fit(
-                replace(job.request, regression="detrended"),
-                [t.as_sample(image) for t, image in zip(training, images, strict=True)],
-                strips=strips_of_footprints(job.scene, job.request.correct[0]),
-            )
-        return fit_pointwise(method, job.request, images, sample.inside)
+        if not METHODS[method].neighbours:
+            return fit_pointwise(method, job.request, images, sample.inside)
+        tiles = [t.as_sample(image) for t, image in zip(training, images, strict=True)]
+        request = replace(job.request, regression="detrended")
+        if chain.text != "remove":
+            request = in_chain(request, chain)
+            request = replace(request, more=more_references(request, tiles))
+        return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
 
     return fit
+
+
+def in_chain(request: FitRequest, chain: Chain) -> FitRequest:
+    """A request for the Wiener filter within a chain.
+
+    Where glint has been replaced what is left lies evenly about its level: as many pixels again as have glint beyond
+    doubt have some that is too faint for that, and the middle of the others is the level. Else the posterior mean
+    follows, and the kernels are to suit faint glint.
+    """
+    covers = [stage.cover for stage in chain.before if isinstance(stage, Background)]
+    if not covers:
+        return replace(request, faint=True)
+    return replace(request, level_percentile=max(50 * (1 - 2 * covers[-1]), LEAST_PERCENTILE))
 
 
 def fit_pointwise(method: str, request: FitRequest, images: Sequence[Any], inside: Sequence[Any]) -> GlintModel:
@@ -291,7 +307,7 @@ def _chosen(job: _Job, sampler: Sampler | None) -> Choice:
     training = _training(job, sampler, TRIED_HALO, chosen)
     width = smallest_object(job.recipe.smallest_object, pixel_size(job.scene))
 
-    def removal(method: str) -> Callable[[Sample], GlintModel]:
+    def removal(method: str) -> FitRemoval:
         return _removal(job, training, method)
 
     with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
