@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .checks import checked_keywords
-from .compensate2 import Chain
+from .compensate import Chain
 from .errors import DeglintError, InputError
 from .pipeline import Fitted, Recipe, fit_scene
 from .pipeline.chunks import Nothing, over_tiles

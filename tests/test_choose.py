@@ -10,7 +10,7 @@ from deglint.choose import candidates
 from deglint.choose.candidates import windows
 from deglint.choose.implants import gains, implants
 from deglint.choose.score import expected_errors, powers
-from deglint.compensate2 import Setting
+from deglint.compensate import Setting
 from deglint.scene import Band
 
 BANDS = tuple(Band(n, w) for n, w in (("blue", 480.0), ("green", 560.0), ("red", 660.0), ("nir", 840.0)))

@@ -9,15 +9,15 @@ import pytest
 from scipy import ndimage
 from scipy.signal import convolve2d
 
-from deglint.compensate2.background import fit as fit_background
-from deglint.compensate2.background import opening, ringing, shared
-from deglint.compensate2.median import adaptive_median
-from deglint.compensate2.normalise import water_level
-from deglint.compensate2.psf import PSF, kernel_psf, system_psf, typical_psf
-from deglint.compensate2.replace_glint import fit_bands, nearest_clean
-from deglint.compensate2.sharpen import blurred, richardson_lucy
-from deglint.compensate2.stages import apply_stages, fit_stages, parse
-from deglint.compensate2.state import Sample, Setting, State
+from deglint.compensate.background import fit as fit_background
+from deglint.compensate.background import opening, ringing, shared
+from deglint.compensate.median import adaptive_median
+from deglint.compensate.normalise import water_level
+from deglint.compensate.psf import PSF, kernel_psf, system_psf, typical_psf
+from deglint.compensate.replace_glint import fit_bands, nearest_clean
+from deglint.compensate.sharpen import blurred, richardson_lucy
+from deglint.compensate.stages import apply_stages, fit_stages, parse
+from deglint.compensate.state import Sample, Setting, State
 from deglint.errors import InputError
 from deglint.physics.presets import preset
 from deglint.scene import Band

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from deglint.compensate2 import posterior
-from deglint.compensate2.posterior import LeftOver, Posterior, posterior_mean
-from deglint.compensate2.state import Sample, Setting, State
+from deglint.compensate import posterior
+from deglint.compensate.posterior import LeftOver, Posterior, posterior_mean
+from deglint.compensate.state import Sample, Setting, State
 from deglint.errors import InputError
 from deglint.scene import Band
 

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from deglint.compensate2.psf import system_psf
-from deglint.compensate2.stages import (
+from deglint.compensate.psf import system_psf
+from deglint.compensate.stages import (
     STAGES,
     THESIS,
     Chain,
@@ -17,7 +17,7 @@ from deglint.compensate2.stages import (
     parse,
     stage_from,
 )  # fmt: skip
-from deglint.compensate2.state import Sample, Setting, State
+from deglint.compensate.state import Sample, Setting, State
 from deglint.errors import FitError, InputError
 from deglint.scene import Band
 

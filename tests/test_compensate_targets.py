@@ -6,9 +6,9 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from deglint.compensate2.spectra import reflectances
-from deglint.compensate2.state import Sample, Setting, State
-from deglint.compensate2.targets import Targets, extrapolated, fit
+from deglint.compensate.spectra import reflectances
+from deglint.compensate.state import Sample, Setting, State
+from deglint.compensate.targets import Targets, extrapolated, fit
 from deglint.errors import FitError
 from deglint.physics.atmosphere import irradiance
 from deglint.scene import Band

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, grey_opening
 
-from deglint.compensate2.state import Sample, State
-from deglint.compensate2.uncertainty import ReplacedError, fit_replaced, halo, stderr
+from deglint.compensate.state import Sample, State
+from deglint.compensate.uncertainty import ReplacedError, fit_replaced, halo, stderr
 from deglint.remove import BandFit, GlintIndex, GlintModel
 
 NOTHING = GlintModel("wiener", (GlintIndex((1,), (1.0,)),), (), ("B", "NIR"))

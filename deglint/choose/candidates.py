@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..compensate2 import Setting
+from ..compensate import Setting
 
 SMALLEST, LARGEST = 5, 13
 """Windows of an opening [pixel]: a smaller one leaves clumps of sparkle, a larger one meets two waves at a time."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..compensate2 import FitRemoval, Sample, Setting, State, clump_width, fit_chain, noise
+from ..compensate import FitRemoval, Sample, Setting, State, clump_width, fit_chain, noise
 from ..errors import FitError
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, gains, implants

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..compensate2 import Chain, State, apply_chain, with_targets
+from ..compensate import Chain, State, apply_chain, with_targets
 from ..masks import WaterRule, water
 from ..raster.encode import encode, relaid
 from ..raster.output import Layout

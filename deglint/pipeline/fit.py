@@ -14,7 +14,7 @@ import numpy.typing as npt
 from .. import tiles as tiling
 from ..checks import check_kind, checked_keywords
 from ..choose import Choice, choose
-from ..compensate2 import Background, Chain, FitRemoval, Sample, Setting, State, fit_chain, system_psf, typical_psf
+from ..compensate import Background, Chain, FitRemoval, Sample, Setting, State, fit_chain, system_psf, typical_psf
 from ..errors import FitError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import enter_thread, environment

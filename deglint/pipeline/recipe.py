@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..checks import check_choice, check_kind, check_number, checked_keywords, described, nearest
-from ..compensate2 import THESIS, parse
+from ..compensate import THESIS, parse
 from ..errors import InputError
 from ..readers.roles import explain_nir, find_band, find_nir, split_wanted
 from ..remove import METHODS, REGRESSIONS, FitRequest, nir_request

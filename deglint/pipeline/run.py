@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import tiles as tiling
 from ..checks import as_path, check_kind, check_number, checked_keywords, described
-from ..compensate2 import Chain
+from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL as STRIP_CELL

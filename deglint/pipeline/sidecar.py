@@ -10,7 +10,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from .. import __version__
-from ..compensate2.stages import Chain, chain_from
+from ..compensate.stages import Chain, chain_from
 from ..errors import InputError
 from ..readers.text import read_text
 from ..remove import GlintModel
