@@ -45,7 +45,9 @@ def error(path, truth, bands=5):
     """Root mean square error of the visible bands, of the water's level."""
     clean = open_scene(path).read().astype(np.float64)
     level = np.median(truth, axis=(1, 2))
-    return float(np.sqrt(np.mean([(((c - t) / m) ** 2).mean() for c, t, m in zip(clean[:bands], truth, level, strict=False)])))
+    return float(
+        np.sqrt(np.mean([(((c - t) / m) ** 2).mean() for c, t, m in zip(clean[:bands], truth, level, strict=False)]))
+    )
 
 
 @pytest.mark.parametrize(("delay", "limit"), [(0.0, 0.06), (0.06, 0.06)])
@@ -64,7 +66,10 @@ def test_the_same_bits_however_a_scene_is_stored_and_read(made, tmp_path, chain)
         scales, offsets, names, more = source.scales, source.offsets, source.descriptions, source.tags()
     big = np.tile(data, (1, 3, 4))
     seen = []
-    for name, layout in {"tiled": {"tiled": True, "blockxsize": 256, "blockysize": 128}, "strips": {"tiled": False}}.items():
+    for name, layout in {
+        "tiled": {"tiled": True, "blockxsize": 256, "blockysize": 128},
+        "strips": {"tiled": False},
+    }.items():
         file = tmp_path / f"{name}.tif"
         options = {k: v for k, v in profile.items() if k not in ("blockxsize", "blockysize", "tiled", "interleave")}
         with rasterio.open(file, "w", **options | layout | {"height": big.shape[1], "width": big.shape[2]}) as target:
@@ -118,7 +123,9 @@ def test_what_is_not_valid_stays_as_it_is(made, tmp_path):
     values = scene.read().astype(np.float32)
     values[:, 40:60, 50:90] = np.nan
     file = tmp_path / "holes.tif"
-    with rasterio.open(file, "w", driver="GTiff", dtype="float32", count=len(values), height=SIDE, width=SIDE) as target:
+    with rasterio.open(
+        file, "w", driver="GTiff", dtype="float32", count=len(values), height=SIDE, width=SIDE
+    ) as target:
         target.write(values)
         for i, band in enumerate(scene.bands, start=1):
             target.set_band_description(i, band.name)

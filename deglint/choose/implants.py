@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..physics.iops import WAVELENGTH_RANGE, case1
+from ..remove.mixture import PLUME, TURBID
 from ..scene import Band
 
 Float32 = npt.NDArray[np.float32]
@@ -24,15 +25,13 @@ SCALES = (1, 3, 9, 27)
 the swell."""
 DEPTH = 3.0
 """Depth of textures and discs [m]: an object that is dimmed in the red, and gone in the NIR."""
-TEXTURE, BRIGHT, DARK, PLUME, WHITE = 0.1, 0.5, -0.25, 0.5, 0.3
-"""Contrasts with the water: of textures (standard deviation), discs, plumes at their middle; radiance of white targets
+TEXTURE, BRIGHT, DARK, WHITE = 0.1, 0.5, -0.25, 0.3
+"""Contrasts with the water: of textures (standard deviation), discs; radiance of white targets
 relative to the water's blue. An analyst would not miss any of them in an image without glint."""
 SEED = 1
 """The same signals in the same tiles, every time."""
 CHLOROPHYLL = 0.1
 """Of the clear sea through which they are seen [mg m-3]."""
-TURBID = np.array([(400, 0.3), (490, 0.5), (560, 1.0), (660, 1.0), (710, 0.6), (740, 0.2), (850, 0.1)])
-"""Wavelength [nm] and relative brightness of a plume of sediment, bright from the green to the red."""
 
 
 @dataclass(frozen=True, eq=False)

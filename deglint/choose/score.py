@@ -10,8 +10,8 @@ left of glint and noise. The error, against the scene without glint and noise, i
 .. math:: E_{cs} = (1 - g_{cs})^2 S_s + N_{cs} = P_{cs} + (1 - 2 g_{cs}) S_s .
 
 S is not known, but no larger than :math:`P_{cs} / g_{cs}^2` of any recipe; the least of these is taken. Recipes that
-erase signals have a small P, and a small g too, and gain nothing by it. Objects are too rare to show in the power:
-their loss counts as if they had a usual contrast and covered a hundredth of the scene.
+erase signals have a small P, and a small g too, and gain nothing by it. Tiles are few: what signals they may lack
+counts with a least power, and objects as if they had a usual contrast and covered a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: what is left of glint there is its level, which all
 pixels share, and which no texture tells.
@@ -30,6 +30,9 @@ Float64 = npt.NDArray[np.float64]
 
 SHARE = 0.01
 """Part of a scene that objects and plumes are taken to cover each."""
+SIGNAL = 0.05
+"""Signal that a scene is taken to hold at every scale beside what the tiles show, relative to the water: the least that
+an analyst sees in an image without glint. Tiles are few, and what is looked for is rare."""
 LEAST_GAIN = 0.05
 """A gain below this is 0, within the error of its estimate from some tiles."""
 HALF = 0.5
@@ -74,4 +77,5 @@ def expected_errors(power: Float64, gain: Float64, objects: Float64) -> Float64:
     error = np.maximum(power + (1 - 2 * gain) * signal, 0)[:, :-1].sum(axis=1)
     lost = np.square(1 - gain[:, -1])
     error += lost * (signal[-1] + SHARE * PLUME**2) + SHARE * np.square(BRIGHT * (1 - objects))
+    error += SIGNAL**2 * np.square(1 - gain[:, :-1]).sum(axis=1)
     return np.asarray(np.sqrt(error), np.float64)

@@ -19,6 +19,8 @@ WATER = 10.0
 """Percentile of a band over the sample that is taken for the water without glint, as the unit of contrasts [%]."""
 CHEAPER = 1.05
 """A candidate whose expected error is no larger than this times the least is taken if it is cheaper."""
+LARGEST_DISC = 16.0
+"""Width of the widest disc that is implanted [pixel]: wider ones outlast every window that is tried."""
 LEAST_PIXELS = 2000
 """Pixels of water below which nothing is tried: texture is not known."""
 
@@ -178,7 +180,7 @@ def choose(
     )
     trials = [replace(t, error=float(e)) for t, e in zip(trials, errors, strict=True)]
     best = next(t for t in trials if t.error <= CHEAPER * errors.min())
-    return Choice(best.candidate, tuple(trials), failed, width)
+    return Choice(best.candidate, tuple(trials), failed, min(width, LARGEST_DISC))
 
 
 def _tried(

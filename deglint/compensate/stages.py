@@ -125,7 +125,9 @@ class Chain:
     @property
     def replaces(self) -> bool:
         """Some stage replaces pixels of any band, and not only of those that the removal corrects."""
-        return any(s.name.startswith("replace") or s.name in ("median", "psf-image") for s in (*self.before, *self.after))
+        return any(
+            s.name.startswith("replace") or s.name in ("median", "psf-image") for s in (*self.before, *self.after)
+        )
 
     @property
     def halo(self) -> int:

@@ -21,7 +21,7 @@ from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
 from ..readers.optics import optics_of, pixel_size
 from ..readers.undeclared import Undeclared, undeclared
-from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, combine, gather, levels_for, merge, wiener
+from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, combine, gather, levels_for, merge, mixture, wiener
 from ..remove.further import more_references
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
@@ -35,7 +35,9 @@ Progress = Callable[[str, int, int], None]
 HALO = 64
 """Pixels around a tile to learn from that stages look at; those farther away change next to nothing [pixel]."""
 LEAST_PERCENTILE = 1.0
-"""Percentile of the prediction that is its level where glint covers all of the sample [%]: the least but for noise."""
+"""Percentile of the prediction that is its level where glint covers all of the sample [%]: the least but for noise. As
+many pixels again as have glint beyond doubt are taken to have some that is too faint for that; the middle of the others
+is the level."""
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
 """Number and side of the tiles that candidates are tried on, and pixels around them [pixel]: enough to rank candidates,
 in a second."""
@@ -264,26 +266,16 @@ def _removal(job: _Job, training: Sequence[Training], method: str) -> FitRemoval
         if not METHODS[method].neighbours:
             return fit_pointwise(method, job.request, images, sample.inside)
         tiles = [t.as_sample(image) for t, image in zip(training, images, strict=True)]
+        covers = [stage.cover for stage in chain.before if isinstance(stage, Background)]
+        if covers:
+            return mixture.fit(job.request, tiles, max(50 * (1 - 2 * covers[-1]), LEAST_PERCENTILE))
         request = replace(job.request, regression="detrended")
-        if chain.text != "remove":
-            request = in_chain(request, chain)
+        if chain.text != "remove":  # the posterior mean follows
+            request = replace(request, faint=True)
             request = replace(request, more=more_references(request, tiles))
         return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
 
     return fit
-
-
-def in_chain(request: FitRequest, chain: Chain) -> FitRequest:
-    """A request for the Wiener filter within a chain.
-
-    Where glint has been replaced what is left lies evenly about its level: as many pixels again as have glint beyond
-    doubt have some that is too faint for that, and the middle of the others is the level. Else the posterior mean
-    follows, and the kernels are to suit faint glint.
-    """
-    covers = [stage.cover for stage in chain.before if isinstance(stage, Background)]
-    if not covers:
-        return replace(request, faint=True)
-    return replace(request, level_percentile=max(50 * (1 - 2 * covers[-1]), LEAST_PERCENTILE))
 
 
 def fit_pointwise(method: str, request: FitRequest, images: Sequence[Any], inside: Sequence[Any]) -> GlintModel:

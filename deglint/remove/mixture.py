@@ -1,0 +1,128 @@
+r"""Mixture: what bands share once strong glint has been replaced, by 3 x 3 pixels of the NIR and of red edge.
+
+.. math:: L'_b = L_b - (p_b - p_{b0}), \qquad p_b(x) = \sum_r \sum_o k_{bro} L_r(x + o)
+
+with the kernels k by least squares over the sample, of raw values: what is left after an opening is faint glint, swell
+and mirrored sky, wider than a local mean would leave. It lies evenly about its level, so the difference may be
+negative.
+
+The removal of a compensation with an opening (`deglint.compensate`). Fails where the references see the bottom: red
+edge is left out where it would take a plume of turbid water that lies in the sample.
+
+References
+----------
+Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086
+(one reference, one pixel).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import FitError
+from ..scene import FloatArray
+from .further import RED_EDGE
+from .lags import gather, merge, offsets, solve, unexplained
+from .model import BandFit, GlintIndex, GlintModel
+from .predict import bordered, predicted
+from .reference import ReferenceRule
+from .request import FitRequest
+from .wiener import SampleTile
+
+SIDE = 3
+"""Side of the kernels [pixel]."""
+TURBID = np.array([(400, 0.3), (490, 0.5), (560, 1.0), (660, 1.0), (710, 0.6), (740, 0.2), (850, 0.1)])
+"""Wavelength [nm] and relative brightness of a plume of sediment, bright from the green to the red."""
+PLUME, WATER = 0.5, 10.0
+"""Brightness of a plume over that of the water, which is this percentile of a band [%]."""
+LEAST_KEPT = 0.75
+"""What must be left of a plume in every tile where red edge is followed: rarer ones keep more."""
+
+
+def fit(request: FitRequest, tiles: Sequence[SampleTile], percentile: float) -> GlintModel:
+    """Fit kernels and levels.
+
+    Parameters
+    ----------
+    request : FitRequest
+    tiles : sequence of SampleTile
+        After an opening.
+    percentile : float
+        Of the prediction, as its level [%].
+
+    Raises
+    ------
+    FitError
+        Too little water.
+    """
+    nir = tuple(dict.fromkeys(b for i in request.indexes for b in i.bands))
+    waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
+    longer = sorted((b for b, w in waves.items() if w >= RED_EDGE), key=waves.__getitem__)
+    while longer:
+        if _plume_gain(request, tiles, nir, tuple(longer)) >= LEAST_KEPT:
+            break
+        longer.pop(0)
+    return _with_levels(_fitted(request, tiles, nir, tuple(longer)), tiles, percentile)
+
+
+def _fitted(
+    request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]
+) -> GlintModel:
+    """Kernels, without levels."""
+    every = (*nir, *more)
+    parts = [
+        gather([t.block[r] for r in every], [t.block[b] for b in request.correct], t.sample, size=0) for t in tiles
+    ]
+    grams = merge(parts)
+    if not len(grams.grams):
+        raise FitError("too little water in one piece to fit a removal to. Pass --sample with a piece of open water.")
+    total, indexes, fits = grams.grams.sum(axis=0), [], []
+    for place, band in enumerate(request.correct):
+        own = request.bands[band].wavelength or 0.0
+        used = [k for k, r in enumerate(every) if r in nir or (request.bands[r].wavelength or 0.0) > own]
+        inputs, output = [c for k in used for c in grams.columns(k, SIDE)], [grams.band(place)]
+        weights = solve(total, inputs, output)
+        power = float(total[output[0], output[0]])
+        r2 = 1 - float(unexplained(total, inputs, output, weights)[0]) / power if power > 0 else 0.0
+        bands = tuple(every[k] for k in used for _ in offsets(SIDE))
+        index = GlintIndex(bands, tuple(map(float, weights[:, 0])), 0.0, offsets(SIDE) * len(used))
+        indexes.append(index)
+        fits.append(BandFit(band, request.bands[band].name, place, 1.0, None, r2, int(grams.pixels.sum())))
+    rules = tuple(ReferenceRule(r, np.inf, np.inf, 0.0, 1.0) for r in every)
+    return GlintModel("wiener", tuple(indexes), tuple(fits), request.names, references=rules, signed=True)
+
+
+def _with_levels(model: GlintModel, tiles: Sequence[SampleTile], percentile: float) -> GlintModel:
+    """The model with the level of each band."""
+    found: list[list[FloatArray]] = [[] for _ in model.indexes]
+    for tile in tiles:
+        references = {r.band: bordered(tile.block[r.band]) for r in model.references}
+        for k, values in enumerate(found):
+            values.append(predicted(references, model, k)[tile.sample])
+    levels = [float(np.percentile(np.concatenate(v), percentile)) for v in found]
+    return replace(model, indexes=tuple(replace(i, level=v) for i, v in zip(model.indexes, levels, strict=True)))
+
+
+def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
+    """What is left of a plume of turbid water in the band that loses most of it, when it was in the sample."""
+    level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), WATER) for b in range(len(request.bands))]
+    waves = np.array([b.wavelength or 0.0 for b in request.bands])
+    plume = PLUME * np.maximum(level, 0) * np.interp(waves, *TURBID.T)
+    found = _fitted(request, [_with_plume(t, plume) for t in tiles], nir, more)
+    kept = []
+    for index, fit in zip(found.indexes, found.fits, strict=True):
+        if fit.band not in more and plume[fit.band] > 0:
+            taken = sum(w * plume[b] for b, w in zip(index.bands, index.weights, strict=True))
+            kept.append(1 - float(taken / plume[fit.band]))
+    return min(kept, default=0.0)
+
+
+def _with_plume(tile: SampleTile, plume: npt.NDArray[np.float64]) -> SampleTile:
+    rows, columns = (np.arange(n) - n / 2 for n in tile.sample.shape)
+    width = min(tile.sample.shape) / 5
+    shape = np.exp(-(rows[:, None] ** 2 + columns**2) / (2 * width**2))
+    return replace(tile, block=tile.block + (plume[:, None, None] * shape).astype(tile.block.dtype))
