@@ -38,16 +38,17 @@ class Console(logging.Handler):
         super().__init__()
         quiet, verbose = given.get("quiet", False), given.get("verbose", 0)
         self._shown = logging.ERROR if quiet else logging.DEBUG if verbose else level
-        self._before: list[int] = []
+        self._before: list[tuple[int, bool]] = []
         self._drawn = False
         self._left, self._report = TimeLeft(), Reporter()
         self._bar = not quiet and sys.stderr is not None and sys.stderr.isatty()
 
     def __enter__(self) -> Self:
         for logger in map(logging.getLogger, LOGGERS):
-            self._before.append(logger.level)
+            self._before.append((logger.level, logger.propagate))
             logger.addHandler(self)
             logger.setLevel(self._shown)
+            logger.propagate = False  # the program around, such as rio, would print each line again
         return self
 
     def __exit__(
@@ -56,7 +57,8 @@ class Console(logging.Handler):
         self.clear()
         for logger in map(logging.getLogger, LOGGERS):
             logger.removeHandler(self)
-            logger.setLevel(self._before.pop(0))
+            level, logger.propagate = self._before.pop(0)
+            logger.setLevel(level)
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a line, in place of the progress line."""

@@ -81,6 +81,23 @@ def run(cli: click.Group, program: str, arguments: list[str]) -> int:
         return 0
 
 
+def plugin(cli: click.Group, name: str) -> click.Command:
+    """A command for the group of another program, such as rio: arguments pass through, exit codes come back."""
+
+    @click.command(
+        name,
+        short_help=cli.get_short_help_str(100),
+        add_help_option=False,
+        context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False},
+    )
+    @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+    @click.pass_context
+    def command(context: click.Context, arguments: tuple[str, ...]) -> None:
+        context.exit(run(cli, context.command_path, list(arguments)))
+
+    return command
+
+
 def printable(text: str) -> str:
     """Text as one line without what a terminal would take for commands: names in files are other people's."""
     return shown(text.replace("\n", " ").replace("\t", " "))
