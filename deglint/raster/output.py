@@ -2,7 +2,7 @@
 
 An output is written to a scratch file in the same directory and moved into place at the end, so an error, a full disk
 or Ctrl-C leaves the old file as it was and no scratch behind. What is written is a tiled GeoTIFF whose header lies
-before its data: a valid cloud-optimised GeoTIFF as it stands (overviews on request).
+before its data: a valid cloud-optimised GeoTIFF, with overviews from 1,024 pixels on (`--co OVERVIEWS=NONE`: none).
 """
 
 from __future__ import annotations
@@ -25,11 +25,18 @@ import numpy.typing as npt
 from ..errors import InputError, ReadError, WriteError
 from ..scene import Window
 from .info import RasterInfo, block_places, describe, one_line, open_dataset, unplaced
+from .overviews import add_overviews, levels
 from .scratch import Scratch
 
 BLOCK = 512
 """Side of the output's blocks [pixel] where the input's do not serve."""
 _SIDES = (64, 128, 256, BLOCK)
+_COLOURS = (
+    (0, 0, 0), (190, 190, 190), (86, 180, 233), (204, 121, 167), (240, 228, 66), (230, 159, 0), (0, 158, 115),
+    (213, 94, 0),
+)  # fmt: skip
+"""Red, green, blue of the bits of a raster of flags, the lowest first; colours that all people can tell apart (Okabe
+and Ito 2008, https://jfly.uni-koeln.de/color/)."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +61,8 @@ class Layout:
         The file gets a mask, 0 where a pixel is not valid.
     tile : (int, int)
         Rows and columns that are written at a time; blocks are made to fit, so that each is written once.
+    flags : mapping
+        Of a raster of flags: what each bit means. The file gets a colour table, and a tag FLAG_1, FLAG_2, ... a bit.
     """
 
     info: RasterInfo
@@ -65,6 +74,18 @@ class Layout:
     names: tuple[str, ...] | None = None
     masked: bool = False
     tile: tuple[int, int] = (BLOCK, BLOCK)
+    flags: Mapping[int, str] = field(default_factory=dict)
+
+    @property
+    def overviews(self) -> bool:
+        """Whether the output has overviews: it is large, and the creation option OVERVIEWS is not NONE."""
+        given = {str(k).lower(): str(v).lower() for k, v in self.options.items()}
+        return given.get("overviews", "auto") != "none" and bool(levels(self.info.height, self.info.width))
+
+    @property
+    def averaged(self) -> bool:
+        """Whether overviews are means: numbers that are no measurements, such as flags, are not averaged."""
+        return self.scaled or np.dtype(self.dtype).kind == "f"
 
     @property
     def block(self) -> tuple[int, int]:
@@ -138,6 +159,8 @@ class RasterWriter:
         """
         with write_errors(self.target):
             self._dataset.close()
+            if whole and self.layout.overviews:
+                add_overviews(self.path, average=self.layout.averaged)
         if whole:
             check_whole(self.path, self.target)
 
@@ -280,7 +303,7 @@ def _profile(layout: Layout) -> dict[str, Any]:
         profile |= {"compress": info.compression, "num_threads": "ALL_CPUS"}
         if info.predictor in ("2", "3") and np.dtype(layout.dtype).kind == np.dtype(info.dtype).kind:
             profile["predictor"] = info.predictor
-    given = {str(k).lower(): v for k, v in layout.options.items()}
+    given = {str(k).lower(): v for k, v in layout.options.items() if str(k).lower() != "overviews"}
     return {k: v for k, v in profile.items() if k.lower() not in given and v is not None} | given
 
 
@@ -306,6 +329,9 @@ def _describe(dataset: Any, layout: Layout) -> None:
         colours = [info.colorinterp[b] if info.colorinterp[b] in known else "undefined" for b in bands]
         if len(bands) == info.count and "palette" not in colours:
             dataset.colorinterp = [ColorInterp[c] for c in colours]
+    if layout.flags:
+        dataset.write_colormap(1, {v: (255, 255, 255) if not v else _COLOURS[v.bit_length() - 1] for v in range(256)})
+        dataset.update_tags(1, **{f"FLAG_{bit}": meaning for bit, meaning in layout.flags.items()})
     for namespace, tags in info.tags.items():
         _tag(dataset, tags, namespace)
     if info.gcps and info.transform is None:
@@ -326,6 +352,7 @@ def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping
         return
     rows, columns = layout.info.height, layout.info.width
     need = rows * columns * len(layout.bands) * np.dtype(layout.dtype).itemsize
+    need = need * 8 // 3 if layout.overviews else need  # a third more, and all of it copied once into order
     free = _free(directory)
     if free is not None and need > free:
         raise WriteError(
