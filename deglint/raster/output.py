@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
-import os
 import re
 import shutil
 import threading
@@ -364,10 +363,9 @@ def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping
 def _free(directory: Path) -> int | None:
     """Bytes left on a disk, where the system tells."""
     try:
-        found = os.statvfs(directory)
+        return shutil.disk_usage(directory).free
     except OSError:
         return None
-    return found.f_bavail * found.f_frsize
 
 
 _SHORT = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
