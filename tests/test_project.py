@@ -124,3 +124,18 @@ def test_citation_recipe_and_changelog_agree_with_the_package():
         name, least = re.fullmatch(r"([\w-]+)(>=.*)", wanted).groups()
         assert f"- {names.get(name, name)} {least}" in recipe
         assert name in (ROOT / "docs" / "dependencies.md").read_text()
+
+
+def test_tutorials_are_short_and_the_site_needs_what_it_declares():
+    import tomllib
+
+    scripts = sorted((ROOT / "docs" / "gallery").glob("plot_*.py"))
+    assert len(scripts) >= 7
+    assert all(len(path.read_text().splitlines()) <= 40 for path in scripts)
+    extra = " ".join(
+        tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]["docs"]
+    ).replace("-", "_")
+    settings = (ROOT / "docs" / "conf.py").read_text()
+    for name in ("myst_parser", "numpydoc", "sphinx_click", "sphinx_gallery", "pydata_sphinx_theme"):
+        assert name in settings
+        assert name in extra
