@@ -41,6 +41,8 @@ from .remove import GlintModel
 from .scene import Scene
 from .tiles import Tile, default_threads
 
+__all__ = ["Deglint", "apply", "fit", "remove", "stack"]
+
 log = logging.getLogger(__name__)
 
 
