@@ -39,8 +39,8 @@ def docs(session: nox.Session) -> None:
 @nox.session
 def benchmarks(session: nox.Session) -> None:
     """Run benchmarks; arguments after -- go to `python -m benchmarks`."""
-    session.install(".[bench]")
-    session.run("python", "-m", "benchmarks", *session.posargs)
+    session.install(".[test]")
+    session.run("python", "-m", "benchmarks", *(session.posargs or ["size"]))
 
 
 @nox.session

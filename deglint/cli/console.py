@@ -17,8 +17,8 @@ from ..timing import Reporter, TimeLeft, duration
 from .running import printable
 
 LOGGERS = ("deglint", "detect")
-LEVEL_NAMES = {logging.WARNING: "warning: ", logging.ERROR: "Error: "}
-"""What a line of these levels begins with."""
+LEVEL_NAMES = {logging.WARNING: ("warning: ", "yellow"), logging.ERROR: ("Error: ", "red")}
+"""What a line of these levels begins with, and in which colour on a terminal."""
 WIDEST = 110
 """Longest progress line [character]."""
 
@@ -63,7 +63,8 @@ class Console(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Write a line, in place of the progress line."""
         self.clear()
-        click.echo(LEVEL_NAMES.get(record.levelno, "") + printable(record.getMessage()), err=True)
+        name, colour = LEVEL_NAMES.get(record.levelno, ("", None))
+        click.echo((click.style(name, fg=colour) if name else "") + printable(record.getMessage()), err=True)
 
     def progress(self, stage: str, done: int, total: int) -> None:
         """Redraw the progress line on a terminal; elsewhere log a line now and then."""
