@@ -85,3 +85,13 @@ def test_overviews_can_be_left_out_and_small_images_have_none(info, tmp_path):
     with rasterio.open(write(tmp_path, np.ones((1, *SIZE), np.uint16), layout)) as dataset:
         assert dataset.overviews(1) == []
     assert (levels(1023, 1), levels(1024, 1), levels(5, 5000)) == ([], [2], [2, 4, 8, 16])
+
+
+@pytest.mark.parametrize("program", ["deglint", "rxdetect"])
+def test_flag_rasters_of_both_programs_have_colours(request, sea, write, tmp_path, program):
+    source, flags = write(tmp_path / "in.tif", sea()), tmp_path / "flags.tif"
+    call = ["remove", "--method", "hedley"] if program == "deglint" else ["score", "--method", "rx"]
+    assert request.getfixturevalue(program)(*call, source, tmp_path / "out.tif", "--flags", flags).code == 0
+    with rasterio.open(flags) as dataset:
+        assert dataset.colorinterp[0].name == "palette"
+    assert not list(tmp_path.glob("*.aux.xml"))

@@ -144,7 +144,7 @@ if TYPE_CHECKING:
     multiple=True,
     callback=creation_options,
     metavar="NAME=VALUE",
-    help="GDAL creation option, such as COMPRESS=ZSTD.",
+    help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
 )
 @click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest",
               help="Of several files, the one whose grid to use.")  # fmt: skip

@@ -61,7 +61,7 @@ class Layout:
     tile : (int, int)
         Rows and columns that are written at a time; blocks are made to fit, so that each is written once.
     flags : mapping
-        Of a raster of flags: what each bit means. The file gets a colour table, and a tag FLAG_1, FLAG_2, ... a bit.
+        Of a raster of flags: what each bit means, for the tags FLAG_1, FLAG_2, ...
     """
 
     info: RasterInfo
@@ -82,9 +82,9 @@ class Layout:
         return given.get("overviews", "auto") != "none" and bool(levels(self.info.height, self.info.width))
 
     @property
-    def averaged(self) -> bool:
-        """Whether overviews are means: numbers that are no measurements, such as flags, are not averaged."""
-        return self.scaled or np.dtype(self.dtype).kind == "f"
+    def codes(self) -> bool:
+        """Whether the output holds flags, which get a colour table and are not averaged: bytes that measure nothing."""
+        return not self.scaled and np.dtype(self.dtype) == np.uint8
 
     @property
     def block(self) -> tuple[int, int]:
@@ -159,7 +159,7 @@ class RasterWriter:
         with write_errors(self.target):
             self._dataset.close()
             if whole and self.layout.overviews:
-                add_overviews(self.path, average=self.layout.averaged)
+                add_overviews(self.path, average=not self.layout.codes)
         if whole:
             check_whole(self.path, self.target)
 
@@ -328,9 +328,9 @@ def _describe(dataset: Any, layout: Layout) -> None:
         colours = [info.colorinterp[b] if info.colorinterp[b] in known else "undefined" for b in bands]
         if len(bands) == info.count and "palette" not in colours:
             dataset.colorinterp = [ColorInterp[c] for c in colours]
-    if layout.flags:
+    if layout.codes:
         dataset.write_colormap(1, {v: (255, 255, 255) if not v else _COLOURS[v.bit_length() - 1] for v in range(256)})
-        dataset.update_tags(1, **{f"FLAG_{bit}": meaning for bit, meaning in layout.flags.items()})
+        _tag(dataset, {f"FLAG_{bit}": meaning for bit, meaning in layout.flags.items()}, "", 1)
     for namespace, tags in info.tags.items():
         _tag(dataset, tags, namespace)
     if info.gcps and info.transform is None:

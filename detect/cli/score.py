@@ -192,7 +192,7 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
     multiple=True,
     callback=creation_options,
     metavar="NAME=VALUE",
-    help="GDAL creation option, such as COMPRESS=ZSTD.",
+    help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
