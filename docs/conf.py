@@ -1,5 +1,6 @@
 """Settings of the site: `nox -s docs` builds it, without a network, and takes warnings as errors."""
 
+import shutil
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -50,7 +51,8 @@ def names(module):
 
 
 def write_reference():
-    """Write the list of public names, which autosummary makes pages of."""
+    """Write the list of public names, which autosummary makes pages of; pages of names that are gone go."""
+    shutil.rmtree(HERE / "reference" / "generated", ignore_errors=True)
     lines = ["Python", "======", "", "Every public class and function.", ""]
     for name in PUBLIC:
         module = import_module(name)
