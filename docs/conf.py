@@ -33,7 +33,7 @@ sphinx_gallery_conf = {
     "download_all_examples": False,
     "remove_config_comments": True,
     "show_memory": False,
-    "plot_gallery": True,
+    "capture_repr": (),
     "abort_on_example_error": True,
 }
 
