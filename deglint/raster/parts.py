@@ -18,7 +18,8 @@ import numpy.typing as npt
 
 from ..errors import ReadError, WriteError
 from ..scene import Window
-from .output import Layout, RasterWriter, check_whole, finishing, write_errors
+from .failing import check_whole, write_errors
+from .output import Layout, RasterWriter, finishing
 from .overviews import add_overviews
 from .scratch import Scratch
 from .tiff import Header, copy_bytes, stretches
