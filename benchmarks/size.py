@@ -24,7 +24,7 @@ GOALS: dict[str, tuple[tuple[str, ...], int]] = {
     "masks": (("deglint/masks",), 900),
     "remove": (("deglint/remove",), 2000),
     "compensate": (("deglint/compensate",), 2500),
-    "choose": (("deglint/choose", "deglint/needs"), 900),
+    "choose": (("deglint/choose",), 900),
     "pipeline": (("deglint/pipeline",), 2200),
     "plan, simulate": (("deglint/plan", "deglint/simulate"), 3800),
     "xr, report, cli": (("deglint/xr", "deglint/report", "deglint/cli"), 1700),

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from .scene import Band as Band
     from .scene import Scene as Scene
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOMES = {
     "METHODS": "remove",

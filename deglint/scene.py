@@ -78,7 +78,7 @@ class Scene:
     sensor : str, optional
         Name of the sensor preset that was used.
     product : str, optional
-        Kind and name of the product that was opened, or of several ("Sentinel-2 L2A S2A_MSIL2A_...").
+        Kind and name of the product that was opened, or of several ("Sentinel-2 L2A S2A ...").
     notes : tuple of str
         What was deduced on opening, one line each, for the log.
     footprints : Source, optional

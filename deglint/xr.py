@@ -5,13 +5,17 @@
     fitted = deglint.xr.fit(scene, "hedley")  # or step by step
     clean = deglint.xr.apply(scene, fitted)
 
+    clean = scene.deglint.remove()  # or as an accessor; of a Dataset, too
+
 The same functions of a tile run as for files, on the array's own chunks with the halo that they ask for, so the numbers
 are those of `deglint remove` to the bit. Takes what rioxarray, odc-stac and stackstac give. Never here: files.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+import logging
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -22,18 +26,22 @@ import numpy.typing as npt
 
 from .checks import checked_keywords
 from .compensate import Chain
-from .errors import DeglintError, InputError
+from .errors import DeglintError, InputError, NoWaterError
 from .pipeline import Fitted, Recipe, fit_scene
 from .pipeline.chunks import Nothing, over_tiles
 from .pipeline.correct import Correction
 from .pipeline.outputs import DTYPES
 from .pipeline.run import correction, given_model
 from .readers.areas import open_area
-from .readers.arrays import open_array
+from .readers.arrays import BANDS, axes, open_array
 from .readers.undeclared import settled
 from .remove import GlintModel
 from .scene import Scene
 from .tiles import Tile, default_threads
+
+__all__ = ["Deglint", "apply", "fit", "remove", "stack"]
+
+log = logging.getLogger(__name__)
 
 
 @checked_keywords()
@@ -144,7 +152,8 @@ def remove(
     Parameters
     ----------
     array : DataArray or Dataset
-        A Dataset, as odc-stac gives it, has one variable a band.
+        A Dataset has one variable a band, as odc-stac gives it, or variables with a dimension band. Each entry of a
+        further dimension, such as time, is a scene of its own.
     recipe, dtype, sensor, nodata, threads
         As `fit` and `apply`.
 
@@ -159,35 +168,71 @@ def remove(
 
     Examples
     --------
-    >>> import rioxarray  # doctest: +SKIP
-    >>> scene = rioxarray.open_rasterio("scene.tif", chunks=1024)  # doctest: +SKIP
-    >>> deglint.xr.remove(scene).rio.to_raster("clean.tif")  # doctest: +SKIP
+    >>> import numpy as np, xarray
+    >>> glint = np.random.default_rng(0).gamma(0.5, 100.0, (60, 80))
+    >>> water = xarray.DataArray([900.0, 700.0, 400.0, 100.0], {"band": ["blue", "green", "red", "nir"]}, "band")
+    >>> scene = water + xarray.DataArray(glint, dims=("y", "x"))
+    >>> clean = remove(scene, Recipe(method="hedley", sample="all", mask="none", compensate="off"))
+    >>> round(float(scene.sel(band="red").std())), round(float(clean.sel(band="red").std()))
+    (70, 0)
     """
     xarray = need_xarray()
-    if isinstance(array, xarray.Dataset):
-        stacked = stack(array)
-        clean = remove(stacked, recipe, dtype=dtype, sensor=sensor, nodata=nodata, threads=threads)
-        return array.assign({n: array[n].copy(data=clean.sel(band=n).data) for n in stacked.band.values.tolist()})
     given: Mapping[str, Any] = {"sensor": sensor, "nodata": nodata, "threads": threads}
+    if isinstance(array, xarray.Dataset):
+        return _by_variables(array, partial(remove, recipe=recipe, dtype=dtype, **given))
+    further = [] if not hasattr(array, "dims") else [d for d in array.dims if d not in axes(array)]
+    for d in further:
+        if array.sizes[d] > 1:
+            parts = [_entry(array.isel({d: [i]}), d, partial(remove, recipe=recipe, dtype=dtype, **given))
+                     for i in range(array.sizes[d])]  # fmt: skip
+            out = array.copy(data=np.concatenate([part.data for part in parts], array.get_axis_num(d)))
+            out.encoding = parts[0].encoding
+            return out
     return apply(array, fit(array, recipe, **given), dtype=dtype, **given)
+
+
+def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
+    """One entry of a further dimension, such as time; without water it is copied."""
+    try:
+        return work(array)
+    except NoWaterError as error:
+        name = str(array[dimension].values[0]) if dimension in array.coords else "one entry"
+        log.warning("%s %s: copied, not corrected: %s", dimension, name, error)
+        return array
+
+
+def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
+    """A Dataset whose variables with a dimension of bands, or else those that are bands, are worked on."""
+    deep = [n for n in dataset.data_vars if {d.lower() for d in map(str, dataset[n].dims)} & set(BANDS)]
+    if deep:
+        return dataset.assign({n: work(dataset[n]) for n in deep})
+    stacked = stack(dataset)
+    clean = work(stacked)
+    return dataset.assign({n: dataset[n].copy(data=clean.sel(band=n).data) for n in stacked.band.values.tolist()})
 
 
 def stack(dataset: Any) -> Any:
     """A Dataset of one variable a band as one DataArray with dimension band; attributes that all share are kept.
+
+    Where the wavelengths of two variables or more are known, only these are bands: classes and masks are left out.
 
     Raises
     ------
     InputError
         The variables differ in their dimensions.
     """
-    names = [str(n) for n in dataset.data_vars]
+    names = [str(n) for n in dataset.data_vars if dataset[n].ndim >= 2]
     if len({dataset[n].dims for n in names}) != 1:
         said = ", ".join(f"{n} {dataset[n].dims}" for n in names)
         raise InputError(f"want variables that share their dimensions, one a band, got {said}. Pick them first.")
-    out = dataset[names].to_dataarray("band")
-    first = dataset[names[0]].attrs
-    out.attrs = {k: v for k, v in first.items() if all(_same(dataset[n].attrs.get(k), v) for n in names)}
-    out.encoding = dict(dataset[names[0]].encoding)
+    first = dataset[names].to_dataarray("band")
+    first = first.isel({d: 0 for d in first.dims if d not in axes(first)})
+    known = [b.name for b in open_array(first).scene.bands if b.wavelength]
+    chosen = known if len(known) > 1 and set(known) <= set(names) else names
+    out = dataset[chosen].to_dataarray("band")
+    own = dataset[chosen[0]].attrs
+    out.attrs = {k: v for k, v in own.items() if all(_same(dataset[n].attrs.get(k), v) for n in chosen)}
+    out.encoding = dict(dataset[chosen[0]].encoding)
     return out
 
 
@@ -223,3 +268,55 @@ def _same(a: Any, b: Any) -> bool:
         return bool(np.array_equal(a, b, equal_nan=True))
     except TypeError:
         return bool(np.array_equal(a, b))
+
+
+class Deglint:
+    """`array.deglint` and `dataset.deglint`, once `deglint.xr` is imported.
+
+    Parameters
+    ----------
+    given : DataArray or Dataset
+
+    Examples
+    --------
+    >>> import numpy as np, xarray, deglint.xr
+    >>> glint = np.random.default_rng(0).gamma(0.5, 100.0, (2, 60, 80))
+    >>> bands = {"blue": 900.0, "green": 700.0, "red": 400.0, "nir": 100.0}
+    >>> scenes = xarray.Dataset({name: (("time", "y", "x"), level + glint) for name, level in bands.items()})
+    >>> clean = scenes.deglint.remove(Recipe(method="hedley", sample="all", mask="none", compensate="off"))
+    >>> clean.red.std(("y", "x")).round().values.tolist()
+    [0.0, 0.0]
+    """
+
+    def __init__(self, given: Any) -> None:
+        self._given = given
+
+    def fit(self, recipe: Recipe | str = "auto", **options: Any) -> Fitted:
+        """Fit a recipe: see `deglint.xr.fit`."""
+        return fit(self._array(), recipe, **options)
+
+    def apply(self, fitted: Fitted | GlintModel, **options: Any) -> Any:
+        """Correct with what was fitted: see `deglint.xr.apply`."""
+
+        def work(array: Any) -> Any:
+            return apply(array, fitted, **options)
+
+        return work(self._given) if hasattr(self._given, "data") else _by_variables(self._given, work)
+
+    def remove(self, recipe: Recipe | str = "auto", **options: Any) -> Any:
+        """Fit and correct: see `deglint.xr.remove`."""
+        return remove(self._given, recipe, **options)
+
+    def _array(self) -> Any:
+        return self._given if hasattr(self._given, "data") else stack(self._given)
+
+
+def _register() -> None:
+    """Make the accessors known to xarray, which has no entry point for them."""
+    with contextlib.suppress(DeglintError):
+        xarray = need_xarray()
+        xarray.register_dataarray_accessor("deglint")(Deglint)
+        xarray.register_dataset_accessor("deglint")(Deglint)
+
+
+_register()

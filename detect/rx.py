@@ -75,7 +75,7 @@ _SMALL = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 
 @dataclass(frozen=True, eq=False)
 class Detector:
-    """A detector ready to use: scores are |whiten d|^2 + linear . d with d = x - mean.
+    """A detector ready to use: scores are norm(whiten d)^2 + linear . d with d = x - mean.
 
     Attributes
     ----------

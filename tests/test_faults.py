@@ -190,10 +190,10 @@ def test_outputs_that_cannot_be_written(deglint, sea, write, tmp_path, monkeypat
 
 def test_a_disk_that_is_too_small_is_known_before_the_work(refused, sea, write, tmp_path, monkeypatch):
     class Full:
-        f_bavail, f_frsize = 10, 1024
+        free = 10_240
 
     source = write(tmp_path / "in.tif", sea(300, 300))
-    monkeypatch.setattr("os.statvfs", lambda _: Full)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: Full)
     said = refused(source, *RUN)
     assert "MB left" in said
     assert "--co COMPRESS" in said

@@ -108,3 +108,34 @@ def test_the_samples_are_what_their_script_makes(name):
         kept = deglint.open_scene(folder / f"{name}{part}.tif").read()
         np.testing.assert_allclose(layer, kept, rtol=1e-3, atol=1e-3 * np.median(kept), err_msg=part)
     assert set(np.unique(made.cover)) == {0, 2, 3}  # water, foam of the wakes, boats
+
+
+def test_citation_recipe_and_changelog_agree_with_the_package():
+    import re
+    import tomllib
+
+    version = deglint.__version__
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
+    assert f"## [{version}]" in (ROOT / "CHANGELOG.md").read_text()
+    recipe = (ROOT / "recipe" / "meta.yaml").read_text()
+    assert f'version = "{version}"' in recipe
+    names = {"opencv-contrib-python-headless": "py-opencv", "pvlib": "pvlib-python"}
+    for wanted in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]:
+        name, least = re.fullmatch(r"([\w-]+)(>=.*)", wanted).groups()
+        assert f"- {names.get(name, name)} {least}" in recipe
+        assert name in (ROOT / "docs" / "dependencies.md").read_text()
+
+
+def test_tutorials_are_short_and_the_site_needs_what_it_declares():
+    import tomllib
+
+    scripts = sorted((ROOT / "docs" / "gallery").glob("plot_*.py"))
+    assert len(scripts) >= 7
+    assert all(len(path.read_text().splitlines()) <= 40 for path in scripts)
+    extra = " ".join(
+        tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]["docs"]
+    ).replace("-", "_")
+    settings = (ROOT / "docs" / "conf.py").read_text()
+    for name in ("myst_parser", "numpydoc", "sphinx_click", "sphinx_gallery", "pydata_sphinx_theme"):
+        assert name in settings
+        assert name in extra

@@ -247,6 +247,37 @@ def test_what_odc_stac_gives(sea):
     np.testing.assert_array_equal(clean.B03.values, whole.sel(band="B03").values)
 
 
+def test_a_time_series_with_masks_is_taken_as_it_comes(sea, caplog):
+    first, second = odc_like(sea(150, 160)), odc_like(sea(150, 160, seed=1))
+    given = xarray.concat([first, second], "time").assign_coords(time=np.arange(2).astype("datetime64[D]"))
+    given["SCL"] = given.B02.astype("uint8") % 2
+    clean = given.chunk({"y": 64}).deglint.remove(HEDLEY)
+    assert clean.B03.chunks is not None
+    for i, one in enumerate((first, second)):
+        alone = deglint.xr.remove(one, HEDLEY)
+        for name in one.data_vars:
+            np.testing.assert_array_equal(clean[name].values[i], alone[name].values[0])
+    np.testing.assert_array_equal(clean.SCL.values, given.SCL.values)
+    given = given.drop_vars("SCL")
+    given.B08[0] = given.B04[0] = given.B03[0] = given.B02[0] = 0
+    left = given.deglint.remove("hedley")
+    np.testing.assert_array_equal(left.B03.values[0], 0)
+    assert left.B03.values[1].std() < given.B03.values[1].std()
+    assert "1970-01-01T00:00:00" in caplog.text
+
+
+def test_the_accessor_is_the_functions(sea):
+    given = stackstac_like(sea(90, 100))
+    clean = deglint.xr.remove(given, HEDLEY)
+    xarray.testing.assert_identical(given.deglint.remove(HEDLEY), clean)
+    xarray.testing.assert_identical(given.deglint.apply(given.deglint.fit(HEDLEY)), clean)
+    held = given.to_dataset(name="scene").assign(cloud=given.isel(band=0, drop=True))
+    xarray.testing.assert_identical(held.deglint.remove(HEDLEY).scene.drop_attrs(), clean.rename("scene").drop_attrs())
+    several = odc_like(sea(90, 100))
+    fitted = several.deglint.fit(HEDLEY)
+    xarray.testing.assert_identical(several.deglint.apply(fitted), deglint.xr.remove(several, HEDLEY))
+
+
 def test_dimensions_in_any_order(sea):
     raw = sea(70, 80)
     given = xarray.DataArray(raw, dims=("band", "y", "x"), coords={"band": list(BANDS)})
@@ -308,7 +339,7 @@ def test_decoded_and_raw_numbers_give_the_same(sea, write, tmp_path):
 def test_what_cannot_be_used_is_said(sea):
     given = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(BANDS)})
     with pytest.raises(InputError, match=r"one at a time, such as array\.isel\(time=0\)"):
-        deglint.xr.remove(given.expand_dims(time=2))
+        deglint.xr.fit(given.expand_dims(time=2))
     with pytest.raises(InputError, match="want dimensions y and x"):
         deglint.xr.remove(given.rename(y="north"))
     with pytest.raises(InputError, match="got ndarray"):

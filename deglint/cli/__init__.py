@@ -42,3 +42,7 @@ def main() -> NoReturn:
 def run(arguments: list[str]) -> int:
     """Run the command; what goes wrong becomes one line on stderr and an exit code."""
     return running.run(cli, "deglint", arguments)
+
+
+rio = running.plugin(cli, "deglint")
+"""`rio deglint`: the same command as a plugin of rasterio's program."""

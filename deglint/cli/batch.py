@@ -17,14 +17,15 @@ from ..shown import shown
 from ..timing import TimeLeft, duration
 from .console import Console
 from .grouped import SETTINGS, Grouped
+from .options import FILE
 from .running import printable
 
 log = logging.getLogger(__name__)
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
-@click.argument("recipe", metavar="RECIPE.toml")
-@click.argument("scenes", nargs=-1, required=True, metavar="SCENES...")
+@click.argument("recipe", type=FILE, metavar="RECIPE.toml")
+@click.argument("scenes", nargs=-1, required=True, type=FILE, metavar="SCENES...")
 @click.option(
     "--jobs",
     type=click.IntRange(1, 1024),
@@ -45,10 +46,10 @@ log = logging.getLogger(__name__)
     help="Make again what exists and was made by another recipe or of another input. What is finished is "
     "never made again.",
 )
-@click.option("--directory", metavar="DIR", help="Where outputs go, in place of the recipe's directory.")
+@click.option("--directory", type=FILE, metavar="DIR", help="Where outputs go, in place of the recipe's directory.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON.")
-@click.option("--table", metavar="FILE.csv", help="Write the summary as CSV, too; an older summary is replaced.")
+@click.option("--table", type=FILE, metavar="FILE.csv", help="Write the summary as CSV, too, in place of an older one.")
 @click.option("-v", "--verbose", count=True, show_default=False,
               help="Log what is decided for each scene, too; -vv: a traceback where it fails.")  # fmt: skip
 @click.option("-q", "--quiet", is_flag=True, help="Print the summary and errors only.")
@@ -75,7 +76,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     dtype = "uint16"
     options = {COMPRESS = "ZSTD"}
     """  # fmt: skip
-    from ..batch.jobs import FAILED
+    from ..batch.jobs import FAILED, TODO
     from ..batch.order import read_order
     from ..batch.run import run_batch
     from ..readers.scenes import list_scenes
@@ -98,6 +99,12 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
         click.echo(json.dumps([asdict(o) for o in found], indent=2))
     else:
         click.echo("\n".join(summary(found)))
+        if given["dry_run"]:
+            from .dryrun import batch_size
+
+            todo = [scene.paths for scene, o in zip(listed, found, strict=True) if o.status == TODO]
+            stated = {"sensor": order.sensor, "nodata": order.nodata, "grid": order.grid, **order.stated()}
+            click.echo(batch_size(todo, stated))
     if any(o.status == FAILED for o in found):
         raise click.exceptions.Exit(1)
 

@@ -17,8 +17,8 @@ from ..timing import Reporter, TimeLeft, duration
 from .running import printable
 
 LOGGERS = ("deglint", "detect")
-LEVEL_NAMES = {logging.WARNING: "warning: ", logging.ERROR: "Error: "}
-"""What a line of these levels begins with."""
+LEVEL_NAMES = {logging.WARNING: ("warning: ", "yellow"), logging.ERROR: ("Error: ", "red")}
+"""What a line of these levels begins with, and in which colour on a terminal."""
 WIDEST = 110
 """Longest progress line [character]."""
 
@@ -38,16 +38,17 @@ class Console(logging.Handler):
         super().__init__()
         quiet, verbose = given.get("quiet", False), given.get("verbose", 0)
         self._shown = logging.ERROR if quiet else logging.DEBUG if verbose else level
-        self._before: list[int] = []
+        self._before: list[tuple[int, bool]] = []
         self._drawn = False
         self._left, self._report = TimeLeft(), Reporter()
         self._bar = not quiet and sys.stderr is not None and sys.stderr.isatty()
 
     def __enter__(self) -> Self:
         for logger in map(logging.getLogger, LOGGERS):
-            self._before.append(logger.level)
+            self._before.append((logger.level, logger.propagate))
             logger.addHandler(self)
             logger.setLevel(self._shown)
+            logger.propagate = False  # the program around, such as rio, would print each line again
         return self
 
     def __exit__(
@@ -56,12 +57,14 @@ class Console(logging.Handler):
         self.clear()
         for logger in map(logging.getLogger, LOGGERS):
             logger.removeHandler(self)
-            logger.setLevel(self._before.pop(0))
+            level, logger.propagate = self._before.pop(0)
+            logger.setLevel(level)
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a line, in place of the progress line."""
         self.clear()
-        click.echo(LEVEL_NAMES.get(record.levelno, "") + printable(record.getMessage()), err=True)
+        name, colour = LEVEL_NAMES.get(record.levelno, ("", None))
+        click.echo((click.style(name, fg=colour) if name else "") + printable(record.getMessage()), err=True)
 
     def progress(self, stage: str, done: int, total: int) -> None:
         """Redraw the progress line on a terminal; elsewhere log a line now and then."""

@@ -1,4 +1,4 @@
-"""A command whose `--help` lists its options in groups."""
+"""A command whose `--help` lists its options in groups, with bold headings on a terminal."""
 
 from __future__ import annotations
 
@@ -26,9 +26,21 @@ SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}
 """Settings of such a command."""
 
 
+class _Formatter(click.HelpFormatter):
+    def write_heading(self, heading: str) -> None:
+        self.write(click.style(f"{'':>{self.current_indent}}{heading}:", bold=True) + "\n")
+
+
+class BoldContext(click.Context):
+    """Writes help with bold headings; they are plain where no terminal shows them."""
+
+    formatter_class = _Formatter
+
+
 class Grouped(click.Command):
     """Lists options under headings; a subclass may have its own `groups`, and names all of its options there."""
 
+    context_class = BoldContext
     groups: ClassVar[dict[str, tuple[str, ...]]] = GROUPS
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -44,3 +56,16 @@ class Grouped(click.Command):
             if records:
                 with formatter.section(group):
                     formatter.write_dl(records)
+
+
+class Judging(Grouped):
+    """Lists the options of `rxdetect roc` and `rxdetect bench`."""
+
+    groups: ClassVar[dict[str, tuple[str, ...]]] = {
+        "What to do": (
+            "per_object", "connected", "mask", "pfa_max", "draws", "block", "seed", "lower", "quick", "only", "seeds",
+            "fail_on",
+        ),
+        "Output": ("report", "json_file", "overwrite"),
+        "Messages": GROUPS["Messages"],
+    }  # fmt: skip

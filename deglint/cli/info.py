@@ -10,13 +10,14 @@ import click
 
 from .console import Console
 from .grouped import SETTINGS, Grouped
-from .options import common, opening
+from .options import FILE, FileName, common, opening
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
-@click.argument("inputs", nargs=-1, required=True, metavar="IN [IN ...]")
+@click.argument("inputs", nargs=-1, required=True, type=FILE, metavar="IN [IN ...]")
 @click.option(
     "--sample",
+    type=FileName("auto", "all"),
     default="auto",
     metavar="auto|all|FILE.geojson|WINDOW",
     help="Deep, glinted water to judge by.",
@@ -24,7 +25,12 @@ from .options import common, opening
 @click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout, and nothing else.")
 @common
 def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> None:
-    """Say what IN is, and what the candidate recipes would do to it."""  # fmt: skip
+    """Say what IN is, and what the candidate recipes would do to it.
+
+    \b
+    deglint info scene.tif
+    deglint info S2B_MSIL1C_20260621.SAFE --json
+    """  # fmt: skip
     from ..pipeline import Recipe
     from ..pipeline.examine import examine
     from ..raster.environment import environment

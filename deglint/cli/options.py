@@ -8,12 +8,47 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 log = logging.getLogger(__name__)
 
 # The keys of deglint.remove.METHODS and REGRESSIONS, which --help must not wait for; a test holds them equal.
 METHOD_NAMES = ("wiener", "hedley", "lyzenga", "joyce", "multiband", "hochberg", "goodman", "kutser", "nir-subtraction")
 REGRESSION_NAMES = ("ols", "detrended", "huber", "theil-sen")
+
+
+class FileName(click.ParamType):
+    """Text that a shell completes to names of files, or to some words.
+
+    Parameters
+    ----------
+    *words : str
+        What else may stand there, such as "auto".
+    presets : bool
+        Also the names of sensors.
+    """
+
+    name = "text"
+
+    def __init__(self, *words: str, presets: bool = False) -> None:
+        self._words, self._presets = words, presets
+
+    def shell_complete(self, _ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Words that begin so, then files."""
+        words = self._words
+        if self._presets:
+            from ..sensors import names as presets
+
+            words += tuple(presets())
+        return [
+            *(CompletionItem(w) for w in words if w.startswith(incomplete)),
+            CompletionItem(incomplete, type="file"),
+        ]
+
+
+FILE = FileName()
+AREA = FileName("auto", "none")
+"""Values of options that name a file, and of those that name an area."""
 
 
 def creation_options(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
@@ -46,8 +81,9 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
     """Options that say how to read the input and how much to tell."""
     for option in reversed(
         [
-            click.option("--sensor", metavar="NAME|FILE.toml", help="Preset that fills in what the file does not say "
-                         "of its bands (worldview3, sentinel2, planetscope, micasense, landsat8, ...), or a file of a "
+            click.option("--sensor", type=FileName(presets=True), metavar="NAME|FILE.toml",
+                         help="Preset that fills in what the file does not say of its bands (worldview3, sentinel2, "
+                         "planetscope, micasense, landsat8, ...), or a file of a "
                          "sensor of your own."),
             click.option("--bands", "band_names", metavar="NAME,NAME,...", help="What the bands are called, in the "
                          "file's order, such as 'blue,green,red,nir', where the file does not say it. (-b chooses.)"),

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import click
 
 from .grouped import Grouped
+from .options import FILE
 
 log = logging.getLogger(__name__)
 
@@ -81,8 +82,8 @@ def _options(command: Callable[..., Any]) -> Callable[..., Any]:
     words = [
         click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE",
                      help="Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; repeat."),
-        click.option("--mission", metavar="FILE.toml", help="Mission file; options win over it."),
-        click.option("--place", metavar="FILE", help="Raster or GeoJSON whose middle is the place."),
+        click.option("--mission", type=FILE, metavar="FILE.toml", help="Mission file; options win over it."),
+        click.option("--place", type=FILE, metavar="FILE", help="Raster or GeoJSON whose middle is the place."),
         click.option("--time", metavar="ISO", help="UTC, such as 2026-06-21T18:00Z; now by default."),
         click.option("--sun", callback=at("zenith", "azimuth", "20.5@270.2"), metavar="ZENITH@AZIMUTH",
                      help="The sun's angles, in place of place and time."),

@@ -11,8 +11,11 @@ from ..raster.checksum import begin_checksum
 from .console import Console
 from .grouped import SETTINGS, Grouped
 from .options import (
+    AREA,
+    FILE,
     METHOD_NAMES,
     REGRESSION_NAMES,
+    FileName,
     cluster_of,
     common,
     creation_options,
@@ -24,12 +27,12 @@ from .options import (
 from .running import Progress
 
 if TYPE_CHECKING:
-    from ..pipeline import Result
+    from ..pipeline import Recipe, Result
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
-@click.argument("inputs", nargs=-1, metavar="IN [IN ...]")
-@click.argument("output", metavar="OUT")
+@click.argument("inputs", nargs=-1, type=FILE, metavar="IN [IN ...]")
+@click.argument("output", type=FILE, metavar="OUT")
 @click.option(
     "--method",
     type=click.Choice(["auto", *METHOD_NAMES]),
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--sample",
+    type=FileName("auto", "all"),
     default="auto",
     metavar="auto|all|FILE.geojson|WINDOW",
     help="Water to fit to; auto: all open water for wiener, else deep, glinted water. WINDOW is "
@@ -45,6 +49,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--compensate",
+    type=FileName("auto", "thesis", "off"),
     default="auto",
     metavar="auto|thesis|off|STAGES",
     help="What to do about band delays before the removal: what the scene needs (auto), "
@@ -59,6 +64,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--mask",
+    type=AREA,
     default="auto",
     metavar="auto|none|FILE|WINDOW",
     help="What to correct: water found in the scene, everything, or a raster (not 0) or GeoJSON.",
@@ -108,22 +114,24 @@ if TYPE_CHECKING:
     show_default="pi, for reflectance",
     help="For goodman: values are this many times remote-sensing reflectance.",
 )
-@click.option("--model", "model_in", metavar="FILE", help="Apply this saved model instead of fitting one.")
-@click.option("--save-model", metavar="FILE", help="Write the fitted model, to apply to another scene.")
-@click.option("--save-sample", metavar="FILE.geojson", help="Write the outline of the sample.")
+@click.option("--model", "model_in", type=FILE, metavar="FILE", help="Apply this saved model instead of fitting one.")
+@click.option("--save-model", type=FILE, metavar="FILE", help="Write the fitted model, to apply to another scene.")
+@click.option("--save-sample", type=FILE, metavar="FILE.geojson", help="Write the outline of the sample.")
 @click.option(
     "--flags",
+    type=FILE,
     metavar="FILE",
     help="Write a raster of flags: 1 nodata, 2 not water, 4 corrected, 8 negative "
     "after, 16 saturated before, 32 clipped, 64 replaced, 128 protected.",
 )
-@click.option("--amount", metavar="FILE", help="Write the removed glint itself (float32, physical units).")
+@click.option("--amount", type=FILE, metavar="FILE", help="Write the removed glint itself (float32, physical units).")
 @click.option(
     "--stderr",
+    type=FILE,
     metavar="FILE",
     help="Write the standard error of every pixel of the bands that may change (float32, physical units).",
 )
-@click.option("--picture", metavar="FILE.png", help="Write a before/after picture.")
+@click.option("--picture", type=FILE, metavar="FILE.png", help="Write a before/after picture.")
 @click.option(
     "--dtype",
     type=click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"]),
@@ -136,11 +144,12 @@ if TYPE_CHECKING:
     multiple=True,
     callback=creation_options,
     metavar="NAME=VALUE",
-    help="GDAL creation option, such as COMPRESS=ZSTD.",
+    help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
 )
-@click.option("--grid", metavar="FILE|N", show_default="the finest",
+@click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest",
               help="Of several files, the one whose grid to use.")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@click.option("--dry-run", is_flag=True, help="Fit, say what would be done and written, and write nothing.")
 @click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
 @on_cluster
 @common
@@ -154,6 +163,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     deglint remove scene.tif clean.tif
     deglint remove scene.tif clean.tif --method hedley --sample deep.geojson
     deglint remove B02.tif B03.tif B04.tif B08.tif clean.tif --picture look.png
+    deglint remove scene.tif clean.tif --flags flags.tif --dry-run
     """  # fmt: skip
     needs_output(inputs, output, "deglint remove")
     if given["model_in"] and (
@@ -162,6 +172,12 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         raise click.UsageError(
             "--model applies a fit that is there: leave out --method, --sample, --regression and --tolerance."
         )
+    if given["dry_run"]:
+        from .dryrun import removal
+
+        with Console(given):
+            removal(inputs, output, _recipe(given), given)
+        return
     begin_checksum(inputs)
     with Console(given) as console:
         result = _removed(inputs, output, given, console.progress)
@@ -169,20 +185,22 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         click.echo(json.dumps(result.sidecar, indent=2))
 
 
+def _recipe(given: dict[str, Any]) -> Recipe:
+    """The recipe that the options name."""
+    from ..pipeline import Recipe
+
+    fields = ("method", "nir", "nir_use", "bands", "sample", "mask", "regression", "floor_percentile", "rrs_factor",
+              "compensate", "smallest_object")  # fmt: skip
+    return Recipe(**{name: given[name] for name in fields}, tolerance=given["tolerance"] or 0.0)
+
+
 def _removed(inputs: tuple[str, ...], output: str, given: dict[str, Any], progress: Progress) -> Result:
     """Do what the options say."""
-    from ..pipeline import Recipe, load_chain, load_model, remove_glint
+    from ..pipeline import load_chain, load_model, remove_glint
 
-    recipe = Recipe(
-        method=given["method"], nir=given["nir"], nir_use=given["nir_use"], bands=given["bands"],
-        sample=given["sample"], mask=given["mask"], regression=given["regression"],
-        floor_percentile=given["floor_percentile"], rrs_factor=given["rrs_factor"],
-        compensate=given["compensate"], smallest_object=given["smallest_object"],
-        tolerance=given["tolerance"] or 0.0,
-    )  # fmt: skip
     with cluster_of(given) as cluster:
         return remove_glint(
-            list(inputs), output, recipe, model=load_model(given["model_in"]) if given["model_in"] else None,
+            list(inputs), output, _recipe(given), model=load_model(given["model_in"]) if given["model_in"] else None,
             chain=load_chain(given["model_in"]) if given["model_in"] else None,
             **opening(given), grid=given["grid"], threads=given["threads"], cluster=cluster, progress=progress,
             flags=given["flags"], amount=given["amount"], stderr=given["stderr"],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -15,9 +16,11 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 import click
+from click.shell_completion import shell_complete
 
 from ..errors import DeglintError, NoWaterError
 from ..shown import shown
+from .grouped import BoldContext
 
 Progress = Callable[[str, int, int], None]
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG)
@@ -33,6 +36,8 @@ class Commands(click.Group):
     lines : dict of str to str
         The commands, each with the line that `--help` says of it.
     """
+
+    context_class = BoldContext
 
     def __init__(self, *args: Any, home: str = "", lines: dict[str, str] | None = None, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -57,10 +62,16 @@ class Commands(click.Group):
 
 def run(cli: click.Group, program: str, arguments: list[str]) -> int:
     """Run a command; what goes wrong becomes one line on stderr and an exit code."""
+    complete = os.environ.get(f"_{program.upper()}_COMPLETE")
+    if complete:
+        return shell_complete(cli, {}, program, f"_{program.upper()}_COMPLETE", complete)
     _moved().clear()  # of an earlier command in this process
+    colour = False if os.environ.get("NO_COLOR") else None  # None: where a terminal shows them
     with _terminable(), _own_stderr() as aside, _nothing_hidden():
         try:
-            with cli.make_context(program, list(arguments)) as context:  # main() would print a line of its own
+            with cli.make_context(
+                program, list(arguments), color=colour
+            ) as context:  # main() would print a line of its own
                 cli.invoke(context)
         except click.exceptions.Exit as error:
             return int(error.exit_code)
@@ -75,10 +86,27 @@ def run(cli: click.Group, program: str, arguments: list[str]) -> int:
             if _verbosity(arguments) > 1:
                 traceback.print_exc()
                 aside.show()
-            click.echo(said, err=True)
+            click.echo(said.replace("Error:", click.style("Error:", fg="red"), 1), err=True, color=colour)
             return code
         aside.show()
         return 0
+
+
+def plugin(cli: click.Group, name: str) -> click.Command:
+    """A command for the group of another program, such as rio: arguments pass through, exit codes come back."""
+
+    @click.command(
+        name,
+        short_help=cli.get_short_help_str(100),
+        add_help_option=False,
+        context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False},
+    )
+    @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+    @click.pass_context
+    def command(context: click.Context, arguments: tuple[str, ...]) -> None:
+        context.exit(run(cli, context.command_path, list(arguments)))
+
+    return command
 
 
 def printable(text: str) -> str:
@@ -182,9 +210,9 @@ def _own_stderr() -> Iterator[_Aside]:
 
 
 class _Seen:
-    """A stream on which nothing hidden is written but the progress line's own return and erasure."""
+    """A stream on which nothing hidden is written but the progress line's own return and erasure, and few colours."""
 
-    _ERASE = "\x1b[K"
+    _OWN = re.compile(r"(\x1b\[(?:K|0m|1m|31m|33m))")
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
@@ -194,9 +222,10 @@ class _Seen:
         if not isinstance(text, str) or text.isprintable():
             return int(self._stream.write(text))
         head = "\r" if text.startswith("\r") else ""  # a line that is drawn anew
-        parts = (shown(part) for part in text.removeprefix(head).removesuffix("\r").split(self._ERASE))
+        parts = self._OWN.split(text.removeprefix(head).removesuffix("\r"))
+        parts[::2] = map(shown, parts[::2])
         tail = "\r" if head and text.endswith("\r") and len(text) > 1 else ""
-        self._stream.write(head + self._ERASE.join(parts) + tail)
+        self._stream.write(head + "".join(parts) + tail)
         return len(text)
 
     def __getattr__(self, name: str) -> Any:

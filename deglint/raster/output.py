@@ -2,18 +2,14 @@
 
 An output is written to a scratch file in the same directory and moved into place at the end, so an error, a full disk
 or Ctrl-C leaves the old file as it was and no scratch behind. What is written is a tiled GeoTIFF whose header lies
-before its data: a valid cloud-optimised GeoTIFF as it stands (overviews on request).
+before its data: a valid cloud-optimised GeoTIFF, with overviews from 1,024 pixels on (`--co OVERVIEWS=NONE`: none).
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
-import logging
-import os
-import re
 import shutil
-import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,14 +18,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import InputError, ReadError, WriteError
+from ..errors import WriteError
 from ..scene import Window
-from .info import RasterInfo, block_places, describe, one_line, open_dataset, unplaced
+from .failing import check_whole, free_bytes, refusals, write_errors
+from .info import RasterInfo, block_places, describe, open_dataset, unplaced
+from .overviews import add_overviews, levels
 from .scratch import Scratch
 
 BLOCK = 512
 """Side of the output's blocks [pixel] where the input's do not serve."""
 _SIDES = (64, 128, 256, BLOCK)
+_COLOURS = (
+    (0, 0, 0), (190, 190, 190), (86, 180, 233), (204, 121, 167), (240, 228, 66), (230, 159, 0), (0, 158, 115),
+    (213, 94, 0),
+)  # fmt: skip
+"""Red, green, blue of the bits of a raster of flags, the lowest first; colours that all people can tell apart (Okabe
+and Ito 2008, https://jfly.uni-koeln.de/color/)."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,8 @@ class Layout:
         The file gets a mask, 0 where a pixel is not valid.
     tile : (int, int)
         Rows and columns that are written at a time; blocks are made to fit, so that each is written once.
+    flags : mapping
+        Of a raster of flags: what each bit means, for the tags FLAG_1, FLAG_2, ...
     """
 
     info: RasterInfo
@@ -65,6 +71,18 @@ class Layout:
     names: tuple[str, ...] | None = None
     masked: bool = False
     tile: tuple[int, int] = (BLOCK, BLOCK)
+    flags: Mapping[int, str] = field(default_factory=dict)
+
+    @property
+    def overviews(self) -> bool:
+        """Whether the output has overviews: it is large, and the creation option OVERVIEWS is not NONE."""
+        given = {str(k).lower(): str(v).lower() for k, v in self.options.items()}
+        return given.get("overviews", "auto") != "none" and bool(levels(self.info.height, self.info.width))
+
+    @property
+    def codes(self) -> bool:
+        """Whether the output holds flags, which get a colour table and are not averaged: bytes that measure nothing."""
+        return not self.scaled and np.dtype(self.dtype) == np.uint8
 
     @property
     def block(self) -> tuple[int, int]:
@@ -106,7 +124,7 @@ class RasterWriter:
         _check_space(path.parent, target, layout, profile)
         self._dataset: Any = None
         try:
-            with _refusals(target, layout.options), write_errors(target):
+            with refusals(target, layout.options), write_errors(target):
                 with unplaced():
                     self._dataset = rasterio.open(path, "w", **profile)
                 _describe(self._dataset, layout)
@@ -138,6 +156,8 @@ class RasterWriter:
         """
         with write_errors(self.target):
             self._dataset.close()
+            if whole and self.layout.overviews:
+                add_overviews(self.path, average=not self.layout.codes)
         if whole:
             check_whole(self.path, self.target)
 
@@ -280,7 +300,7 @@ def _profile(layout: Layout) -> dict[str, Any]:
         profile |= {"compress": info.compression, "num_threads": "ALL_CPUS"}
         if info.predictor in ("2", "3") and np.dtype(layout.dtype).kind == np.dtype(info.dtype).kind:
             profile["predictor"] = info.predictor
-    given = {str(k).lower(): v for k, v in layout.options.items()}
+    given = {str(k).lower(): v for k, v in layout.options.items() if str(k).lower() != "overviews"}
     return {k: v for k, v in profile.items() if k.lower() not in given and v is not None} | given
 
 
@@ -306,6 +326,9 @@ def _describe(dataset: Any, layout: Layout) -> None:
         colours = [info.colorinterp[b] if info.colorinterp[b] in known else "undefined" for b in bands]
         if len(bands) == info.count and "palette" not in colours:
             dataset.colorinterp = [ColorInterp[c] for c in colours]
+    if layout.codes:
+        dataset.write_colormap(1, {v: (255, 255, 255) if not v else _COLOURS[v.bit_length() - 1] for v in range(256)})
+        _tag(dataset, {f"FLAG_{bit}": meaning for bit, meaning in layout.flags.items()}, "", 1)
     for namespace, tags in info.tags.items():
         _tag(dataset, tags, namespace)
     if info.gcps and info.transform is None:
@@ -326,93 +349,10 @@ def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping
         return
     rows, columns = layout.info.height, layout.info.width
     need = rows * columns * len(layout.bands) * np.dtype(layout.dtype).itemsize
-    free = _free(directory)
+    need = need * 8 // 3 if layout.overviews else need  # a third more, and all of it copied once into order
+    free = free_bytes(directory)
     if free is not None and need > free:
         raise WriteError(
             f"{target} needs {need / 1e6:.0f} MB and the disk has {free / 1e6:.0f} MB left. "
             "Free some space, or compress the output: --co COMPRESS=ZSTD"
         )
-
-
-def _free(directory: Path) -> int | None:
-    """Bytes left on a disk, where the system tells."""
-    try:
-        found = os.statvfs(directory)
-    except OSError:
-        return None
-    return found.f_bavail * found.f_frsize
-
-
-_SHORT = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
-
-
-@contextlib.contextmanager
-def write_errors(target: Path) -> Iterator[None]:
-    """Make one clear line of what goes wrong while a file is written."""
-    from rasterio._err import CPLE_BaseError
-    from rasterio.errors import RasterioError
-
-    try:
-        yield
-    except (RasterioError, CPLE_BaseError, OSError) as error:
-        if isinstance(error, WriteError):
-            raise
-        if isinstance(error, ReadError):  # what was just written cannot be read again
-            error = OSError(_SHORT)
-        raise WriteError(f"cannot write {target}: {_reason(target.parent, error)}") from error
-    except (TypeError, ValueError, KeyError) as error:
-        raise InputError(f"cannot write {target} with these options: {one_line(error)}.") from error
-
-
-@contextlib.contextmanager
-def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
-    """Make an error of what GDAL only warns of: a creation option that it does not know, or cannot follow."""
-    said: list[str] = []
-    mine = threading.get_ident()
-
-    class Listener(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            if record.thread == mine:
-                said.append(record.getMessage())
-
-    listener, log = Listener(logging.WARNING), logging.getLogger("rasterio._env")
-    log.addHandler(listener)
-    try:
-        yield
-    finally:
-        log.removeHandler(listener)
-    for line in said:
-        if any(re.search(rf"\b{re.escape(name)}\b", line, re.IGNORECASE) for name in options):
-            said_of_it = line.rpartition(" in ")[2].rstrip(".")
-            raise InputError(f"cannot write {target} with these options: {said_of_it}. Check --co.")
-
-
-def _reason(directory: Path, error: BaseException) -> str:
-    text = " ".join(str(e) for e in _causes(error))
-    free = _free(directory)
-    if "No space left" in text or (free is not None and free < 1 << 20):
-        return f"the disk is full ({directory}). Nothing was changed; free some space."
-    if _SHORT in text or "rite error" in text:
-        return f"{_SHORT}. Nothing was changed."
-    return f"{one_line(error)}. Nothing was changed."
-
-
-def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    while error is not None:
-        yield error
-        error = error.__cause__ or error.__context__
-
-
-def check_whole(path: Path, target: Path) -> None:
-    """Every block that was to be written is inside the file: GDAL does not report what fails while it closes."""
-    with write_errors(target), open_dataset(str(path)) as dataset:
-        size = path.stat().st_size
-        planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
-        for band in planes:
-            rows, columns = dataset.block_shapes[band - 1]
-            across, down = -(-dataset.width // columns), -(-dataset.height // rows)
-            for x, y in ((0, 0), (across - 1, 0), (across - 1, down - 1), (across // 2, down // 2)):
-                start = dataset.get_tag_item(f"BLOCK_OFFSET_{x}_{y}", "TIFF", bidx=band)
-                length = dataset.get_tag_item(f"BLOCK_SIZE_{x}_{y}", "TIFF", bidx=band)
-                if start is None or int(start) + int(length or 0) > size:
-                    raise WriteError(f"cannot write {target}: {_reason(target.parent, OSError(_SHORT))}")

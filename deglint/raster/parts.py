@@ -8,7 +8,6 @@ is the one that GDAL would have written, in front of all blocks.
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,9 +18,11 @@ import numpy.typing as npt
 
 from ..errors import ReadError, WriteError
 from ..scene import Window
-from .output import Layout, RasterWriter, check_whole, finishing, write_errors
+from .failing import check_whole, write_errors
+from .output import Layout, RasterWriter, finishing
+from .overviews import add_overviews
 from .scratch import Scratch
-from .tiff import Header
+from .tiff import Header, copy_bytes, stretches
 
 _PLAIN = frozenset({"none", "deflate", "lzw", "zstd", "lzma", "packbits"})
 """Compressions whose blocks mean the same in any file."""
@@ -78,7 +79,8 @@ def write_part(
 
 def _block_options(layout: Layout) -> dict[str, str]:
     rows, columns = layout.block
-    return {"BLOCKXSIZE": str(columns), "BLOCKYSIZE": str(rows), "BIGTIFF": "NO", "NUM_THREADS": "1"}
+    sides = {"BLOCKXSIZE": str(columns), "BLOCKYSIZE": str(rows)}
+    return sides | {"BIGTIFF": "NO", "NUM_THREADS": "1", "OVERVIEWS": "NONE"}
 
 
 class Decoded:
@@ -109,11 +111,11 @@ class Assembly:
     """
 
     def __init__(self, path: Path, target: Path, layout: Layout) -> None:
-        self.path, self.target, self._file = path, target, None
+        self.path, self.target, self._layout, self._file = path, target, layout, None
         RasterWriter(path, target, replace(layout, options={**layout.options, "SPARSE_OK": "TRUE"})).close(whole=False)
         with write_errors(target):
             self._header = Header.read(path)
-            self._file = path.open("wb")
+            self._file = path.open("wb", buffering=0)
             self._end = self._header.size
             self._file.truncate(self._end)
 
@@ -123,8 +125,8 @@ class Assembly:
         with write_errors(self.target), _part(part.path) as (file, header):
             for own, theirs in zip(self._header.directories, header.directories, strict=True):
                 places = own.places(theirs, window)
-                for start, length, blocks in _stretches(theirs.offsets, theirs.counts):
-                    _copy(file.fileno(), self._file.fileno(), start, self._end, length)
+                for start, length, blocks in stretches(theirs.offsets, theirs.counts):
+                    copy_bytes(file, self._file, start, self._end, length)
                     own.offsets[places[blocks]] = self._end + (theirs.offsets[blocks] - start).astype(np.uint64)
                     own.counts[places[blocks]] = theirs.counts[blocks]
                     self._end += length + length % 2
@@ -139,6 +141,8 @@ class Assembly:
             self._file.write(self._header.to_bytes())
             self._file.truncate(self._end)
             self._file.close()
+            if self._layout.overviews:
+                add_overviews(self.path, average=not self._layout.codes)
         check_whole(self.path, self.target)
 
     def abort(self) -> None:
@@ -156,35 +160,10 @@ def writing_parts(
     return finishing(kind(scratch.add(target), target, layout))
 
 
-def _stretches(offsets: Any, counts: Any) -> Iterator[tuple[int, int, npt.NDArray[np.int64]]]:
-    """Blocks that lie one behind the other: where they start, how long they are together, which they are."""
-    order = np.argsort(offsets, kind="stable")
-    order = order[counts[order] > 0]
-    if not len(order):
-        return
-    ends = offsets[order] + counts[order]
-    cuts = np.flatnonzero(offsets[order][1:] != ends[:-1]) + 1
-    for blocks in np.split(order, cuts):
-        start, last = int(offsets[blocks[0]]), blocks[-1]
-        yield start, int(offsets[last] + counts[last]) - start, blocks
-
-
-def _copy(source: int, target: int, start: int, place: int, length: int) -> None:
-    """Copy bytes from file to file, in the system where it can."""
-    while length:
-        try:
-            done = os.copy_file_range(source, target, length, start, place)
-        except (OSError, AttributeError):  # other file systems, other systems
-            done = os.pwrite(target, os.pread(source, min(length, 1 << 20), start), place)
-        if not done:
-            raise OSError("a part is shorter than it was")
-        start, place, length = start + done, place + done, length - done
-
-
 @contextlib.contextmanager
 def _part(path: Path) -> Iterator[tuple[Any, Header]]:
     try:
-        file = path.open("rb")
+        file = path.open("rb", buffering=0)
     except OSError as error:
         raise _missing(path) from error
     with file:

@@ -14,6 +14,7 @@ import platform
 import re
 import secrets
 import signal
+import sys
 import threading
 import zlib
 from collections.abc import Iterator, Sequence
@@ -194,12 +195,10 @@ def _one_at_a_time(directories: set[Path]) -> Iterator[None]:
     """Files of one run are moved into place with none of another run's between them, where the system knows locks."""
     with contextlib.ExitStack() as stack:
         for directory in sorted(directories):
-            with contextlib.suppress(ImportError, OSError):
-                import fcntl
-
+            with contextlib.suppress(OSError):  # Windows opens no directory
                 place = os.open(directory, os.O_RDONLY)
                 stack.callback(os.close, place)
-                fcntl.flock(place, fcntl.LOCK_EX)
+                _lock(place, wait=True)
         yield
 
 
@@ -212,13 +211,11 @@ def claimed(directory: Path) -> Iterator[None]:
     WriteError
         Another batch is at work in it.
     """
-    import fcntl
-
     path = directory / ".deglint-batch.lock"
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(file)
             if path.exists() and os.fstat(file).st_ino == path.stat().st_ino:  # not one that was just taken away
                 break
         except BlockingIOError:
@@ -234,6 +231,21 @@ def claimed(directory: Path) -> Iterator[None]:
     finally:
         _discard(path)
         os.close(file)
+
+
+def _lock(file: int, *, wait: bool = False) -> None:
+    """Lock an open file; BlockingIOError where another process holds it, another OSError where there are no locks."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        try:
+            msvcrt.locking(file, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+        except PermissionError as error:
+            raise BlockingIOError from error
+    else:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
 
 
 def beside(target: Path, ending: str) -> Path:
@@ -281,6 +293,8 @@ def _machine() -> int:
 
 
 def _alive(process: int) -> bool:
+    if sys.platform == "win32":
+        return True  # os.kill would end the process there, so what it left stays
     try:
         os.kill(process, 0)
     except ProcessLookupError:

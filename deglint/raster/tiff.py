@@ -7,7 +7,9 @@ TIFF revision 6.0 (Adobe 1992); the BigTIFF extension, https://libtiff.gitlab.io
 
 from __future__ import annotations
 
+import os
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -105,6 +107,35 @@ class Header:
         values += bytes(-(first + len(values)) % 16)
         table += struct.pack("<Q" if self.big else "<I", 0 if last else first + len(values))
         out += table + values
+
+
+def stretches(
+    offsets: npt.NDArray[np.uint64], counts: npt.NDArray[np.uint64]
+) -> Iterator[tuple[int, int, npt.NDArray[np.int64]]]:
+    """Blocks that lie one behind the other: where they start, how long they are together, which they are."""
+    order = np.argsort(offsets, kind="stable")
+    order = order[counts[order] > 0]
+    if not len(order):
+        return
+    ends = offsets[order] + counts[order]
+    cuts = np.flatnonzero(offsets[order][1:] != ends[:-1]) + 1
+    for blocks in np.split(order, cuts):
+        start, last = int(offsets[blocks[0]]), blocks[-1]
+        yield start, int(offsets[last] + counts[last]) - start, blocks
+
+
+def copy_bytes(source: Any, target: Any, start: int, place: int, length: int) -> None:
+    """Copy bytes between files that are open without buffers, inside the system where it can."""
+    while length:
+        try:
+            done = os.copy_file_range(source.fileno(), target.fileno(), length, start, place)
+        except (OSError, AttributeError):  # other file systems, other systems
+            source.seek(start)
+            target.seek(place)
+            done = target.write(source.read(min(length, 1 << 20)))
+        if not done:
+            raise OSError("the file is shorter than it was")
+        start, place, length = start + done, place + done, length - done
 
 
 def _directory(file: Any, at: int, big: bool) -> tuple[Directory, int]:

@@ -23,7 +23,7 @@ from .opening import with_nodata
 
 _ROWS = ("y", "latitude", "lat", "northing", "row", "rows")
 _COLUMNS = ("x", "longitude", "lon", "easting", "column", "columns", "col")
-_BANDS = ("band", "bands", "wavelength", "wavelengths", "variable", "channel")
+BANDS = ("band", "bands", "wavelength", "wavelengths", "variable", "channel")
 _CLOSE = 1e-3
 """How exactly coordinates and a stated transform must agree [pixel]."""
 
@@ -91,7 +91,10 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     """
     if not all(hasattr(array, name) for name in ("dims", "coords", "attrs", "encoding", "data")):
         raise InputError(f"want an xarray DataArray, got {type(array).__name__}. Take deglint.open_scene for files.")
-    rows, columns, band = _axes(array)
+    rows, columns, band = axes(array)
+    for d, n in zip(array.dims, array.shape, strict=True):
+        if d not in (rows, columns, band) and n != 1:
+            raise InputError(f"dimension {d} has {n} entries: pass one at a time, such as array.isel({d}=0).")
     order = tuple(array.dims.index(d) for d in (band, rows, columns) if d is not None)
     values = array.data
     kept = tuple(0 if d not in order else slice(None) for d in range(array.ndim))
@@ -110,16 +113,13 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     return ArrayScene(scene, values, array, order, band)
 
 
-def _axes(array: Any) -> tuple[Any, Any, Any]:
+def axes(array: Any) -> tuple[Any, Any, Any]:
     """Names of the dimensions of rows, columns and bands (None where there is but one band)."""
     known = {str(d).lower(): d for d in array.dims}
-    rows, columns, band = (next((known[n] for n in names if n in known), None) for names in (_ROWS, _COLUMNS, _BANDS))
+    rows, columns, band = (next((known[n] for n in names if n in known), None) for names in (_ROWS, _COLUMNS, BANDS))
     said = ", ".join(f"{d} {n}" for d, n in zip(array.dims, array.shape, strict=True))
     if rows is None or columns is None:
         raise InputError(f"want dimensions y and x (or latitude and longitude), got {said}. Rename yours.")
-    for d, n in zip(array.dims, array.shape, strict=True):
-        if d not in (rows, columns, band) and n != 1:
-            raise InputError(f"dimension {d} has {n} entries: pass one at a time, such as array.isel({d}=0).")
     return rows, columns, band
 
 

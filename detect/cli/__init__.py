@@ -39,3 +39,7 @@ def main() -> NoReturn:
 def run(arguments: list[str]) -> int:
     """Run the command; what goes wrong becomes one line on stderr and an exit code."""
     return running.run(cli, "rxdetect", arguments)
+
+
+rio = running.plugin(cli, "rxdetect")
+"""`rio rxdetect`: the same command as a plugin of rasterio's program."""

@@ -13,12 +13,13 @@ from typing import Any
 import click
 
 from deglint.cli.console import Console
-from deglint.cli.options import names
+from deglint.cli.grouped import Judging
+from deglint.cli.options import FILE, names
 
 log = logging.getLogger(__name__)
 
 
-class Bench(click.Command):
+class Bench(Judging):
     """The benchmark; after the word `compare`, the comparison of two runs."""
 
     def make_context(
@@ -31,13 +32,15 @@ class Bench(click.Command):
 
 
 @click.command(cls=Bench, context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("out", default="benchmark.html", metavar="[OUT.html]")
+@click.argument("out", default="benchmark.html", type=FILE, metavar="[OUT.html]")
 @click.option("--quick", is_flag=True, help="One wind and small scenes: ten seconds, not two minutes.")
 @click.option("--only", multiple=True, callback=names, metavar="NAME[,NAME]",
               help="These methods, or 'default' (deglint remove without options). [default: all]")  # fmt: skip
 @click.option("--seeds", type=click.IntRange(1, 1000), metavar="N",
               help="Scenes of each condition. [default: 5; with --quick 2]")  # fmt: skip
-@click.option("--json", "json_file", metavar="FILE", help="Where every number goes. [default: OUT.html.json]")
+@click.option(
+    "--json", "json_file", type=FILE, metavar="FILE", help="Where every number goes. [default: OUT.html.json]"
+)
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
@@ -99,9 +102,9 @@ def _command(out: str, seeds: int, given: dict[str, Any]) -> str:
     return shlex.join([*words, "--seeds", str(seeds)])
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("old", metavar="OLD.json")
-@click.argument("new", metavar="NEW.json")
+@click.command(cls=Judging, context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("old", type=FILE, metavar="OLD.json")
+@click.argument("new", type=FILE, metavar="NEW.json")
 @click.option("--fail-on", type=click.Choice(["worse", "changed"]), help="Exit code 1 where a number got worse or "
               "slower or is gone; or where any number changed.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the changes as JSON on stdout, and nothing else there.")

@@ -12,17 +12,21 @@ from typing import Any
 import click
 
 from deglint.cli.console import Console
+from deglint.cli.grouped import Judging
+from deglint.cli.options import FILE
 
 log = logging.getLogger(__name__)
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("scores", nargs=-1, required=True, metavar="SCORES [SCORES ...]")
-@click.argument("truth", metavar="TRUTH")
-@click.option("--report", metavar="FILE.html", help="Write the report, one file; FILE.html.json beside it.")
+@click.command(cls=Judging, context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("scores", nargs=-1, required=True, type=FILE, metavar="SCORES [SCORES ...]")
+@click.argument("truth", type=FILE, metavar="TRUTH")
+@click.option("--report", type=FILE, metavar="FILE.html", help="Write the report, one file; FILE.html.json beside it.")
 @click.option("--per-object", is_flag=True, help="Count objects found and false alarms (connected parts), too.")
 @click.option("--connected", is_flag=True, help="Connected pixels of TRUTH are an object, whatever their numbers.")
-@click.option("--mask", metavar="FILE|WINDOW", help="Judge only here: a raster (not 0), GeoJSON or window of pixels.")
+@click.option(
+    "--mask", type=FILE, metavar="FILE|WINDOW", help="Judge only here: a raster (not 0), GeoJSON or window of pixels."
+)
 @click.option(
     "--pfa-max",
     type=click.FloatRange(0, 1, min_open=True),

@@ -9,7 +9,17 @@ import click
 
 from deglint.cli.console import Console
 from deglint.cli.grouped import SETTINGS, Grouped
-from deglint.cli.options import cluster_of, common, creation_options, names, needs_output, on_cluster, opening
+from deglint.cli.options import (
+    FILE,
+    FileName,
+    cluster_of,
+    common,
+    creation_options,
+    names,
+    needs_output,
+    on_cluster,
+    opening,
+)
 from deglint.raster.checksum import begin_checksum
 
 # The keys of detect.pipeline.recipe's tables, which --help must not wait for; a test holds them equal.
@@ -39,8 +49,8 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
-@click.argument("inputs", nargs=-1, metavar="IN [IN ...]")
-@click.argument("output", metavar="OUT")
+@click.argument("inputs", nargs=-1, type=FILE, metavar="IN [IN ...]")
+@click.argument("output", type=FILE, metavar="OUT")
 @click.option(
     "--method",
     type=click.Choice(METHOD_NAMES),
@@ -85,13 +95,16 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
 )
 @click.option(
     "--background",
+    type=FILE,
     default="",
     metavar="FILE|WINDOW",
     help="What belongs: polygons (GeoJSON), a mask raster (not 0), a window column,row,width,height, or a saved "
     "background.",
     show_default="every valid pixel",
 )
-@click.option("--save-background", metavar="FILE.json", help="Write the fitted background, to use on another scene.")
+@click.option(
+    "--save-background", type=FILE, metavar="FILE.json", help="Write the fitted background, to use on another scene."
+)
 @click.option(
     "-b",
     "--band",
@@ -104,6 +117,7 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
 )
 @click.option(
     "--mask",
+    type=FileName("auto", "none", "water"),
     default="auto",
     metavar="auto|none|water|FILE|WINDOW",
     help="Where to score: everywhere, on water as found in the scene, or in a raster (not 0) or GeoJSON. What lies "
@@ -144,6 +158,7 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
 )
 @click.option(
     "--objects",
+    type=FILE,
     metavar="FILE.geojson|.gpkg",
     help="Write outlines, places (WGS 84), sizes and scores of what exceeds the threshold; a .gpkg gets a QGIS style.",
 )
@@ -152,7 +167,7 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
     is_flag=True,
     help="Give objects a speed and a heading, where three bands or more look at known, different times.",
 )
-@click.option("--chips", metavar="FOLDER", help="Write a picture of every object: raw, clean, score.")
+@click.option("--chips", type=FILE, metavar="FOLDER", help="Write a picture of every object: raw, clean, score.")
 @click.option("--min-size", type=click.IntRange(1), default=1, metavar="PIXELS", help="Drop smaller objects.")
 @click.option(
     "--merge-distance",
@@ -161,9 +176,12 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
     metavar="PIXELS",
     help="Parts no further apart are one object.",
 )
-@click.option("--p-value", metavar="FILE", help="Write the probability of such a score over a normal background.")
+@click.option(
+    "--p-value", type=FILE, metavar="FILE", help="Write the probability of such a score over a normal background."
+)
 @click.option(
     "--flags",
+    type=FILE,
     metavar="FILE",
     help="Write why a pixel has no score, or what to know of it: 1 nodata, 2 outside --mask, 4 outside --background, "
     "8 ring of lower rank, 16 ring of too few pixels.",
@@ -174,7 +192,7 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
     multiple=True,
     callback=creation_options,
     metavar="NAME=VALUE",
-    help="GDAL creation option, such as COMPRESS=ZSTD.",
+    help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")

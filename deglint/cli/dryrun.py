@@ -1,0 +1,104 @@
+"""What `--dry-run` says: which files a command would write and how many bytes they hold, before any is written."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from ..pipeline import Recipe
+    from ..scene import Scene
+
+Sizes = Mapping[str, int | None]
+"""Files, and the bytes of their pixels; None where they hold no pixels."""
+
+
+def size(count: float) -> str:
+    """Bytes for people, such as "12.3 MB"."""
+    for unit in ("B", "kB", "MB", "GB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} TB"
+
+
+def say(files: Sizes, about: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> None:
+    """Print what would be written, as lines or as JSON."""
+    if as_json:
+        from ..raster.output import plain
+
+        click.echo(json.dumps(plain({**about, "files": files}), indent=2))
+        return
+    for line in (*lines, *(f"would write {name}" + (f" ({size(b)})" if b else "") for name, b in files.items())):
+        click.echo(line)
+    click.echo(f"{len(files)} files, {size(sum(b or 0 for b in files.values()))} of pixels before compression")
+
+
+def read_bytes(scene: Scene) -> int:
+    """Bytes of the pixels of a scene as they are stored, before compression."""
+    from ..pipeline.overview import raster_of
+
+    return scene.height * scene.width * len(scene.bands) * raster_of(scene).info.dtype.itemsize
+
+
+def removal(inputs: Sequence[str], output: str, recipe: Recipe, given: Mapping[str, Any]) -> None:
+    """What `deglint remove` would do: it opens the scene, fits the recipe, and writes nothing."""
+    import numpy as np
+
+    from ..pipeline import fit_scene, load_model
+    from ..pipeline.outputs import Outputs
+    from ..raster.environment import environment
+    from ..raster.targets import check_image, check_targets
+    from ..readers import open_scene
+    from .options import opening
+
+    extra: dict[str, Any] = {name: given[name] for name in ("flags", "amount", "stderr", "picture")}
+    extra |= {"sample": given["save_sample"], "model": given["save_model"]}
+    extra = {name: value and Path(value) for name, value in extra.items()} | {"dtype": given["dtype"]}
+    targets = Outputs(Path(output), **extra)
+    with environment():
+        check_targets(targets.every(), {"the input": list(inputs)}, overwrite=given["overwrite"])
+        check_image(targets.image)
+        scene = open_scene(list(inputs), **opening(given), grid=given["grid"])
+        begun = time.perf_counter()
+        if given["model_in"]:
+            model, used = load_model(given["model_in"]), recipe
+        else:
+            fitted = fit_scene(scene, recipe, threads=given["threads"])
+            model, used = fitted.model, fitted.recipe
+    took, pixels, bands = time.perf_counter() - begun, scene.height * scene.width, len(model.fits)
+    data = read_bytes(scene)
+    image = data if given["dtype"] is None else pixels * len(scene.bands) * np.dtype(given["dtype"]).itemsize
+    per_file: dict[Path | None, int] = {targets.image: image, targets.flags: pixels, targets.amount: 4 * pixels * bands,
+                targets.stderr: 4 * pixels * bands}  # fmt: skip
+    files = {str(path): per_file.get(path) for path in targets.every()}
+    nir = [scene.names[b] for b in model.index_bands]
+    about = {"input": list(inputs), "nir": nir, "read_bytes": data, "fit_seconds": took, "recipe": asdict(used)}
+    resolved = [f"{name} = {value!r}" for name, value in asdict(used).items()]
+    lines = [f"{scene.path}: {scene.height} x {scene.width} pixels, bands {', '.join(scene.names)}",
+             f"NIR: {', '.join(nir) or 'none'}", "recipe: " + ", ".join(resolved),
+             f"fit in {took:.2f} s; the correction reads {size(data)} of pixels once"]  # fmt: skip
+    say(files, about, lines, as_json=given["as_json"])
+
+
+def batch_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> str:
+    """Line that says how much a batch would read, from the headers of its scenes."""
+    from ..errors import DeglintError
+    from ..raster.environment import environment
+    from ..readers import open_scene
+
+    total = unread = 0
+    with environment():
+        for names in paths:
+            try:
+                total += read_bytes(open_scene(list(names), **options))
+            except DeglintError:
+                unread += 1
+    left = f"; {unread} scenes cannot be opened" if unread else ""
+    return f"would read and write {size(total)} of pixels before compression{left}"

@@ -1,0 +1,32 @@
+"""
+Simulate and score
+==================
+
+Which method removes most? A simulated scene has its truth beside it, so the error of each method can be measured.
+"""
+
+import numpy as np
+from pictures import show
+
+import deglint
+from deglint.physics.presets import preset
+from deglint.simulate import Setup, simulate, thesis_array
+
+# %%
+# Squares of 2, 5, 10 and 20 % reflectance at 5 m depth under 5 m/s of wind; pixels of 0.25 m, and no band delay.
+sensor = preset("thesis").delayed(0.0)
+squares = thesis_array((192, 192), sensor.gsd)
+sea = simulate(Setup(sensor=sensor, size=(192, 192), wind=5.0, sky="cardioidal", objects=squares, seed=7))
+radiance = sea.image * np.reshape([sensor.scale(band) for band in sensor.bands], (-1, 1, 1))
+
+# %%
+# ``fit`` and ``apply`` work on plain arrays. Bands are counted from 0; band 6 is the NIR.
+clean = {}
+for method in ("hedley", "lyzenga", "joyce"):
+    model = deglint.fit(method, radiance, nir=6)
+    clean[method] = deglint.apply(radiance, model)
+    error = np.sqrt(((clean[method] - sea.truth)[:5] ** 2).mean() / (sea.truth[:5] ** 2).mean())
+    print(f"{method:8s} error {error:.2%} of the truth")
+
+# %%
+figure = show({"raw": radiance, "truth": sea.truth, "hedley": clean["hedley"]}, sea.truth, bands=(4, 2, 1))

@@ -1,0 +1,81 @@
+"""What a newcomer meets on the command line: groups and examples in help, completion, colours, dry runs."""
+
+import json
+
+import pytest
+
+from deglint import cli
+from deglint.cli import running
+from detect import cli as detect_cli
+
+PLAIN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+EVERY = [(p.cli, n) for p in (cli, detect_cli) for n in p.COMMANDS]
+
+
+@pytest.mark.parametrize(("program", "name"), EVERY, ids=[name for _, name in EVERY])
+def test_every_command_has_an_example(program, name):
+    command = program.get_command(None, name)
+    assert f" {name} " in command.help
+
+
+def test_help_of_the_judging_commands_is_in_groups(rxdetect):
+    for call in (("roc",), ("bench",), ("bench", "compare")):
+        ran = rxdetect(*call, "--help")
+        assert ran.code == 0
+        assert "\nWhat to do:\n" in ran.out
+        assert "\nMessages:\n" in ran.out
+
+
+@pytest.mark.parametrize(
+    ("program", "words", "found"),
+    [("deglint", "deglint re", ["plain,remove"]), ("deglint", "deglint remove in.tif --meth", ["plain,--method"]),
+     ("deglint", "deglint remove --method he", ["plain,hedley"]), ("deglint", "deglint remove sce", ["file,sce"]),
+     ("deglint", "deglint info --sensor sentinel", ["plain,sentinel2", "file,sentinel"]),
+     ("rxdetect", "rxdetect score --mask w", ["plain,water", "file,w"])],
+)  # fmt: skip
+def test_a_shell_completes_commands_options_values_and_files(request, monkeypatch, program, words, found):
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    monkeypatch.setenv(f"_{program.upper()}_COMPLETE", "bash_complete")
+    ran = request.getfixturevalue(program)()
+    assert (ran.code, ran.out.split(), ran.err) == (0, found, "")
+
+
+def test_colours_are_shown_by_a_terminal_alone():
+    class Stream:
+        def __init__(self):
+            self.text = ""
+
+        def write(self, text):
+            self.text += text
+
+    seen = running._Seen(Stream())
+    seen.write("\x1b[31mError:\x1b[0m a\x1b[2J\x1b[8mb\n")
+    assert seen.text == "\x1b[31mError:\x1b[0m a\\x1b[2J\\x1b[8mb\n"
+
+
+def test_no_colour_leaves_the_program_where_there_is_no_terminal(deglint):
+    ran = deglint("remove", "none.tif", "out.tif")
+    assert ran.err.startswith("Error: no such file")
+    assert "\x1b" not in deglint("remove", "--help").out
+
+
+def test_a_dry_run_fits_and_writes_nothing(deglint, sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea())
+    call = ("remove", source, tmp_path / "out.tif", *PLAIN, "--flags", tmp_path / "flags.tif", "--dry-run", "-q")
+    ran = deglint(*call)
+    assert (ran.code, ran.err) == (0, "")
+    for said in ("80 x 100 pixels, bands blue", "NIR: nir", "method = 'hedley'", "out.tif (64 kB)", "flags.tif (8 kB)"):
+        assert said in ran.out
+    found = json.loads(deglint(*call, "--json", "--dtype", "float32").out)
+    assert found["files"][str(tmp_path / "out.tif")] == 4 * 4 * 8000
+    assert [p.name for p in tmp_path.iterdir()] == ["in.tif"]
+    (tmp_path / "out.tif").touch()
+    assert "--overwrite" in deglint(*call).err
+
+
+def test_a_dry_run_of_a_batch_counts_bytes(deglint, sea, write, tmp_path):
+    write(tmp_path / "in.tif", sea())
+    (tmp_path / "recipe.toml").write_text("")
+    ran = deglint("batch", tmp_path / "recipe.toml", tmp_path / "*.tif", "--dry-run")
+    assert ran.out.endswith("would read and write 64 kB of pixels before compression\n")
