@@ -25,11 +25,11 @@ import rasterio
 import deglint
 from deglint import tiles as tiling
 from deglint.physics.presets import preset
-from deglint.pipeline.run import one_thread_each
 from deglint.pipeline.correct import Correction
 from deglint.pipeline.fit import fit_scene
 from deglint.pipeline.overview import block_of, raster_of, tile_shape_of
 from deglint.pipeline.recipe import Recipe
+from deglint.pipeline.run import one_thread_each
 from deglint.raster.arrays import ArraySource
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.output import Layout

@@ -8,16 +8,16 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from deglint.compensate.codes import decoded, encoded
+from deglint.compensate.faint import give_back
+from deglint.compensate.level import Opened, blurred
+from deglint.compensate.opening import openings
+from deglint.compensate.presence import Presence
 
 from deglint.compensate import Chain, Sample, Setting, State, apply_stages, fit_stages, parse, protect, system_psf
 from deglint.compensate import apply as apply_chain
-from deglint.compensate.codes import decoded, encoded
-from deglint.compensate.faint import give_back
 from deglint.compensate.identify import LEVEL_K
-from deglint.compensate.level import Opened, blurred
 from deglint.compensate.noise import Spread
-from deglint.compensate.opening import openings
-from deglint.compensate.presence import Presence
 from deglint.compensate.sharpen import richardson_lucy
 from deglint.physics.presets import preset
 from deglint.scene import Band

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from deglint.pipeline.uncertain import with_stderr
 
 from deglint import Recipe, fit_scene, open_scene
 from deglint.compensate.uncertainty import Parts, stderr
@@ -21,7 +22,6 @@ from deglint.errors import FitError
 from deglint.physics.presets import preset
 from deglint.pipeline.correct import Correction
 from deglint.pipeline.overview import raster_of
-from deglint.pipeline.uncertain import with_stderr
 from deglint.raster.output import Layout
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate, thesis_array

@@ -17,8 +17,8 @@ import numpy.typing as npt
 from deglint.checks import checked_keywords
 from deglint.errors import InputError
 from deglint.pipeline.chunks import over_tiles
-from deglint.readers.undeclared import settled
 from deglint.readers.arrays import open_array
+from deglint.readers.undeclared import settled
 from deglint.scene import Scene
 from deglint.tiles import Tile, default_threads
 from deglint.xr import need_xarray

@@ -11,10 +11,10 @@ import textwrap
 import numpy as np
 import pytest
 
-from deglint.errors import InputError, ReadError, WriteError
-from deglint.batch.run import run_batch
 from deglint.batch.jobs import jobs_of, state_of
 from deglint.batch.order import read_order
+from deglint.batch.run import run_batch
+from deglint.errors import InputError, ReadError, WriteError
 from deglint.raster.scratch import claimed
 from deglint.readers.scenes import ListedScene, list_scenes
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from deglint.batch.order import read_order
 from deglint.cli.running import printable
 from deglint.errors import InputError
-from deglint.batch.order import read_order
 from deglint.raster.info import open_dataset
 from deglint.readers.scenes import checked_name, list_scenes
 

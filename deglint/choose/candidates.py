@@ -1,4 +1,4 @@
-"""The recipes that are tried on a scene, cheapest first."""
+"""The recipes that are tried on a scene, in order of preference where they are as good: plain ones first."""
 
 from __future__ import annotations
 
@@ -45,16 +45,12 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
     clump : int
         Width of a clump of glint [pixel].
     """
-    found = [
-        Candidate("copy", "copy"),
-        Candidate("hedley", "hedley"),
-        Candidate("wiener", "wiener"),
-    ]
+    found = [Candidate("copy", "copy"), Candidate("wiener", "wiener"), Candidate("hedley", "hedley")]
     delayed = setting.offsets is not None and float(setting.offsets.max() - setting.offsets.min()) > SHORTEST_DELAY
     targets = "targets, " if delayed else ""
     found.append(Candidate("wiener, posterior mean", "wiener", f"{targets}remove, posterior"))
     sharpen = "psf:2, " if setting.psfs is not None else ""
-    for window in windows(width, clump):
+    for window in windows(width, clump) if width >= SMALLEST / 2 else ():
         stages = f"{sharpen}identify-level:{window}, {targets}replace-level, remove"
         found.append(Candidate(f"opening of {window} pixels, wiener", "wiener", stages))
     return found

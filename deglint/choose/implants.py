@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -94,22 +95,28 @@ def gains(
 ) -> dict[str, float]:
     """What is left of each signal: least squares of the responses on the patterns, over all tiles and bands.
 
+    Means of tiles are left out: what the signals change of the level is not their own.
+
     responses : (band, row, column) of each tile, what a recipe makes of it with the signals less without them
     unit : (band,) by which bands are divided; infinite for those that do not count
     """
     names = added[0].names
     gram, cross = np.zeros((len(names),) * 2), np.zeros(len(names))
     for response, signals, mask in zip(responses, added, inside, strict=True):
+        if not mask.any():
+            continue
         patterns = signals.patterns[:, mask].astype(np.float64)
+        patterns -= patterns.mean(axis=1, keepdims=True)
         colours = signals.colours / unit
         values = (response / unit[:, None, None])[:, mask]
+        values -= values.mean(axis=1, keepdims=True)
         gram += (patterns @ patterns.T) * (colours @ colours.T)
         cross += ((patterns @ values.T) * colours).sum(axis=1)
     return dict(zip(names, np.linalg.lstsq(gram, cross, rcond=None)[0].tolist(), strict=True))
 
 
 def _pairs() -> list[tuple[int, int]]:
-    return list(zip(SCALES, SCALES[1:], strict=False))
+    return list(pairwise(SCALES))
 
 
 def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Generator) -> Float32:

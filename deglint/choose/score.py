@@ -4,8 +4,8 @@ At each scale s the result of recipe c has the power
 
 .. math:: P_{cs} = g_{cs}^2 S_s + N_{cs}
 
-with S the power of the scene's own signal, the same for all recipes, g the gain of a signal at that scale, and N what is
-left of glint and noise. The error, against the scene without glint and noise, is then
+with S the power of the scene's own signal, the same for all recipes, g the gain of a signal at that scale, and N what
+is left of glint and noise. The error, against the scene without glint and noise, is then
 
 .. math:: E_{cs} = (1 - g_{cs})^2 S_s + N_{cs} = P_{cs} + (1 - 2 g_{cs}) S_s .
 
@@ -50,12 +50,14 @@ def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32) -> 
     total, pixels = np.zeros(len(SCALES)), 0
     for image, mask in zip(images, inside, strict=True):
         pixels += int(mask.sum()) * counted
+        known = mask.astype(np.float32)
+        shares = [np.maximum(cv2.blur(known, (side, side)), 1e-6) for side in SCALES[1:]]
         for band, scale in zip(image, unit, strict=True):
             if not np.isfinite(scale):
                 continue
-            finer = band / scale
-            for i, side in enumerate(SCALES[1:]):
-                coarser = cv2.blur(finer, (side, side))
+            finer = values = np.where(mask, band / scale, np.float32(0))
+            for i, (side, share) in enumerate(zip(SCALES[1:], shares, strict=True)):
+                coarser = cv2.blur(values, (side, side)) / share  # means of the mask's pixels alone
                 total[i] += float(np.square((finer - coarser)[mask], dtype=np.float64).sum())
                 finer = coarser
             rest = finer[mask]

@@ -17,8 +17,8 @@ from .score import expected_errors, powers
 
 WATER = 10.0
 """Percentile of a band over the sample that is taken for the water without glint, as the unit of contrasts [%]."""
-CHEAPER = 1.05
-"""A candidate whose expected error is no larger than this times the least is taken if it is cheaper."""
+ALIKE = 1.05
+"""Of candidates whose expected errors are no larger than this times the least the first is taken, which is plainest."""
 LARGEST_DISC = 16.0
 """Width of the widest disc that is implanted [pixel]: wider ones outlast every window that is tried."""
 LEAST_PIXELS = 2000
@@ -66,7 +66,7 @@ class Choice:
     ----------
     best : Candidate
     trials : tuple of Trial
-        In the order they were tried, cheapest first; empty where nothing could be tried.
+        In the order they were tried, plainest first; empty where nothing could be tried.
     failed : dict of str to str
         Candidates that could not be fitted, and why.
     width : float
@@ -179,7 +179,7 @@ def choose(
         np.array([t.gains["discs"] for t in trials]),
     )
     trials = [replace(t, error=float(e)) for t, e in zip(trials, errors, strict=True)]
-    best = next(t for t in trials if t.error <= CHEAPER * errors.min())
+    best = next(t for t in trials if t.error <= ALIKE * errors.min())
     return Choice(best.candidate, tuple(trials), failed, min(width, LARGEST_DISC))
 
 
@@ -200,6 +200,8 @@ def _tried(
         fitted = fit_chain(chain, sample, setting, removal(candidate.method))
         if not fitted.model.fits and not fitted.chain.replaces:
             raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
+        if not all(getattr(stage, "resolved", True) for stage in fitted.chain.after):
+            raise FitError("what removal leaves varies no more than the calm water")
         images, others = fitted.images, fit_chain(chain, marked, setting, removal(candidate.method)).images
     responses = [b - a for a, b in zip(images, others, strict=True)]
     power = powers(images, sample.inside, unit)

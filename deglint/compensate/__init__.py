@@ -1,4 +1,4 @@
-"""Glint compensation: what a linear removal cannot do, because bands see the sea at different instants or noise is left.
+"""Glint compensation: what a linear removal cannot do, as bands are not simultaneous, or differ in blur and noise.
 
 Stages, one module each, in any order around the removal (`STAGES`); `fit_chain` fits a chain to a sample, `apply_chain`
 applies it to a block with a halo. Arrays only.
@@ -9,27 +9,15 @@ Never here: files, tiles, threads, water masks, logging.
 from .background import Background
 from .chain import FitRemoval, FittedChain, apply_chain, fit_chain, with_targets
 from .noise import clump_width, noise
+from .posterior import Posterior
+from .posterior import fit as fit_posterior
 from .psf import PSF, system_psf, typical_psf
 from .stages import STAGES, THESIS, Chain, parse
 from .state import Sample, Setting, State
+from .uncertainty import ReplacedError, fit_replaced, stderr
 
 __all__ = [
-    "PSF",
-    "STAGES",
-    "THESIS",
-    "Background",
-    "Chain",
-    "FitRemoval",
-    "FittedChain",
-    "Sample",
-    "Setting",
-    "State",
-    "apply_chain",
-    "clump_width",
-    "fit_chain",
-    "noise",
-    "parse",
-    "system_psf",
-    "typical_psf",
-    "with_targets",
+    "PSF", "STAGES", "THESIS", "Background", "Chain", "FitRemoval", "FittedChain", "Posterior", "ReplacedError",
+    "Sample", "Setting", "State", "apply_chain", "clump_width", "fit_chain", "fit_posterior", "fit_replaced", "noise",
+    "parse", "stderr", "system_psf", "typical_psf", "with_targets",
 ]  # fmt: skip

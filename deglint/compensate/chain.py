@@ -67,7 +67,7 @@ def removed(state: State, model: GlintModel) -> State:
     if not model.fits:
         return replace(state, removed=np.zeros_like(state.image))
     if not model.halo:
-        image = apply(state.image, model)
+        image = np.asarray(apply(state.image, model), np.float32)
         return replace(state, image=image, removed=state.image - image)
     image, amount = state.image.copy(), np.zeros_like(state.image)
     found, _exceeds = glint(state.image, model, state.water, state.origin)

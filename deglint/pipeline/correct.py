@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..compensate import Chain, State, apply_chain, with_targets
+from ..compensate import Chain, Posterior, ReplacedError, State, apply_chain, stderr, with_targets
+from ..compensate.uncertainty import halo as span_halo
 from ..masks import WaterRule, water
 from ..raster.encode import encode, relaid
 from ..raster.output import Layout
@@ -52,6 +53,27 @@ class Corrected:
     stderr: npt.NDArray[np.float32] | None = None
 
 
+@dataclass(frozen=True)
+class Errors:
+    """What standard errors follow from, beside the model and the chain.
+
+    Attributes
+    ----------
+    replaced : tuple of ReplacedError
+        Of pixels that an opening has replaced, and of the others.
+    left : Posterior, optional
+        Of what a removal alone leaves.
+    """
+
+    replaced: tuple[ReplacedError, ...] = ()
+    left: Posterior | None = None
+
+    @property
+    def halo(self) -> int:
+        """Pixels around a tile that they look at."""
+        return span_halo(self.replaced) + (0 if self.left is None else self.left.halo)
+
+
 @dataclass(eq=False)
 class _Block:
     """A tile as it was read, and with the pixels around it that the correction looks at."""
@@ -65,7 +87,7 @@ class _Block:
     known: Mask | None = None  # where it is valid; None: everywhere
     replaced: Mask | None = None  # (band, row, column)
     targets: Mask | None = None
-    stderr: Any = None
+    errors: Any = None  # (band, row, column) standard errors, with a chain
 
     @property
     def place(self) -> tuple[slice, slice, slice]:
@@ -87,7 +109,7 @@ class Correction:
     only: tuple[int, ...] = ()
     want_flags: bool = False
     want_amount: bool = False
-    want_stderr: bool = False
+    errors: Errors | None = None
 
     @property
     def changed(self) -> list[int]:
@@ -105,12 +127,17 @@ class Correction:
     @property
     def halo(self) -> int:
         """Pixels around a tile that are read with it."""
-        return self.chain.halo + self.model.halo + (self.water.halo if self.water and self.area is None else 0)
+        return self.chain_halo + (self.water.halo if self.water and self.area is None else 0)
 
     @property
     def step(self) -> int:
         """Tiles start at multiples of this [pixel]."""
-        return CELL if self.chain.runs else 1
+        return CELL if self.by_cells else 1
+
+    @property
+    def by_cells(self) -> bool:
+        """The tile is computed in cells of the scene."""
+        return self.chain.runs or self.errors is not None
 
     @property
     def copies(self) -> bool:
@@ -129,6 +156,7 @@ class Correction:
         before = block.wide[block.place][self.told].copy() if self.want_amount else None
         saturated = self._saturated(block.wide[block.place])
         physical, done = self._corrected(block)
+        error = self._stderr(block, physical, done) if self.errors is not None else None
         tally = self._tally(block, done)
         tally.saturated = saturated.sum(axis=(1, 2))
         flags = self._flags(block, done) if self.want_flags else None
@@ -137,7 +165,7 @@ class Correction:
         out = self._encoded(block, physical, done, flags, tally)
         amount = None if before is None else np.subtract(before, physical[self.told], dtype=np.float32)
         file_valid = self._file_valid(block.raw, block.valid)
-        return Corrected(out, tally, file_valid, flags, amount, block.stderr)
+        return Corrected(out, tally, file_valid, flags, amount, error)
 
     def physical(self, tile: Tile) -> npt.NDArray[Any]:
         """Read a tile and correct it: physical values of all bands."""
@@ -225,6 +253,7 @@ class Correction:
         """Apply the chain, cell by cell, and put what it makes of the water into `physical`."""
         inside, removed = self._everywhere(block), {f.band for f in self.model.fits}
         block.replaced = np.zeros(physical.shape, np.bool_)
+        block.errors = np.zeros(physical.shape if self.errors is not None else 0, np.float32)
         block.targets = np.zeros(physical.shape[1:], np.bool_)
         for cell, around, within in self._cells(block):
             state = State.of(block.wide[around], inside[around[1:]], (cell.row0, cell.col0))
@@ -232,6 +261,8 @@ class Correction:
             core = place_in(cell, cell.grown(self.chain_halo, self.scene.height, self.scene.width))
             where = _or_all(None if block.where is None else block.where[within[1:]])
             clean = with_targets(state)[core]
+            if self.errors is not None:
+                block.errors[within] = stderr(state, self.model, self.errors.replaced)[core]
             if state.replaced is not None:
                 block.replaced[within] = state.replaced[core] & where
             if state.targets is not None:
@@ -246,7 +277,7 @@ class Correction:
     @property
     def chain_halo(self) -> int:
         """Pixels around a cell that the chain and the removal look at."""
-        return self.chain.halo + self.model.halo
+        return self.chain.halo + self.model.halo + (0 if self.errors is None else self.errors.halo)
 
     def _cells(self, block: _Block) -> Iterator[tuple[Tile, Any, Any]]:
         """The cells of a tile: the cell, where it lies with its halo in the block, and where it lies in the tile."""
@@ -258,6 +289,26 @@ class Correction:
                     continue
                 wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)
                 yield cell, place_in(wide, outer), place_in(cell, tile)
+
+    def _stderr(self, block: _Block, physical: Any, done: list[Any]) -> npt.NDArray[np.float32]:
+        """Standard errors of the bands that may change; NaN where nothing was corrected."""
+        assert self.errors is not None
+        out = block.errors
+        if out is None:
+            out = np.zeros(physical.shape, np.float32)
+            inside = self._everywhere(block)
+            for cell, around, within in self._cells(block):
+                state = State.of(block.wide[around], inside[around[1:]], (cell.row0, cell.col0))
+                state = apply_chain(state, self.chain, self.model)
+                if self.errors.left is not None:
+                    state = self.errors.left.apply(state)
+                core = place_in(cell, cell.grown(self.chain_halo, self.scene.height, self.scene.width))
+                out[within] = stderr(state, self.model, self.errors.replaced)[core]
+        if np.dtype(self.layout.dtype).kind in "iu":  # rounded to integers of the file
+            steps = np.array(raster_of(self.scene).info.scales, np.float32)
+            out = np.sqrt(out**2 + (steps**2 / 12)[:, None, None])
+        known = np.isfinite(physical) & _or_all(block.where) & bool(done)
+        return np.where(known, out, np.nan)[self.changed].astype(np.float32)
 
     def _tally(self, block: _Block, done: list[tuple[list[int], Mask | None]]) -> Tally:
         tally = Tally(len(self.scene.bands), total=block.tile.shape[0] * block.tile.shape[1])

@@ -22,7 +22,9 @@ from ..readers.areas import collection, to_geojson
 from ..readers.optics import optics_of, pixel_size
 from ..readers.undeclared import Undeclared, undeclared
 from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, combine, gather, levels_for, merge, mixture, wiener
+from ..remove.detrend import SIZE as LOCAL_MEAN
 from ..remove.further import more_references
+from ..remove.noise import spread
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
 from .log import log_choice, log_model, log_nir, log_sample, log_scene, log_water
@@ -38,6 +40,9 @@ LEAST_PERCENTILE = 1.0
 """Percentile of the prediction that is its level where glint covers all of the sample [%]: the least but for noise. As
 many pixels again as have glint beyond doubt are taken to have some that is too faint for that; the middle of the others
 is the level."""
+SHIP_EDGE, FAR_OUT = 5, 8.0
+"""Pixels around ships by which candidates are not judged [pixel]: wakes, and what windows of textures reach; and how far
+a ship exceeds its surroundings at least [robust standard deviations]."""
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
 """Number and side of the tiles that candidates are tried on, and pixels around them [pixel]: enough to rank candidates,
 in a second."""
@@ -292,25 +297,60 @@ def fit_pointwise(method: str, request: FitRequest, images: Sequence[Any], insid
 
 
 def _chosen(job: _Job, sampler: Sampler | None) -> Choice:
-    """Try candidate recipes on sample tiles."""
-    places = tiles_of(job.scene, sampler) if sampler is not None else list(job.overview.tiles)
-    parts = [part for t in places for part in _parts(t)]
-    chosen = tiling.spread(parts, TRIED * TRIED_SIDE**2)
-    training = _training(job, sampler, TRIED_HALO, chosen)
+    """Try candidate recipes on sample tiles: those parts of the overview that hold most water."""
+    places = tiles_of(job.scene, sampler) if sampler is not None else some(job.overview.tiles)
+    parts = [part for t in _training(job, sampler, 0, places) for part in _parts(t)]
+    most = sorted(parts, key=lambda p: -p[1])[:TRIED]
+    training = _training(job, sampler, TRIED_HALO, [tile for tile, _water in most])
     width = smallest_object(job.recipe.smallest_object, pixel_size(job.scene))
 
     def removal(method: str) -> FitRemoval:
         return _removal(job, training, method)
 
+    sample = _without_ships(job, _sample_of(training))
     with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
-        return choose(_sample_of(training), _setting(job), job.request.correct, removal, width=width, each=pool.map)
+        return choose(sample, _setting(job), job.request.correct, removal, width=width, each=pool.map)
 
 
-def _parts(tile: Tile) -> list[Tile]:
-    """A tile in squares that candidates are tried on; what is left over at its end is left out."""
-    inside = tiling.tiles(*tile.shape, (TRIED_SIDE, TRIED_SIDE))
-    whole = [t for t in inside if t.shape == (TRIED_SIDE, TRIED_SIDE)] or inside[:1]
-    return [Tile(t.row0 + tile.row0, t.row1 + tile.row0, t.col0 + tile.col0, t.col1 + tile.col0) for t in whole]
+def _parts(found: Training) -> list[tuple[Tile, int]]:
+    """A tile in squares that candidates are tried on, and how many pixels of the sample each holds."""
+    rows, columns = ([*range(0, max(n - TRIED_SIDE, 0) + 1, TRIED_SIDE)] for n in found.tile.shape)
+    out = []
+    for row in rows:
+        for column in columns:
+            part = found.sample[row : row + TRIED_SIDE, column : column + TRIED_SIDE]
+            first = found.tile.row0 + row, found.tile.col0 + column
+            out.append((Tile(first[0], first[0] + part.shape[0], first[1], first[1] + part.shape[1]), int(part.sum())))
+    return out
+
+
+def _without_ships(job: _Job, sample: Sample) -> Sample:
+    """The sample without what exceeds its surroundings far beyond all else in a band: a recipe is not the better for
+    erasing ships. Not where pixels resolve sparkle, which does so, too."""
+    import cv2
+
+    if job.overview.water is None or job.overview.water.window > 1:
+        return sample
+    side, square = (LOCAL_MEAN,) * 2, np.ones((2 * SHIP_EDGE + 1,) * 2, np.uint8)
+    inside = list(sample.inside)
+    for band in range(len(job.scene.bands)):
+        high = [s.raw[band] - cv2.blur(s.raw[band], side) for s in sample.states]
+        limit = FAR_OUT * spread(sample.values(high))
+        for n, plane in enumerate(high):
+            inside[n] = inside[n] & (cv2.dilate((plane > limit).view(np.uint8), square) == 0)
+    return replace(sample, inside=tuple(inside))
+
+
+def _parts(found: Training) -> list[tuple[Tile, int]]:
+    """A tile in squares that candidates are tried on, and how many pixels of the sample each holds."""
+    rows, columns = ([*range(0, max(n - TRIED_SIDE, 0) + 1, TRIED_SIDE)] for n in found.tile.shape)
+    out = []
+    for row in rows:
+        for column in columns:
+            part = found.sample[row : row + TRIED_SIDE, column : column + TRIED_SIDE]
+            first = found.tile.row0 + row, found.tile.col0 + column
+            out.append((Tile(first[0], first[0] + part.shape[0], first[1], first[1] + part.shape[1]), int(part.sum())))
+    return out
 
 
 def _fit_chain(

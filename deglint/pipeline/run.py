@@ -37,6 +37,7 @@ from .outputs import Outputs, Result, Tally
 from .overview import block_of, overview_of, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .sidecar import saved, sidecar
+from .uncertain import with_stderr
 
 CHAIN_COPIES = 3
 """How many times the memory of a tile a chain takes, against removal alone."""
@@ -154,8 +155,11 @@ def _run(
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
     fitted = replace(fitted, notes=(*fitted.notes, *notes))
     work = correction(scene, fitted, targets=targets, dtype=targets.dtype, area=area)
-    if targets.stderr and not work.changed:
-        raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name a --method.")
+    if targets.stderr:
+        if not work.changed:
+            raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
+        work = with_stderr(work, threads)
+        work = replace(work, layout=replace(work.layout, tile=_tile_shape(work)))
     with Scratch(overwrite=targets.overwrite) as scratch:
         tally = _write_tiles(scratch, work, targets, threads, progress, cluster)
         if tally.corrected == 0 and fitted.model.fits:
@@ -222,7 +226,7 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
     """Rows and columns of the tiles that a scene is corrected in: whole cells, where a chain runs."""
     scene, bands = work.scene, len(work.scene.bands)
     shape = tile_shape_of(scene)
-    if work.chain.runs:
+    if work.by_cells:
         wide = CELL if shape[1] < scene.width else max(STRIP // (CELL * bands) // CELL * CELL, CELL)
         return CELL, wide
     if work.halo:
@@ -236,7 +240,7 @@ def _write_tiles(
 ) -> Tally:  # fmt: skip
     scene, image = work.scene, work.layout
     everything = tiling.tiles(scene.height, scene.width, image.tile)
-    at_once = tiling.affordable(threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.chain.runs else 1))
+    at_once = tiling.affordable(threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
     tally = Tally(len(scene.bands))
     if work.copies and copied_whole(scratch, image, targets.image):
         return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)

@@ -109,7 +109,8 @@ def _with_levels(model: GlintModel, tiles: Sequence[SampleTile], percentile: flo
 
 def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
     """What is left of a plume of turbid water in the band that loses most of it, when it was in the sample."""
-    level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), WATER) for b in range(len(request.bands))]
+    bands = range(len(request.bands))
+    level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), WATER) for b in bands]
     waves = np.array([b.wavelength or 0.0 for b in request.bands])
     plume = PLUME * np.maximum(level, 0) * np.interp(waves, *TURBID.T)
     found = _fitted(request, [_with_plume(t, plume) for t in tiles], nir, more)

@@ -17,16 +17,16 @@ import numpy.typing as npt
 from deglint import tiles as tiling
 from deglint.checks import checked_keywords
 from deglint.errors import InputError, NoWaterError
-from deglint.raster.checksum import Checksum
 from deglint.pipeline.cluster import Cluster, writing_images
 from deglint.pipeline.log import log_scene
 from deglint.pipeline.overview import core_of, raster_of
-from deglint.readers.undeclared import settled
+from deglint.raster.checksum import Checksum
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text
 from deglint.raster.targets import Reads, check_image, check_targets
 from deglint.readers.stated import Names, Numbers
+from deglint.readers.undeclared import settled
 from deglint.scene import Scene
 from deglint.tiles import Tile, default_threads
 from deglint.timing import Reporter

@@ -1,0 +1,64 @@
+"""Learn a scene's standard errors from some of its tiles, which are corrected once more."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .. import tiles as tiling
+from ..compensate import Background, Posterior, Sample, Setting, State, apply_chain, fit_posterior, fit_replaced
+from ..errors import FitError, InputError
+from ..masks import water
+from ..raster.environment import enter_thread
+from ..tiles import Tile
+from .correct import Correction, Errors
+from .overview import core_of
+
+TILES = 8
+"""Tiles that are learnt from: their errors differ by less than a tenth from those of all."""
+SIDE = 192
+"""Their side [pixel]: a trial lays glint half a tile away."""
+
+
+def with_stderr(work: Correction, threads: int) -> Correction:
+    """The same correction, which gives standard errors as well.
+
+    Raises
+    ------
+    FitError, InputError
+        No water in the tiles, or a compensation whose error is not known.
+    """
+    opens = any(isinstance(stage, Background) for stage in work.chain.before)
+    replaces = work.chain.replaces
+    if replaces and not opens:
+        raise InputError("--stderr needs a compensation with identify-level, or --compensate off.")
+    scene = work.scene
+    every = tiling.tiles(scene.height, scene.width, (SIDE, SIDE))
+
+    def read(tile: Tile) -> tuple[State, np.ndarray]:
+        outer = tile.grown(work.halo, scene.height, scene.width)
+        block = scene.source.read(outer.window, list(range(len(scene.bands))))
+        found = None if work.area is None else work.area.read(outer.window)
+        if found is None and work.water is not None:
+            found = water([block[b] for b in work.water_bands], work.water)
+        state = State.of(block, found, (outer.row0, outer.col0))
+        inside = np.zeros(outer.shape, np.bool_)
+        inside[core_of(tile.crop_of(outer), outer.shape)] = True
+        return state, inside & state.water
+
+    some = tiling.spread(every, TILES * SIDE**2)
+    chosen = [part for _t, part in tiling.run(some, read, threads=threads, start=enter_thread) if part[1].any()]
+    if not chosen:
+        raise FitError("no pixel is corrected in the tiles that were read, so --stderr has nothing to learn from.")
+    inside = tuple(m for _s, m in chosen)
+    before = Sample(tuple(s for s, _m in chosen), inside)
+    after = Sample(tuple(apply_chain(s, work.chain, work.model) for s in before.states), inside)
+    if opens:
+        errors = fit_replaced(before, after, lambda s: apply_chain(s, work.chain, work.model))
+        return replace(work, errors=Errors(errors))
+    if any(isinstance(stage, Posterior) for stage in work.chain.after):
+        return replace(work, errors=Errors())
+    nir = tuple(work.model.index_bands) or (0,)
+    left = fit_posterior(after, Setting(scene.bands, nir))
+    return replace(work, errors=Errors((), replace(left, resolved=False)))
