@@ -56,6 +56,10 @@ class Clutter:
     shape, scale : float
         Of the generalised Pareto law of the peaks above `low`, which extrapolates beyond the highest of them; NaN where
         they are too few or too alike.
+    large : (int, float)
+        Pixels and peak score from which on an object is confirmed where it has a ship's shape, too.
+    large_share : float
+        Share of the unconfirmed candidates that are as large.
     """
 
     tail: Tail
@@ -66,14 +70,24 @@ class Clutter:
     confirmed_pixels: int
     shape: float
     scale: float
+    large: tuple[int, float] = (1, math.inf)
+    large_share: float = 1.0
 
     @property
     def fitted(self) -> bool:
         """Whether a law describes the peaks; else their own ranks are used."""
         return math.isfinite(self.shape)
 
-    def false_per_km2(self, score: float) -> float:
-        """Expected false objects per km2 whose peak is at least so high."""
+    def false_per_km2(self, score: float, pixels: int = 1) -> float:
+        """Expected false objects per km2 whose peak is at least so high.
+
+        Of these only the share of large candidates is as large as an object that is large and bright: give its pixels
+        where it has a ship's shape (slicks, shoals and clouds are large, too, and are no clutter of pixels).
+        """
+        rate = self._of_peak(score)
+        return rate * self.large_share if pixels >= self.large[0] and score > self.large[1] else rate
+
+    def _of_peak(self, score: float) -> float:
         if not self.area > 0:
             return math.nan
         if score <= self.low:
@@ -158,7 +172,9 @@ def clutter_of(
         with suppress(FitError):
             if excess[0] < excess[-1]:
                 shape, scale, _moments = pareto.fit(excess)
-    return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale)
+    rest = [o.size >= _LARGE[fine] for o, known in zip(candidates, sure, strict=True) if not known]
+    share = (sum(rest) + 1) / (len(rest) + 1)
+    return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale, (_LARGE[fine], peak), share)
 
 
 def _without(tail: Tail, taken: Scores) -> Tail:

@@ -10,7 +10,7 @@ import rasterio
 from rasterio.transform import from_origin
 
 from detect import sea
-from detect.objects import find
+from detect.objects import find, find_among
 from detect.pipeline import plan
 from detect.sea import AFLOAT, ALONGSIDE, NOT_SEA, RIM, WATER, SeaRule
 from detect.threshold import Tail
@@ -205,3 +205,31 @@ def test_a_scene_in_memory_gives_a_table_of_objects():
     table = pandas.DataFrame(found.objects).head(4)
     assert {(round(r - 1.5), round(c - 5.5)) for r, c in zip(table.row, table.column, strict=True)} == set(SHIPS)
     assert (table.false_per_km2 < 0.2).all()
+
+
+def test_ships_side_by_side_at_a_quay_are_apart():
+    water = np.ones((120, 160), bool)
+    water[:, 150:] = False
+    water[80:85, 40:150] = False  # a quay of 1100 m, 50 m wide
+    for column, length in ((60, 24), (67, 18), (74, 20), (110, 14)):
+        water[80 - length : 80, column : column + 5] = False
+    found = sea.region(water, SeaRule(10.0))[:80] == ALONGSIDE
+    boxes = sorted(o.bounds for o in find(found, found.astype(float)))
+    assert len(boxes) == 4
+    assert all(bottom - top >= 8 and right - left <= 6 for (top, bottom), (left, right) in boxes)
+
+
+def test_parts_of_a_ship_are_one_object():
+    scores = np.array([[9.0, 2, 8, 0, 0, 7], [1, 2, 1, 0, 0, 7]])
+    rows, columns = np.nonzero(scores > 1.5)
+    found = find_among(rows, columns, scores[rows, columns], above=5.0)
+    assert [(o.size, o.score_max, o.bounds) for o in found] == [(2, 9.0, ((0, 1), (0, 3))), (2, 7.0, ((0, 2), (5, 6)))]
+
+
+def test_what_is_large_bright_and_long_counts_before_what_is_bright():
+    scores = np.zeros((60, 60))
+    scores[::10, ::10] = 5 + np.arange(36).reshape(6, 6)
+    candidates = find(scores > 3, scores)
+    clutter = sea.clutter_of(Tail.of(scores), candidates, [scores[:1, :1]] * 36, 1.0, area=25.0)
+    assert clutter.false_per_km2(30.0, 50) < clutter.false_per_km2(30.0) / 20
+    assert clutter.false_per_km2(8.0, 50) == clutter.false_per_km2(8.0)
