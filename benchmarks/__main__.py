@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 BENCHMARKS = {
+    "alarms": ("alarms", ("directory",)),
     "away": ("away", ("quick",)),
     "depths": ("depths", ()),
     "docs": ("docs", ("quick",)),
@@ -42,7 +43,7 @@ def main() -> None:
     parser.add_argument(
         "--directory",
         type=Path,
-        help="rates, scale, workers: where scratch files go; ships: where the scenes lie; "
+        help="rates, scale, workers: where scratch files go; alarms, detection, ships: where the scenes lie; "
         "wiener-pictures: where they go, docs by default",
     )
     parser.add_argument("--docs", action="store_true", help="scale: write the picture and the tables of docs/, too")

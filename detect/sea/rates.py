@@ -126,11 +126,15 @@ class Clutter:
     def threshold(self, pfa: float) -> Threshold:
         """Score that a share `pfa` of the clutter exceeds."""
         note = f"{self.confirmed} objects ({self.confirmed_pixels} pixels) are no clutter: the tail leaves them out"
+        reason = ""
         try:
             found = from_gpd(self.tail, pfa)
+            if found.numbers["shape"] >= 1 and pfa * self.tail.n >= 1:
+                reason = f"the fitted tail has no mean (shape {found.numbers['shape']:.2f}), since objects are in it"
         except FitError as error:
-            found = from_quantile(self.tail, pfa)
             reason = str(error).split(".", 1)[0]
+        if reason:
+            found = from_quantile(self.tail, pfa)
             found = replace(found, notes=(*found.notes, f"{reason}: the quantile of the scores is used"))
         if pfa * self.tail.n < 1:
             one = f"less than one pixel of {self.tail.n}"

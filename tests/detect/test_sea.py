@@ -3,7 +3,9 @@
 import json
 import sqlite3
 import struct
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import rasterio
@@ -233,3 +235,27 @@ def test_what_is_large_bright_and_long_counts_before_what_is_bright():
     clutter = sea.clutter_of(Tail.of(scores), candidates, [scores[:1, :1]] * 36, 1.0, area=25.0)
     assert clutter.false_per_km2(30.0, 50) < clutter.false_per_km2(30.0) / 20
     assert clutter.false_per_km2(8.0, 50) == clutter.false_per_km2(8.0)
+
+
+def test_a_tail_without_a_mean_gives_its_quantile():
+    rng = np.random.default_rng(0)
+    scores = np.concatenate([np.abs(rng.normal(0, 1, 99_000)), 5 + rng.pareto(0.6, 1000)])
+    clutter = sea.clutter_of(Tail.of(scores), [], [], 1.0, area=1.0)
+    threshold = clutter.threshold(1e-3)
+    assert threshold.method == "quantile"
+    assert "no mean" in threshold.notes[0]
+    assert threshold.pfa_achieved == pytest.approx(1e-3, rel=0.02)
+
+
+PORT = Path(__file__).parents[2].parent / "shared" / "data" / "real"
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not PORT.is_dir(), reason="the scenes of ports are not beside the project")
+@pytest.mark.parametrize("name", ["gdynia", "klang"])
+def test_requested_rates_hold_in_ports(name):
+    ships, water = (rasterio.open(PORT / name / f"{kind}.tif").read(1) > 0 for kind in ("ships", "water"))
+    image = np.stack([rasterio.open(PORT / name / f"B0{b}.tiff").read(1) for b in (2, 3, 4)]).astype(np.float32)
+    found = sea.score_scene(image, water, pfa=1e-3)
+    counted = np.isfinite(found.scores) & water & (cv2.dilate(ships.astype(np.uint8), np.ones((15, 15))) == 0)
+    assert 0.5 < (found.scores[counted] > found.threshold.value).mean() / 1e-3 < 2
