@@ -20,7 +20,7 @@ from ..threshold import Tail
 from .flags import Flags, flags_of, flags_of_sea
 from .mark import Places
 from .plan import Plan, Read, read
-from .sea_plan import read_sea
+from .sea_plan import read_nir, read_sea
 
 
 @dataclass
@@ -153,7 +153,8 @@ class Scoring:
         outer = tile.grown(plan.sea.halo, plan.scene.height, plan.scene.width)
         block, classes = read_sea(plan, outer, plan.bands)
         core = core_of(tile.crop_of(outer), classes.shape)
-        scores = sea.score(block, classes, plan.sea.model)[core]
+        nir = read_nir(plan, outer) if plan.sea.model.glint is not None else None
+        scores = sea.score(block, classes, plan.sea.model, nir)[core]
         classes, valid = classes[core], np.isfinite(block[(slice(None), *core)]).all(axis=0)
         tail = None
         if self.highest is not None:

@@ -1,6 +1,7 @@
 """The sea and what floats on it: region, detector, false-alarm rates, files of objects."""
 
 import json
+import re
 import sqlite3
 import struct
 from pathlib import Path
@@ -259,3 +260,43 @@ def test_requested_rates_hold_in_ports(name):
     found = sea.score_scene(image, water, pfa=1e-3)
     counted = np.isfinite(found.scores) & water & (cv2.dilate(ships.astype(np.uint8), np.ones((15, 15))) == 0)
     assert 0.5 < (found.scores[counted] > found.threshold.value).mean() / 1e-3 < 2
+
+
+def test_an_object_is_found_where_little_glint_covers_it():
+    rng = np.random.default_rng(0)
+    glint = rng.gamma(0.3, 20, (300, 300)) * (np.arange(300) % 60 < 30)
+    image = 100 + rng.normal(0, 1, (3, 300, 300)) + glint * rng.normal(0, 1, (3, 300, 300))
+    image[:, 100:104, 40:44] += 8  # where there is no glint
+    nir = (50 + glint + rng.normal(0, 1, (300, 300)))[None]
+    classes = sea.region(np.ones((300, 300), bool), SeaRule(1.0))
+    ranks = []
+    for known in ((), (nir,)):
+        model = sea.fit([(image, classes)], pixel=1.0, nir=known)
+        scores = sea.score(image, classes, model, *known)
+        ranks.append((scores > scores[101:103, 41:43].max()).mean())
+    assert ranks[1] < 1e-4 < 1e-3 < ranks[0]
+    half = sea.score(image[:, :, :200], classes[:, :200], model, nir[:, :, :200])
+    np.testing.assert_allclose(half[:, :100], scores[:, :100], rtol=1e-3)
+
+
+SAMPLE = Path(__file__).parents[2] / "sample_data"
+
+
+def test_the_chain_of_the_readme_finds_what_it_promises(deglint, rxdetect, tmp_path):
+    """Of the 16 objects of the sample at a rate of 1e-4, as the README says."""
+    clean, scored = tmp_path / "deglinted.tif", tmp_path / "scores.tif"
+    assert deglint("remove", SAMPLE / "sea.tif", clean).code == 0
+    with rasterio.open(SAMPLE / "sea_objects.tif") as data:
+        objects = data.read(1)
+    found = []
+    for source in (SAMPLE / "sea.tif", clean):
+        assert rxdetect("score", source, scored, "--pfa", "1e-4", "--overwrite").code == 0
+        with rasterio.open(scored) as data:
+            scores = data.read(1)
+        threshold = json.loads(Path(f"{scored}.json").read_text())["threshold"]["value"]
+        found.append(len(set(objects[scores > threshold]) - {0}))
+    far = cv2.dilate((objects > 0).astype(np.uint8), np.ones((7, 7))) == 0
+    assert 0.5 < (scores[far] > threshold).mean() / 1e-4 < 2
+    promised = re.search(r"finds (\d+) of its (\d+) objects", (SAMPLE.parent / "README.md").read_text())
+    assert (found[1], objects.max()) == tuple(map(int, promised.groups()))
+    assert found[1] > found[0]
