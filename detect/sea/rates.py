@@ -31,6 +31,9 @@ and at pixels finer than a boat."""
 _LARGE = (40, 12)
 """Least pixels of what is confirmed, likewise: a ship of 100 m by 30 m at 10 m, with its blur; a boat. Waves and
 sparkle are smaller."""
+_BODY = 60
+"""Pixels of a candidate that is no clutter whatever its peak, where pixels are finer than a boat: noise that is
+averaged over 5 by 5 pixels has clumps of up to some 50."""
 _LEAST = 50
 """Least peaks to fit a law to."""
 _MOST_RATE = 1e6
@@ -163,7 +166,7 @@ def clutter_of(
         Whether pixels are finer than a boat.
     """
     peak = _CONFIRMED[fine] * q90
-    sure = [o.size >= _LARGE[fine] and o.score_max > peak for o in candidates]
+    sure = [(o.size >= _LARGE[fine] and o.score_max > peak) or (fine and o.size >= _BODY) for o in candidates]
     taken = [s for s, known in zip(scores, sure, strict=True) if known]
     pixels = sum(len(s) for s in taken)
     if pixels:

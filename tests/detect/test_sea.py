@@ -238,6 +238,15 @@ def test_what_is_large_bright_and_long_counts_before_what_is_bright():
     assert clutter.false_per_km2(8.0, 50) == clutter.false_per_km2(8.0)
 
 
+def test_a_body_of_many_fine_pixels_is_no_clutter():
+    scores = np.abs(np.random.default_rng(0).normal(0, 1, (300, 300)))
+    scores[50:60, 50:60] = 3.0
+    candidates = find(scores > 2.5, scores)
+    parts = [scores[slice(*o.bounds[0]), slice(*o.bounds[1])][o.footprint] for o in candidates]
+    kept = [sea.clutter_of(Tail.of(scores), candidates, parts, 1.6, area=1.0, fine=fine).confirmed for fine in (0, 1)]
+    assert kept == [0, 1]
+
+
 def test_a_tail_without_a_mean_gives_its_quantile():
     rng = np.random.default_rng(0)
     scores = np.concatenate([np.abs(rng.normal(0, 1, 99_000)), 5 + rng.pareto(0.6, 1000)])
