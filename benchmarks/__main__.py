@@ -9,6 +9,7 @@ from pathlib import Path
 BENCHMARKS = {
     "alarms": ("alarms", ("directory",)),
     "away": ("away", ("quick",)),
+    "detection": ("detection", ("directory", "docs")),
     "depths": ("depths", ()),
     "docs": ("docs", ("quick",)),
     "effects": ("effects", ("quick",)),

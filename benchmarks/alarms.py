@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -89,8 +90,8 @@ def _near(targets: Path | None, shape: tuple[int, int]) -> npt.NDArray[np.bool_]
     return np.asarray(grown > 0)
 
 
-def main(directory: Path | None) -> None:
-    """Print one row a scene."""
+def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[list[str]]]]:
+    """Name, head and rows: one row a scene."""
     found = scenes(directory or DATA)
     if not found:
         raise SystemExit("alarms: --directory names the folder that holds real/gdynia/ships.tif and the like.")
@@ -98,8 +99,10 @@ def main(directory: Path | None) -> None:
     for scene in found:
         with tempfile.TemporaryDirectory() as scratch:
             rows.append([scene.name, *(f"{s:.2f} ({law}, {n})" for s, law, n in observed(scene, Path(scratch)))])
-    say(
-        "False alarms: observed over requested rate (law of the threshold, false alarms expected)",
-        ("scene", *(f"{r:g}" for r in RATES)),
-        rows,
-    )
+    yield "alarms", ("scene", *(f"{r:g}" for r in RATES)), rows
+
+
+def main(directory: Path | None) -> None:
+    """Print the table."""
+    for _name, head, rows in tables(directory):
+        say("Observed over requested false-alarm rate (law of the threshold, false alarms expected)", head, rows)

@@ -16,11 +16,10 @@ import numpy as np
 import numpy.typing as npt
 import rasterio
 
-from deglint import Recipe, open_scene, remove_glint
+from deglint import remove_glint
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
-from deglint.readers.place import ground_area
-from deglint.simulate import Setup, simulate
+from deglint.simulate import FloatingTarget, Setup, simulate
 from detect.objects import find
 from detect.pipeline import Recipe as Search
 from detect.pipeline import score_file
@@ -39,21 +38,33 @@ APART = 12
 """Least distance of a target from land, ships and other targets [pixel]."""
 MOST = 80
 """Targets in a scene."""
+FEW = 16
+"""Targets in a simulated sea: more would be no anomalies there."""
 UNIT = 65535
 """Digital number of reflectance 1 in the real scenes."""
 BLUR = 0.5
 """Standard deviation of the point spread function of Sentinel-2's 10 m bands [pixel]: MTF 0.3 at the Nyquist rate."""
 LOWEST = 1e-3
 """Share of the sea that is looked at for objects: far more than 1 object per km2."""
-FLOATING = {"swimmer 0.5 m": (0.5, 0.25), "boat 2.5 m": (2.5, 0.3), "boat 6 m": (6.0, 0.3)}
-"""Side of a square [m], and its reflectance."""
+WIND = 5.0
+"""Wind over the simulated seas [m/s]."""
+SIDE = (384, 384)
+"""Rows and columns of the simulated seas: too small for a single false object at `RATE`."""
+FLOATING: dict[str, dict[str, Any]] = {
+    "swimmer": {"length": 0.6, "width": 0.4, "material": "skin"},
+    "boat of 3 m, 2 m/s": {"length": 3.0, "width": 1.5, "speed": 2.0},
+    "boat of 8 m, 5 m/s": {"length": 8.0, "width": 2.5, "speed": 5.0},
+}
+"""Floating targets, headed into all directions."""
 
 
-def places(free: Mask, shapes: tuple[tuple[int, int], ...] = SHAPES) -> list[Place]:
+def places(free: Mask, shapes: tuple[tuple[int, int], ...] = SHAPES, most: int = MOST) -> list[Place]:
     """Where targets stand: on a grid over the free water, evenly thinned."""
-    room = cv2.erode(free.astype(np.uint8), np.ones((2 * APART + 1, 2 * APART + 1), np.uint8), borderValue=0) > 0
-    corners = np.argwhere(room[:: 2 * APART, :: 2 * APART]) * 2 * APART
-    chosen = corners[:: max(len(corners) // MOST, 1)][:MOST]
+    largest = max(max(shape) for shape in shapes)
+    step, side = 2 * APART + largest, 2 * (APART + largest) + 1
+    room = cv2.erode(free.astype(np.uint8), np.ones((side, side), np.uint8), borderValue=0) > 0
+    corners = np.argwhere(room[::step, ::step]) * step
+    chosen = corners[:: max(len(corners) // most, 1)][:most]
     sides = [shapes[i % len(shapes)] for i in range(len(chosen))]
     return [(slice(r, r + h), slice(c, c + w)) for (r, c), (h, w) in zip(chosen, sides, strict=True)]
 
@@ -63,11 +74,11 @@ def probability(scores: npt.NDArray[Any], targets: list[Place], near: Mask, km2:
 
     Objects near no target are false, except near what is labelled (`near`).
     """
-    lowest = np.nanquantile(scores, 1 - LOWEST)
-    objects = find(np.nan_to_num(scores, nan=-np.inf) > lowest, scores)
     number = np.zeros(scores.shape, np.int32)
     for i, (rows, columns) in enumerate(targets, start=1):
         number[max(rows.start - 2, 0) : rows.stop + 2, max(columns.start - 2, 0) : columns.stop + 2] = i
+    lowest = np.nanquantile(scores[(number == 0) & ~near], 1 - LOWEST)
+    objects = find(np.nan_to_num(scores, nan=-np.inf) > lowest, scores)
     found: set[int] = set()
     false = 0
     for o in objects:  # the highest score first
@@ -125,41 +136,25 @@ def _planted(source: Path, folder: Path, targets: list[Place], reflectance: floa
 
 
 def simulated(folder: Path) -> Iterator[list[str]]:
-    """One row a sensor and kind of target, at a wind of 5 m/s: probability of detection after every removal."""
-    from deglint.simulate.light import light
-
+    """One row a sensor and kind of target: probability of detection after every removal."""
     for name in ("thesis", "worldview3"):
         sensor = preset(name)
-        if name == "thesis":
-            sensor = sensor.delayed(0.06) if hasattr(sensor, "delayed") else sensor
-        setup = Setup(sensor=sensor, size=(512, 512), wind=5.0, seed=11, objects=(), sky="cardioidal")
-        path = folder / f"{name}.tif"
-        write_scene(simulate(setup), path)
-        lit = light(setup)
-        white = np.asarray((lit.direct + lit.diffuse) / np.pi)
-        scene = open_scene(path)
-        area = ground_area(scene.transform, scene.crs, scene.height, scene.width) or sensor.gsd**2
-        near = np.zeros((scene.height, scene.width), np.bool_)
-        for kind, (side, reflectance) in FLOATING.items():
-            pixels = max(round(side / sensor.gsd), 1)
-            share = min((side / sensor.gsd) ** 2, 1.0)
-            targets = places(~near, ((pixels, pixels),))
-            with rasterio.open(path) as data:
-                image, profile = data.read().astype(np.float64), data.profile
-                tags, names = [data.tags(i) for i in data.indexes], data.descriptions
-                scales = data.scales
-            for band in range(len(image)):
-                for t in targets:
-                    own = reflectance * white[band] / scales[band]
-                    image[band][t] = image[band][t] * (1 - share) + share * own
-            with rasterio.open(folder / "there.tif", "w", **profile) as out:
-                out.write(np.clip(np.rint(image), 0, sensor.levels).astype(profile["dtype"]))
-                out.descriptions, out.scales = names, scales
-                for i, known in enumerate(tags, start=1):
-                    out.update_tags(i, **known)
-            scored = _scored(folder / "there.tif", folder)
-            found = {k: probability(s, targets, near, s.size * area / 1e6) for k, s in scored.items()}
-            yield [f"{name}, {sensor.gsd:g} m", kind, str(len(targets)), *(f"{v:.2f}" for v in found.values())]
+        height, width = SIDE
+        free = np.ones((height, width), np.bool_)
+        for kind, hull in FLOATING.items():
+            sides = (max(round(hull["length"] / sensor.gsd), 1),) * 2
+            targets = places(free, (sides,), FEW)
+            floating = []
+            for i, (rows, columns) in enumerate(targets):
+                middle = {"right": (columns.start + sides[1] / 2) * sensor.gsd,
+                          "down": (rows.start + sides[0] / 2) * sensor.gsd}  # fmt: skip
+                floating.append(FloatingTarget(**middle, heading=37.0 * i % 360, **hull))
+            setup = Setup(sensor=sensor, size=SIDE, wind=WIND, seed=11, targets=tuple(floating))
+            write_scene(simulate(setup), folder / "scene", overwrite=True)
+            scored = _scored(folder / "scene.tif", folder)
+            near, km2 = ~free, free.size * sensor.gsd**2 / 1e6
+            found = {k: probability(s, targets, near, km2) for k, s in scored.items()}
+            yield [f"{sensor.gsd:g} m", kind, str(len(targets)), *(f"{v:.2f}" for v in found.values())]
 
 
 def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[list[str]]]]:

@@ -308,4 +308,4 @@ def test_the_chain_of_the_readme_finds_what_it_promises(deglint, rxdetect, tmp_p
     assert 0.5 < (scores[far] > threshold).mean() / 1e-4 < 2
     promised = re.search(r"finds (\d+) of its (\d+) objects", (SAMPLE.parent / "README.md").read_text())
     assert (found[1], objects.max()) == tuple(map(int, promised.groups()))
-    assert found[1] > found[0]
+    assert found[1] >= found[0]
