@@ -34,6 +34,8 @@ sparkle are smaller."""
 _BODY = 60
 """Pixels of a candidate that is no clutter whatever its peak, where pixels are finer than a boat: noise that is
 averaged over 5 by 5 pixels has clumps of up to some 50."""
+_ENOUGH = 10
+"""Scores above a quantile that are enough to take it: fewer may all be pixels of one object."""
 _LEAST = 50
 """Least peaks to fit a law to."""
 _MOST_RATE = 1e6
@@ -132,7 +134,7 @@ class Clutter:
         reason = ""
         try:
             found = from_gpd(self.tail, pfa)
-            if found.numbers["shape"] >= 1 and pfa * self.tail.n >= 1:
+            if found.numbers["shape"] >= 1 and pfa * self.tail.n >= _ENOUGH:
                 reason = f"the fitted tail has no mean (shape {found.numbers['shape']:.2f}), since objects are in it"
         except FitError as error:
             reason = str(error).split(".", 1)[0]
