@@ -7,7 +7,9 @@ from importlib import import_module
 from pathlib import Path
 
 BENCHMARKS = {
+    "alarms": ("alarms", ("directory",)),
     "away": ("away", ("quick",)),
+    "detection": ("detection", ("directory", "docs")),
     "depths": ("depths", ()),
     "docs": ("docs", ("quick",)),
     "effects": ("effects", ("quick",)),
@@ -42,7 +44,7 @@ def main() -> None:
     parser.add_argument(
         "--directory",
         type=Path,
-        help="rates, scale, workers: where scratch files go; ships: where the scenes lie; "
+        help="rates, scale, workers: where scratch files go; alarms, detection, ships: where the scenes lie; "
         "wiener-pictures: where they go, docs by default",
     )
     parser.add_argument("--docs", action="store_true", help="scale: write the picture and the tables of docs/, too")

@@ -8,6 +8,7 @@ object lies within 2 pixels. An object in the sea that is near no label is false
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -131,8 +132,8 @@ def ours(port: Port, source: list[Path] | Path, scratch: Path) -> list[int]:
     return port.found(objects)
 
 
-def main(directory: Path | None) -> None:
-    """Print one table a rate: ships found by every detector, raw and after two removals."""
+def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[list[str]]]]:
+    """Name, head and rows: ships found by every detector, raw and after two removals, at each of `RATES`."""
     from .error import DATA
 
     folder = (directory or DATA) / "real"
@@ -155,5 +156,10 @@ def main(directory: Path | None) -> None:
                 cells.setdefault("auto", []).append(ours(port, source, scratch))
         for name, counts in cells.items():
             rows.append([removal, name, *("; ".join(map(str, c)) for c in counts)])
-    head = ("input", "detector", *(f"{p.name} ({len(p.near)})" for p in ports))
-    say("Ships found at " + "; ".join(f"{r:g}" for r in RATES) + " false objects per km2", head, rows)
+    yield "ships", ("input", "detector", *(f"{p.name} ({len(p.near)})" for p in ports)), rows
+
+
+def main(directory: Path | None) -> None:
+    """Print the table."""
+    for _name, head, rows in tables(directory):
+        say("Ships found at " + "; ".join(f"{r:g}" for r in RATES) + " false objects per km2", head, rows)

@@ -126,7 +126,7 @@ def find(
 
 def find_among(
     rows: Places, columns: Places, scores: npt.NDArray[Any], *, min_size: int = 1, merge_distance: float = 0.0,
-    connectivity: int = 8, pixel_area: float | None = None,
+    connectivity: int = 8, pixel_area: float | None = None, above: float = -math.inf,
 ) -> list[Object]:  # fmt: skip
     """The same objects from the detected pixels alone, in row-major order, where a whole scene is too large to hold.
 
@@ -137,6 +137,8 @@ def find_among(
     scores : (pixels,) ndarray
     min_size, merge_distance, connectivity, pixel_area
         As `find`; memory is some 100 bytes a pixel.
+    above : float
+        Only pixels whose score is greater count; the others connect them, so that the parts of a ship are one object.
 
     Examples
     --------
@@ -146,7 +148,8 @@ def find_among(
     _check(rows[None] >= 0, scores[None], min_size, merge_distance, connectivity)
     if not len(rows):
         return []
-    return _described(rows, columns, _joined(rows, columns, merge_distance, connectivity), scores, min_size, pixel_area)
+    part, kept = _joined(rows, columns, merge_distance, connectivity), scores > above
+    return _described(rows[kept], columns[kept], part[kept], scores[kept], min_size, pixel_area)
 
 
 def _joined(rows: Places, columns: Places, distance: float, connectivity: int) -> npt.NDArray[np.int32]:

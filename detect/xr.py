@@ -27,7 +27,8 @@ from .background import Background
 from .local import cell_side
 from .pipeline import Recipe
 from .pipeline.plan import make_plan
-from .pipeline.run import Scoring, fit_background
+from .pipeline.run import fit_background
+from .pipeline.scoring import Scoring
 from .pipeline.sea_plan import fit_sea
 from .rx import detector
 
@@ -63,7 +64,7 @@ def fit(
     """
     need_xarray()
     recipe = recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
-    if recipe.method in ("local", "sea"):
+    if recipe.method in ("local", "sea", "lines"):
         raise InputError(f"{recipe.method} has a background for every pixel: there is none to fit.")
     recipe = replace(recipe, method="rx") if recipe.method == "auto" else recipe
     opened = open_array(array, sensor=sensor, nodata=nodata)
@@ -106,6 +107,8 @@ def score(
     """
     need_xarray()
     recipe = recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
+    if recipe.method == "lines":
+        raise InputError("lines are scored in the order in which they come: iterate over detect.score_lines.")
     if background is not None and background.names and not recipe.bands:
         recipe = replace(recipe, bands=background.names)
     opened = open_array(array, sensor=sensor, nodata=nodata)

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..compensate import FitRemoval, Sample, Setting, State, clump_width, fit_chain, noise
+from ..compensate import FitRemoval, FittedChain, Sample, Setting, State, clump_width, fit_chain, noise
 from ..errors import FitError
+from ..remove.levels import even_share
+from ..remove.request import EVEN
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, gains, implants
 from .score import expected_errors, powers
@@ -134,6 +136,7 @@ def choose(
     removal: Callable[[str], FitRemoval],
     *,
     width: float,
+    fine: bool = False,
     each: Callable[..., Iterable[Any]] = map,
 ) -> Choice:
     """Try candidates, and take the one with the least expected error.
@@ -148,6 +151,8 @@ def choose(
         Gives what fits a method to a sample.
     width : float
         Of the smallest object to keep [pixel].
+    fine : bool
+        Pixels resolve sparkle where there is any: what a removal takes evenly about its median is then no glint.
     each : callable
         What runs the candidates: `map`, or the map of a pool of threads.
 
@@ -165,7 +170,7 @@ def choose(
 
     def work(candidate: Candidate) -> Trial | str:
         try:
-            return _tried(candidate, sample, marked, added, setting, removal, unit)
+            return _tried(candidate, sample, marked, added, setting, removal, unit, fine=fine)
         except FitError as error:
             return str(error)
 
@@ -191,6 +196,8 @@ def _tried(
     setting: Setting,
     removal: Callable[[str], FitRemoval],
     unit: Float32,
+    *,
+    fine: bool,
 ) -> Trial:
     """Fit and run a candidate with and without the signals."""
     if candidate.method == "copy":
@@ -200,12 +207,28 @@ def _tried(
         fitted = fit_chain(chain, sample, setting, removal(candidate.method))
         if not fitted.model.fits and not fitted.chain.replaces:
             raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
+        if fine and not fitted.chain.replaces:
+            _refuse_even(fitted, unit)
         if not all(getattr(stage, "resolved", True) for stage in fitted.chain.after):
             raise FitError("what removal leaves varies no more than the calm water")
         images, others = fitted.images, fit_chain(chain, marked, setting, removal(candidate.method)).images
     responses = [b - a for a, b in zip(images, others, strict=True)]
     power = powers(images, sample.inside, unit)
     return Trial(candidate, tuple(power.tolist()), gains(responses, added, sample.inside, unit))
+
+
+def _refuse_even(fitted: FittedChain, unit: Float32) -> None:
+    """Refuse a removal that takes the mirrored sky: glint only adds, and is rare where pixels resolve it.
+
+    Raises
+    ------
+    FitError
+        More than half of what it takes lies evenly about its median.
+    """
+    planes = [np.sum(s.removed / unit[:, None, None], axis=0) for s in fitted.sample.states if s.removed is not None]
+    share = even_share(fitted.sample.values(planes))
+    if share > EVEN:
+        raise FitError(f"{min(share, 1):.0%} of what it would take lies evenly about its median, as mirrored sky does")
 
 
 def _levels(sample: Sample, bands: int) -> npt.NDArray[np.float64]:

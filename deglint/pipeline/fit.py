@@ -17,6 +17,7 @@ from ..choose import Choice, choose
 from ..compensate import Background, Chain, FitRemoval, Sample, Setting, State, fit_chain, system_psf, typical_psf
 from ..errors import FitError, NoWaterError
 from ..masks import WaterRule
+from ..masks.find import COARSE
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
 from ..readers.optics import optics_of, pixel_size
@@ -41,8 +42,8 @@ LEAST_PERCENTILE = 1.0
 many pixels again as have glint beyond doubt are taken to have some that is too faint for that; the middle of the others
 is the level."""
 SHIP_EDGE, FAR_OUT = 5, 8.0
-"""Pixels around ships by which candidates are not judged [pixel]: wakes, and what windows of textures reach; and how far
-a ship exceeds its surroundings at least [robust standard deviations]."""
+"""Pixels around ships by which candidates are not judged [pixel]: wakes, and what windows of textures reach; and how
+far a ship exceeds its surroundings at least [robust standard deviations]."""
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
 """Number and side of the tiles that candidates are tried on, and pixels around them [pixel]: enough to rank candidates,
 in a second."""
@@ -302,14 +303,15 @@ def _chosen(job: _Job, sampler: Sampler | None) -> Choice:
     parts = [part for t in _training(job, sampler, 0, places) for part in _parts(t)]
     most = sorted(parts, key=lambda p: -p[1])[:TRIED]
     training = _training(job, sampler, TRIED_HALO, [tile for tile, _water in most])
-    width = smallest_object(job.recipe.smallest_object, pixel_size(job.scene))
+    pixel = pixel_size(job.scene)
+    width, fine = smallest_object(job.recipe.smallest_object, pixel), pixel is not None and pixel < COARSE
 
     def removal(method: str) -> FitRemoval:
         return _removal(job, training, method)
 
     sample = _without_ships(job, _sample_of(training))
     with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
-        return choose(sample, _setting(job), job.request.correct, removal, width=width, each=pool.map)
+        return choose(sample, _setting(job), job.request.correct, removal, width=width, fine=fine, each=pool.map)
 
 
 def _parts(found: Training) -> list[tuple[Tile, int]]:
@@ -339,18 +341,6 @@ def _without_ships(job: _Job, sample: Sample) -> Sample:
         for n, plane in enumerate(high):
             inside[n] = inside[n] & (cv2.dilate((plane > limit).view(np.uint8), square) == 0)
     return replace(sample, inside=tuple(inside))
-
-
-def _parts(found: Training) -> list[tuple[Tile, int]]:
-    """A tile in squares that candidates are tried on, and how many pixels of the sample each holds."""
-    rows, columns = ([*range(0, max(n - TRIED_SIDE, 0) + 1, TRIED_SIDE)] for n in found.tile.shape)
-    out = []
-    for row in rows:
-        for column in columns:
-            part = found.sample[row : row + TRIED_SIDE, column : column + TRIED_SIDE]
-            first = found.tile.row0 + row, found.tile.col0 + column
-            out.append((Tile(first[0], first[0] + part.shape[0], first[1], first[1] + part.shape[1]), int(part.sum())))
-    return out
 
 
 def _fit_chain(

@@ -23,7 +23,7 @@ from deglint.cli.options import (
 from deglint.raster.checksum import begin_checksum
 
 # The keys of detect.pipeline.recipe's tables, which --help must not wait for; a test holds them equal.
-METHOD_NAMES = ("auto", "sea", "rx", "local", "utd", "rx-utd", "subspace", "residual")
+METHOD_NAMES = ("auto", "sea", "lines", "rx", "local", "utd", "rx-utd", "subspace", "residual")
 COVARIANCE_NAMES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")
 THRESHOLD_NAMES = ("gpd", "empirical", "f", "chi2")
 SIDE_NAMES = ("auto", "bright", "both")
@@ -57,7 +57,13 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
     default="auto",
     help="auto: sea where there is water, else rx. Compared with the water around, ships and boats of the sea "
     "included: sea. Compared with the whole background: rx, utd, rx-utd, subspace (rx without the leading "
-    "eigenvectors), residual (rx after regression on the NIR). Compared with the ring around each pixel: local.",
+    "eigenvectors), residual (rx after regression on the NIR). Compared with the ring around each pixel: local. "
+    "Compared with the lines before: lines.",
+)
+@click.option(
+    "--lines",
+    is_flag=True,
+    help="The same as --method lines: score line by line, in the order of the file, in bounded memory.",
 )
 @click.option(
     "--window",
@@ -212,8 +218,13 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     rxdetect score scene.tif scores.tif --method local --window 5,21 --mask water
     rxdetect score scene.tif scores.tif --background sea.geojson --save-background sea.json
     rxdetect score other.tif scores2.tif --background sea.json
+    rxdetect score strip.tif scores.tif --lines --pfa 1e-4 --objects found.geojson
     """  # fmt: skip
     needs_output(inputs, output, "rxdetect score")
+    if given.pop("lines"):
+        if given["method"] not in ("auto", "lines"):
+            raise click.UsageError(f"--lines is a method of its own: leave out --method {given['method']}.")
+        given["method"] = "lines"
     begin_checksum(inputs)
     fields = ("method", "window", "border", "covariance", "ridge", "background", "bands", "nir", "drop", "mask", "pfa",
               "threshold", "min_size", "merge_distance", "false_per_km2", "largest_object", "side",

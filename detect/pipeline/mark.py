@@ -20,7 +20,7 @@ from .. import objects as marking
 from .. import sea
 from ..objects import Object
 from ..sea.rates import LOW
-from ..sea.region import rectangle
+from ..sea.region import hull, likeness, rectangle
 from ..threshold import Tail, Threshold
 from .chips import write_chips
 from .ground import distance_and_bearing, to_wgs84
@@ -143,14 +143,17 @@ class Marker:
 
     def objects(self, threshold: Threshold) -> list[Rated]:
         """What exceeds the threshold, the least false alarms first."""
-        if self._plan.sea is None:
+        of_sea = self._plan.sea
+        if of_sea is None:
             found = marking.find_among(*self._above(threshold.value), **self._options)
             return [Rated(o, "anomaly", math.nan, math.nan) for o in found]
+        assert of_sea.model is not None
         clutter, share = self._clutter, self._strata
-        afloat = marking.find_among(*self._open(threshold.value), **self._options)
+        low = min(LOW * of_sea.model.q90, threshold.value)
+        afloat = marking.find_among(*self._open(low), above=threshold.value, **self._options)
         rated = []
         for rank, o in enumerate(afloat, start=1):  # the highest score first
-            rate = clutter.false_per_km2(o.score_max)
+            rate = clutter.false_per_km2(o.score_max, o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1)
             real = 1 - min(rate * clutter.area / rank, 1.0)
             rated.append(Rated(o, "afloat", share * rate, real))
         most = share * clutter.false_per_km2(threshold.value)
@@ -187,9 +190,9 @@ class Marker:
 
 
 def _likeness(found: Object) -> float:
-    """How much an object attached to land is like a ship: its area times the share of its rectangle that it fills."""
+    """How much an object attached to land is like a ship."""
     length, width, _ = rectangle(found.footprint)
-    return found.size * found.size / (length * width)
+    return likeness(found.size, found.size / (length * width))
 
 
 def _pixels_of(found: Sequence[Object], rows: Any, columns: Any, scores: Any) -> list[npt.NDArray[Any]]:

@@ -31,6 +31,8 @@ Read = Callable[[Scene, Tile, Sequence[int]], npt.NDArray[Any]]
 """What reads the pixels of a tile: `read`, or something that is called like it."""
 SEA_TILE = 1024
 """Side of the tiles of sea, whose halo is some hundred pixels [pixel]."""
+_STRIP = 64
+"""Least lines that are read at a time, where lines are scored one after the other."""
 KEPT = 96 << 20
 """Pixels that are kept from the first pass over a scene to the second [byte]."""
 
@@ -140,6 +142,8 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, progress: Progress | N
     of_sea = plan_sea(scene, recipe) if recipe.method == "sea" else None
     if of_sea is not None:
         shape = (SEA_TILE, SEA_TILE)
+    if recipe.method == "lines":
+        shape, threads = (min(max(block_of(scene)[0], _STRIP), SEA_TILE), scene.width), 1
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
     return Plan(

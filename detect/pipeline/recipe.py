@@ -18,6 +18,7 @@ from ..sea.region import LARGEST
 METHODS = {
     "sea": "distance from the water around, floating objects of the sea included",
     "local": "squared Mahalanobis distance from the ring around the pixel (--window)",
+    "lines": "squared Mahalanobis distance from the lines before, one line after the other",
     **GLOBAL_METHODS,
 }
 """Detectors, with what they are; "auto" is sea where there is water and pixels are compared with it, else rx."""
@@ -28,7 +29,7 @@ THRESHOLDS = {
     "chi2": "chi-squared",
 }
 """How the threshold for --pfa is found."""
-NO_LAW = ("utd", "rx-utd", "sea")
+NO_LAW = ("utd", "rx-utd", "sea", "lines")
 """Detectors whose scores follow no known law even over a normal background."""
 WINDOW = (5, 21)
 """Guard and window of local RX, unless they are said [pixel]."""
@@ -108,6 +109,8 @@ class Recipe:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
         self._check_local()
         self._check_sea()
+        if self.method == "lines" and (self.background or self.covariance != "empirical"):
+            raise InputError("lines are compared with the lines before: leave out --background and --covariance.")
         if self.pfa is not None and self.threshold in ("chi2", "f") and self.method in NO_LAW:
             raise InputError(
                 f"{self.method} scores follow neither chi-squared nor F: take --threshold empirical or gpd."

@@ -19,7 +19,7 @@ from deglint.checks import checked_keywords
 from deglint.errors import InputError, NoWaterError
 from deglint.pipeline.cluster import Cluster, writing_images
 from deglint.pipeline.log import log_scene
-from deglint.pipeline.overview import core_of, raster_of
+from deglint.pipeline.overview import raster_of
 from deglint.raster.checksum import Checksum
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
@@ -31,86 +31,21 @@ from deglint.scene import Scene
 from deglint.tiles import Tile, default_threads
 from deglint.timing import Reporter
 
-from .. import sea
 from .. import threshold as cutting
 from ..background import Background, Gathering, combine, estimate, fourth_moments, part_of, sample_share
-from ..local import DEFICIENT, TOO_FEW, score_part
-from ..rx import Detector, detector, score
+from ..lines import LineScorer
+from ..rx import Detector, detector
 from ..threshold import Tail, Threshold
-from .flags import Flags, flags_of, flags_of_sea
 from .mark import CANDIDATES, Marker, Places, joined
 from .motion import delayed_bands
 from .plan import KEPT, Kept, Plan, Progress, Read, both, make_plan, read
 from .recipe import NO_LAW, Outputs, Recipe
-from .sea_plan import fit_sea, read_sea
+from .scoring import Highest, Law, Scoring, Tally
+from .sea_plan import fit_sea
 from .sidecar import describe, notes_on, warnings_of
 from .vectors import check_vector
 
 log = logging.getLogger(__name__)
-
-
-@dataclass
-class Tally:
-    """Pixels of the whole run."""
-
-    total: int = 0
-    masked_out: int = 0
-    not_valid: int = 0
-    scored: int = 0
-    deficient: int = 0
-    too_few: int = 0
-
-    def add(self, other: Tally) -> None:
-        """Add a tile's counts."""
-        for name in vars(self):
-            setattr(self, name, getattr(self, name) + getattr(other, name))
-
-
-@dataclass(frozen=True, eq=False)
-class Scored:
-    """One scored tile."""
-
-    scores: npt.NDArray[np.float32]
-    tally: Tally
-    tail: Tail | None = None
-    p_values: npt.NDArray[np.float32] | None = None
-    flags: Flags | None = None
-    beside: Places | None = None
-
-
-class Highest:
-    """The tail of all tiles, merged now and then; tiles need not send what lies below it."""
-
-    def __init__(self, keep: int) -> None:
-        self._whole, self._waiting = Tail(0, np.zeros(0, np.float32), keep), list[Tail]()
-        self.floor = -np.inf
-
-    def of(self, scores: npt.NDArray[np.float32]) -> Tail:
-        """The tail of a tile, less what cannot be among the highest any more."""
-        valid = int(np.count_nonzero(np.isfinite(scores)))
-        return replace(Tail.of(scores[scores >= self.floor], self._whole.keep), n=valid)
-
-    def add(self, tail: Tail) -> None:
-        """Take a tile's."""
-        self._waiting.append(tail)
-        if sum(len(t.values) for t in self._waiting) > self._whole.keep:
-            self.total()
-
-    def total(self) -> Tail:
-        """Of everything so far."""
-        self._whole = Tail.merge([self._whole, *self._waiting])
-        self._waiting = []
-        if len(self._whole.values) == self._whole.keep:
-            self.floor = float(self._whole.values[-1])
-        return self._whole
-
-
-@dataclass(frozen=True, eq=False)
-class Law:
-    """What scores over a normal background follow: degrees of freedom, and pixels that the statistics come from."""
-
-    bands: int
-    n: int
 
 
 @dataclass(frozen=True)
@@ -232,7 +167,7 @@ def _check_method(recipe: Recipe, targets: Outputs) -> None:
     """Refuse what a detector cannot give."""
     if targets.p_value and recipe.method in NO_LAW:
         raise InputError(f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx.")
-    if targets.background and recipe.method in ("local", "sea"):
+    if targets.background and recipe.method in ("local", "sea", "lines"):
         raise InputError(f"{recipe.method} has a background for every pixel, none to save. Leave out "
                          "--save-background, or take --method rx.")  # fmt: skip
 
@@ -261,11 +196,13 @@ def _run(
         log.info("%s", note)
     recipe = plan.recipe
     _check_method(recipe, targets)
+    if cluster and recipe.method == "lines":
+        raise InputError("lines are scored in the order in which they come: leave out --workers and --cluster.")
     kept = Kept(KEPT if raster_of(scene).info.compression else 0)  # to read again what is not compressed is as quick
     background = None
     if plan.sea is not None:
         plan = replace(plan, sea=fit_sea(plan))
-    elif plan.rule is None:
+    elif plan.rule is None and recipe.method != "lines":
         background = plan.given or (
             fit_background(plan, reader=kept.read) if cluster is None else fit_background(plan, cluster.run)
         )
@@ -387,86 +324,13 @@ def _threshold(recipe: Recipe, tail: Tail, law: Law | None, tally: Tally) -> Thr
     return found if above is None else found.measured(above, tally.scored)
 
 
-@dataclass(frozen=True, eq=False)
-class Scoring:
-    """All that scoring a tile needs, as a function of the tile; shared by the threads, never changed."""
-
-    plan: Plan
-    ready: Detector | None
-    law: Law | None
-    highest: Highest | None
-    want_p: bool
-    want_flags: bool = False
-    reader: Read = read
-
-    def __call__(self, tile: Tile) -> Scored:
-        """Read a tile, score it, and count."""
-        plan, states = self.plan, None
-        if plan.sea is not None:
-            return self._of_sea(tile)
-        if plan.rule is None and self.ready is not None:
-            mask = plan.mask.read(tile)
-            block = self.reader(plan.scene, tile, plan.bands)
-            scores = score(block, self.ready, mask)
-        elif plan.rule is not None:
-            outer = tile.grown(plan.rule.halo, plan.scene.height, plan.scene.width)
-            mask = plan.mask.read(outer)
-            states = np.zeros(tile.shape, np.uint8)
-            block = read(plan.scene, outer, plan.bands)
-            scores = score_part(block, plan.rule, (outer.row0, outer.col0), tile.window, mask, flags=states)
-            core = core_of(tile.crop_of(outer), block.shape[1:])
-            block, mask = block[(slice(None), *core)], None if mask is None else mask[core]
-        else:
-            raise AssertionError("unreachable: a plan has a window, or a background")
-        found = scores.astype(np.float32, copy=False)
-        p_values = None
-        if self.want_p and self.law:
-            p_values = cutting.fast_p_value(found, self.law.bands, self.law.n).astype(np.float32)
-        tail = None if self.highest is None else self.highest.of(found)
-        flags = None
-        if self.want_flags:
-            area = None if plan.area is None else plan.area.read(tile.window)
-            flags = flags_of(block, mask, area, states)
-        return Scored(found, _count(found, mask, states), tail, p_values, flags)
-
-    def _of_sea(self, tile: Tile) -> Scored:
-        """The same of a tile of sea, with the classes of its pixels."""
-        plan = self.plan
-        assert plan.sea is not None
-        assert plan.sea.model is not None
-        outer = tile.grown(plan.sea.halo, plan.scene.height, plan.scene.width)
-        block, classes = read_sea(plan, outer, plan.bands)
-        core = core_of(tile.crop_of(outer), classes.shape)
-        scores = sea.score(block, classes, plan.sea.model)[core]
-        classes, valid = classes[core], np.isfinite(block[(slice(None), *core)]).all(axis=0)
-        tail = None
-        if self.highest is not None:
-            tail = self.highest.of(np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores))
-        flags = flags_of_sea(valid, classes) if self.want_flags else None
-        tally = Tally(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
-        tally.not_valid = int(np.count_nonzero(~valid))
-        tally.masked_out = tally.total - tally.scored - tally.not_valid
-        rows, columns = np.nonzero((classes == sea.ALONGSIDE) & np.isfinite(scores))
-        beside = rows + tile.row0, columns + tile.col0, scores[rows, columns]
-        return Scored(scores, tally, tail, None, flags, beside)
-
-
-def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
-    tally = Tally(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
-    tally.masked_out = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
-    if states is not None:
-        tally.deficient = int(np.count_nonzero(states == DEFICIENT))
-        tally.too_few = int(np.count_nonzero(states == TOO_FEW))
-    tally.not_valid = tally.total - tally.masked_out - tally.scored - tally.too_few
-    return tally
-
-
 def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None, reader: Read) -> Scoring:
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     highest = Highest(Tail.keep_for(rate, pixels)) if recipe.thresholded else None
     silent = replace(plan, progress=None)
-    return Scoring(silent, ready, law, highest, bool(targets.p_value), bool(targets.flags), reader)
+    lines = LineScorer() if recipe.method == "lines" else None
+    return Scoring(silent, ready, law, highest, bool(targets.p_value), bool(targets.flags), reader, lines)
 
 
 def _write_tiles(

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _VISIBLE = (400.0, 700.0)
 """Bands in which water is seen through a removed glint: the NIR is not corrected, and its glint is the clutter [nm]."""
+_NIR = (740.0, 1100.0)
+"""Bands that see glint and hardly any water [nm]."""
 _MANY = 16
 """Bands from which on the spectrum alone tells a target, and a global covariance has the pixels to know it."""
 _UNKNOWN = 10.0
@@ -50,12 +52,15 @@ class SeaPlan:
         As `detect.sea.fit`; None chooses by the pixels' size.
     model : SeaModel or None
         None until it is fitted.
+    nir : tuple of int
+        0-based NIR bands that tell how much glint a pixel has.
     """
 
     rule: sea.SeaRule
     area: float
     side: str | None = None
     model: sea.SeaModel | None = None
+    nir: tuple[int, ...] = ()
 
     @property
     def pixel(self) -> float | None:
@@ -74,7 +79,8 @@ def plan_sea(scene: Scene, recipe: Recipe) -> SeaPlan:
     area = known or float("nan")
     pixel = float(np.sqrt(area)) if known else _UNKNOWN
     side = None if recipe.side == "auto" else recipe.side
-    return SeaPlan(sea.SeaRule(pixel, *recipe.largest_object), area, side)
+    nir = tuple(i for i, b in enumerate(scene.bands) if b.wavelength is not None and _NIR[0] <= b.wavelength <= _NIR[1])
+    return SeaPlan(sea.SeaRule(pixel, *recipe.largest_object), area, side, nir=nir)
 
 
 def why_not_sea(scene: Scene, recipe: Recipe) -> str:
@@ -127,6 +133,12 @@ def read_sea(plan: Plan, tile: Tile, bands: Any) -> tuple[npt.NDArray[Any], npt.
     return block, sea.region(water, plan.sea.rule, valid)
 
 
+def read_nir(plan: Plan, tile: Tile) -> npt.NDArray[Any]:
+    """NIR of a tile, where scores are evened by it; else of no bands."""
+    assert plan.sea is not None
+    return plan.scene.source.read(tile.window, list(plan.sea.nir)) if plan.sea.nir else np.zeros((0, *tile.shape))
+
+
 def fit_sea(plan: Plan) -> SeaPlan:
     """Learn the water from the scene, or of a large scene from some blocks with water.
 
@@ -136,7 +148,7 @@ def fit_sea(plan: Plan) -> SeaPlan:
         There is no water to learn from.
     """
     assert plan.sea is not None
-    scene, blocks = plan.scene, []
+    scene, blocks, nir = plan.scene, [], []
     everything = tiling.tiles(scene.height, scene.width, (2 * _SAMPLE, 2 * _SAMPLE))
     if len(everything) > 1:
         everything = tiling.tiles(scene.height, scene.width, (_SAMPLE, _SAMPLE))
@@ -148,12 +160,14 @@ def fit_sea(plan: Plan) -> SeaPlan:
         if not count:
             continue
         blocks.append((block, classes))
+        nir.append(read_nir(plan, tile))
         held += count
         if held >= few and len(blocks) >= _BLOCKS:
             break
     if not blocks:
         raise NoWaterError(f"no water in {scene.path} to compare with. Check --mask and --nodata, or take --method rx.")
-    return replace(plan.sea, model=sea.fit(blocks, pixel=plan.sea.pixel, side=plan.sea.side))
+    known = nir if plan.sea.nir else ()
+    return replace(plan.sea, model=sea.fit(blocks, pixel=plan.sea.pixel, side=plan.sea.side, nir=known))
 
 
 def explain(plan: Plan) -> list[str]:
@@ -164,10 +178,11 @@ def explain(plan: Plan) -> list[str]:
     size = f"{found.rule.pixel:.3g} m" if found.pixel else f"of unknown size, taken as {_UNKNOWN:g} m"
     what = "brighter or darker" if found.model.side == "both" else "brighter"
     scales = ", ".join(map(str, found.model.scales))
+    even = ", over what is usual at the same NIR" if found.model.glint else ""
     floats = f"{found.rule.length:g} m by {found.rule.width:g} m"
     return [
         f"sea: water closed over what is up to {floats}; pixels {size}",
-        f"sea: {what} than the water within {found.model.window} pixels, at scales of {scales} pixels",
+        f"sea: {what} than the water within {found.model.window} pixels, at scales of {scales} pixels{even}",
     ]
 
 

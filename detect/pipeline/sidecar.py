@@ -20,7 +20,7 @@ from .recipe import Outputs
 from .sea_plan import explain
 
 if TYPE_CHECKING:
-    from .run import Tally
+    from .scoring import Tally
 
 AFFINE = ("hedley", "lyzenga", "joyce", "nir-subtraction")
 """Glint removals that subtract a multiple of the NIR from each band."""

@@ -5,6 +5,9 @@ and v be the mean and the variance of water within the window around a pixel, z 
 correlation of z over the sea. The score is the Mahalanobis distance sqrt(z' R^-1 z). Its median and its 99.9 % quantile
 over water make the scales comparable, and the largest over the scales counts. Pixels that are far from the water at the
 largest scale (ships, wakes, slicks, plumes, clouds) leave the statistics, and the statistics are computed again.
+
+What a removal leaves of glint grows with the glint that was there, and the NIR shows how much that was: where the NIR
+is given, scores are divided by what is usual at water of the same NIR (`detect.sea.glint`).
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ import numpy.typing as npt
 from deglint.errors import InputError, NoWaterError
 
 from ..covariance import whitener
+from .glint import GlintScale
 from .region import ALONGSIDE, RIM, WATER, Classes
 
 Array = npt.NDArray[Any]
@@ -64,6 +68,8 @@ class SeaModel:
         90 % quantile of the score over water.
     scales, window, side
         As used.
+    glint : GlintScale, optional
+        How scores grow with the NIR, where that is given.
     """
 
     centre: npt.NDArray[np.float64]
@@ -76,6 +82,7 @@ class SeaModel:
     scales: tuple[int, ...] = SCALES
     window: int = WINDOW
     side: str = "bright"
+    glint: GlintScale | None = None
 
     @property
     def halo(self) -> int:
@@ -92,7 +99,7 @@ class SeaModel:
 
 def fit(
     blocks: Sequence[tuple[Array, Classes]], *, pixel: float | None = None, side: str | None = None,
-    scales: tuple[int, ...] | None = None, window: int = WINDOW,
+    scales: tuple[int, ...] | None = None, window: int = WINDOW, nir: Sequence[Array] = (),
 ) -> SeaModel:  # fmt: skip
     """Learn what the water of a scene looks like.
 
@@ -108,6 +115,8 @@ def fit(
         Odd sides of the squares that are averaged, ascending [pixel].
     window : int
         Odd side of the window of the water around [pixel].
+    nir : sequence of (band, row, column) ndarray
+        NIR of every block, not corrected; not used where pixels are as large as a boat, whose NIR is its own.
 
     Raises
     ------
@@ -133,11 +142,16 @@ def fit(
         if not last:
             for state in states:
                 state.narrow(model)
-    scored = np.concatenate([_combined(s, model)[s.open] for s in states])
+    found = [_combined(s, model) for s in states]
+    if fine and len(nir):
+        glint = GlintScale.fit(nir, found, [s.open for s in states], scales[-1])
+        model = replace(model, glint=glint)
+        found = [glint.even(f, n) for f, n in zip(found, nir, strict=True)]
+    scored = np.concatenate([f[s.open] for f, s in zip(found, states, strict=True)])
     return replace(model, q90=float(np.quantile(scored, 0.9)))
 
 
-def score(block: Array, classes: Classes, model: SeaModel) -> npt.NDArray[np.float32]:
+def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> npt.NDArray[np.float32]:
     """Distance of every pixel of the sea from the water around [standard deviation]; NaN elsewhere and on the rim.
 
     Parameters
@@ -148,11 +162,15 @@ def score(block: Array, classes: Classes, model: SeaModel) -> npt.NDArray[np.flo
         From `region`.
     model : SeaModel
         From `fit`.
+    nir : (band, row, column) ndarray, optional
+        The NIR, where `fit` was given it.
     """
     state = _State(block, classes, model)
     for _ in range(_ROUNDS - 1):
         state.narrow(model)
     found = _combined(state, model)
+    if model.glint is not None and nir is not None:
+        found = model.glint.even(found, nir)
     found[(classes == RIM) | ~state.sea] = np.nan
     return found
 

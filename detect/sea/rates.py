@@ -31,6 +31,11 @@ and at pixels finer than a boat."""
 _LARGE = (40, 12)
 """Least pixels of what is confirmed, likewise: a ship of 100 m by 30 m at 10 m, with its blur; a boat. Waves and
 sparkle are smaller."""
+_BODY = 60
+"""Pixels of a candidate that is no clutter whatever its peak, where pixels are finer than a boat: noise that is
+averaged over 5 by 5 pixels has clumps of up to some 50."""
+_ENOUGH = 10
+"""Scores above a quantile that are enough to take it: fewer may all be pixels of one object."""
 _LEAST = 50
 """Least peaks to fit a law to."""
 _MOST_RATE = 1e6
@@ -56,6 +61,10 @@ class Clutter:
     shape, scale : float
         Of the generalised Pareto law of the peaks above `low`, which extrapolates beyond the highest of them; NaN where
         they are too few or too alike.
+    large : (int, float)
+        Pixels and peak score from which on an object is confirmed where it has a ship's shape, too.
+    large_share : float
+        Share of the unconfirmed candidates that are as large.
     """
 
     tail: Tail
@@ -66,14 +75,24 @@ class Clutter:
     confirmed_pixels: int
     shape: float
     scale: float
+    large: tuple[int, float] = (1, math.inf)
+    large_share: float = 1.0
 
     @property
     def fitted(self) -> bool:
         """Whether a law describes the peaks; else their own ranks are used."""
         return math.isfinite(self.shape)
 
-    def false_per_km2(self, score: float) -> float:
-        """Expected false objects per km2 whose peak is at least so high."""
+    def false_per_km2(self, score: float, pixels: int = 1) -> float:
+        """Expected false objects per km2 whose peak is at least so high.
+
+        Of these only the share of large candidates is as large as an object that is large and bright: give its pixels
+        where it has a ship's shape (slicks, shoals and clouds are large, too, and are no clutter of pixels).
+        """
+        rate = self._of_peak(score)
+        return rate * self.large_share if pixels >= self.large[0] and score > self.large[1] else rate
+
+    def _of_peak(self, score: float) -> float:
         if not self.area > 0:
             return math.nan
         if score <= self.low:
@@ -112,11 +131,15 @@ class Clutter:
     def threshold(self, pfa: float) -> Threshold:
         """Score that a share `pfa` of the clutter exceeds."""
         note = f"{self.confirmed} objects ({self.confirmed_pixels} pixels) are no clutter: the tail leaves them out"
+        reason = ""
         try:
             found = from_gpd(self.tail, pfa)
+            if found.numbers["shape"] >= 1 and pfa * self.tail.n >= _ENOUGH:
+                reason = f"the fitted tail has no mean (shape {found.numbers['shape']:.2f}), since objects are in it"
         except FitError as error:
-            found = from_quantile(self.tail, pfa)
             reason = str(error).split(".", 1)[0]
+        if reason:
+            found = from_quantile(self.tail, pfa)
             found = replace(found, notes=(*found.notes, f"{reason}: the quantile of the scores is used"))
         if pfa * self.tail.n < 1:
             one = f"less than one pixel of {self.tail.n}"
@@ -145,7 +168,7 @@ def clutter_of(
         Whether pixels are finer than a boat.
     """
     peak = _CONFIRMED[fine] * q90
-    sure = [o.size >= _LARGE[fine] and o.score_max > peak for o in candidates]
+    sure = [(o.size >= _LARGE[fine] and o.score_max > peak) or (fine and o.size >= _BODY) for o in candidates]
     taken = [s for s, known in zip(scores, sure, strict=True) if known]
     pixels = sum(len(s) for s in taken)
     if pixels:
@@ -158,7 +181,9 @@ def clutter_of(
         with suppress(FitError):
             if excess[0] < excess[-1]:
                 shape, scale, _moments = pareto.fit(excess)
-    return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale)
+    rest = [o.size >= _LARGE[fine] for o, known in zip(candidates, sure, strict=True) if not known]
+    share = (sum(rest) + 1) / (len(rest) + 1)
+    return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale, (_LARGE[fine], peak), share)
 
 
 def _without(tail: Tail, taken: Scores) -> Tail:

@@ -1,8 +1,9 @@
 """The sea with what floats on it: water closed over holes and protrusions no larger than the largest ship.
 
 A ship is not water: a water mask has a hole where a ship lies. A hole that a ship could fill belongs to the sea. A ship
-alongside a quay is no hole but a protrusion of the land: a morphological opening of the land with a window wider than a
-ship removes it, and its shape distinguishes it from rocks and corners of quays, though not from short piers.
+alongside a quay is no hole but a protrusion of the land: directional morphological openings find what is narrow across
+a direction and straight along it, and its shape distinguishes it from rocks and corners of quays, though not from
+short piers.
 """
 
 from __future__ import annotations
@@ -27,11 +28,13 @@ MOST = 128
 _SHORTEST = 50.0
 """Least length of a protrusion that is taken for a ship [m]: five pixels of 10 m, fewer have no shape."""
 _FILL = 0.55
-"""Least share of its smallest rectangle that a ship alongside fills: a hull fills 0.7 to 0.9, corners of quays less."""
+"""Least share of its smallest rectangle that a ship fills: a hull fills 0.7 to 0.9, less where it is a few pixels."""
 _ELONGATION = 1.8
-"""Least length over width of a ship alongside: ships have 4 to 8, and the blur of a pixel lowers it."""
-_CUTS = (0.0, 1 / 3, 1 / 2, 2 / 3)
-"""Shares of the width at which thin parts are cut first: a ship along a narrow breakwater is wider than that."""
+"""Least length over width of a ship: ships have 4 to 8, and the blur of a pixel lowers it."""
+_DIRECTIONS = 12
+"""Directions in which ships alongside are looked for: a hull 8 times as long as wide lies within 7.5 degrees of one."""
+_BLUR = 1.5
+"""What the point spread function adds to the width of a hull [pixel]."""
 
 
 @dataclass(frozen=True)
@@ -114,15 +117,36 @@ def _grown(mask: Mask, side: int) -> Mask:
     return np.asarray(cv2.dilate(mask.view(np.uint8), np.ones((side, side), np.uint8)).view(np.bool_))
 
 
-def _opened(mask: Mask, side: int) -> Mask:
+def _opened(mask: Mask, window: npt.NDArray[np.uint8]) -> Mask:
     import cv2
 
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, disc).view(np.bool_))
+    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, window).view(np.bool_))
 
 
-def _odd(pixels: float) -> int:
-    return 2 * max(round((pixels - 1) / 2), 0) + 1
+def _line(length: float, angle: float) -> npt.NDArray[np.uint8]:
+    """Pixels on a line [pixel] at an angle clockwise from the upward direction of the image [degree]."""
+    import cv2
+
+    half = (length - 1) / 2
+    middle = math.ceil(half)
+    across, down = half * math.sin(math.radians(angle)), -half * math.cos(math.radians(angle))
+    window = np.zeros((2 * middle + 1, 2 * middle + 1), np.uint8)
+    ends = [(round(middle + sign * across), round(middle + sign * down)) for sign in (-1, 1)]
+    return np.asarray(cv2.line(window, ends[0], ends[1], (1,)))
+
+
+def hull(length: float, width: float, size: float) -> bool:
+    """Whether so many pixels within a rectangle have the shape of a ship: long, straight and full."""
+    return length >= _ELONGATION * width and size >= _FILL * length * width
+
+
+def likeness(size: float, fill: float) -> float:
+    """How much what is attached to land is like a ship: its pixels, and the share of its rectangle that it fills.
+
+    A hull fills its rectangle; corners and bends of piers, with which most of what is no ship ends, do not. The cube
+    makes the share count more than the size.
+    """
+    return size * fill**3
 
 
 def rectangle(footprint: Mask) -> tuple[float, float, float]:
@@ -166,21 +190,31 @@ def _afloat(land: Mask, length: float, width: float) -> Mask:
 
 
 def _alongside(land: Mask, rule: SeaRule) -> Mask:
-    """Protrusions of the land that have a ship's size and shape."""
+    """Protrusions of the land that have a ship's size and shape, each apart from the others.
+
+    For every direction: land that is no wider than a ship across it, and straight along it for a ship's least length.
+    This separates ships from the quay that they lie at, and from piers of another direction.
+    """
     length, width = rule.sides
     shortest = max(_SHORTEST / rule.pixel, 5.0) if rule.sides[0] * rule.pixel >= rule.length - 1 else 5.0
-    wide = _opened(land, _odd(width) + 2)
-    found = np.zeros_like(land)
     beside = _grown(~land, 3)
-    for cut in sorted({_odd(width * share) for share in _CUTS}):
-        base = land if cut == 1 else _opened(land, cut)
-        labels, stats, parts = _fitting(base & ~wide & ~found, length, width * 1.15)
+    found: list[tuple[float, tuple[slice, slice], Mask]] = []
+    for angle in np.arange(0, 180, 180 / _DIRECTIONS):
+        narrow = land & ~_opened(land, _line(width + _BLUR + 1, angle + 90))
+        straight = _opened(narrow, _line(shortest, angle))
+        labels, stats, parts = _fitting(straight, length, width + _BLUR)
         for part, long, across in parts:
-            if long < shortest or long < _ELONGATION * across or stats[part, 4] < _FILL * long * across:
+            x, y, w, h, size = stats[part]
+            if long < shortest or not hull(long, across, size):
                 continue
-            x, y, w, h = stats[part, :4]
             box = (slice(y, y + h), slice(x, x + w))
             own = labels[box] == part
             if (own & beside[box]).any():
-                found[box] |= own
-    return found
+                found.append((likeness(size, size / (long * across)), box, own))
+    chosen, taken = np.zeros_like(land), np.zeros_like(land)
+    for _likeness, (rows, columns), own in sorted(found, key=lambda f: -f[0]):
+        if not (taken[rows, columns] & own).any():
+            chosen[rows, columns] |= own
+            around = (slice(max(rows.start - 1, 0), rows.stop + 1), slice(max(columns.start - 1, 0), columns.stop + 1))
+            taken[around] |= _grown(chosen[around], 3)
+    return chosen

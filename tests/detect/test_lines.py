@@ -1,9 +1,10 @@
 """Lines scored as they come."""
 
-import time
+import json
 
 import numpy as np
 import pytest
+import rasterio
 
 from deglint.errors import InputError
 from detect import LineScorer, rx, score_lines
@@ -54,9 +55,32 @@ def test_refusals():
         LineScorer(0)
 
 
-def test_fast_enough_for_a_push_broom_sensor():
-    lines = np.random.default_rng(3).normal(50, 2, (300, 8, 1024)).astype(np.float32)
-    begun = time.process_time()
-    for _ in score_lines(lines):
-        pass
-    assert 300 / (time.process_time() - begun) > 1500
+def test_the_command_scores_line_by_line(rxdetect, write, tmp_path, monkeypatch):
+    lines = np.random.default_rng(3).normal(500, 5, (300, 3, 80))
+    lines[200, :, 40:42] += 200
+    image = lines.swapaxes(0, 1).astype(np.float32)
+    source = write(tmp_path / "strip.tif", image)
+    options = ("--pfa", "1e-3", "--objects", tmp_path / "o.geojson", "--mask", "0,0,80,300")
+    ran = rxdetect("score", source, tmp_path / "s.tif", "--lines", *options)
+    assert ran.code == 0, ran.err
+    with rasterio.open(tmp_path / "s.tif") as data:
+        scores = data.read(1)
+    np.testing.assert_array_equal(scores, np.stack(list(score_lines(image.swapaxes(0, 1)))))
+    first = json.loads((tmp_path / "o.geojson").read_text())["features"][0]["properties"]
+    assert (first["row"], first["column"], first["pixels"]) == (200, 40.5, 2)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        (("--method", "rx"), 2, "leave out --method rx"),
+        (("--covariance", "mcd"), 1, "leave out --background"),
+        (("--save-background", "b.json"), 1, "none to save"),
+        (("--p-value", "p.tif"), 1, "no known law"),
+    ],
+)
+def test_what_lines_cannot_do(rxdetect, write, tmp_path, monkeypatch, options, code, message):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "strip.tif", np.ones((3, 8, 8), np.float32))
+    ran = rxdetect("score", "strip.tif", "s.tif", "--lines", *options)
+    assert (ran.code, message in ran.err) == (code, True), ran.err

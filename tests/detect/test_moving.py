@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import rasterio
@@ -46,10 +47,29 @@ def test_waves_are_no_boats(seed):
     assert not find_moving(sea(seed=seed), DELAYS, pixel=1.2)
 
 
+def real_swell():
+    files = sorted(SWELL.glob("**/IMG_DATA/*_B0[24].jp2"))
+    return [rasterio.open(f).read(1).astype(np.float32)[:, :470] for f in files]  # land lies farther east
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not SWELL.exists(), reason="the real swell lies beside the project")
+@pytest.mark.parametrize("step", [0.0, 0.5, 1.0, 2.0])
+def test_real_swell_is_no_boat(step):
+    """Both bands with their mean between them, and one band that moves as a whole by a step from band to band."""
+    first, last = real_swell()
+    water = (first > 0) & (last > 0)
+    bands = [first, (first + last) / 2, last]
+    if step:
+        moves = [np.float32([[1, 0, k * step], [0, 1, k * step / 3]]) for k in range(3)]
+        bands = [cv2.warpAffine(first, m, first.shape[::-1], borderMode=cv2.BORDER_REFLECT) for m in moves]
+    assert not find_moving(np.stack(bands), [0.0, 0.5, 1.0], pixel=10.0, water=water)
+
+
+@pytest.mark.shared
 @pytest.mark.skipif(not SWELL.exists(), reason="the real swell lies beside the project")
 def test_two_bands_of_real_swell_are_refused():
-    files = sorted(SWELL.glob("**/IMG_DATA/*_B0[24].jp2"))
-    bands = [rasterio.open(f).read(1).astype(np.float32) for f in files]
+    bands = real_swell()
     with pytest.raises(InputError, match="three bands"):  # two bands cannot tell a boat from a wave
         find_moving(np.stack(bands), [0.0, 1.0], pixel=10.0)
 

@@ -40,7 +40,7 @@ def test_choices_are_the_tables():
     assert local.BORDERS == command.BORDER_NAMES
 
 
-@pytest.mark.parametrize("method", sorted(set(recipe.METHODS) - {"sea"}))
+@pytest.mark.parametrize("method", sorted(set(recipe.METHODS) - {"sea", "lines"}))
 def test_the_file_is_what_the_arrays_give(rxdetect, scene, tmp_path, method):
     out = tmp_path / "out.tif"
     ran = rxdetect("score", scene, out, "--method", method, "--window", "3,9", "--json")

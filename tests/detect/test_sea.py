@@ -1,16 +1,19 @@
 """The sea and what floats on it: region, detector, false-alarm rates, files of objects."""
 
 import json
+import re
 import sqlite3
 import struct
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import rasterio
 from rasterio.transform import from_origin
 
 from detect import sea
-from detect.objects import find
+from detect.objects import find, find_among
 from detect.pipeline import plan
 from detect.sea import AFLOAT, ALONGSIDE, NOT_SEA, RIM, WATER, SeaRule
 from detect.threshold import Tail
@@ -205,3 +208,104 @@ def test_a_scene_in_memory_gives_a_table_of_objects():
     table = pandas.DataFrame(found.objects).head(4)
     assert {(round(r - 1.5), round(c - 5.5)) for r, c in zip(table.row, table.column, strict=True)} == set(SHIPS)
     assert (table.false_per_km2 < 0.2).all()
+
+
+def test_ships_side_by_side_at_a_quay_are_apart():
+    water = np.ones((120, 160), bool)
+    water[:, 150:] = False
+    water[80:85, 40:150] = False  # a quay of 1100 m, 50 m wide
+    for column, length in ((60, 24), (67, 18), (74, 20), (110, 14)):
+        water[80 - length : 80, column : column + 5] = False
+    found = sea.region(water, SeaRule(10.0))[:80] == ALONGSIDE
+    boxes = sorted(o.bounds for o in find(found, found.astype(float)))
+    assert len(boxes) == 4
+    assert all(bottom - top >= 8 and right - left <= 6 for (top, bottom), (left, right) in boxes)
+
+
+def test_parts_of_a_ship_are_one_object():
+    scores = np.array([[9.0, 2, 8, 0, 0, 7], [1, 2, 1, 0, 0, 7]])
+    rows, columns = np.nonzero(scores > 1.5)
+    found = find_among(rows, columns, scores[rows, columns], above=5.0)
+    assert [(o.size, o.score_max, o.bounds) for o in found] == [(2, 9.0, ((0, 1), (0, 3))), (2, 7.0, ((0, 2), (5, 6)))]
+
+
+def test_what_is_large_bright_and_long_counts_before_what_is_bright():
+    scores = np.zeros((60, 60))
+    scores[::10, ::10] = 5 + np.arange(36).reshape(6, 6)
+    candidates = find(scores > 3, scores)
+    clutter = sea.clutter_of(Tail.of(scores), candidates, [scores[:1, :1]] * 36, 1.0, area=25.0)
+    assert clutter.false_per_km2(30.0, 50) < clutter.false_per_km2(30.0) / 20
+    assert clutter.false_per_km2(8.0, 50) == clutter.false_per_km2(8.0)
+
+
+def test_a_body_of_many_fine_pixels_is_no_clutter():
+    scores = np.abs(np.random.default_rng(0).normal(0, 1, (300, 300)))
+    scores[50:60, 50:60] = 3.0
+    candidates = find(scores > 2.5, scores)
+    parts = [scores[slice(*o.bounds[0]), slice(*o.bounds[1])][o.footprint] for o in candidates]
+    kept = [sea.clutter_of(Tail.of(scores), candidates, parts, 1.6, area=1.0, fine=fine).confirmed for fine in (0, 1)]
+    assert kept == [0, 1]
+
+
+def test_a_tail_without_a_mean_gives_its_quantile():
+    rng = np.random.default_rng(0)
+    scores = np.concatenate([np.abs(rng.normal(0, 1, 99_000)), 5 + rng.pareto(0.6, 1000)])
+    clutter = sea.clutter_of(Tail.of(scores), [], [], 1.0, area=1.0)
+    threshold = clutter.threshold(1e-3)
+    assert threshold.method == "quantile"
+    assert "no mean" in threshold.notes[0]
+    assert threshold.pfa_achieved == pytest.approx(1e-3, rel=0.02)
+
+
+PORT = Path(__file__).parents[2].parent / "shared" / "data" / "real"
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not PORT.is_dir(), reason="the scenes of ports are not beside the project")
+@pytest.mark.parametrize("name", ["gdynia", "klang"])
+def test_requested_rates_hold_in_ports(name):
+    ships, water = (rasterio.open(PORT / name / f"{kind}.tif").read(1) > 0 for kind in ("ships", "water"))
+    image = np.stack([rasterio.open(PORT / name / f"B0{b}.tiff").read(1) for b in (2, 3, 4)]).astype(np.float32)
+    found = sea.score_scene(image, water, pfa=1e-3)
+    counted = np.isfinite(found.scores) & water & (cv2.dilate(ships.astype(np.uint8), np.ones((15, 15))) == 0)
+    assert 0.5 < (found.scores[counted] > found.threshold.value).mean() / 1e-3 < 2
+
+
+def test_an_object_is_found_where_little_glint_covers_it():
+    rng = np.random.default_rng(0)
+    glint = rng.gamma(0.3, 20, (300, 300)) * (np.arange(300) % 60 < 30)
+    image = 100 + rng.normal(0, 1, (3, 300, 300)) + glint * rng.normal(0, 1, (3, 300, 300))
+    image[:, 100:104, 40:44] += 8  # where there is no glint
+    nir = (50 + glint + rng.normal(0, 1, (300, 300)))[None]
+    classes = sea.region(np.ones((300, 300), bool), SeaRule(1.0))
+    ranks = []
+    for known in ((), (nir,)):
+        model = sea.fit([(image, classes)], pixel=1.0, nir=known)
+        scores = sea.score(image, classes, model, *known)
+        ranks.append((scores > scores[101:103, 41:43].max()).mean())
+    assert ranks[1] < 1e-4 < 1e-3 < ranks[0]
+    half = sea.score(image[:, :, :200], classes[:, :200], model, nir[:, :, :200])
+    np.testing.assert_allclose(half[:, :100], scores[:, :100], rtol=1e-3)
+
+
+SAMPLE = Path(__file__).parents[2] / "sample_data"
+
+
+def test_the_chain_of_the_readme_finds_what_it_promises(deglint, rxdetect, tmp_path):
+    """Of the 16 objects of the sample at a rate of 1e-4, as the README says."""
+    clean, scored = tmp_path / "deglinted.tif", tmp_path / "scores.tif"
+    assert deglint("remove", SAMPLE / "sea.tif", clean).code == 0
+    with rasterio.open(SAMPLE / "sea_objects.tif") as data:
+        objects = data.read(1)
+    found = []
+    for source in (SAMPLE / "sea.tif", clean):
+        assert rxdetect("score", source, scored, "--pfa", "1e-4", "--overwrite").code == 0
+        with rasterio.open(scored) as data:
+            scores = data.read(1)
+        threshold = json.loads(Path(f"{scored}.json").read_text())["threshold"]["value"]
+        found.append(len(set(objects[scores > threshold]) - {0}))
+    far = cv2.dilate((objects > 0).astype(np.uint8), np.ones((7, 7))) == 0
+    assert 0.5 < (scores[far] > threshold).mean() / 1e-4 < 2
+    promised = re.search(r"finds (\d+) of its (\d+) objects", (SAMPLE.parent / "README.md").read_text())
+    assert (found[1], objects.max()) == tuple(map(int, promised.groups()))
+    assert found[1] >= found[0]

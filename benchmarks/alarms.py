@@ -1,0 +1,108 @@
+"""Requested and observed false-alarm rates of scenes: `python -m benchmarks alarms [--directory DATA]`.
+
+Every scene is deglinted by default and scored by default. False alarms are counted over the pixels of the sea that have
+a score: of the hand-checked water where there is one, and farther than 7 pixels from labelled ships and other targets.
+Boats that nobody labelled are counted, too.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import rasterio
+
+from deglint import remove_glint
+from detect.pipeline import Recipe, score_file
+
+from .error import DATA
+from .ships import BANDS, PORTS
+from .timing import say
+
+RATES = (1e-3, 1e-4)
+NEAR = 15
+"""Side of the square that grows labels: the blur of a ship and its nearest wake are no false alarms [pixel]."""
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """A scene, and files of its targets and of its water."""
+
+    name: str
+    source: tuple[Path, ...]
+    targets: Path | None = None
+    water: Path | None = None
+
+
+def scenes(folder: Path) -> list[Labelled]:
+    """Every scene with labels that is there."""
+    found = []
+    for name in PORTS:
+        place = folder / "real" / name
+        bands = tuple(place / f"{b}.tiff" for b in BANDS)
+        found.append(Labelled(name, bands, place / "ships.tif", place / "water.tif"))
+    for name in ("casablanca", "honolulu"):
+        place = folder / "sentinel2"
+        found.append(Labelled(name, (place / f"{name}.tif",), place / f"{name}_ships.tif", place / f"{name}_water.tif"))
+    for path in sorted((folder / "simulated").glob("*_objects.tif")):
+        name = path.stem.removesuffix("_objects")
+        found.append(Labelled(name, (path.with_name(f"{name}.tif"),), path))
+    for name in ("sentinel2_w5", "p050_w9_60ms", "p124_w9_wv3", "p200_w9_wv3", "p300_w5_60ms"):
+        place = folder / "wide"
+        found.append(Labelled(name, (place / f"{name}.tif",), place / f"{name}_mask.tif"))
+    return [s for s in found if all(p.exists() for p in s.source)]
+
+
+def observed(scene: Labelled, scratch: Path) -> list[tuple[float, str, int]]:
+    """Observed over requested rate, the law of the threshold, and the false alarms expected, at each rate."""
+    clean = scratch / "clean.tif"
+    remove_glint([str(p) for p in scene.source], clean, overwrite=True)
+    out = []
+    for rate in RATES:
+        score_file(clean, scratch / "scores.tif", Recipe(pfa=rate), overwrite=True)
+        with rasterio.open(scratch / "scores.tif") as data:
+            scores = data.read(1)
+        counted = np.isfinite(scores) & ~_near(scene.targets, scores.shape)
+        if scene.water is not None:
+            counted &= _read(scene.water) > 0
+        said: dict[str, Any] = json.loads((scratch / "scores.tif.json").read_text())["threshold"]
+        share = float((scores[counted] > said["value"]).mean()) / rate
+        out.append((share, said["method"], round(rate * np.count_nonzero(counted))))
+    return out
+
+
+def _read(path: Path) -> npt.NDArray[Any]:
+    with rasterio.open(path) as data:
+        return np.asarray(data.read(1))
+
+
+def _near(targets: Path | None, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    if targets is None:
+        return np.zeros(shape, np.bool_)
+    grown = cv2.dilate((_read(targets) > 0).astype(np.uint8), np.ones((NEAR, NEAR), np.uint8))
+    return np.asarray(grown > 0)
+
+
+def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[list[str]]]]:
+    """Name, head and rows: one row a scene."""
+    found = scenes(directory or DATA)
+    if not found:
+        raise SystemExit("alarms: --directory names the folder that holds real/gdynia/ships.tif and the like.")
+    rows = []
+    for scene in found:
+        with tempfile.TemporaryDirectory() as scratch:
+            rows.append([scene.name, *(f"{s:.2f} ({law}, {n})" for s, law, n in observed(scene, Path(scratch)))])
+    yield "alarms", ("scene", *(f"{r:g}" for r in RATES)), rows
+
+
+def main(directory: Path | None) -> None:
+    """Print the table."""
+    for _name, head, rows in tables(directory):
+        say("Observed over requested false-alarm rate (law of the threshold, false alarms expected)", head, rows)

@@ -1,0 +1,178 @@
+"""What is done with one tile: read, mask, score, and count; and the highest scores of all tiles together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deglint.pipeline.overview import core_of
+from deglint.tiles import Tile
+
+from .. import sea
+from .. import threshold as cutting
+from ..lines import LineScorer
+from ..local import DEFICIENT, TOO_FEW, score_part
+from ..rx import Detector, score
+from ..threshold import Tail
+from .flags import Flags, flags_of, flags_of_sea
+from .mark import Places
+from .plan import Plan, Read, read
+from .sea_plan import read_nir, read_sea
+
+
+@dataclass
+class Tally:
+    """Pixels of the whole run."""
+
+    total: int = 0
+    masked_out: int = 0
+    not_valid: int = 0
+    scored: int = 0
+    deficient: int = 0
+    too_few: int = 0
+
+    def add(self, other: Tally) -> None:
+        """Add a tile's counts."""
+        for name in vars(self):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """One scored tile."""
+
+    scores: npt.NDArray[np.float32]
+    tally: Tally
+    tail: Tail | None = None
+    p_values: npt.NDArray[np.float32] | None = None
+    flags: Flags | None = None
+    beside: Places | None = None
+
+
+class Highest:
+    """The tail of all tiles, merged now and then; tiles need not send what lies below it."""
+
+    def __init__(self, keep: int) -> None:
+        self._whole, self._waiting = Tail(0, np.zeros(0, np.float32), keep), list[Tail]()
+        self.floor = -np.inf
+
+    def of(self, scores: npt.NDArray[np.float32]) -> Tail:
+        """The tail of a tile, less what cannot be among the highest any more."""
+        valid = int(np.count_nonzero(np.isfinite(scores)))
+        return replace(Tail.of(scores[scores >= self.floor], self._whole.keep), n=valid)
+
+    def add(self, tail: Tail) -> None:
+        """Take a tile's."""
+        self._waiting.append(tail)
+        if sum(len(t.values) for t in self._waiting) > self._whole.keep:
+            self.total()
+
+    def total(self) -> Tail:
+        """Of everything so far."""
+        self._whole = Tail.merge([self._whole, *self._waiting])
+        self._waiting = []
+        if len(self._whole.values) == self._whole.keep:
+            self.floor = float(self._whole.values[-1])
+        return self._whole
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """What scores over a normal background follow: degrees of freedom, and pixels that the statistics come from."""
+
+    bands: int
+    n: int
+
+
+@dataclass(frozen=True, eq=False)
+class Scoring:
+    """All that scoring a tile needs, as a function of the tile; shared by the threads. Only `lines` remembers."""
+
+    plan: Plan
+    ready: Detector | None
+    law: Law | None
+    highest: Highest | None
+    want_p: bool
+    want_flags: bool = False
+    reader: Read = read
+    lines: LineScorer | None = None
+
+    def __call__(self, tile: Tile) -> Scored:
+        """Read a tile, score it, and count."""
+        plan, states = self.plan, None
+        if plan.sea is not None:
+            return self._of_sea(tile)
+        if plan.rule is not None:
+            scores, block, mask, states = self._of_rings(tile)
+        else:
+            mask = plan.mask.read(tile)
+            block = self.reader(plan.scene, tile, plan.bands)
+            if self.lines is not None:
+                scores = self._of_lines(block, mask)
+            else:
+                assert self.ready is not None
+                scores = score(block, self.ready, mask)
+        found = scores.astype(np.float32, copy=False)
+        p_values = None
+        if self.want_p and self.law:
+            p_values = cutting.fast_p_value(found, self.law.bands, self.law.n).astype(np.float32)
+        tail = None if self.highest is None else self.highest.of(found)
+        flags = None
+        if self.want_flags:
+            area = None if plan.area is None else plan.area.read(tile.window)
+            flags = flags_of(block, mask, area, states)
+        return Scored(found, _count(found, mask, states), tail, p_values, flags)
+
+    def _of_rings(self, tile: Tile) -> tuple[npt.NDArray[Any], npt.NDArray[Any], Any, npt.NDArray[np.uint8]]:
+        """Scores of local RX, and the pixels, mask and states that they come from."""
+        plan = self.plan
+        assert plan.rule is not None
+        outer = tile.grown(plan.rule.halo, plan.scene.height, plan.scene.width)
+        mask = plan.mask.read(outer)
+        states = np.zeros(tile.shape, np.uint8)
+        block = read(plan.scene, outer, plan.bands)
+        scores = score_part(block, plan.rule, (outer.row0, outer.col0), tile.window, mask, flags=states)
+        core = core_of(tile.crop_of(outer), block.shape[1:])
+        return scores, block[(slice(None), *core)], None if mask is None else mask[core], states
+
+    def _of_lines(self, block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.float32]:
+        """Scores line by line: the only work whose order matters, so that one thread does it."""
+        assert self.lines is not None
+        if mask is not None:
+            block = np.where(mask, block, np.nan)
+        return np.stack([self.lines.score(line) for line in block.swapaxes(0, 1)])
+
+    def _of_sea(self, tile: Tile) -> Scored:
+        """The same of a tile of sea, with the classes of its pixels."""
+        plan = self.plan
+        assert plan.sea is not None
+        assert plan.sea.model is not None
+        outer = tile.grown(plan.sea.halo, plan.scene.height, plan.scene.width)
+        block, classes = read_sea(plan, outer, plan.bands)
+        core = core_of(tile.crop_of(outer), classes.shape)
+        nir = read_nir(plan, outer) if plan.sea.model.glint is not None else None
+        scores = sea.score(block, classes, plan.sea.model, nir)[core]
+        classes, valid = classes[core], np.isfinite(block[(slice(None), *core)]).all(axis=0)
+        tail = None
+        if self.highest is not None:
+            tail = self.highest.of(np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores))
+        flags = flags_of_sea(valid, classes) if self.want_flags else None
+        tally = Tally(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
+        tally.not_valid = int(np.count_nonzero(~valid))
+        tally.masked_out = tally.total - tally.scored - tally.not_valid
+        rows, columns = np.nonzero((classes == sea.ALONGSIDE) & np.isfinite(scores))
+        beside = rows + tile.row0, columns + tile.col0, scores[rows, columns]
+        return Scored(scores, tally, tail, None, flags, beside)
+
+
+def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
+    tally = Tally(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
+    tally.masked_out = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
+    if states is not None:
+        tally.deficient = int(np.count_nonzero(states == DEFICIENT))
+        tally.too_few = int(np.count_nonzero(states == TOO_FEW))
+    tally.not_valid = tally.total - tally.masked_out - tally.scored - tally.too_few
+    return tally
