@@ -28,7 +28,7 @@ from ..remove.further import more_references
 from ..remove.noise import spread
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
-from .log import log_choice, log_model, log_nir, log_sample, log_scene, log_water
+from .log import log_choice, log_compensation, log_model, log_nir, log_sample, log_scene, log_water
 from .overview import TILE_SIDE, Overview, check_size, core_of, overviews, role_bands, where_to_sample
 from .recipe import Recipe, make_request, smallest_object
 from .sample import Sampler, Training, sampler_of, some, strips_finder, strips_of_footprints, tiles_of, training_reader
@@ -206,6 +206,7 @@ def _fit(job: _Job) -> Fitted:
         notes += choice.lines()
         log_choice(choice)
     method = "wiener" if method == "auto" else method
+    log_compensation(text)
     chain = Chain()
     if method == "copy":
         model, sample, outline = _nothing(job.request, choice), None, None
@@ -250,13 +251,16 @@ def _setting(job: _Job) -> Setting:
     return Setting(job.scene.bands, nir, psfs)
 
 
-def _training(job: _Job, sampler: Sampler | None, halo: int, places: Sequence[Tile] | None = None) -> list[Training]:
+def _training(
+    job: _Job, sampler: Sampler | None, halo: int, places: Sequence[Tile] | None = None, *, quiet: bool = False
+) -> list[Training]:
     """Tiles to learn from, in memory."""
     if places is None:
         places = tiles_of(job.scene, sampler) if sampler is not None else some(job.overview.tiles)
     at_once = tiling.affordable(job.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(job.scene.bands))
     read = training_reader(job.scene, job.overview, sampler, halo)
-    return [t for _p, t in tiling.run(places, read, threads=at_once, start=enter_thread, progress=job.note())]
+    note = None if quiet else job.note()
+    return [t for _p, t in tiling.run(places, read, threads=at_once, start=enter_thread, progress=note)]
 
 
 def _sample_of(training: Sequence[Training]) -> Sample:
@@ -300,9 +304,9 @@ def fit_pointwise(method: str, request: FitRequest, images: Sequence[Any], insid
 def _chosen(job: _Job, sampler: Sampler | None) -> Choice:
     """Try candidate recipes on sample tiles: those parts of the overview that hold most water."""
     places = tiles_of(job.scene, sampler) if sampler is not None else some(job.overview.tiles)
-    parts = [part for t in _training(job, sampler, 0, places) for part in _parts(t)]
+    parts = [part for t in _training(job, sampler, 0, places, quiet=True) for part in _parts(t)]
     most = sorted(parts, key=lambda p: -p[1])[:TRIED]
-    training = _training(job, sampler, TRIED_HALO, [tile for tile, _water in most])
+    training = _training(job, sampler, TRIED_HALO, [tile for tile, _water in most], quiet=True)
     pixel = pixel_size(job.scene)
     width, fine = smallest_object(job.recipe.smallest_object, pixel), pixel is not None and pixel < COARSE
 

@@ -68,6 +68,11 @@ def log_choice(choice: Choice) -> None:
     why(others)
 
 
+def log_compensation(chain: str) -> None:
+    """The stages around the removal."""
+    log.info("compensation: %s", "none" if chain == "off" else chain)
+
+
 def log_sample(pixels: int, place: str) -> None:
     """What the method was fitted to."""
     log.info("sample: %d pixels, %s", pixels, place)

@@ -145,7 +145,8 @@ def training_reader(
     halo : int
     """
     rule, every = overview.water, list(range(len(scene.bands)))
-    reach = 0 if rule is None or (sampler is not None and not halo) else rule.halo
+    named = rule is None or (sampler is not None and not halo)
+    reach = 0 if rule is None or named else rule.halo
 
     def work(tile: Tile) -> Training:
         outer = tile.grown(halo, scene.height, scene.width)
@@ -153,7 +154,7 @@ def training_reader(
         read = scene.source.read(wide.window, every)
         place = place_in(outer, wide)
         block, found = np.ascontiguousarray(read[place]), np.ones(outer.shape, np.bool_)
-        if rule is not None and reach + halo:
+        if rule is not None and not named:
             found = np.ascontiguousarray(water([read[b] for b in role_bands(overview.roles)], rule)[place[1:]])
         core = core_of(tile.crop_of(outer), outer.shape)
         if sampler is None:
