@@ -93,7 +93,7 @@ def test_a_sea_without_glint_is_copied(write, tmp_path):
     assert fitted.choice is not None
     assert fitted.choice.best.method == "copy"
     assert not fitted.model.fits
-    assert "least expected error" in fitted.model.warnings[0]
+    assert "Nothing was corrected" in fitted.model.warnings[0]
 
 
 def test_nothing_is_tried_where_the_user_has_chosen(sea, write, tmp_path):

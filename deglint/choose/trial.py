@@ -21,6 +21,9 @@ WATER = 10.0
 """Percentile of a band over the sample that is taken for the water without glint, as the unit of contrasts [%]."""
 ALIKE = 1.05
 """Of candidates whose expected errors are no larger than this times the least the first is taken, which is plainest."""
+WORTH = 0.7
+"""Share of the error of a copy that the best candidate must stay below, else the scene is copied: expected errors are
+known to about a third."""
 LARGEST_DISC = 16.0
 """Width of the widest disc that is implanted [pixel]: wider ones outlast every window that is tried."""
 LEAST_PIXELS = 2000
@@ -90,7 +93,7 @@ class Choice:
         """Why nothing is corrected, where the best is to copy."""
         others = [t for t in self.trials if t.candidate.method != "copy"]
         if not others:
-            return "no method could be fitted to the sample"
+            return (self.failed or {}).get("wiener", "no candidate could be tried").removesuffix(". Nothing was corrected.")
         least, trial = min(others, key=lambda t: t.error), self.trial
         own = float("nan") if trial is None else trial.error
         return (
@@ -187,6 +190,8 @@ def choose(
     )
     trials = [replace(t, error=float(e)) for t, e in zip(trials, errors, strict=True)]
     best = next(t for t in trials if t.error <= ALIKE * errors.min())
+    copy = trials[0]
+    best = best if best.error < WORTH * copy.error else copy
     return Choice(best.candidate, tuple(trials), failed, min(width, LARGEST_DISC))
 
 
