@@ -217,7 +217,7 @@ def test_two_runs_to_one_output_leave_the_files_of_one(sea, write, tmp_path):
 
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(run, range(12)))
-    from deglint.raster.checksum import fingerprint
+    from deglint.checksum import fingerprint
 
     said = json.loads((tmp_path / "out.tif.json").read_text())["batch"]["outputs"]
     assert said == {name: fingerprint(tmp_path / name) for name in ("out.tif", "f.tif")}

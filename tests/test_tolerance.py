@@ -22,7 +22,7 @@ PLAIN = {"method": "joyce", "sample": "all", "mask": "none", "compensate": "off"
 @pytest.fixture
 def small(monkeypatch):
     """A first batch of six squares in place of eight, so that small scenes do."""
-    monkeypatch.setattr(module, "LOOK_PIXELS", 6 * module.LOOK_SIDE**2)
+    monkeypatch.setattr(module, "OVERVIEW_PIXELS", 6 * module.TILE_SIDE**2)
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def test_same_for_any_blocks_and_threads(scene):
 
 
 def test_single_pixels_are_kept_of_every_batch_alike(monkeypatch, scene):
-    monkeypatch.setattr(module, "LOOK_PIXELS", 6 * module.LOOK_SIDE**2)
+    monkeypatch.setattr(module, "OVERVIEW_PIXELS", 6 * module.TILE_SIDE**2)
     monkeypatch.setattr(module, "KEPT_PIXELS", 100_000)
     kept = []
     fit = METHODS["joyce"].fit
@@ -120,15 +120,10 @@ def test_an_automatic_sample_is_looked_for_in_more_of_the_scene(sea, write, tmp_
     assert fitted.model.fits[0].n > 2 * usual.model.fits[0].n
 
 
-def test_several_references_after_a_chain(sea, write, tmp_path):
-    path = write(tmp_path / "in.tif", sea(512, 512))
-    stages = "normalise, remove"
-    recipe = Recipe("multiband", compensate=stages, tolerance=0.02, sample="all", mask="none")
-    fitted = fit_scene(open_scene(path), recipe)
-    assert fitted.chain.runs
-    numbers = fitted.numbers["sample"]["tolerance"]
-    assert numbers["met"], numbers
-    assert 40 < numbers["effective_cells"] <= 64
+@pytest.mark.parametrize("options", [{}, {"method": "multiband", "compensate": "normalise, remove"}])
+def test_a_tolerance_is_for_one_method_without_stages(options):
+    with pytest.raises(InputError, match="tolerance.*--method"):
+        Recipe(**options, tolerance=0.02)
 
 
 def test_clumps_are_not_believed(sea, write, tmp_path):

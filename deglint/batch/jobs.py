@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DeglintError, InputError
-from ..raster.checksum import are_as, is_as
+from ..checksum import are_as, is_as
 from ..raster.environment import environment
 from ..raster.targets import check_unread
 from ..readers.scenes import ListedScene

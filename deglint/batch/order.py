@@ -14,7 +14,7 @@ from typing import Any, get_type_hints
 from ..errors import InputError
 from ..pipeline.outputs import DTYPES
 from ..pipeline.recipe import Recipe
-from ..raster.checksum import fingerprints
+from ..checksum import fingerprints
 from ..readers.scenes import checked_name
 from ..readers.text import read_text
 

@@ -93,7 +93,8 @@ class Choice:
         """Why nothing is corrected, where the best is to copy."""
         others = [t for t in self.trials if t.candidate.method != "copy"]
         if not others:
-            return (self.failed or {}).get("wiener", "no candidate could be tried").removesuffix(". Nothing was corrected.")
+            why = (self.failed or {}).get("wiener", "no candidate could be tried")
+            return why.removesuffix(". Nothing was corrected.")
         least, trial = min(others, key=lambda t: t.error), self.trial
         own = float("nan") if trial is None else trial.error
         return (

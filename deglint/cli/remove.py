@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..raster.checksum import begin_checksum
+from ..checksum import begin_checksum
 from .console import Console
 from .grouped import SETTINGS, Grouped
 from .options import (

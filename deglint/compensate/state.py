@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import FitError
+from ..errors import FitError, InputError
 from ..scene import Band
 from .psf import PSF
 
@@ -69,7 +69,13 @@ class State:
         """A state for a block; what is not valid water takes the value of the nearest that is."""
         valid = np.isfinite(block).all(axis=0)
         water = valid if water is None else water & valid
-        image = filled(np.asarray(block, np.float32), water)
+        with np.errstate(over="ignore"):
+            image = filled(np.asarray(block, np.float32), water)
+        if np.isinf(image).any():
+            raise InputError(
+                f"numbers reach {np.nanmax(np.abs(block)):.3g}, and compensation computes in float32, up to 3.4e+38. "
+                "Bring them to other units, mark what is not valid as nodata, or compensate off."
+            )
         return cls(image, image, water, origin=origin)
 
 

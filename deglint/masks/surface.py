@@ -157,21 +157,6 @@ def brightness(nir: FloatArray, rule: WaterRule) -> tuple[BoolArray, BoolArray]:
     return np.asarray(nir > rule.threshold), ~np.isfinite(nir)
 
 
-def near_water(nir: FloatArray, rule: WaterRule, reach: int) -> BoolArray | None:
-    """Pixels within `reach` rows and columns of one whose NIR is that of water; None for all.
-
-    Sparkle is bright, but no water is so bright that none around it is dark: beyond these there is none under sparkle.
-    """
-    if rule.all_water:
-        return None
-    dark = np.asarray(nir <= nir.dtype.type(rule.threshold))
-    if dark.all():
-        return None
-    import cv2
-
-    return np.asarray(cv2.dilate(dark.view(np.uint8), _square(2 * reach + 1)).view(np.bool_))
-
-
 def opened(bright: BoolArray, missing: BoolArray, window: int) -> BoolArray:
     """Bright pixels in a square of `window` bright pixels that lies in the image: what is not water.
 

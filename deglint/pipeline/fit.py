@@ -14,6 +14,7 @@ import numpy.typing as npt
 from .. import tiles as tiling
 from ..checks import check_kind, checked_keywords
 from ..choose import Choice, choose
+from ..choose.trial import LEAST_PIXELS
 from ..compensate import Background, Chain, FitRemoval, Sample, Setting, State, fit_chain, system_psf, typical_psf
 from ..errors import FitError, NoWaterError
 from ..masks import WaterRule
@@ -335,7 +336,8 @@ def _without_ships(job: _Job, sample: Sample) -> Sample:
     erasing ships. Not where pixels resolve sparkle, which does so, too."""
     import cv2
 
-    if job.overview.water is None or job.overview.water.window > 1:
+    few = sum(int(m.sum()) for m in sample.inside) < LEAST_PIXELS
+    if few or job.overview.water is None or job.overview.water.window > 1:
         return sample
     side, square = (LOCAL_MEAN,) * 2, np.ones((2 * SHIP_EDGE + 1,) * 2, np.uint8)
     inside = list(sample.inside)
@@ -391,7 +393,7 @@ def _fit_sampled(
     job: _Job, given: Sampler | None, method: str
 ) -> tuple[GlintModel, dict[str, Any], dict[str, Any] | None]:
     """A method of single pixels, by one pass over its sample."""
-    scene, request = job.scene, job.request
+    scene, request, outlined = job.scene, job.request, job.want_sample
     sampler = given or sampler_of(scene, job.recipe, job.overview, job.threads)
     plan = METHODS[method].plan(request)  # type: ignore[misc]
     sampling = Sampling(scene, sampler, request, method, plan, job.recipe.tolerance)
@@ -408,7 +410,7 @@ def _fit_sampled(
         mask, block = mask[inner], block[(slice(None), *inner)][rows]
         part = gather(block, mask, plan, origin=(tile.row0, tile.col0), crop=tile.crop_of(middle))
         mask = mask[core_of(tile.crop_of(middle), mask.shape)]
-        return part, _box(mask, tile), to_geojson(mask, (tile.row0, tile.col0), scene) if job.want_sample else []
+        return part, _box(mask, tile), to_geojson(mask, (tile.row0, tile.col0), scene) if outlined else []
 
     features, boxes = [], []
     at_once = tiling.affordable(job.threads, sampling.largest, 4 * len(columns))  # statistics take several copies

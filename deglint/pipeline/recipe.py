@@ -113,7 +113,9 @@ class Recipe:
             raise InputError(
                 f"tolerance is a relative standard error, more than 0 and less than 1, got {self.tolerance}."
             )
-        if self.method != "auto" and METHODS[self.method].weights is None:
+        if self.chain != "off":
+            raise InputError("a tolerance is for a method without compensation: name a --method, and no --compensate.")
+        if METHODS[self.method].weights is None:
             raise InputError(f"{self.method} fits no slopes, so their error is not known: leave out --tolerance.")
         if self.regression in ("huber", "theil-sen"):
             raise InputError(

@@ -17,7 +17,7 @@ from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL as STRIP_CELL
-from ..raster.checksum import Checksum, fingerprint
+from ..checksum import Checksum, fingerprint
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, write_json, write_text
 from ..raster.targets import Reads, check_image, check_targets

@@ -17,7 +17,7 @@ from ..remove import GlintModel
 from ..scene import Scene
 
 if TYPE_CHECKING:
-    from ..raster.checksum import Checksum
+    from ..checksum import Checksum
     from .fit import Fitted
     from .outputs import Outputs, Tally
 

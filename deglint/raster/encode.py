@@ -74,8 +74,6 @@ def encode(
     nodata: float | None = None,
     flags: npt.NDArray[np.uint8] | None = None,
     marks: tuple[int, int] = (0, 0),
-    least: npt.NDArray[np.float64] | None = None,
-    compiled: bool = False,
 ) -> Counts:
     """Put corrected values into `raw`, in its type.
 
@@ -95,10 +93,6 @@ def encode(
         Number that says "not valid" in the file: no corrected value is left on it.
     flags : (row, column) uint8 ndarray, optional
         Gets `marks[0]` where a value is negative and `marks[1]` where one is clipped.
-    least : (bands,) float64 ndarray, optional
-        Least value of each band, where that is known: one that is not negative is not looked for.
-    compiled : bool
-        Use compiled code where there is some; for callers that have loaded numba anyway.
 
     Returns
     -------
@@ -109,11 +103,6 @@ def encode(
     Integers are rounded to nearest (ties to even) and saturate at the ends of their type.
     """
     counts = Counts(np.zeros(len(raw), np.int64), np.zeros(len(raw), np.int64))
-    if compiled and flags is None and raw.dtype.kind in "iu" and raw.dtype.itemsize <= 2:
-        for b in bands:
-            found = _put_compiled(physical[b], raw[b], where, scales[b], offsets[b], nodata)
-            counts.negative[b], counts.clipped[b] = found
-        return counts
     in_place = np.shares_memory(raw, physical)
     rows = max(1, _SLAB // max(raw.shape[2], 1))
     for top in range(0, raw.shape[1], rows):
@@ -124,7 +113,7 @@ def encode(
             if not in_place:
                 outside = _put(values, raw[b, part], asked, scales[b], offsets[b])
             outside = _off_nodata(raw[b, part], values, asked, nodata, outside)
-            lowest = values.min(initial=0) if least is None else least[b]
+            lowest = values.min(initial=0)
             if not lowest >= 0:  # or some is no number
                 below = values < 0 if asked is None else (values < 0) & asked
                 counts.negative[b] += np.count_nonzero(below)
@@ -135,19 +124,6 @@ def encode(
                 if flags is not None:
                     flags[part][outside] |= marks[1]
     return counts
-
-
-def _put_compiled(
-    values: FloatArray, raw: npt.NDArray[Any], where: Mask | None, scale: float, offset: float, nodata: float | None
-) -> tuple[int, int]:
-    """Store a band of small whole numbers; return how many were negative, and how many clipped."""
-    from ._encode_kernels import put
-
-    may = np.empty((0, 0), np.bool_) if where is None else np.ascontiguousarray(where)
-    avoided = float("nan") if nodata is None else float(nodata)
-    found = put(np.ascontiguousarray(values), may, float(scale), float(offset), *_range(raw.dtype), avoided,
-                _beside(avoided, raw.dtype), raw)  # fmt: skip
-    return int(found[0]), int(found[1])
 
 
 def _beside(nodata: float, dtype: np.dtype[Any]) -> float:

@@ -1,7 +1,7 @@
 """The files behind a name: all that GDAL reads when it opens a raster, sources of VRTs at any depth among them.
 
 One walk serves three purposes: outputs never replace a file that is read (`deglint.raster.targets`), an input is known
-again by all of its files (`deglint.raster.checksum`), and a raster from somebody else reads nothing outside its own
+again by all of its files (`deglint.checksum`), and a raster from somebody else reads nothing outside its own
 folder.
 """
 

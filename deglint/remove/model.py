@@ -324,36 +324,6 @@ def apply(
     return out
 
 
-def apply_compiled(block: npt.NDArray[np.float32], model: GlintModel) -> None:
-    """`apply` to all of a block of float32, in place, on one thread: the same to the bit, and several times as fast.
-
-    For callers that have loaded numba anyway.
-
-    Parameters
-    ----------
-    block : (band, row, column) float32 ndarray
-        In one piece.
-    model : GlintModel
-    """
-    from ._model_kernels import subtract
-
-    most = max(len(i.bands) for i in model.indexes)
-    bands, weights = np.full((len(model.indexes), most), -1, np.int64), np.zeros((len(model.indexes), most))
-    for n, index in enumerate(model.indexes):
-        bands[n, : len(index.bands)], weights[n, : len(index.bands)] = index.bands, index.weights
-    levels, slopes = np.array([i.level for i in model.indexes]), np.array([f.slope for f in model.fits])
-    targets, follows = (np.array([getattr(f, name) for f in model.fits], np.int64) for name in ("band", "index"))
-    subtract(block, bands, weights, levels, slopes, targets, follows)
-
-
-def removed(block: FloatArray, model: GlintModel) -> FloatArray:
-    """What `apply` makes of all of a block, which is overwritten where that is faster."""
-    if model.halo or block.dtype != np.float32 or not block.flags.c_contiguous:
-        return apply(block, model)
-    apply_compiled(block, model)
-    return block
-
-
 def _subtract(block: FloatArray, out: FloatArray, model: GlintModel, where: npt.NDArray[np.bool_] | None) -> None:
     """Correct a few rows, in float64, rounding once."""
     above = [_above_level(block, index) for index in model.indexes]

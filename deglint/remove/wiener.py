@@ -43,12 +43,12 @@ from .detrend import SIZE as LOCAL_MEAN
 from .detrend import detrend
 from .kernels import SUPPORTS, WITH_SWIR, WORTH, BandSet, KernelFit, fit_kernels, joined
 from .lags import LagGrams, gather, merge, offsets
-from .levels import apart_from_sparkle, even_share, shared_level, shared_level_error
+from .levels import apart_from_sparkle, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
 from .predict import bordered, predicted
 from .reference import FACTOR, LEAST_WATER, QUARTILE, ReferenceRule, clean, fit_reference
-from .request import EVEN, FitRequest
+from .request import FitRequest
 from .strips import LEAST as LEAST_SQUARES
 from .strips import Strips, find_kernels, second_kind
 
@@ -205,21 +205,6 @@ def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES:
         return [list(grams)]
     return [[g.some(second == kind) for g in grams] for kind in (False, True)]
-
-
-def without_even(model: GlintModel, request: FitRequest, tiles: Sequence[SampleTile]) -> GlintModel:
-    """The model without its fits, where what it would remove lies evenly about its median.
-
-    For pixels so fine that sparkle is resolved and none was found: glint is skewed there, and what the bands share
-    evenly is the sky that waves mirror, which belongs to the image.
-    """
-    rules = {r.band: r for r in model.references}
-    learnt = [_learnt(tile, request, rules) for tile in tiles]
-    strength = [np.mean(_predictions(model, t), axis=0)[t.sample] for t in learnt]
-    share = even_share(np.concatenate(strength))
-    if share <= EVEN:
-        return model
-    return _nothing(model, f"{min(share, 1):.0%} of what would be removed lies evenly, as mirrored sky does")
 
 
 def _nothing(model: GlintModel, why: str) -> GlintModel:

@@ -20,7 +20,7 @@ from deglint.cli.options import (
     on_cluster,
     opening,
 )
-from deglint.raster.checksum import begin_checksum
+from deglint.checksum import begin_checksum
 
 # The keys of detect.pipeline.recipe's tables, which --help must not wait for; a test holds them equal.
 METHOD_NAMES = ("auto", "sea", "lines", "rx", "local", "utd", "rx-utd", "subspace", "residual")

@@ -20,7 +20,7 @@ from deglint.errors import InputError, NoWaterError
 from deglint.pipeline.cluster import Cluster, writing_images
 from deglint.pipeline.log import log_scene
 from deglint.pipeline.overview import raster_of
-from deglint.raster.checksum import Checksum
+from deglint.checksum import Checksum
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from deglint import __version__
 from deglint.errors import DeglintError
 from deglint.pipeline.sidecar import versions
-from deglint.raster.checksum import Checksum
+from deglint.checksum import Checksum
 from deglint.readers.text import read_json
 
 from ..background import Background

@@ -9,7 +9,7 @@ from typing import Any
 
 from deglint import __version__
 from deglint.pipeline.sidecar import versions
-from deglint.raster.checksum import Checksum
+from deglint.checksum import Checksum
 
 from .evaluate import Request
 

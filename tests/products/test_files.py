@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from deglint.raster.checksum import Checksum, are_as
+from deglint.checksum import Checksum, are_as
 from deglint.readers.products import files_of
 
 

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ..errors import ReadError
+from .errors import ReadError
 
 _CHUNK = 4 << 20
 """Bytes read at a time: a piece should take as long as Python lets another thread work before it asks."""
@@ -114,7 +114,7 @@ def begin_checksum(paths: Sequence[str]) -> None:
 
 def behind(names: Sequence[str]) -> tuple[str, ...]:
     """All files behind some names; what cannot be read stands for itself."""
-    from .files import files_behind
+    from .raster.files import files_behind
 
     return files_behind(names)
 
