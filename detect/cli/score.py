@@ -104,7 +104,8 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
     type=FILE,
     default="",
     metavar="FILE|WINDOW",
-    help="What pixels are compared with: polygons (GeoJSON), a mask raster (not 0), a window column,row,width,height, or a saved "
+    help="What pixels are compared with: polygons (GeoJSON), a mask raster (not 0), a window "
+    "column,row,width,height, or a saved "
     "background.",
     show_default="every valid pixel",
 )
