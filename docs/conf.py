@@ -16,7 +16,7 @@ extensions = [
     "myst_parser", "numpydoc", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx_click",
     "sphinx_gallery.gen_gallery",
 ]  # fmt: skip
-include_patterns = ["index.md", "start.md", "qgis.md", "dependencies.md", "reference/**", "tutorials/**"]
+include_patterns = ["*.md", "reference/**", "tutorials/**"]
 html_theme = "pydata_sphinx_theme"
 html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False, "footer_start": ["copyright"]}
 html_sourcelink_suffix = ""

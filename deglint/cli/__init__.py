@@ -14,7 +14,7 @@ from . import running
 COMMANDS = {
     "remove": "remove glint from a raster",
     "batch": "remove glint from many rasters, and go on where it was stopped",
-    "info": "say what a raster is and what it needs",
+    "info": "say what a raster is, and what candidates would do to it",
     "plan": "say where to look from, before flying, to avoid glint",
     "simulate": "make a synthetic scene of the sea, with its truth",
 }

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     "--method",
     type=click.Choice(["auto", *METHOD_NAMES]),
     default="auto",
-    help="How to remove glint; auto takes wiener, or multiband after compensation.",
+    help="How to remove glint; auto: the candidate with the least expected error on sample tiles.",
 )
 @click.option(
     "--sample",
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     type=FileName("auto", "thesis", "off"),
     default="auto",
     metavar="auto|thesis|off|STAGES",
-    help="What to do about band delays before the removal: what the scene needs (auto), "
+    help="Stages around the removal, for glint that the NIR does not predict: those of the best candidate (auto), "
     "the chain of the thesis, nothing (off), or stages such as 'psf:2, identify-level:13, replace-level, remove'.",
 )
 @click.option(

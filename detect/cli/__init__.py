@@ -11,7 +11,7 @@ from deglint import __version__
 from deglint.cli import running
 
 COMMANDS = {
-    "score": "score every pixel by how little it belongs, and mark objects",
+    "score": "score how anomalous every pixel is, and mark objects",
     "roc": "compare scores with truth: ROC curves, tables, a report",
     "bench": "measure run time, error and digits: a report; compare two of them",
 }
@@ -22,7 +22,7 @@ COMMANDS = {
 )
 @click.version_option(__version__, "--version", prog_name="rxdetect")
 def cli() -> None:
-    """Find what does not belong in an image, and say how well it was found.
+    """Find anomalies in an image, and measure how well they are found.
 
     \b
     rxdetect score clean.tif scores.tif --pfa 1e-4 --objects found.geojson

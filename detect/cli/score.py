@@ -104,7 +104,8 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
     type=FILE,
     default="",
     metavar="FILE|WINDOW",
-    help="What belongs: polygons (GeoJSON), a mask raster (not 0), a window column,row,width,height, or a saved "
+    help="What pixels are compared with: polygons (GeoJSON), a mask raster (not 0), a window "
+    "column,row,width,height, or a saved "
     "background.",
     show_default="every valid pixel",
 )
@@ -205,7 +206,7 @@ def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[flo
 @on_cluster
 @common
 def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
-    """Score every pixel of IN by how little it belongs, and write OUT, a GeoTIFF of one float32 band.
+    """Score how anomalous every pixel of IN is, and write OUT, a GeoTIFF of one float32 band.
 
     Scores of sea are distances from the water around, in standard deviations; all others are squared Mahalanobis
     distances: about the number of bands where nothing is odd. Pixels that are not valid are NaN. OUT.json beside OUT
