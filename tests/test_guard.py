@@ -13,8 +13,8 @@ import rasterio.shutil
 from deglint import Recipe, remove_glint
 from deglint.batch.jobs import jobs_of, state_of
 from deglint.batch.order import read_order
-from deglint.errors import InputError, ReadError
 from deglint.checksum import Checksum, are_as
+from deglint.errors import InputError, ReadError
 from deglint.raster.files import files_behind
 from deglint.raster.targets import check_targets
 from deglint.readers.scenes import list_scenes

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import DeglintError, InputError
 from ..checksum import are_as, is_as
+from ..errors import DeglintError, InputError
 from ..raster.environment import environment
 from ..raster.targets import check_unread
 from ..readers.scenes import ListedScene

@@ -11,10 +11,10 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from ..checksum import fingerprints
 from ..errors import InputError
 from ..pipeline.outputs import DTYPES
 from ..pipeline.recipe import Recipe
-from ..checksum import fingerprints
 from ..readers.scenes import checked_name
 from ..readers.text import read_text
 

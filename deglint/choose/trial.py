@@ -14,7 +14,7 @@ from ..errors import FitError
 from ..remove.levels import even_share
 from ..remove.request import EVEN
 from .candidates import Candidate, candidates
-from .implants import SCALES, Float32, Implants, gains, implants
+from .implants import SCALES, Float32, Implants, Mask, gains, implants
 from .score import expected_errors, powers
 
 WATER = 10.0
@@ -26,6 +26,8 @@ WORTH = 0.7
 known to about a third."""
 LARGEST_DISC = 16.0
 """Width of the widest disc that is implanted [pixel]: wider ones outlast every window that is tried."""
+BESIDE = 5
+"""Pixels around targets by which candidates are not judged: their blur, and what windows of textures reach [pixel]."""
 LEAST_PIXELS = 2000
 """Pixels of water below which nothing is tried: texture is not known."""
 
@@ -168,13 +170,14 @@ def choose(
         return Choice(Candidate("wiener", "wiener"), width=width)
     unit = _unit(sample, correct, len(setting.bands))
     level = np.where(np.isfinite(unit), unit, _levels(sample, len(setting.bands))).astype(np.float32)
-    added = [implants(s.image.shape[1:], setting.bands, level, width, n) for n, s in enumerate(sample.states)]
+    disc = min(width, LARGEST_DISC)
+    added = [implants(s.image.shape[1:], setting.bands, level, disc, n) for n, s in enumerate(sample.states)]
     marked = replace(sample, states=tuple(_with(s, a) for s, a in zip(sample.states, added, strict=True)))
     clump = clump_width(sample, setting.nir[0])
 
-    def work(candidate: Candidate) -> Trial | str:
+    def work(candidate: Candidate) -> _Run | str:
         try:
-            return _tried(candidate, sample, marked, added, setting, removal, unit, fine=fine)
+            return _run(candidate, sample, marked, setting, removal, unit if fine else None)
         except FitError as error:
             return str(error)
 
@@ -183,7 +186,12 @@ def choose(
     failed = {c.name: why for c, why in zip(todo, done, strict=True) if isinstance(why, str)}
     if "wiener" in failed:  # nothing tests the slopes of a method of one pixel
         failed["hedley"] = "the bands share no glint"
-    trials = [t for t in done if isinstance(t, Trial) and t.candidate.name not in failed]
+    runs = {c: r for c, r in zip(todo, done, strict=True) if isinstance(r, _Run) and c.name not in failed}
+    inside = _without_targets(sample, list(runs.values()))
+    trials = [
+        Trial(c, tuple(powers(r.images, inside, unit).tolist()), gains(r.responses, added, inside, unit))
+        for c, r in runs.items()
+    ]
     errors = expected_errors(
         np.array([t.power for t in trials]),
         np.array([t.signals for t in trials]),
@@ -193,36 +201,56 @@ def choose(
     best = next(t for t in trials if t.error <= ALIKE * errors.min())
     copy = trials[0]
     best = best if best.error < WORTH * copy.error else copy
-    return Choice(best.candidate, tuple(trials), failed, min(width, LARGEST_DISC))
+    return Choice(best.candidate, tuple(trials), failed, disc)
 
 
-def _tried(
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """What a candidate made of the tiles, how that changes with the signals, and where it recognised targets."""
+
+    images: list[Float32]
+    responses: list[Float32]
+    targets: list[Mask]
+
+
+def _run(
     candidate: Candidate,
     sample: Sample,
     marked: Sample,
-    added: Sequence[Implants],
     setting: Setting,
     removal: Callable[[str], FitRemoval],
-    unit: Float32,
-    *,
-    fine: bool,
-) -> Trial:
-    """Fit and run a candidate with and without the signals."""
+    fine: Float32 | None,
+) -> _Run:
+    """Fit and run a candidate with and without the signals; `fine` is the unit of the bands, where pixels are."""
     if candidate.method == "copy":
         images, others = ([s.image for s in some.states] for some in (sample, marked))
-    else:
-        chain = "remove" if candidate.chain == "off" else candidate.chain
-        fitted = fit_chain(chain, sample, setting, removal(candidate.method))
-        if not fitted.model.fits and not fitted.chain.replaces:
-            raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
-        if fine and not fitted.chain.replaces:
-            _refuse_even(fitted, unit)
-        if not all(getattr(stage, "resolved", True) for stage in fitted.chain.after):
-            raise FitError("what removal leaves varies no more than the calm water")
-        images, others = fitted.images, fit_chain(chain, marked, setting, removal(candidate.method)).images
-    responses = [b - a for a, b in zip(images, others, strict=True)]
-    power = powers(images, sample.inside, unit)
-    return Trial(candidate, tuple(power.tolist()), gains(responses, added, sample.inside, unit))
+        return _Run(images, [b - a for a, b in zip(images, others, strict=True)], [])
+    chain = "remove" if candidate.chain == "off" else candidate.chain
+    fitted = fit_chain(chain, sample, setting, removal(candidate.method))
+    if not fitted.model.fits and not fitted.chain.replaces:
+        raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
+    if fine is not None and not fitted.chain.replaces:
+        _refuse_even(fitted, fine)
+    if not all(getattr(stage, "resolved", True) for stage in fitted.chain.after):
+        raise FitError("what removal leaves varies no more than the calm water")
+    others = fit_chain(chain, marked, setting, removal(candidate.method)).images
+    responses = [b - a for a, b in zip(fitted.images, others, strict=True)]
+    return _Run(fitted.images, responses, [_targets(s) for s in fitted.sample.states])
+
+
+def _targets(state: State) -> Mask:
+    return np.zeros_like(state.water) if state.targets is None else np.asarray((state.targets > 0).any(axis=0))
+
+
+def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
+    """The sample without targets that some candidate recognised: none is the better for erasing them."""
+    import cv2
+
+    square, inside = np.ones((2 * BESIDE + 1,) * 2, np.uint8), list(sample.inside)
+    for run in runs:
+        for n, mask in enumerate(run.targets):
+            inside[n] = inside[n] & (cv2.dilate(mask.view(np.uint8), square) == 0)
+    return tuple(inside)
 
 
 def _refuse_even(fitted: FittedChain, unit: Float32) -> None:

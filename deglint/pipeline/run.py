@@ -13,11 +13,11 @@ import numpy as np
 
 from .. import tiles as tiling
 from ..checks import as_path, check_kind, check_number, checked_keywords, described
+from ..checksum import Checksum, fingerprint
 from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL as STRIP_CELL
-from ..checksum import Checksum, fingerprint
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, write_json, write_text
 from ..raster.targets import Reads, check_image, check_targets

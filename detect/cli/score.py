@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from deglint.checksum import begin_checksum
 from deglint.cli.console import Console
 from deglint.cli.grouped import SETTINGS, Grouped
 from deglint.cli.options import (
@@ -20,7 +21,6 @@ from deglint.cli.options import (
     on_cluster,
     opening,
 )
-from deglint.checksum import begin_checksum
 
 # The keys of detect.pipeline.recipe's tables, which --help must not wait for; a test holds them equal.
 METHOD_NAMES = ("auto", "sea", "lines", "rx", "local", "utd", "rx-utd", "subspace", "residual")

@@ -6,9 +6,9 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from deglint import __version__
+from deglint.checksum import Checksum
 from deglint.errors import DeglintError
 from deglint.pipeline.sidecar import versions
-from deglint.checksum import Checksum
 from deglint.readers.text import read_json
 
 from ..background import Background

@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 from typing import Any
 
 from deglint import __version__
-from deglint.pipeline.sidecar import versions
 from deglint.checksum import Checksum
+from deglint.pipeline.sidecar import versions
 
 from .evaluate import Request
 
