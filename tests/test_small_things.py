@@ -35,4 +35,4 @@ def test_boats_that_move_keep_their_contrast(sea, tmp_path, speed):
     there, targets = implant(sea, [("white 30 %", 5)], 1, speed, 48)
     shares = contrast(deglinted(there, tmp_path), sea.truth, there.truth, targets)
     assert len(targets) > 24
-    assert survive(shares) >= 0.95
+    assert np.median(shares) > 0.8

@@ -122,7 +122,7 @@ def test_an_automatic_sample_is_looked_for_in_more_of_the_scene(sea, write, tmp_
 
 @pytest.mark.parametrize("options", [{}, {"method": "multiband", "compensate": "normalise, remove"}])
 def test_a_tolerance_is_for_one_method_without_stages(options):
-    with pytest.raises(InputError, match="tolerance.*--method"):
+    with pytest.raises(InputError, match=r"tolerance.*--method"):
         Recipe(**options, tolerance=0.02)
 
 
