@@ -47,7 +47,8 @@ def objects(*kinds: str, gsd: float = 0.25) -> tuple[SubmergedObject, ...]:
     across, down = SIDE / 2 / len(REFLECTANCES), 64
     places = [(kinds[i % len(kinds)], SIDE / 2 + (j + 0.5) * across, (i + 0.5) * down, r)
               for i in range(SIDE // down) for j, r in enumerate(REFLECTANCES)]  # fmt: skip
-    return tuple(SubmergedObject(outline(k, x * gsd, y * gsd), reflectance=r, depth=5.0) for k, x, y, r in places)
+    return tuple(SubmergedObject(corners=outline(k, x * gsd, y * gsd), reflectance=r, depth=5.0)
+                 for k, x, y, r in places)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class Case:
 
 OWN = (
     Case(9, 0.06, seed=9103), Case(9, 0.0, 1.0, 9108, "worldview3"), Case(6, None, 1.24, 9109, "worldview3"),
-    Case(5, 0.0, seed=9104), Case(7, 0.02, 0.5, 9106), Case(3, 0.06, seed=9102), Case(7, 0.06, 0.1, 9101),
+    Case(5, 0.0, seed=9104), Case(7, 0.02, 0.5, 9106), Case(3, 0.06, seed=9102), Case(7, 0.06, 0.12, 9101),
     Case(12, 0.02, seed=9105), Case(9, None, 0.5, 9107, "worldview3"), Case(12, None, 1.24, 9110, "worldview3"),
     Case(8, 0.06, seed=9111, sensor="thesis-f30"), Case(8, 0.06, seed=9112, resampling="cubic"),
 )  # fmt: skip
