@@ -7,6 +7,7 @@ nothing there, one below 1 that it does harm.
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable
@@ -139,6 +140,8 @@ def main(quick: bool) -> None:
             errors[group].append(error)
             for name, piece in PIECES.items():
                 found[name][group].append(ratio(piece, scene, fitted.choice, error))
+            last = ", ".join(f"{name} {groups[group][-1]:.3f}" for name, groups in found.items())
+            print(f"{group} {names[-1]}: {fitted.choice.best.name}, {error:.2f} %; {last}", file=sys.stderr, flush=True)
     rows = []
     for name, groups in found.items():
         every = [r for ratios in groups.values() for r in ratios]
