@@ -56,16 +56,6 @@ def same(choice: Choice) -> Chosen:
     return choice.best.method, choice.best.chain
 
 
-def alone(_choice: Choice) -> Chosen:
-    """The Wiener filter alone."""
-    return "wiener", "off"
-
-
-def anew(_choice: Choice) -> Chosen:
-    """Choose again."""
-    return "auto", "auto"
-
-
 def evenly(plain: Callable[..., Any], request: Any, *rest: Any, **more: Any) -> Any:
     """A fit of the Wiener filter in which strong and faint glint weigh the same."""
     return plain(replace(request, faint=False), *rest, **more)
@@ -98,9 +88,11 @@ PIECES = {
     "ringing": Piece(same, lambda: changed(background, "ringing", nothing), "identify-level"),
     "red edge as reference": Piece(same, lambda: changed(fit, "more_references", nothing), "posterior"),
     "faint weighting": Piece(same, lambda: changed(wiener, "fit", partial(evenly, wiener.fit)), "posterior"),
-    "second window": Piece(anew, lambda: changed(CANDIDATES, "windows", partial(first, CANDIDATES.windows))),
+    "second window": Piece(
+        lambda _: ("auto", "auto"), lambda: changed(CANDIDATES, "windows", partial(first, CANDIDATES.windows))
+    ),
     "choice: always opening": Piece(opened),
-    "choice: always wiener": Piece(alone),
+    "choice: always wiener": Piece(lambda _: ("wiener", "off")),
 }
 
 
@@ -111,9 +103,7 @@ def ratio(piece: Piece, scene: Known, choice: Choice, error: float) -> float:
     if piece.part_of not in choice.best.chain or (method == "auto" and windows < 2):
         return 1.0
     if (method, chain) == same(choice) and piece.change is nullcontext:
-        return 1.0
-    if method == "copy":
-        return 1.0
+        return 1.0  # as where nothing was corrected
     with piece.change():
         try:
             return scene.error(deglinted(scene.path, Recipe(method=method, compensate=chain))[0]) / error

@@ -180,11 +180,10 @@ def test_scenes_have_errors_where_pixels_count(tmp_path, monkeypatch):
     known = scenes.Known.of(tmp_path / "s.tif")
     assert known.visible == (0,)
     assert known.error(np.full((2, 4, 4), 3.0)) == pytest.approx(25)
-    known.counts[1:] = False
     claimed = {0: np.full((4, 4), 0.5, np.float32)}
+    assert uncertainty.ratio(known, np.full((2, 4, 4), 3.0), claimed, [0]) == "-", "too few pixels"
     monkeypatch.setattr(uncertainty, "LEAST", 16)
     assert uncertainty.ratio(known, np.full((2, 4, 4), 3.0), claimed, [0]) == "0.50 (25.0 %)"
-    assert uncertainty.ratio(known, np.full((2, 4, 4), 3.0), claimed, [0], np.eye(4, dtype=bool)[None]) == "-"
 
 
 @pytest.mark.parametrize(("kind", "wind", "delay"), [("disc", 9.0, 0.06), ("diamond", 9.0, 0.06), ("disc", 5.0, 0.0)])
