@@ -80,6 +80,7 @@ class Piece:
     part_of: str = ""
 
 
+ANEW: Chosen = "auto", "auto"
 PIECES = {
     "psf": Piece(partial(without, "psf")),
     "targets": Piece(partial(without, "targets")),
