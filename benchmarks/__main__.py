@@ -7,23 +7,23 @@ from importlib import import_module
 from pathlib import Path
 
 BENCHMARKS = {
+    "ablation": ("ablation", ("quick",)),
     "alarms": ("alarms", ("directory",)),
     "away": ("away", ("quick",)),
+    "choice": ("choice", ("quick",)),
     "detection": ("detection", ("directory", "docs")),
     "depths": ("depths", ()),
     "docs": ("docs", ("quick",)),
     "effects": ("effects", ("quick",)),
     "error": ("error", ("quick",)),
     "targets": ("targets", ("quick",)),
-    "uncertainty": ("uncertainty", ("quick", "those_that_set")),
-    "compensation": ("compensation", ("quick",)),
+    "uncertainty": ("uncertainty", ("quick",)),
     "peers": ("peers", ("quick",)),
     "rates": ("rates", ("quick", "rounds", "directory")),
     "plan": ("plan_speed", ("quick", "rounds")),
     "scale": ("scale", ("quick", "directory", "docs")),
     "ships": ("ships", ("directory",)),
     "size": ("size", ()),
-    "stages": ("stages", ("quick",)),
     "stress": ("stress", ()),
     "wiener-pictures": ("wiener_pictures", ("directory",)),
     "workers": ("workers", ("quick", "directory")),
@@ -48,12 +48,6 @@ def main() -> None:
         "wiener-pictures: where they go, docs by default",
     )
     parser.add_argument("--docs", action="store_true", help="scale: write the picture and the tables of docs/, too")
-    parser.add_argument(
-        "--set",
-        action="store_true",
-        dest="those_that_set",
-        help="uncertainty: the scenes that set its constants",
-    )
     given = parser.parse_args()
     module, options = BENCHMARKS[given.what]
     import_module(f"benchmarks.{module}").main(*(getattr(given, option) for option in options))

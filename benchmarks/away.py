@@ -1,6 +1,6 @@
 """Never worse than doing nothing: every band by default beside the raw one, from looks away from the glint into it.
 
-Grids of squares, discs and diamonds at 5 m depth, as `compensation` has them, under a cardioidal sky; each scene also
+Grids of squares, discs and diamonds at 5 m depth, as `scenes` has them, under a cardioidal sky; each scene also
 without its glint.
 """
 
@@ -19,8 +19,8 @@ from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, SimulatedScene, simulate, simulate_together
 from detect.bench.measure import VISIBLE
 
-from .compensation import SIDE, objects, run
 from .error import DEEP
+from .scenes import SIDE, deglinted, objects
 from .timing import machine, say
 
 WINDS = (2.0, 5.0, 9.0, 12.0)
@@ -59,7 +59,7 @@ def measure(place: Path, scene: SimulatedScene, glint: int = SIDE) -> tuple[np.n
     image = scene.image.copy()
     image[:, :, glint:] = scene.truth_image[:, :, glint:]
     write_scene(replace(scene, image=image), place / "away", overwrite=True, truth=False)
-    return open_scene(place / "away.tif").read().astype(np.float64), run(place / "away.tif", place)
+    return open_scene(place / "away.tif").read().astype(np.float64), deglinted(place / "away.tif")[0]
 
 
 def visible(found: Sequence[np.ndarray]) -> str:

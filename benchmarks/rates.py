@@ -27,19 +27,17 @@ from deglint import tiles as tiling
 from deglint.physics.presets import preset
 from deglint.pipeline.correct import Correction
 from deglint.pipeline.fit import fit_scene
-from deglint.pipeline.overview import block_of, raster_of, tile_shape_of
+from deglint.pipeline.overview import raster_of
 from deglint.pipeline.recipe import Recipe
-from deglint.pipeline.run import one_thread_each
+from deglint.pipeline.run import correction, one_thread_each
 from deglint.raster.arrays import ArraySource
 from deglint.raster.environment import enter_thread, environment
-from deglint.raster.output import Layout
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate
 
 from .processes import Run, in_turns
 from .timing import machine, say
 
-DEFAULT = "psf:2, identify-level:13, replace-level, remove, identify-level:11, replace-level"
 BLOCK = 512
 """Side of a file's blocks [pixel]."""
 
@@ -76,16 +74,11 @@ def laid_out(small: Path, target: Path, side: int, dtype: str) -> Path:
 def work_of(path: Path, recipe: Recipe, *, memory: bool = False) -> tuple[Correction, list[tiling.Tile]]:
     """A correction that is fitted to the scene, and its tiles; of the file, or of its pixels in memory."""
     scene = deglint.open_scene(path)
-    fitted = fit_scene(scene, recipe, threads=2)
-    info, shape = raster_of(scene).info, tile_shape_of(scene)
+    work = correction(scene, fit_scene(scene, recipe, threads=2))
     if memory:
         with rasterio.open(path) as given:
-            scene = replace(scene, source=ArraySource(given.read(), info))
-    if fitted.chain.runs:
-        shape = tiling.compact(shape, block_of(scene), len(scene.bands), fitted.chain.halo)
-    layout = Layout(info, tuple(range(len(scene.bands))), info.dtype.name, info.nodata, {})
-    work = Correction(scene, fitted.model, False, False, layout, None, None, fitted.water_bands, fitted.chain, ())
-    return work, tiling.tiles(scene.height, scene.width, shape)
+            work = work.on(replace(scene, source=ArraySource(given.read(), raster_of(scene).info)))
+    return work, tiling.tiles(scene.height, scene.width, work.layout.tile)
 
 
 def passed(work: Correction, tiles: list[tiling.Tile], threads: int) -> None:
@@ -121,14 +114,14 @@ def of_tiles(path: Path, others: dict[str, Path], rounds: int) -> list[list[str]
         ("one opening by OpenCV", 2): lambda: opened(numbers, 2),
     }
     recipes = {
-        "default, with PSF": Recipe(mask="none"),
-        "chain without PSF": Recipe(compensate=DEFAULT.partition(", ")[2], mask="none"),
+        "default": Recipe(mask="none"),
         "removal alone": Recipe(compensate="off", mask="none"),
     }
     scenes = [(name, path, recipe, memory) for name, recipe in recipes.items() for memory in (True, False)]
-    scenes += [(f"default, {name}", other, recipes["default, with PSF"], True) for name, other in others.items()]
+    scenes += [(f"default, {name}", other, recipes["default"], True) for name, other in others.items()]
     for name, scene, recipe, memory in scenes:
         work, tiles = work_of(scene, recipe, memory=memory)
+        name = f"{name} ({work.chain.text})" if work.chain.runs else name
         for threads in (1, 2):
             key = f"{name}, of {'the array' if memory else 'a file'}", threads
             jobs[key] = lambda w=work, t=tiles, n=threads: passed(w, t, n)
@@ -183,14 +176,11 @@ def main(quick: bool, rounds: int | None, directory: Path | None) -> None:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     rounds = rounds or (2 if quick else 5)
     print("## Rates\n\n" + machine())
-    with tempfile.TemporaryDirectory(dir=directory) as name, environment(), one_thread_each(True):
+    with tempfile.TemporaryDirectory(dir=directory) as name, environment(), one_thread_each():
         place = Path(name)
         part = 512 if quick else 1024
         small, side = base(place, part), 2 * part
-        bases = {
-            "bands of one instant: no PSF": base(place, part, delay=0.0),
-            "at 2 m/s: no PSF": base(place, part, 2.0),
-        }
+        bases = {"bands of one instant": base(place, part, delay=0.0)}
         for dtype in ("float32", "uint16"):
             others = {name: laid_out(scene, place / f"{scene.stem}_{dtype}.tif", side, dtype)
                       for name, scene in bases.items()}  # fmt: skip
