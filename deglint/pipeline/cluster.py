@@ -300,7 +300,11 @@ class _Shipped:
 
 def _do(shipped: _Shipped, tile: Tile) -> Any:
     with environment():
-        return shipped(tile)
+        try:
+            return shipped(tile)
+        except DeglintError as error:
+            refusal = type(error)(str(error))
+    raise refusal  # without its cause, which may not travel
 
 
 @dataclass(frozen=True, eq=False)
