@@ -25,7 +25,7 @@ GOALS: dict[str, tuple[tuple[str, ...], int]] = {
     "remove": (("deglint/remove",), 2000),
     "compensate": (("deglint/compensate",), 2500),
     "choose": (("deglint/choose",), 900),
-    "pipeline": (("deglint/pipeline",), 2200),
+    "pipeline, batch": (("deglint/pipeline", "deglint/batch"), 2200),
     "plan, simulate": (("deglint/plan", "deglint/simulate"), 3800),
     "xr, report, cli": (("deglint/xr", "deglint/report", "deglint/cli"), 1700),
     "detect": (("detect",), 5500),

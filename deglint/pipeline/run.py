@@ -30,7 +30,7 @@ from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from ..timing import Reporter
 from .cluster import Cluster, writing_images
-from .correct import CELL, Correction
+from .correct import CELL, FLAGS, Correction
 from .fit import Fitted, Progress, fit_scene
 from .log import log_model, log_result, log_scene, log_water
 from .outputs import Outputs, Result, Tally
@@ -275,7 +275,10 @@ def _beside(scene: Scene, targets: Outputs, image: Layout, told: tuple[int, ...]
     options: dict[str, Any] = {"options": targets.options, "scaled": False, "tile": image.tile}
     found = {}
     if targets.flags:
-        found["flags"] = targets.flags, Layout(image.info, (0,), "uint8", None, names=("flags",), **options)
+        found["flags"] = (
+            targets.flags,
+            Layout(image.info, (0,), "uint8", None, names=("flags",), flags=FLAGS, **options),
+        )
     for path, what, said in ((targets.amount, "amount", "glint in"), (targets.stderr, "stderr", "standard error of")):
         if path:
             names = tuple(f"{said} {scene.bands[b].name}" for b in told)

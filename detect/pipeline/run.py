@@ -36,6 +36,7 @@ from ..background import Background, Gathering, combine, estimate, fourth_moment
 from ..lines import LineScorer
 from ..rx import Detector, detector
 from ..threshold import Tail, Threshold
+from .flags import MEANINGS
 from .mark import CANDIDATES, Marker, Places, joined
 from .motion import delayed_bands
 from .plan import KEPT, Kept, Plan, Progress, Read, both, make_plan, read
@@ -350,7 +351,7 @@ def _write_tiles(
     if targets.p_value:
         images["p_values"] = targets.p_value, replace(base, names=("p-value",))
     if targets.flags:
-        images["flags"] = targets.flags, replace(base, dtype="uint8", nodata=None, names=("flags",))
+        images["flags"] = targets.flags, replace(base, dtype="uint8", nodata=None, names=("flags",), flags=MEANINGS)
     with writing_images(scratch, targets.image, images, cluster) as (run, writers):
         done = run(plan.tiles, work, threads=plan.threads, progress=plan.note("score"), start=enter_thread)
         for tile, scored in done:
