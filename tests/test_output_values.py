@@ -53,11 +53,10 @@ def test_every_type_comes_back_as_numpy_says(sea, write, read, tmp_path, dtype):
         assert count == np.count_nonzero(outside & (int(band) < 3))
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-def test_rounding_is_to_nearest_with_ties_to_even(compiled):
+def test_rounding_is_to_nearest_with_ties_to_even():
     values = np.array([-0.5, 0.4, 0.5, 0.6, 1.5, 2.5, 254.5, 255.4, 255.6, 300.0])[None, None]
     raw = np.full(values.shape, 77, np.uint8)
-    counts = encode(values, raw, bands=[0], scales=[1.0], offsets=[0.0], compiled=compiled)
+    counts = encode(values, raw, bands=[0], scales=[1.0], offsets=[0.0])
     assert raw.ravel().tolist() == [0, 0, 0, 1, 2, 2, 254, 255, 255, 255]
     assert counts.clipped.tolist() == [2]
     assert counts.negative.tolist() == [1]
@@ -112,42 +111,18 @@ def test_nodata_as_a_number_passes_and_nothing_becomes_it(sea, write, read, tmp_
         assert dataset.nodata == nodata
 
 
-@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
-def test_a_corrected_number_moves_off_nodata(dtype, compiled):
+def test_a_corrected_number_moves_off_nodata(dtype):
     values = np.array([-3.0, -0.2, 0.0, 0.3, 0.9, 7.0])[None, None]
     raw = np.full(values.shape, 9, dtype)
     where = np.array([[True, True, True, True, True, True]])
-    counts = encode(values, raw, bands=[0], scales=[1.0], offsets=[0.0], where=where, nodata=0.0, compiled=compiled)
+    counts = encode(values, raw, bands=[0], scales=[1.0], offsets=[0.0], where=where, nodata=0.0)
     assert not (raw == 0).any()
     if dtype == "uint8":
         assert raw.ravel().tolist() == [1, 1, 1, 1, 1, 7]
         assert counts.clipped.tolist() == [4]
     if dtype == "float32":
         np.testing.assert_allclose(raw, values, rtol=1e-6, atol=1e-30)
-
-
-@pytest.mark.parametrize("dtype", ["uint8", "int8", "uint16", "int16", "uint32"])
-@pytest.mark.parametrize("nodata", [None, np.nan, 0.0, 7.0, "largest"])
-@pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (1e-4, 0.0), (0.3, -20.0)])
-@pytest.mark.parametrize("speckled", [False, True])
-def test_compiled_code_puts_the_same(dtype, nodata, scale, offset, speckled):
-    rng = np.random.default_rng(0)
-    numbers = np.r_[rng.normal(60, 300, 500), rng.normal(0, 5, 500), rng.normal(0, 1e5, 160)].reshape(2, 20, 29)
-    values = (numbers * scale + offset).astype(np.float32)
-    values[0, 3, :4] = np.nan, np.inf, -np.inf, 3e38
-    values[1, 4, :3] = 7 * scale + offset, offset, 0.5 * scale + offset
-    nodata = float(np.iinfo(dtype).max) if nodata == "largest" else nodata
-    where = rng.random(values.shape[1:]) < 0.6 if speckled else None
-    found = []
-    for compiled in (False, True):
-        raw = np.full(values.shape, 9, dtype)
-        counts = encode(values, raw, bands=[1, 0], scales=[scale] * 2, offsets=[offset] * 2, where=where,
-                        nodata=nodata, compiled=compiled)  # fmt: skip
-        found.append((raw, counts.negative, counts.clipped))
-    for plain, ours in zip(*found, strict=True):
-        np.testing.assert_array_equal(ours, plain)
-    assert found[0][1].all()
 
 
 def test_pixels_whose_nir_is_nodata_pass_unchanged(sea, write, read, tmp_path):
