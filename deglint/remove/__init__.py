@@ -22,14 +22,14 @@ from ..scene import Band, FloatArray
 from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction, wiener
 from .model import BandFit, GlintIndex, GlintModel, apply
 from .regression import REGRESSIONS, glint_error
-from .request import FitRequest, Weighted, harmful, slope_weights, useless
+from .request import FitRequest, Weighted, slope_weights
 from .statistics import SamplePlan, SampleStatistics, combine, gather, levels_for, merge
 from .wiener import SAMPLE_SIDE, SampleTile
 
 __all__ = [
     "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "SampleTile", "Weighted", "apply", "combine", "fit", "gather", "glint_error", "harmful",
-    "levels_for", "merge", "nir_request", "useless",
+    "SampleStatistics", "SampleTile", "Weighted", "apply", "combine", "fit", "gather", "glint_error",
+    "levels_for", "merge", "nir_request",
 ]  # fmt: skip
 
 

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from ..errors import BandError, FitError, InputError
 from ..scene import Band
 from .detrend import SIZE as DETREND_SIZE
-from .levels import even_share
 from .model import BandFit, GlintIndex, GlintModel
 from .regression import REGRESSIONS, explained
 from .statistics import SamplePlan, SampleStatistics
@@ -25,8 +24,6 @@ LOW_R2 = 0.3
 """Below this R2 a band carries a warning: the index does not explain it."""
 EVEN = 0.55
 """Share of a mixture's variance that lies evenly about its median, above which removal adds more than it takes."""
-USELESS_R2 = 0.05
-"""Below this R2 a correction takes away less than 3 % of a band's standard deviation."""
 SIGNIFICANT = 3.0
 """Standard errors by which a slope must exceed zero to count as glint."""
 
@@ -227,32 +224,6 @@ def r2_warning(fit: BandFit) -> list[str]:
         said = f"{fit.slope:.3g} +- {fit.stderr:.2g}"
         warnings.append(f"the slope of {fit.name}, {said}, is not {SIGNIFICANT:g} standard errors above zero.")
     return warnings
-
-
-def useless(fit: BandFit) -> str | None:
-    """Why a correction of this band would do nothing, or harm; None where it does good."""
-    if fit.r2 is not None and fit.r2 < USELESS_R2:
-        return f"the NIR explains {max(fit.r2, 0):.1%} of it (less than {USELESS_R2:.0%})"
-    if fit.stderr is not None and fit.slope < SIGNIFICANT * fit.stderr:
-        return f"its slope {fit.slope:.3g} +- {fit.stderr:.2g} is not {SIGNIFICANT:g} standard errors above zero"
-    return None
-
-
-def harmful(index: GlintIndex, stats: SampleStatistics) -> str | None:
-    """Why following an index would add more to a band than it takes; None where it does not.
-
-    Subtracting a least-squares mixture p of the references from a band with glint G and other things S that the bands
-    share (the mirrored sky, water) changes the mean square of its error by
-
-    .. math:: var(p) - 2 cov(G, p) = 2 cov(S, p) - var(p)
-
-    because cov(G, p) + cov(S, p) = var(p). What S and the references' noise have in p lies evenly about its median,
-    and what G has lies above, so about half of the variance is as much as may lie evenly (noise alone does no harm).
-    """
-    share = even_share(stats.mixture(index))
-    if share <= EVEN:
-        return None
-    return f"{min(share, 1):.0%} of what would be taken lies evenly, as glint does not (threshold {EVEN:.0%})"
 
 
 def fixed_fits(
