@@ -16,7 +16,7 @@ from benchmarks.processes import in_turns
 from deglint import open_scene
 from deglint.choose import Candidate, Choice, Trial
 from deglint.compensate import background
-from deglint.pipeline import fit
+from deglint.pipeline import training
 from deglint.remove import wiener
 from deglint.simulate import simulate
 
@@ -95,7 +95,7 @@ def test_sizes_of_rooms_and_of_what_is_too_large():
     found = {"deglint/moments.py": "x = 1\n", "deglint/pipeline/run.py": long, "detect/bench/run.py": "\n" * 401,
              "detect/rx.py": "\n" * 2, "benchmarks/big.py": long}  # fmt: skip
     lines = size.sizes(found)
-    assert (lines["foundations"], lines["pipeline"], lines["detect/bench"], lines["detect"]) == (1, 65, 401, 2)
+    assert (lines["foundations"], lines["pipeline, batch"], lines["detect/bench"], lines["detect"]) == (1, 65, 401, 2)
     modules, functions, parameters = (rows for _, _, rows in size.too_large(found))
     assert modules == [["detect/bench/run.py", "401"]]
     assert functions == [["deglint/pipeline/run.py: f", "65", "61"]]
@@ -156,7 +156,7 @@ def test_pieces_are_dropped_from_the_chosen_chain():
 
 @pytest.mark.parametrize("name", [n for n, p in ablation.PIECES.items() if p.change is not nullcontext])
 def test_pieces_are_replaced_for_a_while(name):
-    homes = background, fit, wiener, ablation.CANDIDATES
+    homes = background, training, wiener, ablation.CANDIDATES
     before = [dict(vars(home)) for home in homes]
     with ablation.PIECES[name].change():
         differ = [
