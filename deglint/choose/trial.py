@@ -197,6 +197,9 @@ def choose(
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
     )
+    errors = np.where(np.isfinite(errors), errors, np.inf)
+    if not np.isfinite(errors[0]):  # numbers beyond float32: not even a copy can be judged
+        return Choice(Candidate("wiener", "wiener"), failed=failed, width=disc)
     trials = [replace(t, error=float(e)) for t, e in zip(trials, errors, strict=True)]
     best = next(t for t in trials if t.error <= ALIKE * errors.min())
     copy = trials[0]
