@@ -94,6 +94,15 @@ def test_sparkle_alone_has_no_targets_and_the_image_stays(seed):
     assert out.image is state.image
 
 
+@pytest.mark.parametrize(("share", "refused"), [(0.01, False), (0.25, True)])
+def test_what_covers_much_of_the_water_is_texture(share, refused):
+    image, clean, _ = scene()
+    bright = np.kron(np.random.default_rng(7).random((32, 32)) < share, np.ones((5, 5))) > 0
+    image[:, bright] += (COLOURS["blue"] / 8 * light() * (WAVELENGTHS < 700))[:, None]  # sand under some metres
+    _state, stage = fitted(image, clean)
+    assert ("texture" in stage.reason) == refused
+
+
 def test_flashes_that_last_for_half_of_the_bands_are_sparkle():
     image, clean, _ = scene()
     rng = np.random.default_rng(5)
