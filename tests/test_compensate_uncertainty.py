@@ -1,13 +1,19 @@
 """Standard errors of compensated images against errors of known water."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import rasterio
 from scipy.ndimage import gaussian_filter, grey_opening
 
+from deglint import Recipe, remove_glint
 from deglint.compensate.state import Sample, State
 from deglint.compensate.uncertainty import ReplacedError, fit_replaced, halo, stderr
+from deglint.pipeline.correct import PROTECTED
 from deglint.remove import BandFit, GlintIndex, GlintModel
 
+SAMPLES = Path(__file__).parents[1] / "sample_data"
 NOTHING = GlintModel("wiener", (GlintIndex((1,), (1.0,)),), (), ("B", "NIR"))
 
 
@@ -51,3 +57,15 @@ def test_errors_of_slope_and_level_add_to_those_of_the_water():
 def test_without_a_trial_there_is_no_halo():
     assert halo(()) == 0
     assert halo((ReplacedError(0, 1.0, 1.0, 0.0),)) > 0
+
+
+def test_what_removal_leaves_is_in_the_error_of_every_chain_that_ends_with_it(tmp_path):
+    said = {}
+    for chain in ("off", "targets, remove"):
+        recipe = Recipe(method="wiener", compensate=chain)
+        outputs = {what: tmp_path / f"{what}.tif" for what in ("stderr", "flags")}
+        remove_glint(SAMPLES / "sea_1m.tif", tmp_path / "out.tif", recipe, overwrite=True, **outputs)
+        with rasterio.open(outputs["stderr"]) as errors, rasterio.open(outputs["flags"]) as flags:
+            said[chain] = errors.read()[:, flags.read(1) & PROTECTED == 0]
+    alone, among = (np.sqrt(np.nanmean(v**2, axis=1)) for v in said.values())
+    assert (among > 0.4 * alone).all(), among / alone

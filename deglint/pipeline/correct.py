@@ -83,8 +83,9 @@ class _Block:
     raw: Any
     valid: Any
     wide: Any  # physical values, with the pixels around
-    where: Mask | None = None  # where the tile is to be corrected; None: everywhere
-    known: Mask | None = None  # where it is valid; None: everywhere
+    water: Mask | None = None  # where it may be corrected, with the pixels around; None: everywhere
+    known: Mask | None = None  # where the tile is valid; None: everywhere
+    where: Mask | None = None  # where it is to be corrected, valid water; None: everywhere
     replaced: Mask | None = None  # (band, row, column)
     targets: Mask | None = None
     errors: Any = None  # (band, row, column) standard errors, with a chain
@@ -120,7 +121,7 @@ class Correction:
         return sorted(self.only or range(len(self.scene.bands)))
 
     @property
-    def told(self) -> list[int]:
+    def amount_bands(self) -> list[int]:
         """0-based bands of which the amount is written: those that may change, or all, with zeros, where none may."""
         return self.changed or list(range(len(self.scene.bands)))
 
@@ -153,7 +154,7 @@ class Correction:
         if self.copies:
             return self._copied(tile)
         block = self._read(tile)
-        before = block.wide[block.place][self.told].copy() if self.want_amount else None
+        before = block.wide[block.place][self.amount_bands].copy() if self.want_amount else None
         saturated = self._saturated(block.wide[block.place])
         physical, done = self._corrected(block)
         error = self._stderr(block, physical, done) if self.errors is not None else None
@@ -163,7 +164,7 @@ class Correction:
         if flags is not None and saturated.any():
             flags[saturated.any(axis=0)] |= SATURATED
         out = self._encoded(block, physical, done, flags, tally)
-        amount = None if before is None else np.subtract(before, physical[self.told], dtype=np.float32)
+        amount = None if before is None else np.subtract(before, physical[self.amount_bands], dtype=np.float32)
         file_valid = self._file_valid(block.raw, block.valid)
         return Corrected(out, tally, file_valid, flags, amount, error)
 
@@ -190,8 +191,8 @@ class Correction:
         place = place_in(tile, outer)
         block = _Block(tile, outer, raw[place], None if valid is None else valid[place], wide)
         block.known = self._known(wide[place], raw.dtype, valid)
-        inside = self._water_in(outer, wide)
-        own = None if inside is None else inside[place[1:]]
+        block.water = self.water_in(outer, wide)
+        own = None if block.water is None else block.water[place[1:]]
         block.where = block.known if own is None else own if block.known is None else own & block.known
         if block.where is not None and block.where.all():
             block.where = None
@@ -207,8 +208,8 @@ class Correction:
             finite &= np.isfinite(physical[band])
         return None if finite.all() else finite
 
-    def _water_in(self, tile: Tile, physical: Any) -> Mask | None:
-        """Where a tile is to be corrected; None for everywhere."""
+    def water_in(self, tile: Tile, physical: Any) -> Mask | None:
+        """Where a tile, of which these are the physical values, may be corrected; None for everywhere."""
         if self.area is not None:
             return self.area.read(tile.window)
         if self.water is None or self.water.all_water:
@@ -220,9 +221,8 @@ class Correction:
         limits = [(i, b.saturation) for i, b in enumerate(self.scene.bands) if b.saturation is not None]
         out = np.zeros(physical.shape if limits else (len(physical), 1, 1), np.bool_)
         for i, limit in limits:
-            np.greater_equal(
-                physical[i], float(physical.dtype.type(limit)), out=out[i]
-            )  # as a saturated value is rounded
+            limit = float(physical.dtype.type(limit))  # as a saturated value is rounded
+            np.greater_equal(physical[i], limit, out=out[i])
         return out
 
     def _corrected(self, block: _Block) -> tuple[Any, list[tuple[list[int], Mask | None]]]:
@@ -237,32 +237,25 @@ class Correction:
             return physical, self._compensate(block, physical)
         if self.model.references:
             origin, crop = (block.outer.row0, block.outer.col0), block.tile.crop_of(block.outer)
-            found, block.targets = glint(block.wide, self.model, self._everywhere(block), origin, crop)
+            water = np.ones(block.outer.shape, np.bool_) if block.water is None else block.water
+            found, block.targets = glint(block.wide, self.model, water, origin, crop)
             for band, amount in found.items():
                 np.subtract(physical[band], amount, out=physical[band], where=_or_all(block.where))
         else:
             apply(physical, self.model, where=block.where, out=physical)
         return physical, [(removed, block.where)]
 
-    def _everywhere(self, block: _Block) -> Mask:
-        """Where the block, with the pixels around the tile, shows water."""
-        inside = self._water_in(block.outer, block.wide)
-        return np.ones(block.outer.shape, np.bool_) if inside is None else inside
-
     def _compensate(self, block: _Block, physical: Any) -> list[tuple[list[int], Mask | None]]:
         """Apply the chain, cell by cell, and put what it makes of the water into `physical`."""
-        inside, removed = self._everywhere(block), {f.band for f in self.model.fits}
+        removed = {f.band for f in self.model.fits}
         block.replaced = np.zeros(physical.shape, np.bool_)
         block.errors = np.zeros(physical.shape if self.errors is not None else 0, np.float32)
         block.targets = np.zeros(physical.shape[1:], np.bool_)
-        for cell, around, within in self._cells(block):
-            state = State.of(block.wide[around], inside[around[1:]], (cell.row0, cell.col0))
-            state = apply_chain(state, self.chain, self.model)
-            core = place_in(cell, cell.grown(self.chain_halo, self.scene.height, self.scene.width))
+        for state, core, within in self._states(block):
             where = _or_all(None if block.where is None else block.where[within[1:]])
             clean = with_targets(state)[core]
             if self.errors is not None:
-                block.errors[within] = stderr(state, self.model, self.errors.replaced)[core]
+                block.errors[within] = self._stderr_of(state)[core]
             if state.replaced is not None:
                 block.replaced[within] = state.replaced[core] & where
             if state.targets is not None:
@@ -279,8 +272,8 @@ class Correction:
         """Pixels around a cell that the chain and the removal look at."""
         return self.chain.halo + self.model.halo + (0 if self.errors is None else self.errors.halo)
 
-    def _cells(self, block: _Block) -> Iterator[tuple[Tile, Any, Any]]:
-        """The cells of a tile: the cell, where it lies with its halo in the block, and where it lies in the tile."""
+    def _states(self, block: _Block) -> Iterator[tuple[State, Any, Any]]:
+        """What the chain makes of each cell with its halo; where the cell lies in that, and where in the tile."""
         tile, outer = block.tile, block.outer
         for row in range(tile.row0, tile.row1, CELL):
             for column in range(tile.col0, tile.col1, CELL):
@@ -288,27 +281,29 @@ class Correction:
                 if block.where is not None and not block.where[place_in(cell, tile)[1:]].any():
                     continue
                 wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)
-                yield cell, place_in(wide, outer), place_in(cell, tile)
+                around = place_in(wide, outer)
+                water = None if block.water is None else block.water[around[1:]]
+                state = State.of(block.wide[around], water, (cell.row0, cell.col0))
+                yield apply_chain(state, self.chain, self.model), place_in(cell, wide), place_in(cell, tile)
 
     def _stderr(self, block: _Block, physical: Any, done: list[Any]) -> npt.NDArray[np.float32]:
         """Standard errors of the bands that may change; NaN where nothing was corrected."""
-        assert self.errors is not None
         out = block.errors
         if out is None:
             out = np.zeros(physical.shape, np.float32)
-            inside = self._everywhere(block)
-            for cell, around, within in self._cells(block):
-                state = State.of(block.wide[around], inside[around[1:]], (cell.row0, cell.col0))
-                state = apply_chain(state, self.chain, self.model)
-                if self.errors.left is not None:
-                    state = self.errors.left.apply(state)
-                core = place_in(cell, cell.grown(self.chain_halo, self.scene.height, self.scene.width))
-                out[within] = stderr(state, self.model, self.errors.replaced)[core]
+            for state, core, within in self._states(block):
+                out[within] = self._stderr_of(state)[core]
         if np.dtype(self.layout.dtype).kind in "iu":  # rounded to integers of the file
             steps = np.array(raster_of(self.scene).info.scales, np.float32)
             out = np.sqrt(out**2 + (steps**2 / 12)[:, None, None])
         known = np.isfinite(physical) & _or_all(block.where) & bool(done)
         return np.where(known, out, np.nan)[self.changed].astype(np.float32)
+
+    def _stderr_of(self, state: State) -> npt.NDArray[np.float32]:
+        """Standard errors of all bands of a block, after the chain."""
+        assert self.errors is not None
+        state = state if self.errors.left is None else self.errors.left.apply(state)
+        return stderr(state, self.model, self.errors.replaced)
 
     def _tally(self, block: _Block, done: list[tuple[list[int], Mask | None]]) -> Tally:
         tally = Tally(len(self.scene.bands), total=block.tile.shape[0] * block.tile.shape[1])

@@ -245,7 +245,7 @@ def _write_tiles(
     if work.copies and copied_whole(scratch, image, targets.image):
         return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
-    images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.told))
+    images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.amount_bands))
     opened = writing_images(scratch, targets.image, images, cluster)
     with one_thread_each(), opened as (run, writers):
         for tile, done in run(everything, work, threads=at_once, progress=note, start=enter_thread):
@@ -270,7 +270,7 @@ def one_thread_each() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def _beside(scene: Scene, targets: Outputs, image: Layout, told: tuple[int, ...]) -> dict[str, tuple[Path, Layout]]:
+def _beside(scene: Scene, targets: Outputs, image: Layout, bands: tuple[int, ...]) -> dict[str, tuple[Path, Layout]]:
     """The rasters beside the image, by the fields of a tile's result: their names, and what they are like."""
     options: dict[str, Any] = {"options": targets.options, "scaled": False, "tile": image.tile}
     found = {}
@@ -281,8 +281,8 @@ def _beside(scene: Scene, targets: Outputs, image: Layout, told: tuple[int, ...]
         )
     for path, what, said in ((targets.amount, "amount", "glint in"), (targets.stderr, "stderr", "standard error of")):
         if path:
-            names = tuple(f"{said} {scene.bands[b].name}" for b in told)
-            found[what] = path, Layout(image.info, told, "float32", float("nan"), names=names, **options)
+            names = tuple(f"{said} {scene.bands[b].name}" for b in bands)
+            found[what] = path, Layout(image.info, bands, "float32", float("nan"), names=names, **options)
     return found
 
 

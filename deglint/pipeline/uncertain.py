@@ -9,14 +9,13 @@ import numpy as np
 from .. import tiles as tiling
 from ..compensate import Background, Posterior, Sample, Setting, State, apply_chain, fit_posterior, fit_replaced
 from ..errors import FitError, InputError
-from ..masks import water
 from ..raster.environment import enter_thread
 from ..tiles import Tile
 from .correct import Correction, Errors
 from .overview import core_of
 
 TILES = 8
-"""Tiles that are learnt from: their errors differ by less than a tenth from those of all."""
+"""Tiles that are learnt from: spread over the scene, and few, as each is corrected twice more."""
 SIDE = 192
 """Their side [pixel]: a trial lays glint half a tile away."""
 
@@ -39,10 +38,7 @@ def with_stderr(work: Correction, threads: int) -> Correction:
     def read(tile: Tile) -> tuple[State, np.ndarray]:
         outer = tile.grown(work.halo, scene.height, scene.width)
         block = scene.source.read(outer.window, list(range(len(scene.bands))))
-        found = None if work.area is None else work.area.read(outer.window)
-        if found is None and work.water is not None:
-            found = water([block[b] for b in work.water_bands], work.water)
-        state = State.of(block, found, (outer.row0, outer.col0))
+        state = State.of(block, work.water_in(outer, block), (outer.row0, outer.col0))
         inside = np.zeros(outer.shape, np.bool_)
         inside[core_of(tile.crop_of(outer), outer.shape)] = True
         return state, inside & state.water
