@@ -10,7 +10,8 @@ from deglint.choose import candidates
 from deglint.choose.candidates import windows
 from deglint.choose.implants import gains, implants
 from deglint.choose.score import expected_errors, powers
-from deglint.compensate import Setting
+from deglint.choose.trial import BESIDE, without_ships
+from deglint.compensate import Sample, Setting, State
 from deglint.scene import Band
 
 BANDS = tuple(Band(n, w) for n, w in (("blue", 480.0), ("green", 560.0), ("red", 660.0), ("nir", 840.0)))
@@ -82,6 +83,15 @@ def test_targets_are_looked_for_where_bands_are_not_simultaneous():
     chains = ["".join(c.chain for c in candidates(Setting(bands, (3,)), width=16, clump=4)) for bands in (BANDS, late)]
     assert "targets" not in chains[0]
     assert "targets" in chains[1]
+
+
+def test_ships_do_not_judge_and_the_sea_does():
+    image = np.random.default_rng(1).normal(1, 0.1, (2, 80, 80)).astype(np.float32)
+    image[1, 40:43, 40:43] += 5
+    state = State.of(image)
+    (inside,) = without_ships(Sample((state,), (state.water,))).inside
+    assert not inside[38:45, 38:45].any()
+    assert inside.sum() == 80 * 80 - (3 + 2 * BESIDE) ** 2
 
 
 def test_a_sea_without_glint_is_copied(write, tmp_path):

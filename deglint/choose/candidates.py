@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..compensate import Setting
+from ..compensate.targets import LEAST_DELAY
 
 SMALLEST, LARGEST = 5, 13
 """Windows of an opening [pixel]: a smaller one leaves clumps of sparkle, a larger one meets two waves at a time."""
@@ -12,8 +13,6 @@ OF_OBJECT = 0.85
 """Of the width of the smallest object: a window that leaves its corners alone."""
 LONG = 1.5
 """Of a clump of glint, that a window must be wide to reach the water on both sides of it."""
-SHORTEST_DELAY = 0.003
-"""Time between bands below which they see the same waves, however fine the pixels: sparkle lasts longer [s]."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
         Width of a clump of glint [pixel].
     """
     found = [Candidate("copy", "copy"), Candidate("wiener", "wiener"), Candidate("hedley", "hedley")]
-    delayed = setting.offsets is not None and float(setting.offsets.max() - setting.offsets.min()) > SHORTEST_DELAY
+    delayed = setting.offsets is not None and float(setting.offsets.max() - setting.offsets.min()) >= LEAST_DELAY
     targets = "targets, " if delayed else ""
     found.append(Candidate("wiener, posterior mean", "wiener", f"{targets}remove, posterior"))
     sharpen = "psf:2, " if setting.psfs is not None else ""

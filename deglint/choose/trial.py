@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..compensate import FitRemoval, FittedChain, Sample, Setting, State, clump_width, fit_chain, noise
+from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, State, clump_width, fit_chain
 from ..errors import FitError
+from ..remove.detrend import SIZE as LOCAL_MEAN
 from ..remove.levels import even_share
+from ..remove.noise import noise, spread
 from ..remove.request import EVEN
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
@@ -23,11 +25,13 @@ ALIKE = 1.05
 """Of candidates whose expected errors are no larger than this times the least the first is taken, which is plainest."""
 WORTH = 0.7
 """Share of the error of a copy that the best candidate must stay below, else the scene is copied: expected errors are
-known to about a third."""
+off by a factor of 1.8 in the median, and a copy alters nothing (``python -m benchmarks choice``)."""
 LARGEST_DISC = 16.0
 """Width of the widest disc that is implanted [pixel]: wider ones outlast every window that is tried."""
 BESIDE = 5
-"""Pixels around targets by which candidates are not judged: their blur, and what windows of textures reach [pixel]."""
+"""Pixels around targets and ships by which candidates are not judged: blur, wakes, and what textures' windows reach."""
+FAR_OUT = 8.0
+"""How far a ship exceeds its surroundings at least [robust standard deviations]."""
 LEAST_PIXELS = 2000
 """Pixels of water below which nothing is tried: texture is not known."""
 
@@ -143,6 +147,7 @@ def choose(
     *,
     width: float,
     fine: bool = False,
+    coarse: bool = False,
     each: Callable[..., Iterable[Any]] = map,
 ) -> Choice:
     """Try candidates, and take the one with the least expected error.
@@ -159,6 +164,8 @@ def choose(
         Of the smallest object to keep [pixel].
     fine : bool
         Pixels resolve sparkle where there is any: what a removal takes evenly about its median is then no glint.
+    coarse : bool
+        Pixels resolve no sparkle: what far exceeds its surroundings is a ship, by which no candidate is judged.
     each : callable
         What runs the candidates: `map`, or the map of a pool of threads.
 
@@ -168,6 +175,7 @@ def choose(
     """
     if sum(int(m.sum()) for m in sample.inside) < LEAST_PIXELS:
         return Choice(Candidate("wiener", "wiener"), width=width)
+    sample = without_ships(sample) if coarse else sample
     unit = _unit(sample, correct, len(setting.bands))
     level = np.where(np.isfinite(unit), unit, _levels(sample, len(setting.bands))).astype(np.float32)
     disc = min(width, LARGEST_DISC)
@@ -234,11 +242,32 @@ def _run(
         raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
     if fine is not None and not fitted.chain.replaces:
         _refuse_even(fitted, fine)
-    if not all(getattr(stage, "resolved", True) for stage in fitted.chain.after):
+    if not all(stage.resolved for stage in fitted.chain.after if isinstance(stage, Posterior)):
         raise FitError("what removal leaves varies no more than the calm water")
     others = fit_chain(chain, marked, setting, removal(candidate.method)).images
     responses = [b - a for a, b in zip(fitted.images, others, strict=True)]
     return _Run(fitted.images, responses, [_targets(s) for s in fitted.sample.states])
+
+
+def without_ships(sample: Sample) -> Sample:
+    """The sample without what exceeds its surroundings in a band far beyond all else: none is the better for erasing
+    ships. Only where pixels resolve no sparkle, which does so, too.
+    """
+    import cv2
+
+    inside = list(sample.inside)
+    for band in range(len(sample.states[0].raw)):
+        high = [s.raw[band] - cv2.blur(s.raw[band], (LOCAL_MEAN,) * 2) for s in sample.states]
+        limit = FAR_OUT * spread(sample.values(high))
+        inside = [m & ~_around(plane > limit) for m, plane in zip(inside, high, strict=True)]
+    return replace(sample, inside=tuple(inside))
+
+
+def _around(mask: Mask) -> Mask:
+    """A mask, and the pixels beside it."""
+    import cv2
+
+    return np.asarray(cv2.dilate(mask.view(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8))).view(np.bool_)
 
 
 def _targets(state: State) -> Mask:
@@ -247,12 +276,10 @@ def _targets(state: State) -> Mask:
 
 def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
     """The sample without targets that some candidate recognised: none is the better for erasing them."""
-    import cv2
-
-    square, inside = np.ones((2 * BESIDE + 1,) * 2, np.uint8), list(sample.inside)
+    inside = list(sample.inside)
     for run in runs:
         for n, mask in enumerate(run.targets):
-            inside[n] = inside[n] & (cv2.dilate(mask.view(np.uint8), square) == 0)
+            inside[n] = inside[n] & ~_around(mask)
     return tuple(inside)
 
 

@@ -8,8 +8,7 @@ Never here: files, tiles, threads, water masks, logging.
 
 from .background import Background
 from .chain import FitRemoval, FittedChain, apply_chain, fit_chain, with_targets
-from .noise import clump_width, noise
-from .posterior import Posterior
+from .posterior import Posterior, clump_width
 from .posterior import fit as fit_posterior
 from .psf import PSF, system_psf, typical_psf
 from .stages import STAGES, THESIS, Chain, parse
@@ -18,6 +17,6 @@ from .uncertainty import ReplacedError, fit_replaced, stderr
 
 __all__ = [
     "PSF", "STAGES", "THESIS", "Background", "Chain", "FitRemoval", "FittedChain", "Posterior", "ReplacedError",
-    "Sample", "Setting", "State", "apply_chain", "clump_width", "fit_chain", "fit_posterior", "fit_replaced", "noise",
+    "Sample", "Setting", "State", "apply_chain", "clump_width", "fit_chain", "fit_posterior", "fit_replaced",
     "parse", "stderr", "system_psf", "typical_psf", "with_targets",
 ]  # fmt: skip

@@ -21,7 +21,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from .noise import noise, spread
+from ..remove.noise import noise, spread
 from .sharpen import blurred
 from .state import Float32, Sample, Setting, State
 

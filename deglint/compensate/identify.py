@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from .noise import noise, spread
+from ..remove.noise import noise, spread
 from .state import Sample, Setting, State
 
 K = 5.0

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..errors import FitError
-from .noise import spread
+from ..remove.noise import spread
 from .state import Float32, Sample, Setting, State
 
 COVER_K = 3.0

@@ -32,7 +32,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..errors import InputError
-from .noise import clump_width, noise, spread
+from ..remove.noise import noise, spread
 from .state import FEWEST, Float32, Sample, Setting, State
 
 GROUPS = (*np.linspace(0.0, 0.95, 20), 0.97, 0.985, 0.993, 0.998, 1.0)
@@ -44,6 +44,8 @@ NARROWEST = 3
 RESOLVED, STRONG = 3.0, 0.993
 """Where glint is strong (from this quantile on) it must leave so many times the spread of calm water, in the mean over
 bands; else the image stays. Pixels of 10 m have 1.1 to 2.7, from texture that grows with the waves; .25 m 6 to 50."""
+WIDEST_CLUMP = 32
+"""Longest distance at which glint is correlated that is looked for [pixel]."""
 TABLE = 2048
 """Entries of the table of variances, at squares of even steps: interpolation by the pixel takes ten times as long."""
 LEAST_VARIANCE = np.float32(0.01)
@@ -221,3 +223,20 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Poster
     return Posterior(
         width, left, tuple(float(v) for v in 0.999 * setting.saturation), float(np.mean(ratios)) > RESOLVED
     )
+
+
+def clump_width(sample: Sample, band: int) -> int:
+    """Width of a clump of glint [pixel]: twice the lag at which its autocorrelation falls below a half."""
+    import cv2
+    import scipy.fft
+
+    total = np.zeros(WIDEST_CLUMP)
+    for state in sample.states:
+        plane = state.raw[band]
+        high = plane - cv2.blur(plane, (4 * WIDEST_CLUMP + 1,) * 2)
+        power = np.abs(scipy.fft.rfft2(high)) ** 2
+        lags = scipy.fft.irfft2(power, s=high.shape)
+        n = min(WIDEST_CLUMP, *high.shape)
+        total[:n] += lags[0, :n] + lags[:n, 0]
+    below = total < total[0] / 2
+    return 2 * int(np.argmax(below)) if below.any() else 2 * WIDEST_CLUMP

@@ -55,7 +55,8 @@ STAGES: dict[str, Kind] = {
         normalise.fit, normalise.Normalise, 1, 100,
     ),
     "psf": Kind(
-        "N iterations of Richardson-Lucy, to build the level only", sharpen.fit, sharpen.Sharpen, 1, 20, whole=True
+        "N iterations of Richardson-Lucy, to determine the background only",
+        sharpen.fit, sharpen.Sharpen, 1, 20, whole=True,
     ),
     "psf-image": Kind(
         "N iterations of Richardson-Lucy, as the image itself",
@@ -65,14 +66,14 @@ STAGES: dict[str, Kind] = {
         "glint is above median + K lower-side deviations", identify.fit, identify.IdentifyMedian, 0, 1000
     ),
     "identify-level": Kind(
-        "glint is above the opened level (window of N pixels)",
+        "glint is above the opened background, window of N pixels",
         background.fit, background.Background, 3, 255, whole=True, odd=True,
     ),
     "replace-bands": Kind(
         "from the spectrally nearest clean band", replace_glint.fit_bands, replace_glint.ReplaceBands
     ),
     "replace-level": Kind(
-        "from the band's own opened level", lambda *_: replace_glint.ReplaceLevel(), replace_glint.ReplaceLevel
+        "from the band's own background", lambda *_: replace_glint.ReplaceLevel(), replace_glint.ReplaceLevel
     ),
     "median": Kind(
         "adaptive median up to N pixels where glint is left",

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..remove.model import GlintModel
-from .noise import noise
+from ..remove.noise import noise
 from .state import FEWEST, Float32, Sample, State
 
 SPAN = 7

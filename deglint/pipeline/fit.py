@@ -27,10 +27,7 @@ from .overview import TILE_SIDE, check_size, core_of, overviews, role_bands, whe
 from .recipe import Recipe, make_request
 from .sample import Sampler, Training, sampler_of, strips_finder, strips_of_footprints, training_reader
 from .tolerance import Sampling, short_of
-from .training import Job, Progress, chosen, read_training, removal_of, sample_of, setting
-
-HALO = 64
-"""Pixels around a tile to learn from that stages look at; those farther away change next to nothing [pixel]."""
+from .training import HALO, Job, Progress, chosen, read_training, removal_of, sample_of, setting
 
 
 @dataclass(frozen=True)
@@ -164,9 +161,10 @@ def _fit(job: Job) -> Fitted:
         notes.append(overview.water.reason)
     log_water(overview.water, recipe.mask)
     sampler = sampler_of(scene, recipe, overview, job.threads) if recipe.sample != "auto" else None
-    method, text, choice = recipe.method, recipe.chain, None
+    method, text, choice, training = recipe.method, recipe.chain, None, None
     if method == "auto" and text == "auto":
-        choice = chosen(job, sampler)
+        training = read_training(job, sampler, HALO)
+        choice = chosen(job, training)
         method, text = choice.best.method, choice.best.chain
         notes += choice.lines()
         log_choice(choice)
@@ -176,7 +174,7 @@ def _fit(job: Job) -> Fitted:
     if method == "copy":
         model, sample, outline = _nothing(job.request, choice), None, None
     elif text != "off":
-        chain, model, sample, outline = _fit_chain(job, sampler, text, method)
+        chain, model, sample, outline = _fit_chain(job, training or read_training(job, sampler, HALO), text, method)
     elif METHODS[method].neighbours:
         model, sample, outline = _fit_neighbours(job, sampler)
     elif METHODS[method].plan is None:
@@ -206,10 +204,9 @@ def _nothing(request: FitRequest, choice: Choice | None) -> GlintModel:
 
 
 def _fit_chain(
-    job: Job, sampler: Sampler | None, text: str, method: str
+    job: Job, training: Sequence[Training], text: str, method: str
 ) -> tuple[Chain, GlintModel, dict[str, Any], dict[str, Any] | None]:
     """Stages and a removal, from tiles that are held in memory."""
-    training = read_training(job, sampler, HALO)
     found = fit_chain(text, sample_of(training), setting(job), removal_of(job, training, method))
     return found.chain, found.model, *_said(job, training, found.model)
 

@@ -28,7 +28,7 @@ from .wiener import SAMPLE_SIDE, SampleTile
 
 __all__ = [
     "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "SampleTile", "Weighted", "apply", "combine", "fit", "gather", "glint_error",
+    "SampleStatistics", "SampleTile", "Weighted", "apply", "combine", "fit", "fit_pointwise", "gather", "glint_error",
     "levels_for", "merge", "nir_request",
 ]  # fmt: skip
 
@@ -154,10 +154,19 @@ def fit(
         ]  # fmt: skip
         tiles = [SampleTile(block[:, r, c], water[r, c], mask[r, c], (r.start, c.start)) for r, c in squares]
         return chosen.fit(request, tiles)
+    return fit_pointwise(method, request, [block], [mask])
+
+
+def fit_pointwise(
+    method: str, request: FitRequest, blocks: Sequence[FloatArray], masks: Sequence[npt.NDArray[np.bool_]]
+) -> GlintModel:
+    """Fit a method that looks at no neighbours to blocks in memory, one sample mask each."""
+    chosen = METHODS[method]
     if chosen.plan is None:
         return chosen.fit(request, None)
     plan = chosen.plan(request)
-    return chosen.fit(request, merge([gather(block[list(plan.read_bands)], mask, plan)], plan))
+    parts = [gather(block[list(plan.read_bands)], mask, plan) for block, mask in zip(blocks, masks, strict=True)]
+    return chosen.fit(request, merge(parts, plan))
 
 
 def nir_request(
