@@ -152,17 +152,6 @@ def _merge(n, mean, rest, comoment, nb, mean_b, rest_b, comoment_b):  # type: ig
 
 
 @njit(nogil=True, cache=True)
-def _all_centred(values, m, x, mean, rest, left):  # type: ignore[no-untyped-def]
-    """Centre the first m pixels into x; returns what is finite only where all values are."""
-    total = 0.0
-    for v in range(values.shape[0]):
-        shift, centre, left[v] = _centred(values[v], m, x[v])
-        mean[v], rest[v] = _two_sum(shift, centre + left[v])
-        total += left[v]
-    return total
-
-
-@njit(nogil=True, cache=True)
 def _reduce_run(values, m, x, mean, rest, comoment):  # type: ignore[no-untyped-def]
     """Two-pass moments of the first m pixels of `values`, (variable, pixel); returns whether all are finite.
 

@@ -91,7 +91,7 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
         raise InputError(f"method {method!r} is not one of {', '.join(METHODS)}.")
     whiten = whitener(background.covariance)
     if not len(whiten):
-        raise FitError("no band of the background varies, so nothing can stand out. Check bands and nodata.")
+        raise FitError("no band of the background varies, so no pixel can exceed it. Check bands and nodata.")
     linear = None
     if method == "subspace":
         whiten = _subspace(background.covariance, drop)

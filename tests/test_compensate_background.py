@@ -13,7 +13,7 @@ from deglint.compensate.background import fit as fit_background
 from deglint.compensate.background import opening, ringing, shared
 from deglint.compensate.median import adaptive_median
 from deglint.compensate.normalise import water_level
-from deglint.compensate.psf import PSF, kernel_psf, system_psf, typical_psf
+from deglint.compensate.psf import PSF, system_psf, typical_psf
 from deglint.compensate.replace_glint import fit_bands, nearest_clean
 from deglint.compensate.sharpen import blurred, richardson_lucy
 from deglint.compensate.stages import apply_stages, fit_stages, parse
@@ -92,7 +92,7 @@ def test_sharpening_gathers_light_and_keeps_it():
 @pytest.mark.parametrize("kernel", [np.ones((2, 2)), [[0, -1, 0], [0, 3, 0], [0, 0, 0]], [[np.nan]], [], np.eye(3)[:2]])
 def test_what_is_no_psf_is_refused(kernel):
     with pytest.raises(InputError) as error:
-        kernel_psf(kernel)
+        PSF(np.array(kernel, float))
     assert "\n" not in str(error.value)
 
 
@@ -157,17 +157,17 @@ def test_under_much_glint_the_mode_is_taken_where_that_is_asked_for():
 def simulated(kind, wind=9.0, seed=21, side=160):
     """Radiance, truth, setting and objects of a sea with objects 16 pixels wide on the right."""
     sensor = preset("thesis")
-    things = []
+    objects = []
     for i in range(side // 40):
         for j in range(side // 80):
             x, y = (side / 2 + 20 + 40 * j) * sensor.gsd, (20 + 40 * i) * sensor.gsd
             if kind == "disc":
                 turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
                 corners = tuple((x + 2 * float(np.cos(t)), y + 2 * float(np.sin(t))) for t in turn)
-                things.append(SubmergedObject(corners=corners, reflectance=0.1, depth=5.0))
+                objects.append(SubmergedObject(corners=corners, reflectance=0.1, depth=5.0))
             else:
-                things.append(square(x, y, 4.0, reflectance=0.1, depth=5.0))
-    setup = Setup(sensor=sensor, size=(side, side), wind=wind, sky="cardioidal", objects=tuple(things), seed=seed)
+                objects.append(square(x, y, 4.0, reflectance=0.1, depth=5.0))
+    setup = Setup(sensor=sensor, size=(side, side), wind=wind, sky="cardioidal", objects=tuple(objects), seed=seed)
     made = simulate(setup)
     scale = np.array([sensor.scale(b) for b in sensor.bands])[:, None, None]
     bands = tuple(Band(b.name, b.wavelength, time_offset=b.time_offset) for b in sensor.bands)

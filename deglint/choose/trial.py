@@ -23,9 +23,9 @@ WATER = 10.0
 """Percentile of a band over the sample that is taken for the water without glint, as the unit of contrasts [%]."""
 ALIKE = 1.05
 """Of candidates whose expected errors are no larger than this times the least the first is taken, which is plainest."""
-WORTH = 0.7
-"""Share of the error of a copy that the best candidate must stay below, else the scene is copied: expected errors are
-off by a factor of 1.8 in the median, and a copy alters nothing (``python -m benchmarks choice``)."""
+WORTH = 0.85
+"""Share of the error of a copy that the best candidate must stay below, else the scene is copied: a copy alters
+nothing, so what replaces it must be expected to leave a sixth less."""
 LARGEST_DISC = 16.0
 """Width of the widest disc that is implanted [pixel]: wider ones outlast every window that is tried."""
 BESIDE = 5

@@ -208,9 +208,9 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
     from ..simulate.experiments import DELAYS, WINDS, experiments
 
     sensor = preset(given["preset"])
-    things: tuple[Any, ...] = ()
+    objects: tuple[Any, ...] = ()
     if given["objects"] == "thesis":
-        things = thesis_array(given["size"], sensor.gsd, depth=given["depth"])
+        objects = thesis_array(given["size"], sensor.gsd, depth=given["depth"])
     direct = (
         "size", "wind_from", "sun_zenith", "sun_azimuth", "view_zenith", "view_azimuth", "chlorophyll", "sky",
         "slopes", "spectrum", "fetch", "coast", "supersample", "patch", "seed",
@@ -225,7 +225,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
         artefacts=Artefacts(striping=given["striping"] / 100, resampling=given["resampling"], jpeg=given["jpeg"]),
         sensor=sensor.delayed(delays[0]) if delays else sensor,
         wind=wind,
-        objects=things,
+        objects=objects,
         misregistration=_offsets(given["misregistration"], len(sensor.bands), given["seed"]),
         **{name: given[name] for name in direct},
     )

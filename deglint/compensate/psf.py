@@ -64,14 +64,6 @@ class PSF:
         return [(down / total, across) for down, across in pairs]
 
 
-def kernel_psf(kernel: npt.ArrayLike) -> PSF:
-    """PSF from a kernel: as it stands but for its sum, which becomes 1."""
-    found = np.array(kernel, np.float64, ndmin=2)
-    if not found.size or not np.isfinite(found).all() or found.sum() <= 0:
-        raise InputError("a PSF must be finite, nowhere negative, and positive in the middle.")
-    return PSF(found / found.sum())
-
-
 def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float = 0.5) -> PSF:
     """PSF of a band from the sensor's optics: the MTF of `deglint.physics.sensor.mtf`, transformed.
 

@@ -35,7 +35,8 @@ def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
         differences.append(second[mask[1:-1, 1:-1]])
         means.append(cv2.blur(plane, (3, 3))[1:-1, 1:-1][mask[1:-1, 1:-1]])
     second, mean = np.concatenate(differences), np.concatenate(means)
-    return max(spread(second[mean <= np.median(mean)]), 1e-12)
+    darker = second[mean <= np.median(mean)] if mean.size else second
+    return max(spread(darker), 1e-12)
 
 
 def faint_weight(nir: FloatArray, sample: Mask, size: int) -> FloatArray:
