@@ -176,7 +176,7 @@ def test_the_amount_is_before_less_after(sea, write, read, tmp_path):
     assert not amount[:, :, 50:].any()
     with rasterio.open(tmp_path / "amount.tif") as dataset:
         assert dataset.dtypes == ("float32",) * 3
-        assert dataset.descriptions == ("glint in blue", "glint in green", "glint in red")
+        assert dataset.descriptions == ("sun glint in blue", "sun glint in green", "sun glint in red")
         assert np.isnan(dataset.nodata)
 
 

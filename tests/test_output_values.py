@@ -268,7 +268,7 @@ def test_flags_say_what_was_done_to_each_pixel(sea, write, read, geojson, tmp_pa
     assert counts["negative_after"]["red"] == np.count_nonzero(corrected & (expected[2] < 0))
     np.testing.assert_array_equal(read(tmp_path / "out.tif")[:, ~corrected], raw[:, ~corrected])
     with rasterio.open(tmp_path / "flags.tif") as dataset:
-        assert dataset.dtypes == ("uint8",)
+        assert dataset.dtypes == ("uint8", "uint8")
         assert dataset.crs.to_epsg() == 32653
     assert sorted(FLAGS) == [1, 2, 4, 8, 16, 32, 64, 128]
 

@@ -75,8 +75,8 @@ def removal(inputs: Sequence[str], output: str, recipe: Recipe, given: Mapping[s
     took, pixels, bands = time.perf_counter() - begun, scene.height * scene.width, len(model.fits)
     data = read_bytes(scene)
     image = data if given["dtype"] is None else pixels * len(scene.bands) * np.dtype(given["dtype"]).itemsize
-    per_file: dict[Path | None, int] = {targets.image: image, targets.flags: pixels, targets.amount: 4 * pixels * bands,
-                targets.stderr: 4 * pixels * bands}  # fmt: skip
+    per_file: dict[Path | None, int] = {targets.image: image, targets.flags: 2 * pixels,
+                targets.amount: 4 * pixels * bands, targets.stderr: 4 * pixels * bands}  # fmt: skip
     files = {str(path): per_file.get(path) for path in targets.every()}
     nir = [scene.names[b] for b in model.index_bands]
     about = {"input": list(inputs), "nir": nir, "read_bytes": data, "fit_seconds": took, "recipe": asdict(used)}

@@ -122,9 +122,16 @@ if TYPE_CHECKING:
     type=FILE,
     metavar="FILE",
     help="Write a raster of flags: 1 nodata, 2 not water, 4 corrected, 8 negative "
-    "after, 16 saturated before, 32 clipped, 64 replaced, 128 protected.",
+    "after, 16 saturated before, 32 clipped, 64 replaced, 128 protected. Second band: class of sun glint (CEOS-ARD), "
+    "1 negligible, 2 correctable, 3 uncorrectable.",
 )
-@click.option("--amount", type=FILE, metavar="FILE", help="Write the removed glint itself (float32, physical units).")
+@click.option(
+    "--amount",
+    type=FILE,
+    metavar="FILE",
+    help="Write the amount of sun glint that was removed (float32, physical units), with the modelled sky glint in its "
+    "tags and in the sidecar.",
+)
 @click.option(
     "--stderr",
     type=FILE,

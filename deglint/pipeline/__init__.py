@@ -8,15 +8,16 @@ only passes over its tiles, does not wait for the rest.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .correct import FLAGS
     from .fit import Fitted, fit_scene
+    from .flags import FLAGS, GLINT_CLASSES
     from .outputs import Outputs, Result
     from .recipe import Recipe
     from .run import remove_glint
     from .sidecar import load_chain, load_model
 
 _HOMES = {
-    "FLAGS": "correct",
+    "FLAGS": "flags",
+    "GLINT_CLASSES": "flags",
     "Fitted": "fit",
     "Outputs": "outputs",
     "Recipe": "recipe",
@@ -28,7 +29,8 @@ _HOMES = {
 }
 
 __all__ = [
-    "FLAGS", "Fitted", "Outputs", "Recipe", "Result", "fit_scene", "load_chain", "load_model", "remove_glint",
+    "FLAGS", "GLINT_CLASSES", "Fitted", "Outputs", "Recipe", "Result", "fit_scene", "load_chain", "load_model",
+    "remove_glint",
 ]  # fmt: skip
 
 

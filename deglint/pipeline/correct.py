@@ -20,21 +20,10 @@ from ..remove import GlintModel, apply
 from ..remove.predict import glint
 from ..scene import Scene
 from ..tiles import Tile
+from .flags import CLIPPED, CORRECTED, NEGATIVE, NODATA, NOT_WATER, PROTECTED, REPLACED, SATURATED, glint_classes
 from .outputs import Tally
 from .overview import place_in, raster_of
 
-FLAGS = {
-    1: "nodata: not valid, copied",
-    2: "not water, or outside the mask: copied",
-    4: "corrected",
-    8: "negative after correction, in some band",
-    16: "saturated before correction, in some band",
-    32: "clipped to the output's integer range (less the number for nodata), in some band",
-    64: "replaced: glint of one instant, in some band, by the water beside it",
-    128: "protected: a target, which exceeds the water in a way that glint does not, and was restored",
-}
-"""Bits of the flag raster."""
-NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED, REPLACED, PROTECTED = FLAGS
 CELL = tiling.COMPACT
 """Side of the cells that a chain is applied to, from the first pixel of the scene on [pixel]: the same cells however
 the scene is stored and read, so that the result is the same to the bit."""
@@ -110,6 +99,7 @@ class Correction:
     only: tuple[int, ...] = ()
     want_flags: bool = False
     want_amount: bool = False
+    noise: tuple[float, ...] = ()  # of the bands that may change, for the classes of sun glint
     errors: Errors | None = None
 
     @property
@@ -154,7 +144,8 @@ class Correction:
         if self.copies:
             return self._copied(tile)
         block = self._read(tile)
-        before = block.wide[block.place][self.amount_bands].copy() if self.want_amount else None
+        wanted = self.amount_bands if self.want_amount else self.changed
+        before = block.wide[block.place][wanted].copy() if self.want_flags or self.want_amount else None
         saturated = self._saturated(block.wide[block.place])
         physical, done = self._corrected(block)
         error = self._stderr(block, physical, done) if self.errors is not None else None
@@ -164,13 +155,24 @@ class Correction:
         if flags is not None and saturated.any():
             flags[saturated.any(axis=0)] |= SATURATED
         out = self._encoded(block, physical, done, flags, tally)
-        amount = None if before is None else np.subtract(before, physical[self.amount_bands], dtype=np.float32)
+        amount = None if before is None else np.subtract(before, physical[wanted], dtype=np.float32)
+        if flags is not None and amount is not None:
+            full, water = np.asarray(saturated.any(axis=0)), _or_all(block.where)
+            classes = glint_classes(amount[: len(self.changed)], np.array(self.noise), full, water)
+            tally.glint = np.bincount(classes.ravel(), minlength=tally.glint.size)
+            flags = np.stack([flags, classes])
         file_valid = self._file_valid(block.raw, block.valid)
-        return Corrected(out, tally, file_valid, flags, amount, error)
+        return Corrected(out, tally, file_valid, flags, amount if self.want_amount else None, error)
 
     def physical(self, tile: Tile) -> npt.NDArray[Any]:
         """Read a tile and correct it: physical values of all bands."""
         return self._corrected(self._read(tile))[0]
+
+    def changed_water(self, tile: Tile) -> tuple[npt.NDArray[Any], Mask]:
+        """The same of the bands that may change, and where the tile was to be corrected."""
+        block = self._read(tile)
+        where = np.ones(tile.shape, np.bool_) if block.where is None else block.where
+        return self._corrected(block)[0][self.changed], where
 
     def _copied(self, tile: Tile) -> Corrected:
         """A tile as it is, in the output's type."""

@@ -15,6 +15,7 @@ from ..errors import DeglintError
 from ..raster.environment import environment
 from ..scene import Band, FloatArray
 from .fit import Fitted
+from .flags import GLINT_CLASSES
 from .overview import raster_of
 
 _PER_BAND = ("replaced", "rewritten", "negative", "clipped", "saturated")
@@ -31,7 +32,8 @@ class Outputs:
     image : Path
         The deglinted raster; its sidecar is `image` with ".json" appended.
     flags, amount, stderr, sample, model, picture : Path, optional
-        Flag raster, removed glint, standard errors, the sample as GeoJSON, the fitted model, a before/after picture.
+        Flags and classes of sun glint, amounts of sun glint removed, standard errors, the sample as GeoJSON, the fitted
+        model, a before/after picture.
     overwrite : bool
         Replace what exists.
     dtype : str, optional
@@ -91,14 +93,16 @@ class Tally:
     negative: npt.NDArray[np.int64] = field(init=False)
     clipped: npt.NDArray[np.int64] = field(init=False)
     saturated: npt.NDArray[np.int64] = field(init=False)
+    glint: npt.NDArray[np.int64] = field(init=False)  # by class of sun glint
 
     def __post_init__(self) -> None:
         for name in _PER_BAND:
             setattr(self, name, np.zeros(self.bands, np.int64))
+        self.glint = np.zeros(len(GLINT_CLASSES), np.int64)
 
     def add(self, other: Tally) -> None:
         """Add a tile's counts."""
-        counts = ("total", "nodata", "not_water", "usable", "corrected", "protected")
+        counts = ("total", "nodata", "not_water", "usable", "corrected", "protected", "glint")
         self.copied |= other.copied
         for name in (*counts, *_PER_BAND):
             setattr(self, name, getattr(self, name) + getattr(other, name))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -30,14 +30,16 @@ from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from ..timing import Reporter
 from .cluster import Cluster, writing_images
-from .correct import CELL, FLAGS, Correction
+from .correct import CELL, Correction
 from .fit import Fitted, Progress, fit_scene
+from .flags import beside, glint_numbers
 from .log import log_model, log_result, log_scene, log_water
 from .outputs import Outputs, Result, Tally
 from .overview import block_of, overview_of, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .sidecar import saved, sidecar
-from .uncertain import with_stderr
+from .sky import sky_glint
+from .uncertain import with_noise, with_stderr
 
 CHAIN_COPIES = 3
 """How many times the memory of a tile a chain takes, against removal alone."""
@@ -155,13 +157,15 @@ def _run(
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
     fitted = replace(fitted, notes=(*fitted.notes, *notes))
     work = correction(scene, fitted, targets=targets, dtype=targets.dtype, area=area)
+    work = with_noise(work, threads) if targets.flags else work
+    sky = sky_glint(scene) if targets.amount else None
     if targets.stderr:
         if not work.changed:
             raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
         work = with_stderr(work, threads)
         work = replace(work, layout=replace(work.layout, tile=_tile_shape(work)))
     with Scratch(overwrite=targets.overwrite) as scratch:
-        tally = _write_tiles(scratch, work, targets, threads, progress, cluster)
+        tally = _write_tiles(scratch, work, targets, threads, progress, cluster, sky)
         if tally.corrected == 0 and fitted.model.fits:
             why = "every pixel is nodata" if tally.nodata == tally.total else "no pixel is water inside the mask"
             raise NoWaterError(f"nothing to correct in {scene.path}: {why}. Check --nodata and --mask.")
@@ -172,6 +176,8 @@ def _run(
         if targets.picture:
             write_bytes(scratch, targets.picture, before_after(scene, scratch.file(targets.image), fitted.model))
         said = plain(sidecar(scene, fitted, targets, tally, checksum, time.perf_counter() - begun))
+        said |= plain({"sun_glint": glint_numbers(work, tally)}) if targets.flags else {}
+        said |= plain({"sky_glint": sky}) if sky else {}
         said |= {"cluster": cluster.numbers()} if cluster else {}
         if targets.request:
             made = {p.name: fingerprint(scratch.file(p)) for p in targets.every() if p != targets.sidecar}
@@ -236,7 +242,7 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 
 def _write_tiles(
     scratch: Scratch, work: Correction, targets: Outputs, threads: int, progress: Progress | None,
-    cluster: Cluster | None,
+    cluster: Cluster | None, sky: Mapping[str, Any] | None,
 ) -> Tally:  # fmt: skip
     scene, image = work.scene, work.layout
     everything = tiling.tiles(scene.height, scene.width, image.tile)
@@ -245,7 +251,7 @@ def _write_tiles(
     if work.copies and copied_whole(scratch, image, targets.image):
         return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
-    images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.amount_bands))
+    images = {"raw": (targets.image, image)} | beside(work, targets, sky)
     opened = writing_images(scratch, targets.image, images, cluster)
     with one_thread_each(), opened as (run, writers):
         for tile, done in run(everything, work, threads=at_once, progress=note, start=enter_thread):
@@ -268,22 +274,6 @@ def one_thread_each() -> Iterator[None]:
         yield
     finally:
         cv2.setNumThreads(before)
-
-
-def _beside(scene: Scene, targets: Outputs, image: Layout, bands: tuple[int, ...]) -> dict[str, tuple[Path, Layout]]:
-    """The rasters beside the image, by the fields of a tile's result: their names, and what they are like."""
-    options: dict[str, Any] = {"options": targets.options, "scaled": False, "tile": image.tile}
-    found = {}
-    if targets.flags:
-        found["flags"] = (
-            targets.flags,
-            Layout(image.info, (0,), "uint8", None, names=("flags",), flags=FLAGS, **options),
-        )
-    for path, what, said in ((targets.amount, "amount", "glint in"), (targets.stderr, "stderr", "standard error of")):
-        if path:
-            names = tuple(f"{said} {scene.bands[b].name}" for b in bands)
-            found[what] = path, Layout(image.info, bands, "float32", float("nan"), names=names, **options)
-    return found
 
 
 @checked_keywords()

@@ -1,4 +1,4 @@
-"""Learn a scene's standard errors from some of its tiles, which are corrected once more."""
+"""Learn a scene's noise and standard errors from some of its tiles, which are corrected once more."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from .. import tiles as tiling
 from ..compensate import Background, Posterior, Sample, Setting, State, apply_chain, fit_posterior, fit_replaced
 from ..errors import FitError, InputError
 from ..raster.environment import enter_thread
+from ..remove.noise import noise
 from ..tiles import Tile
 from .correct import Correction, Errors
-from .overview import core_of
+from .overview import core_of, raster_of
 
 TILES = 8
 """Tiles that are learnt from: spread over the scene, and few, as each is corrected twice more."""
@@ -58,3 +59,15 @@ def with_stderr(work: Correction, threads: int) -> Correction:
     nir = tuple(work.model.index_bands) or (0,)
     left = fit_posterior(after, Setting(scene.bands, nir))
     return replace(work, errors=Errors((), replace(left, resolved=False)))
+
+
+def with_noise(work: Correction, threads: int) -> Correction:
+    """The same correction, with the noise of the corrected bands: that of the pixels, and of rounding in the file."""
+    scene, info = work.scene, raster_of(work.scene).info
+    every = tiling.tiles(scene.height, scene.width, (SIDE, SIDE))
+    some = tiling.spread(every, TILES * SIDE**2)
+    done = [part for _t, part in tiling.run(some, work.changed_water, threads=threads, start=enter_thread)]
+    inside = [where for _p, where in done]
+    steps = [info.scales[b] if np.dtype(work.layout.dtype).kind in "iu" else 0.0 for b in work.changed]
+    found = [noise([np.nan_to_num(p[i]) for p, _w in done], inside) for i in range(len(work.changed))]
+    return replace(work, noise=tuple(float(np.hypot(n, s / 12**0.5)) for n, s in zip(found, steps, strict=True)))
