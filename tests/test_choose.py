@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -9,7 +10,7 @@ from deglint import Recipe, fit_scene, open_scene
 from deglint.choose import candidates
 from deglint.choose.candidates import windows
 from deglint.choose.implants import gains, implants
-from deglint.choose.score import expected_errors, powers
+from deglint.choose.score import SCALES, expected_errors, least_glint, powers
 from deglint.choose.trial import BESIDE, without_ships
 from deglint.compensate import Sample, Setting, State
 from deglint.scene import Band
@@ -62,14 +63,27 @@ def test_bands_that_do_not_count_have_no_power():
     ],
 )
 def test_the_least_expected_error(power, gain, best):
-    found = expected_errors(np.array(power), np.array(gain, float), np.ones(2))
+    found = expected_errors(np.array(power), np.array(power), np.array(gain, float), np.ones(2))
     assert found.argmin() == best
 
 
 def test_lost_objects_cost():
     same = np.full((2, 4), 0.01)
-    found = expected_errors(same, np.ones((2, 4)), np.array([1.0, 0.0]))
+    found = expected_errors(same, same, np.ones((2, 4)), np.array([1.0, 0.0]))
     assert found[0] < found[1]
+
+
+@pytest.mark.parametrize(("scene", "left"), [(0.0, 0.3), (0.2, 0.0), (0.2, 0.3)])
+def test_expected_errors_distinguish_the_scene_from_what_is_left_of_glint(scene, left):
+    """Noise of the scene everywhere, and of a recipe that keeps all signals in proportion to the glint."""
+    rng = np.random.default_rng(1)
+    glint = cv2.GaussianBlur(rng.standard_normal((128, 128)), (0, 0), 8).clip(0)
+    glint /= glint.std()
+    image = (scene * rng.standard_normal(glint.shape) + left * glint * rng.standard_normal(glint.shape))[None]
+    calm = least_glint([glint[None].astype(np.float32)], [INSIDE])
+    found = [powers([image.astype(np.float32)], [INSIDE], np.ones(1, np.float32), c) for c in ((), calm)]
+    error = expected_errors(found[0][None], found[1][None], np.ones((1, len(SCALES))), np.ones(1))
+    assert error == pytest.approx(left * np.sqrt((glint**2).mean()), abs=0.04)
 
 
 def test_windows_fit_the_smallest_object_and_the_clumps():

@@ -9,9 +9,11 @@ is left of glint and noise. The error, against the scene without glint and noise
 
 .. math:: E_{cs} = (1 - g_{cs})^2 S_s + N_{cs} = P_{cs} + (1 - 2 g_{cs}) S_s .
 
-S is not known, but no larger than :math:`P_{cs} / g_{cs}^2` of any recipe; the least of these is taken. Recipes that
-erase signals have a small P, and a small g too, and gain nothing by it. Tiles are few: what signals they may lack
-counts with a least power, and objects as if they had a usual contrast and covered a hundredth of the scene.
+S is not known, but no larger than :math:`P_{cs} / g_{cs}^2` of any recipe, over all pixels or over those with the least
+glint; the least of these is taken. The scene's own signal is the same where there is little glint, and what a recipe
+leaves of glint is less there. Recipes that erase signals have a small P, and a small g too, and gain nothing by it.
+Tiles are few: what signals they may lack counts with a least power, and objects as if they had a usual contrast and
+covered a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: what is left of glint there is its level, which all
 pixels share, and which no texture tells.
@@ -35,47 +37,73 @@ SIGNAL = 0.05
 an analyst sees in an image without glint. Tiles are few, and what is looked for is rare."""
 LEAST_GAIN = 0.05
 """A gain below this is 0, within the error of its estimate from some tiles."""
+CALM = 10.0
+"""Percent of the pixels that have the least glint: few, so that it is little, and a thousand in eight tiles of each
+band, so that the power of their texture is known to a few percent [%]."""
 HALF = 0.5
 """The same for plumes: there is one in a tile."""
 
 
-def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32) -> Float64:
+def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, calm: Sequence[Mask] = ()) -> Float64:
     """Mean square of the texture at each scale: between the scales, and what is coarser than the last, about the mean.
 
     unit : (band,) by which bands are divided; infinite for those that do not count
+    calm : (band, scale, row, column) of each image, the pixels that count, from `least_glint`; none, all inside
     """
     import cv2
 
-    counted = int(np.isfinite(unit).sum())
-    total, pixels = np.zeros(len(SCALES)), 0
-    for image, mask in zip(images, inside, strict=True):
-        pixels += int(mask.sum()) * counted
-        known = mask.astype(np.float32)
-        shares = [np.maximum(cv2.blur(known, (side, side)), 1e-6) for side in SCALES[1:]]
-        for band, scale in zip(image, unit, strict=True):
-            if not np.isfinite(scale):
-                continue
-            finer = values = np.where(mask, band / scale, np.float32(0))
+    total, pixels = np.zeros(len(SCALES)), np.zeros(len(SCALES))
+    for n, (image, mask) in enumerate(zip(images, inside, strict=True)):
+        shares = _shares(mask)
+        for b in np.flatnonzero(np.isfinite(unit)):
+            finer = values = np.where(mask, image[b] / unit[b], np.float32(0))
             for i, (side, share) in enumerate(zip(SCALES[1:], shares, strict=True)):
                 coarser = cv2.blur(values, (side, side)) / share  # means of the mask's pixels alone
-                total[i] += float(np.square((finer - coarser)[mask], dtype=np.float64).sum())
+                counted = calm[n][b, i] if calm else mask
+                total[i] += float(np.square((finer - coarser)[counted], dtype=np.float64).sum())
+                pixels[i] += int(counted.sum())
                 finer = coarser
             rest = finer[mask]
             total[-1] += float(np.square(rest - rest.mean(), dtype=np.float64).sum()) if rest.size else 0.0
-    return total / max(pixels, 1)
+            pixels[-1] += rest.size
+    return np.asarray(total / np.maximum(pixels, 1))
 
 
-def expected_errors(power: Float64, gain: Float64, objects: Float64) -> Float64:
+def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
+    """Pixels with the least glint around them, for each band and scale but the coarsest: (band, scale, row, column)."""
+    import cv2
+
+    out = []
+    for planes, mask in zip(glint, inside, strict=True):
+        calm = np.zeros((len(planes), len(SCALES) - 1, *mask.shape), np.bool_)
+        for b, plane in enumerate(planes):
+            for i, (side, share) in enumerate(zip(SCALES[1:], _shares(mask), strict=True)):
+                around = cv2.blur(np.where(mask, plane, np.float32(0)), (side, side)) / share
+                calm[b, i] = mask & (around <= np.percentile(around[mask], CALM)) if mask.any() else mask
+        out.append(calm)
+    return out
+
+
+def _shares(mask: Mask) -> list[Float32]:
+    """Share of a mask around each pixel, at each scale but the finest; positive."""
+    import cv2
+
+    known = mask.astype(np.float32)
+    return [np.maximum(cv2.blur(known, (side, side)), np.float32(1e-6)) for side in SCALES[1:]]
+
+
+def expected_errors(power: Float64, calm: Float64, gain: Float64, objects: Float64) -> Float64:
     """Expected error of each recipe, relative to the water.
 
     Parameters
     ----------
-    power, gain : (recipe, scale) ndarray
-        From `powers`, and of the textures and, for the coarsest scale, of plumes.
+    power, calm, gain : (recipe, scale) ndarray
+        From `powers`, over all pixels and over those with the least glint; and of the textures and, for the coarsest
+        scale, of plumes.
     objects : (recipe,) ndarray
         Gain of discs.
     """
-    signal = (power / np.clip(gain, [LEAST_GAIN] * (gain.shape[1] - 1) + [HALF], 1) ** 2).min(axis=0)
+    signal = (np.minimum(power, calm) / np.clip(gain, [LEAST_GAIN] * (gain.shape[1] - 1) + [HALF], 1) ** 2).min(axis=0)
     error = np.maximum(power + (1 - 2 * gain) * signal, 0)[:, :-1].sum(axis=1)
     lost = np.square(1 - gain[:, -1])
     error += lost * (signal[-1] + SHARE * PLUME**2) + SHARE * np.square(BRIGHT * (1 - objects))

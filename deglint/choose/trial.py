@@ -17,7 +17,7 @@ from ..remove.noise import noise, spread
 from ..remove.request import EVEN
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
-from .score import expected_errors, powers
+from .score import expected_errors, least_glint, powers
 
 WATER = 10.0
 """Percentile of a band over the sample that is taken for the water without glint, as the unit of contrasts [%]."""
@@ -104,8 +104,9 @@ class Choice:
         least, trial = min(others, key=lambda t: t.error), self.trial
         own = float("nan") if trial is None else trial.error
         return (
-            f"an uncorrected image has the least expected error, {own:.1%} of the water ({least.candidate.name} "
-            f"{least.error:.1%}): the bands share no glint that is worth removing"
+            f"the expected error of the best candidate ({least.candidate.name}, {least.error:.1%} of the water) is not "
+            f"below {WORTH:.0%} of that of an uncorrected image ({own:.1%}): the bands share no glint that is worth "
+            "removing"
         )
 
     @property
@@ -196,12 +197,14 @@ def choose(
         failed["hedley"] = "the bands share no glint"
     runs = {c: r for c, r in zip(todo, done, strict=True) if isinstance(r, _Run) and c.name not in failed}
     inside = _without_targets(sample, list(runs.values()))
+    calm = _calm(runs, inside)
     trials = [
         Trial(c, tuple(powers(r.images, inside, unit).tolist()), gains(r.responses, added, inside, unit))
         for c, r in runs.items()
     ]
     errors = expected_errors(
         np.array([t.power for t in trials]),
+        np.array([powers(runs[t.candidate].images, inside, unit, calm) for t in trials]),
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
     )
@@ -281,6 +284,15 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
         for n, mask in enumerate(run.targets):
             inside[n] = inside[n] & ~_around(mask)
     return tuple(inside)
+
+
+def _calm(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
+    """Where the linear removal takes least of each band; none where it could not be fitted."""
+    by_name = {c.name: r.images for c, r in runs.items()}
+    if not {"copy", "wiener"} <= by_name.keys():
+        return []
+    glint = [raw - without for raw, without in zip(by_name["copy"], by_name["wiener"], strict=True)]
+    return least_glint(glint, inside)
 
 
 def _refuse_even(fitted: FittedChain, unit: Float32) -> None:
