@@ -164,6 +164,7 @@ def _fit(job: Job) -> Fitted:
     method, text, choice, training = recipe.method, recipe.chain, None, None
     if method == "auto" and text == "auto":
         training = read_training(job, sampler, HALO)
+        job = replace(job, progress=None)  # the tiles have been counted
         choice = chosen(job, training)
         method, text = choice.best.method, choice.best.chain
         notes += choice.lines()
