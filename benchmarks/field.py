@@ -14,7 +14,7 @@ import re
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from .error import DATA
 from .field_features import COLUMNS, ELSEWHERE, yes_no
 from .field_peers import PEERS, Remove, Told
 from .implants import Sea, contrast, implant, scale, shared, survive, write
-from .scenes import QUICK, Known
+from .scenes import Known, scenes
 from .timing import ROOT, in_turns, machine, table
 
 Array = npt.NDArray[np.floating[Any]]
@@ -53,6 +53,7 @@ GROUPS = {
     "resampled": r"resampled",
     "other sensors": r"sentinel2|planetscope|micasense|aerial",
     "hard cases": r"coast|foam|border|stripes|into",
+    "own seeds": r"own",
 }
 """Scenes by the start of their names; hard: coast, foam, borders of zeros, stripes, a view into the glint."""
 TARGETS = ("wind05_delay60", "wind09_delay60")
@@ -98,7 +99,7 @@ def programs(folder: Path | None) -> tuple[dict[str, Run], dict[str, str]]:
     ready: dict[str, Run] = {
         "raw": lambda _path, told: told.image,
         "deglint remove": own(),
-        "deglint remove --method hedley": own(Recipe(method="hedley", compensate="off")),
+        "deglint, Hedley": own(Recipe(method="hedley", compensate="off")),
     }
     missing = {}
     for peer in PEERS:
@@ -147,28 +148,22 @@ class Tally:
     lost: list[float] = field(default_factory=list)
 
 
-def stems(quick: bool) -> Iterator[Path]:
-    """Scenes beside the project."""
-    for group, few in QUICK.items():
-        found = [p.name.removesuffix("_truth.tif") for p in sorted((DATA / group).glob("*_truth.tif"))]
-        yield from (DATA / group / f"{stem}.tif" for stem in (few if quick and found else found))
-
-
 def measured(ready: Mapping[str, Run], quick: bool) -> dict[str, Tally]:
     """Run everything on every scene."""
     out = {name: Tally() for name in ready}
-    for path in stems(quick):
-        known, there = Known.of(path), objects(path)
-        told = told_of(known)
-        for name, run in ready.items():
-            try:
-                image = run(path, told)
-            except DeglintError:
-                image = told.image
-            out[name].errors[path.stem] = known.error(image)
-            out[name].lost.append(float(np.isnan(image[list(known.visible)]).any(axis=0)[known.counts].mean()))
-            out[name].shares += contrasts(image, known, there)
-        print(path.stem, {n: round(t.errors[path.stem], 1) for n, t in out.items()}, flush=True)
+    with tempfile.TemporaryDirectory() as place:
+        for group, known in scenes(Path(place), quick):
+            told, there = told_of(known), objects(known.path)
+            stem = known.path.stem if group.endswith("/") else f"own_{known.path.stem}"
+            for name, run in ready.items():
+                try:
+                    image = run(known.path, told)
+                except DeglintError:
+                    image = told.image
+                out[name].errors[stem] = known.error(image)
+                out[name].lost.append(float(np.isnan(image[list(known.visible)]).any(axis=0)[known.counts].mean()))
+                out[name].shares += contrasts(image, known, there)
+            print(stem, {n: round(t.errors[stem], 1) for n, t in out.items()}, flush=True)
     for name in TARGETS[: 1 if quick else None]:
         put_targets(shared(name), ready, out)
     return out
@@ -258,19 +253,24 @@ def better(found: Mapping[str, Tally]) -> str:
     return table(("scene", "deglint remove [%]", "best other [%]", "which"), rows) if rows else "None."
 
 
-INTRODUCTION = """# deglint beside other programs
+INTRODUCTION = """---
+html_theme.sidebar_secondary.remove: true
+---
+
+# deglint beside other programs
 
 `python -m benchmarks field --directory FOLDER --docs` measures and writes this page. FOLDER holds copies of the other
 programs, which run their own code; `benchmarks/field_peers.py` says where each is looked for. A program that is not in
-FOLDER is reported as not at hand.
+FOLDER is reported as not at hand. Versions stand below.
 """
 ERROR = """## Error
 
-Error of the visible bands relative to the water [%], geometric mean over the scenes. The scenes are simulated, by
-another simulator than deglint's, so the truth is known. deglint is told nothing. The others are told the NIR band and
-which pixels are deep water. The truth gives these pixels: every band is within {alike:.0f} % of the water's level.
-Pixels that a program gives up (NaN) do not count in its error. The column heads give the number of scenes. The hard
-cases are coasts, foam, a border of zeros, stripes of the sensor, and a view into the glint.
+Error of the visible bands relative to the water [%], geometric mean over the scenes. The scenes are simulated, so the
+truth is known. They come from another simulator than deglint's, and were at hand while deglint was developed, which
+favours it. The own seeds come from its own simulator and set no constant. deglint is told nothing. The others are told
+the NIR band and which pixels are deep water. The truth gives these pixels: every band is within {alike:.0f} % of the
+water's level. Pixels that a program gives up (NaN) do not count in its error. The column heads give the number of
+scenes. The hard cases are coasts, foam, a border of zeros, stripes of the sensor, and a view into the glint.
 """
 COST = """## What is kept, and what it costs
 
@@ -301,7 +301,7 @@ def page(found: Mapping[str, Tally], seconds: Mapping[str, float], missing: Mapp
 def main(quick: bool, directory: Path | None, docs: bool) -> None:
     """Measure, and print or write the page."""
     logging.getLogger("deglint").setLevel(logging.ERROR)
-    if not any(stems(quick)):
+    if not (DATA / "simulated").exists():
         print("Skipped: the simulated scenes do not lie beside the project.")
         return
     place = directory or (Path(os.environ["DEGLINT_PEERS"]) if os.environ.get("DEGLINT_PEERS") else None)

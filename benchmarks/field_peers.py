@@ -181,7 +181,7 @@ def glint_mask(folder: Path, _name: str) -> Remove:
 
 @dataclass(frozen=True)
 class Peer:
-    """A way to run a program, its version that was measured, and what makes it ready from the folder."""
+    """A way to run a program, and what makes it ready from the folder; `field_features` has the versions."""
 
     name: str
     load: Callable[[Path, str], Remove]
@@ -189,13 +189,13 @@ class Peer:
 
 
 PEERS = (
-    Peer("sungc 0.1.0, Hedley", sungc, "hedley_backend"),
-    Peer("sungc 0.1.0, NIR subtraction", sungc, "subtract_backend"),
-    Peer("sensingpy 3.0.4, Hedley", sensingpy, "hedley"),
-    Peer("sensingpy 3.0.4, Joyce", sensingpy, "joyce"),
-    Peer("sensingpy 3.0.4, Lyzenga", sensingpy, "lyzenga"),
-    Peer("ASP glint_correct (2e7a401)", stereo_pipeline),
-    Peer("DroneWQ 1.0.1, Hedley", dronewq),
-    Peer("SUGAR (CoastalWQL, 2024-02)", sugar),
-    Peer("GlintMaskGenerator 4.0.0, a mask", glint_mask),
+    Peer("sungc, Hedley", sungc, "hedley_backend"),
+    Peer("sungc, NIR subtraction", sungc, "subtract_backend"),
+    Peer("sensingpy, Hedley", sensingpy, "hedley"),
+    Peer("sensingpy, Joyce", sensingpy, "joyce"),
+    Peer("sensingpy, Lyzenga", sensingpy, "lyzenga"),
+    Peer("ASP glint_correct", stereo_pipeline),
+    Peer("DroneWQ, Hedley", dronewq),
+    Peer("SUGAR", sugar),
+    Peer("GlintMaskGenerator (mask)", glint_mask),
 )
