@@ -32,7 +32,7 @@ def types(session: nox.Session) -> None:
 @nox.session
 def docs(session: nox.Session) -> None:
     """Build the site into docs/_build; warnings are errors."""
-    session.install(".[docs,xarray]")
+    session.install(".[docs,xarray,cluster]")
     session.run("sphinx-build", "-W", "--keep-going", "-b", "html", "docs", "docs/_build/html", *session.posargs)
 
 

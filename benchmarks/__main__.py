@@ -16,9 +16,11 @@ BENCHMARKS = {
     "docs": ("docs", ("quick",)),
     "effects": ("effects", ("quick",)),
     "error": ("error", ("quick",)),
+    "field": ("field", ("quick", "directory", "docs")),
     "targets": ("targets", ("quick",)),
     "uncertainty": ("uncertainty", ("quick",)),
     "peers": ("peers", ("quick",)),
+    "pictures": ("pictures", ("directory",)),
     "rates": ("rates", ("quick", "rounds", "directory")),
     "plan": ("plan_speed", ("quick", "rounds")),
     "scale": ("scale", ("quick", "directory", "docs")),
@@ -45,9 +47,9 @@ def main() -> None:
         "--directory",
         type=Path,
         help="rates, scale, workers: where scratch files go; alarms, detection, ships: where the scenes lie; "
-        "wiener-pictures: where they go, docs by default",
+        "field: where the other programs lie; pictures, wiener-pictures: where they go, docs by default",
     )
-    parser.add_argument("--docs", action="store_true", help="scale: write the picture and the tables of docs/, too")
+    parser.add_argument("--docs", action="store_true", help="field, scale: write the pages of docs/, too")
     given = parser.parse_args()
     module, options = BENCHMARKS[given.what]
     import_module(f"benchmarks.{module}").main(*(getattr(given, option) for option in options))

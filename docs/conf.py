@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+import warnings
 from importlib import import_module
 from pathlib import Path
 
@@ -18,7 +19,13 @@ extensions = [
 ]  # fmt: skip
 include_patterns = ["*.md", "reference/**", "tutorials/**"]
 html_theme = "pydata_sphinx_theme"
-html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False, "footer_start": ["copyright"]}
+html_theme_options = {
+    "show_toc_level": 2,
+    "navigation_with_keys": False,
+    "footer_start": ["copyright"],
+    "secondary_sidebar_items": {"*": ["page-toc"], "reference/**": ["page-toc"], "tutorials/**": []},  # code is wide
+}
+html_sidebars = {"index": [], "start": []}
 html_sourcelink_suffix = ""
 myst_enable_extensions = ["colon_fence"]
 numpydoc_show_class_members = False
@@ -36,6 +43,8 @@ sphinx_gallery_conf = {
     "capture_repr": (),
     "abort_on_example_error": True,
 }
+
+warnings.filterwarnings("ignore", message="Scales differ across bands")  # rioxarray; deglint.xr reads them all
 
 PUBLIC = ("deglint", "deglint.xr", "deglint.simulate", "deglint.plan", "detect", "detect.xr", "detect.report")
 """Modules whose public names have a page each; those of `__all__`, else all that they define."""

@@ -1,0 +1,314 @@
+"""deglint beside other programs on the same simulated scenes: `python -m benchmarks field --directory FOLDER [--docs]`.
+
+FOLDER holds copies of the others (see `field_peers`); DEGLINT_PEERS names it, too. What is not there is reported as
+not at hand. All but deglint are told which pixels are deep water, from the truth: it is more than a user knows.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import os
+import re
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import rasterio
+
+from deglint import Recipe, correct, fit_scene, open_scene
+from deglint.errors import DeglintError
+
+from .error import DATA
+from .field_features import COLUMNS, ELSEWHERE, yes_no
+from .field_peers import PEERS, Remove, Told
+from .implants import Sea, contrast, implant, scale, shared, survive, write
+from .scenes import Known, scenes
+from .timing import ROOT, in_turns, machine, table
+
+Array = npt.NDArray[np.floating[Any]]
+Run = Callable[[Path, Told], Array]
+
+PAGE = ROOT / "docs" / "field.md"
+NIR = 833.0
+"""Wavelength of the NIR band that the others are given [nm]."""
+ALIKE = 0.1
+"""Water is deep where each visible band is as near to the water's level as this share of it."""
+LEAST = 1000
+"""Pixels of such water; else all pixels that count are the sample [pixel]."""
+KEPT = (0.8, 1.25)
+"""Share of its contrast with which an object counts as kept, as in the other tables."""
+GROUPS = {
+    "0.1-0.5 m": r"wind|p0|discs|w3_|f30",
+    "1-3 m": r"p[123]",
+    "over a bottom": r"shallow",
+    "resampled": r"resampled",
+    "other sensors": r"sentinel2|planetscope|micasense|aerial",
+    "hard cases": r"coast|foam|border|stripes|into",
+    "own seeds": r"own",
+}
+"""Scenes by the start of their names; hard: coast, foam, borders of zeros, stripes, a view into the glint."""
+TARGETS = ("wind05_delay60", "wind09_delay60")
+"""Scenes in which white targets of 2 to 5 pixels are put."""
+
+
+def told_of(known: Known) -> Told:
+    """What the others are told of a scene."""
+    scene = open_scene(known.path)
+    image = scene.read().astype(np.float64)
+    waves = tuple(b.wavelength or 0.0 for b in scene.bands)
+    full = np.array([b.saturation or image[i].max() for i, b in enumerate(scene.bands)])[:, None, None]
+    level = known.level[:, None, None]
+    near = np.abs(known.truth / level - 1)[list(known.visible)] < ALIKE
+    deep = known.counts & near.all(axis=0)
+    deep = deep if deep.sum() >= LEAST else known.counts
+    return Told(image, full, int(np.argmin(np.abs(np.array(waves) - NIR))), known.visible, waves, deep)
+
+
+def own(recipe: Recipe | None = None) -> Run:
+    """What deglint makes of a file; it is told nothing."""
+
+    def run(path: Path, _told: Told) -> Array:
+        scene = open_scene(path)
+        return np.asarray(correct(scene, fit_scene(scene, recipe)), np.float64)
+
+    return run
+
+
+def other(remove: Remove) -> Run:
+    """What another program makes of an array; what it says is not shown."""
+
+    def run(_path: Path, told: Told) -> Array:
+        with warnings.catch_warnings(), np.errstate(all="ignore"), contextlib.redirect_stdout(io.StringIO()):
+            warnings.simplefilter("ignore")
+            return remove(told)
+
+    return run
+
+
+def programs(folder: Path | None) -> tuple[dict[str, Run], dict[str, str]]:
+    """What can run, by name, and why the rest cannot."""
+    ready: dict[str, Run] = {
+        "raw": lambda _path, told: told.image,
+        "deglint remove": own(),
+        "deglint, Hedley": own(Recipe(method="hedley", compensate="off")),
+    }
+    missing = {}
+    for peer in PEERS:
+        try:
+            if folder is None:
+                raise ModuleNotFoundError("no --directory")
+            ready[peer.name] = other(peer.load(folder, peer.function))
+        except (ImportError, AttributeError) as error:
+            missing[peer.name] = f"{error}"
+    return ready, missing
+
+
+def objects(path: Path) -> npt.NDArray[np.bool_]:
+    """Where the objects under water are."""
+    mask = path.with_name(f"{path.stem}_mask.tif")
+    with rasterio.open(mask if mask.exists() else path.with_name(f"{path.stem}_objects.tif")) as given:
+        return np.asarray(given.read(1) > 0)
+
+
+def contrasts(image: Array, known: Known, there: npt.NDArray[np.bool_]) -> list[float]:
+    """Share of the contrast that is left, of each object of 8 pixels and more that shows in the truth."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(there.astype(np.uint8), connectivity=8)
+    square = np.ones((5, 5), np.uint8)
+    far, found = cv2.dilate(there.astype(np.uint8), square) == 0, []
+    for i in range(1, count):
+        left, top, wide, high, _area = stats[i]
+        box = (slice(max(0, top - 10), top + high + 10), slice(max(0, left - 10), left + wide + 10))
+        core = cv2.erode((labels == i).astype(np.uint8), square)[box] > 0
+        if min(wide, high) < 8 or core.sum() < 4 or far[box].sum() < 30:
+            continue
+        parts = [((a[b][box][core].mean() - np.nanmedian(a[b][box][far[box]])) / known.level[b])
+                 for a in (known.truth, image) for b in known.visible]  # fmt: skip
+        true, seen = np.array(parts).reshape(2, -1)
+        if np.sqrt(np.mean(true**2)) >= 0.05:  # of the water; fainter ones do not show
+            found.append(float(seen @ true / (true @ true)))
+    return found
+
+
+@dataclass
+class Tally:
+    """What a program reached: error by scene [%], shares of contrast, of pixels lost, refused scenes."""
+
+    errors: dict[str, float] = field(default_factory=dict)
+    shares: list[float] = field(default_factory=list)
+    targets: list[float] = field(default_factory=list)
+    lost: list[float] = field(default_factory=list)
+
+
+def measured(ready: Mapping[str, Run], quick: bool) -> dict[str, Tally]:
+    """Run everything on every scene."""
+    out = {name: Tally() for name in ready}
+    with tempfile.TemporaryDirectory() as place:
+        for group, known in scenes(Path(place), quick):
+            told, there = told_of(known), objects(known.path)
+            stem = known.path.stem if group.endswith("/") else f"own_{known.path.stem}"
+            for name, run in ready.items():
+                try:
+                    image = run(known.path, told)
+                except DeglintError:
+                    image = told.image
+                out[name].errors[stem] = known.error(image)
+                out[name].lost.append(float(np.isnan(image[list(known.visible)]).any(axis=0)[known.counts].mean()))
+                out[name].shares += contrasts(image, known, there)
+            print(stem, {n: round(t.errors[stem], 1) for n, t in out.items()}, flush=True)
+    for name in TARGETS[: 1 if quick else None]:
+        put_targets(shared(name), ready, out)
+    return out
+
+
+def put_targets(sea: Sea, ready: Mapping[str, Run], out: Mapping[str, Tally]) -> None:
+    """White targets of 2, 3 and 5 pixels in a scene, and what is left of each."""
+    there, targets = implant(sea, [("white 30 %", size) for size in (2, 3, 5)], 0)
+    told, units = told_of(Known.of(sea.path)), scale(sea.sensor)
+    told = Told(there.image * units, told.full, told.nir, told.visible, told.wavelengths, told.deep)
+    with tempfile.TemporaryDirectory() as place:
+        write(there, Path(place) / "in.tif")
+        for name, run in ready.items():
+            image = run(Path(place) / "in.tif", told) / units
+            out[name].targets += contrast(image, sea.truth, there.truth, targets, sea.sensor).tolist()
+
+
+def large(place: Path, side: int) -> tuple[Path, Told]:
+    """A scene continued by its mirror images, as a file and as what the others are told."""
+    source = DATA / "simulated" / "wind09_delay60.tif"
+    told = told_of(Known.of(source))
+
+    def wide(block: Any) -> Any:
+        return np.pad(block, [(0, 0), *((0, side - n) for n in block.shape[1:])], mode="symmetric")
+
+    with rasterio.open(source) as given:
+        profile = given.profile | {"height": side, "width": side}
+        with rasterio.open(place / "large.tif", "w", **profile) as file:
+            file.write(wide(given.read()))
+            file.descriptions, file.scales = given.descriptions, given.scales
+            for band in given.indexes:
+                file.update_tags(band, **given.tags(band))
+            file.update_tags(**given.tags())
+    deep = wide(told.deep[None].astype(np.uint8))[0] > 0
+    return place / "large.tif", Told(wide(told.image), told.full, told.nir, told.visible, told.wavelengths, deep)
+
+
+def times(ready: Mapping[str, Run], quick: bool) -> dict[str, float]:
+    """Processor time of each [s], from the image in memory (deglint: from the file) to the corrected image."""
+    with tempfile.TemporaryDirectory() as place:
+        path, told = large(Path(place), 512 if quick else 2048)
+        jobs = {name: (lambda run=run: run(path, told)) for name, run in ready.items() if name != "raw"}
+        found = in_turns(jobs, 1 if quick else 3, time.process_time)
+    return {name: float(np.median(seconds)) for name, seconds in found.items()}
+
+
+def mean(values: list[float]) -> str:
+    """Geometric mean as text."""
+    return f"{np.exp(np.mean(np.log(values))):.1f}" if values else "-"
+
+
+def kept(shares: list[float]) -> str:
+    """Share of objects that keep their contrast."""
+    return f"{np.mean([KEPT[0] <= s <= KEPT[1] for s in shares]):.2f}" if shares else "-"
+
+
+def errors(found: Mapping[str, Tally]) -> str:
+    """Error by group of scenes."""
+    rows = []
+    for name, tally in found.items():
+        by = [mean([e for s, e in tally.errors.items() if re.match(pattern, s)]) for pattern in GROUPS.values()]
+        rows.append([name, mean(list(tally.errors.values())), *by])
+    counts = [sum(bool(re.match(p, s)) for s in found["raw"].errors) for p in GROUPS.values()]
+    return table(("", "all", *(f"{name} ({n})" for name, n in zip(GROUPS, counts, strict=True))), rows)
+
+
+def harm(found: Mapping[str, Tally], seconds: Mapping[str, float]) -> str:
+    """What is kept and lost, how often a program is the best or worse than none, and its time."""
+    rows, first = [], seconds["deglint remove"]
+    for name, t in found.items():
+        worse = sum(e > 1.02 * found["raw"].errors[s] for s, e in t.errors.items())
+        best = sum(e <= min(o.errors[s] for o in found.values()) for s, e in t.errors.items())
+        time_of = f"{seconds[name]:.2f} ({seconds[name] / first:.3f})" if name in seconds else "-"
+        targets = f"{survive(np.array(t.targets)):.2f}" if t.targets else "-"
+        rows.append([name, str(best), str(worse), kept(t.shares), targets, f"{100 * np.mean(t.lost):.1f}", time_of])
+    return table(("", "best on", "worse than raw on", "objects kept", "white targets kept", "pixels lost [%]",
+                  "time [s] (of deglint's)"), rows)  # fmt: skip
+
+
+def better(found: Mapping[str, Tally]) -> str:
+    """Scenes on which another program is better than the default of deglint."""
+    ours, rows = found["deglint remove"], []
+    for stem, error in ours.errors.items():
+        name = min((n for n in found if not n.startswith("deglint")), key=lambda n: found[n].errors[stem])
+        if found[name].errors[stem] < error:
+            rows.append([stem, f"{error:.1f}", f"{found[name].errors[stem]:.1f}", name])
+    return table(("scene", "deglint remove [%]", "best other [%]", "which"), rows) if rows else "None."
+
+
+INTRODUCTION = """---
+html_theme.sidebar_secondary.remove: true
+---
+
+# deglint beside other programs
+
+`python -m benchmarks field --directory FOLDER --docs` measures and writes this page. FOLDER holds copies of the other
+programs, which run their own code; `benchmarks/field_peers.py` says where each is looked for. A program that is not in
+FOLDER is reported as not at hand. Versions stand below.
+"""
+ERROR = """## Error
+
+Error of the visible bands relative to the water [%], geometric mean over the scenes. The scenes are simulated, so the
+truth is known. They come from another simulator than deglint's, and were at hand while deglint was developed, which
+favours it. The own seeds come from its own simulator and set no constant. deglint is told nothing. The others are told
+the NIR band and which pixels are deep water. The truth gives these pixels: every band is within {alike:.0f} % of the
+water's level. Pixels that a program gives up (NaN) do not count in its error. The column heads give the number of
+scenes. The hard cases are coasts, foam, a border of zeros, stripes of the sensor, and a view into the glint.
+"""
+COST = """## What is kept, and what it costs
+
+- Best on: the scenes on which a row has the least error of all rows.
+- Worse than raw on: the scenes on which its error exceeds 1.02 times that of the raw image.
+- Objects kept: the share of objects under water that keep {low:.0f} to {high:.0f} % of their contrast.
+- White targets kept: the same for floating targets of 2 to 5 pixels and 30 % reflectance, on two scenes with band
+  delays.
+- Time: processor time for 8 bands of {side} x {side} pixels, median. deglint reads a file, and its default tries
+  candidates first; the others start from an array in memory. They take {least:.3f} to {most:.3f} of its time.
+"""
+
+
+def page(found: Mapping[str, Tally], seconds: Mapping[str, float], missing: Mapping[str, str], side: int) -> str:
+    """The tables with what is to be known beside them."""
+    ratios = [seconds[n] / seconds["deglint remove"] for n in seconds if not n.startswith("deglint")] or [np.nan]
+    cost = COST.format(low=100 * KEPT[0], high=100 * KEPT[1], side=side, least=min(ratios), most=max(ratios))
+    elsewhere = [[k, *v] for k, v in ELSEWHERE.items()]
+    parts = [INTRODUCTION, machine(), ERROR.format(alike=100 * ALIKE), errors(found), cost, harm(found, seconds),
+             "## Scenes on which another is better", better(found), "## Features", table(("", *COLUMNS), yes_no()),
+             "## What else they do, and what was run",
+             table(("", "does what deglint does not", "source"), elsewhere)]  # fmt: skip
+    if missing:
+        parts.append("Not at hand: " + "; ".join(f"{name} ({why})" for name, why in missing.items()) + ".")
+    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def main(quick: bool, directory: Path | None, docs: bool) -> None:
+    """Measure, and print or write the page."""
+    logging.getLogger("deglint").setLevel(logging.ERROR)
+    if not (DATA / "simulated").exists():
+        print("Skipped: the simulated scenes do not lie beside the project.")
+        return
+    place = directory or (Path(os.environ["DEGLINT_PEERS"]) if os.environ.get("DEGLINT_PEERS") else None)
+    ready, missing = programs(place)
+    for name, why in missing.items():
+        print(f"{name}: not at hand ({why})")
+    text = page(measured(ready, quick), times(ready, quick), missing, 512 if quick else 2048)
+    if docs:
+        PAGE.write_text(text, encoding="utf-8")
+    print(f"{PAGE} written" if docs else text)

@@ -1,0 +1,201 @@
+"""Other programs that remove or mask sun glint, run from copies of their own code, and what each can do.
+
+A folder holds what is at hand: Python packages as `pip install --no-deps --target FOLDER` lays them, and copies of
+the repositories that are no packages. Nothing of it is part of the project, and nothing here repeats its code.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from unittest.mock import MagicMock
+
+import numpy as np
+import numpy.typing as npt
+import rasterio
+
+Array = npt.NDArray[np.floating[Any]]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What a program is told: the image, the physical value of full scale, its NIR and visible bands, deep water."""
+
+    image: Array
+    full: Array
+    nir: int
+    visible: tuple[int, ...]
+    wavelengths: tuple[float, ...]
+    deep: Mask
+
+    def with_visible(self, corrected: Array) -> Array:
+        """The image with its visible bands replaced."""
+        out = self.image.copy()
+        out[list(self.visible)] = corrected
+        return out
+
+
+Remove = Callable[[Told], Array]
+
+
+@contextmanager
+def on_path(*folders: Path) -> Iterator[None]:
+    """Modules of these folders can be imported for a while, after all that is installed."""
+    before = list(sys.path)
+    sys.path += map(str, folders)
+    try:
+        yield
+    finally:
+        sys.path[:] = before
+
+
+def bare(name: str, folder: Path) -> None:
+    """Let modules of a package be imported without what its `__init__` imports (maps, georeferencing, plots)."""
+    if not folder.is_dir():
+        raise ModuleNotFoundError(f"no folder {folder.name}/ of {name}")
+    package = ModuleType(name)
+    package.__path__ = [str(folder)]
+    sys.modules[name] = package
+
+
+def sungc(folder: Path, name: str) -> Remove:
+    """The functions on arrays that sungc's class for products calls."""
+    with on_path(folder, folder / "sun-glint-correction"):
+        algorithms = import_module("sungc.algorithms")
+
+    def remove(told: Told) -> Array:
+        nir, sea = told.image[told.nir], np.ones(told.deep.shape, np.bool_)
+        if name == "subtract_backend":
+            return told.with_visible(
+                np.stack([algorithms.subtract_backend(told.image[b], nir, sea, np.nan) for b in told.visible])
+            )
+        return told.with_visible(
+            np.stack(
+                [algorithms.hedley_backend(told.image[b], nir, sea, told.deep, np.nan, None)[0] for b in told.visible]
+            )
+        )
+
+    return remove
+
+
+def sensingpy(folder: Path, name: str) -> Remove:
+    """A function of `sensingpy.preprocessing.deglinting`; it changes its input, so it gets a copy."""
+    with on_path(folder):
+        bare("sensingpy", folder / "sensingpy")
+        bare("sensingpy.preprocessing", folder / "sensingpy" / "preprocessing")
+        method = getattr(import_module("sensingpy.preprocessing.deglinting"), name)
+
+    def remove(told: Told) -> Array:
+        return told.with_visible(method(told.deep, told.image[list(told.visible)].copy(), told.image[told.nir]))
+
+    return remove
+
+
+def stereo_pipeline(folder: Path, _name: str) -> Remove:
+    """`glint_correct` of the Ames Stereo Pipeline, with arrays in place of files and without its plots."""
+    path = folder / "StereoPipeline" / "src" / "asp" / "Tools" / "glint_correct"
+    if not path.exists():
+        raise ModuleNotFoundError("no file StereoPipeline/src/asp/Tools/glint_correct")
+    sys.modules.setdefault("osgeo", MagicMock())
+    tool: Any = ModuleType("glint_correct")
+    SourceFileLoader("glint_correct", str(path)).exec_module(tool)
+    files: dict[str, Array] = {}
+    tool._read_band = lambda name: (files[name].astype(np.float64), None, 1.0)
+    tool.save_regression_plot = tool.print = lambda *_, **__: None
+
+    def remove(told: Told) -> Array:
+        files.update(nir=told.image[told.nir], mask=~told.deep)
+        found = []
+        for b in told.visible:
+            files["band"] = told.image[b]
+            corrected, _ = tool.apply_hedley_correction(
+                "band", "nir", "mask", "out.tif", deep_water_buffer=0, correct_land=True
+            )
+            found.append(corrected)
+        return told.with_visible(np.stack(found))
+
+    return remove
+
+
+def dronewq(folder: Path, _name: str) -> Remove:
+    """Hedley's method as DroneWQ runs it: one slope an image from all its pixels, four bands and the NIR at a time."""
+    with on_path(folder):
+        for part in ("", ".lw_methods", ".utils"):
+            bare(f"dronewq{part}", folder.joinpath("dronewq", *part.split(".")))
+        hedley = import_module("dronewq.lw_methods.hedley")
+        image_of = import_module("dronewq.utils.data_types").Image
+
+    def remove(told: Told) -> Array:
+        method, out = hedley.Hedley(), told.image.copy()
+        with tempfile.TemporaryDirectory() as place:
+            for start in range(0, len(told.visible), 4):
+                part = list(told.visible[start : start + 4])
+                bands = [*(part * 4)[:4], told.nir]
+                data = told.image[bands].astype(np.float32)
+                shape = dict(zip(("count", "height", "width"), data.shape, strict=True))
+                with rasterio.open(f"{place}/lt.tif", "w", driver="GTiff", dtype="float32", **shape) as file:
+                    file.write(data)
+                hedley.settings.lt_dir = place
+                method.preprocess()
+                out[part] = method(image_of("lt.tif", place, "", None, data, 0)).data[: len(part)]
+        return out
+
+    return remove
+
+
+def sugar(folder: Path, _name: str) -> Remove:
+    """SUGAR, three times over as in its papers: flashes by the Laplacian, replaced by an erosion of 5 pixels."""
+    sys.modules.setdefault("preprocessing", MagicMock())  # of its window; only names of bands come from there
+    with on_path(folder, folder / "CoastalWQL"):
+        tool = import_module("sunglint_correction.SUGAR")
+
+    def remove(told: Told) -> Array:
+        cube = np.ascontiguousarray(np.moveaxis(told.image[list(told.visible)], 0, 2))
+        return told.with_visible(np.moveaxis(tool.correction_iterative(cube, iter=3)[-1], 2, 0))
+
+    return remove
+
+
+def glint_mask(folder: Path, _name: str) -> Remove:
+    """GlintMaskGenerator with its default thresholds for a MicaSense camera; masked pixels become NaN."""
+    with on_path(folder):
+        masks, sensors = import_module("glint_mask_tools.glint_algorithms"), import_module("glint_mask_tools.sensors")
+    thresholds = sensors.msre_sensor.get_default_thresholds()
+
+    def remove(told: Told) -> Array:
+        wanted = [int(np.argmin(np.abs(np.array(told.wavelengths) - w))) for w in (475, 560, 668, 717)] + [told.nir]
+        cube = np.moveaxis((told.image / told.full)[wanted], 0, 2)
+        return np.where(masks.ThresholdAlgorithm(thresholds)(cube), np.nan, told.image)
+
+    return remove
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A way to run a program, and what makes it ready from the folder; `field_features` has the versions."""
+
+    name: str
+    load: Callable[[Path, str], Remove]
+    function: str = ""
+
+
+PEERS = (
+    Peer("sungc, Hedley", sungc, "hedley_backend"),
+    Peer("sungc, NIR subtraction", sungc, "subtract_backend"),
+    Peer("sensingpy, Hedley", sensingpy, "hedley"),
+    Peer("sensingpy, Joyce", sensingpy, "joyce"),
+    Peer("sensingpy, Lyzenga", sensingpy, "lyzenga"),
+    Peer("ASP glint_correct", stereo_pipeline),
+    Peer("DroneWQ, Hedley", dronewq),
+    Peer("SUGAR", sugar),
+    Peer("GlintMaskGenerator (mask)", glint_mask),
+)
