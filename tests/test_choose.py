@@ -75,7 +75,7 @@ def test_lost_objects_cost():
 
 @pytest.mark.parametrize(("scene", "left"), [(0.0, 0.3), (0.2, 0.0), (0.2, 0.3)])
 def test_expected_errors_distinguish_the_scene_from_what_is_left_of_glint(scene, left):
-    """Noise of the scene everywhere, and of a recipe that keeps all signals in proportion to the glint."""
+    """Noise of the scene everywhere, and of a recipe that keeps all signals in proportion to the glint: known to a quarter."""
     rng = np.random.default_rng(1)
     glint = cv2.GaussianBlur(rng.standard_normal((128, 128)), (0, 0), 8).clip(0)
     glint /= glint.std()
@@ -83,7 +83,7 @@ def test_expected_errors_distinguish_the_scene_from_what_is_left_of_glint(scene,
     calm = least_glint([glint[None].astype(np.float32)], [INSIDE])
     found = [powers([image.astype(np.float32)], [INSIDE], np.ones(1, np.float32), c) for c in ((), calm)]
     error = expected_errors(found[0][None], found[1][None], np.ones((1, len(SCALES))), np.ones(1))
-    assert error == pytest.approx(left * np.sqrt((glint**2).mean()), abs=0.04)
+    assert error == pytest.approx(left * np.sqrt((glint**2).mean()), rel=0.25, abs=0.04)
 
 
 def test_windows_fit_the_smallest_object_and_the_clumps():

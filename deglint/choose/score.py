@@ -9,9 +9,10 @@ is left of glint and noise. The error, against the scene without glint and noise
 
 .. math:: E_{cs} = (1 - g_{cs})^2 S_s + N_{cs} = P_{cs} + (1 - 2 g_{cs}) S_s .
 
-S is not known, but no larger than :math:`P_{cs} / g_{cs}^2` of any recipe, over all pixels or over those with the least
-glint; the least of these is taken. The scene's own signal is the same where there is little glint, and what a recipe
-leaves of glint is less there. Recipes that erase signals have a small P, and a small g too, and gain nothing by it.
+S is not known, but no larger than :math:`P_{cs} / g_{cs}^2` of any recipe. The least of these is taken over all pixels,
+and over those with the least glint, where recipes leave less of it. The first includes what all recipes leave of glint;
+the second misses shallow bottoms, which the NIR sees as glint. S is their geometric mean. Recipes that erase signals
+have a small P, and a small g too, and gain nothing by it.
 Tiles are few: what signals they may lack counts with a least power, and objects as if they had a usual contrast and
 covered a hundredth of the scene.
 
@@ -103,7 +104,9 @@ def expected_errors(power: Float64, calm: Float64, gain: Float64, objects: Float
     objects : (recipe,) ndarray
         Gain of discs.
     """
-    signal = (np.minimum(power, calm) / np.clip(gain, [LEAST_GAIN] * (gain.shape[1] - 1) + [HALF], 1) ** 2).min(axis=0)
+    kept = np.clip(gain, [LEAST_GAIN] * (gain.shape[1] - 1) + [HALF], 1) ** 2
+    bound, calm_bound = ((p / kept).min(axis=0) for p in (power, calm))
+    signal = np.sqrt(bound * np.minimum(bound, calm_bound))
     error = np.maximum(power + (1 - 2 * gain) * signal, 0)[:, :-1].sum(axis=1)
     lost = np.square(1 - gain[:, -1])
     error += lost * (signal[-1] + SHARE * PLUME**2) + SHARE * np.square(BRIGHT * (1 - objects))
