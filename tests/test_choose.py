@@ -75,7 +75,7 @@ def test_lost_objects_cost():
 
 @pytest.mark.parametrize(("scene", "left"), [(0.0, 0.3), (0.2, 0.0), (0.2, 0.3)])
 def test_expected_errors_distinguish_the_scene_from_what_is_left_of_glint(scene, left):
-    """Noise of the scene everywhere, and of a recipe that keeps all signals in proportion to the glint: known to a quarter."""
+    """Noise of the scene everywhere, and what is left of glint in proportion to it: known to a quarter."""
     rng = np.random.default_rng(1)
     glint = cv2.GaussianBlur(rng.standard_normal((128, 128)), (0, 0), 8).clip(0)
     glint /= glint.std()
