@@ -34,8 +34,6 @@ class FileBands:
         The file has one mask for all bands, or one a band.
     alpha : int, optional
         1-based alpha band; a pixel where it is 0 is not valid.
-    direct : bool
-        Blocks may be read past libtiff, see `RasterInfo`.
     flat : FlatField, optional
         Corrects the numbers as they are read.
     warp : mapping, optional
@@ -48,7 +46,6 @@ class FileBands:
     dataset_mask: bool = False
     band_masks: bool = False
     alpha: int | None = None
-    direct: bool = False
     flat: FlatField | None = None
     warp: Mapping[str, Any] | None = field(default=None, repr=False)
 
@@ -63,7 +60,6 @@ class FileBands:
             dataset_mask="per_dataset" in flags and "alpha" not in flags,
             band_masks=any(not f for f in info.mask_flags),
             alpha=info.alpha,
-            direct=info.direct,
             flat=info.flat,
         )
 
@@ -117,10 +113,7 @@ class Handle:
 
 
 def _open(file: FileBands, stack: ExitStack) -> Any:
-    from rasterio import Env
-
-    with Env(GTIFF_DIRECT_IO="YES" if file.direct else "NO"):  # holds for what is opened in it
-        dataset = open_dataset(file.path)
+    dataset = open_dataset(file.path)
     stack.callback(dataset.close)  # "with dataset" would tie it to the Env of this thread
     if file.warp is None:
         return dataset
