@@ -92,10 +92,6 @@ def encode(
     flags : (row, column) uint8 ndarray, optional
         Gets `marks[0]` where a value is negative and `marks[1]` where one is clipped.
 
-    Returns
-    -------
-    Counts
-
     Notes
     -----
     Integers are rounded to nearest (ties to even) and saturate at the ends of their type.

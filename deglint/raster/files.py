@@ -67,24 +67,14 @@ def _of_raster(name: str) -> Iterator[str]:
 
 
 def check_before(name: str) -> None:
-    """Refuse a raster that must not even be opened: a pipe, or a VRT that reads where it may not, or too much.
-
-    Raises
-    ------
-    ReadError, InputError
-    """
+    """Refuse a raster that must not even be opened: a pipe, or a VRT that reads where it may not, or too much."""
     check_kind(name)
     if is_vrt(name):
         Walk(folder_of(name)).start(name)
 
 
 def check_after(dataset: Any, name: str) -> None:
-    """Refuse an open raster whose header leads to files outside of its own folder.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse an open raster whose header leads to files outside of its own folder."""
     if dataset.driver == "VRT":
         if not is_vrt(name):  # one that lies on a server, or in an archive
             _walk_of(dataset, name)

@@ -141,15 +141,7 @@ def unplaced() -> Iterator[None]:
 
 
 def open_dataset(path: str) -> Any:
-    """Open a raster for reading, as rasterio does, with one clear line where that fails.
-
-    Raises
-    ------
-    ReadError
-        No such file, or not a raster that GDAL can read.
-    InputError
-        It declares more than `deglint.raster.limits` allow, or leads to files that `deglint.raster.files` does not.
-    """
+    """Open a raster for reading, as rasterio does, with one clear line where that fails."""
     import rasterio
     from rasterio.errors import RasterioError
 
@@ -202,13 +194,6 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
 
     GDAL calls the last of 2 or 4 bytes "alpha" unless it was told otherwise. A band so called is a scene
     band where it has a name, or where `alpha_is_band`.
-
-    Raises
-    ------
-    InputError
-        No band to work on, complex numbers, or a place that pixels cannot be put on.
-    ReadError
-        The header contradicts itself.
     """
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError

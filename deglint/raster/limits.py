@@ -32,11 +32,6 @@ def check_size(dataset: Any, path: str) -> None:
     dataset : rasterio dataset
     path : str
         For the message.
-
-    Raises
-    ------
-    InputError
-        More pixels than DEGLINT_MAX_PIXELS, blocks larger than DEGLINT_MAX_BLOCK_MB, or too many bands.
     """
     pixels, most = dataset.width * dataset.height, _limit("DEGLINT_MAX_PIXELS", MOST_PIXELS)
     if pixels > most:

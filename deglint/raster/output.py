@@ -154,13 +154,7 @@ class RasterWriter:
             self._dataset.write_mask(valid.astype(np.uint8) * 255, window=window)
 
     def close(self) -> None:
-        """Finish the file and make sure that all of it is on disk.
-
-        Raises
-        ------
-        WriteError
-            The disk is full, or refuses.
-        """
+        """Finish the file and make sure that all of it is on disk."""
         with write_errors(self.target):
             self._dataset.close()
             if self.layout.overviews:

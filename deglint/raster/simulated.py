@@ -89,13 +89,7 @@ def write_scene(
 
 
 def check_free(stem: str | Path, *, overwrite: bool = False) -> None:
-    """Refuse a name that `write_scene` would refuse, before the scene is made.
-
-    Raises
-    ------
-    WriteError
-        The scene exists and is not to be replaced, or its directory cannot be written to.
-    """
+    """Refuse a name that `write_scene` would refuse, before the scene is made."""
     from .targets import check_targets
 
     base = _base(stem)

@@ -42,13 +42,7 @@ class Budget:
         self._begun = time.monotonic()
 
     def spend(self, pixels: int) -> None:
-        """Count a window.
-
-        Raises
-        ------
-        ReadError
-            It is one too many, or too late.
-        """
+        """Count a window."""
         if self.done >= self.reads or time.monotonic() - self._begun > self.seconds:
             self.over = True
             raise ReadError(f"stopped after {self.done} windows of the scene and {self.seconds:g} s at most")

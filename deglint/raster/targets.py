@@ -35,13 +35,6 @@ def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwr
         (`deglint.raster.files.files_behind`).
     overwrite : bool
         Files that exist may be replaced, but never one that is read.
-
-    Raises
-    ------
-    InputError
-        Two outputs are one file, or an output is a file that is read.
-    WriteError
-        It exists, or its directory is missing or not writable.
     """
     check_apart(targets)
     check_unread(targets, reads or {})
@@ -85,13 +78,7 @@ def _companions(path: Path) -> list[Path]:
 
 
 def check_target(path: Path, *, overwrite: bool = False) -> None:
-    """Refuse one output that cannot be written; what a run reads is not looked at, see `check_targets`.
-
-    Raises
-    ------
-    WriteError
-        It exists, or its directory is missing or not writable.
-    """
+    """Refuse one output that cannot be written; what a run reads is not looked at, see `check_targets`."""
     if str(path) == "-":
         raise WriteError("- is no file: outputs do not go to standard output. Name a file.")
     if not is_utf8(path) or not is_utf8(real(path)):
@@ -112,12 +99,7 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
 
 
 def check_image(path: Path) -> None:
-    """Refuse the name of another format for a GeoTIFF.
-
-    Raises
-    ------
-    WriteError
-    """
+    """Refuse the name of another format for a GeoTIFF."""
     if path.suffix.lower() in OTHER_FORMATS:
         raise WriteError(
             f"{path} would hold a GeoTIFF, not what its name says. Name it {path.with_suffix('.tif').name}."

@@ -126,13 +126,6 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
     scene : Scene
     option : str
         The option's name, for messages.
-
-    Raises
-    ------
-    InputError
-        The area lies off the scene, or cannot be put on its grid.
-    ReadError
-        No such file, or neither GeoJSON nor a raster.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         column, row, width, height = _window(text, scene, option)
@@ -199,13 +192,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
 
 
 def _own_crs(shapes: Sequence[Mapping[str, Any]], scene: Scene, name: str) -> str:
-    """What to say of coordinates without a CRS that are the scene's own; "" where they are longitude and latitude.
-
-    Raises
-    ------
-    InputError
-        They are neither.
-    """
+    """What to say of coordinates without a CRS that are the scene's own; "" where they are longitude and latitude."""
     points = np.array([point for shape in shapes for ring in shape["coordinates"] for point in ring])
     if (np.abs(points) <= (360, 90)).all():  # some programs count longitudes to 360 degrees
         return ""

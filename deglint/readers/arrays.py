@@ -83,11 +83,6 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
         Name of a preset, as `deglint.open_scene` takes it.
     nodata : float or "none", optional
         Number (or NaN) that says "not valid", in place of what the array declares; "none": every number is data.
-
-    Raises
-    ------
-    InputError
-        Not a DataArray, no rows or columns, a further dimension, or not real numbers.
     """
     if not all(hasattr(array, name) for name in ("dims", "coords", "attrs", "encoding", "data")):
         raise InputError(f"want an xarray DataArray, got {type(array).__name__}. Take deglint.open_scene for files.")

@@ -41,11 +41,6 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     reference : RasterInfo
         The file whose grid it is.
     notes : list of str
-
-    Raises
-    ------
-    InputError
-        The files do not overlap or cannot be placed, or no such grid.
     """
     files = [FileBands.of(info) for info in infos]
     _check_georeference(infos)

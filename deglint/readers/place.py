@@ -90,13 +90,6 @@ def middle_of(path: str, option: str = "--place") -> tuple[float, float]:
         GDAL name of the raster, or a file that ends in .geojson or .json.
     option : str
         The option's name, for messages.
-
-    Raises
-    ------
-    InputError
-        It has no place on Earth.
-    ReadError
-        There is no such file, or it is neither.
     """
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError

@@ -41,16 +41,6 @@ def apply_sensor(
     sensor : Sensor
     unnamed : frozenset of int
         0-based bands whose name says no more than their place; they get the preset's.
-
-    Returns
-    -------
-    bands : list of Band
-    notes : list of str
-
-    Raises
-    ------
-    BandError
-        The bands cannot be told apart; the message lists those of the file and of the preset.
     """
     matched, how = match(bands, sensor, unnamed)
     filled = [
@@ -72,13 +62,7 @@ def apply_sensor(
 def match(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[SensorBand | None], str]:
-    """The preset's band for every band of a file, and by what they were matched.
-
-    Raises
-    ------
-    BandError
-        Neither names nor wavelengths nor the number of bands tell the bands apart.
-    """
+    """The preset's band for every band of a file, and by what they were matched."""
     by_name = _unique([None if i in unnamed else named_in(b.name, sensor) for i, b in enumerate(bands)])
     if any(by_name):
         return by_name, "name"

@@ -75,14 +75,6 @@ def undeclared(scene: Scene) -> Undeclared:
 
     Nodata is one number in all bands that fills at least 2 % of the image and reaches its edge or fills whole squares,
     unless the file, or the caller, says what nodata is.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    Undeclared
     """
     source = scene.source
     if not isinstance(source, RasterSource) or source.settled:

@@ -90,15 +90,7 @@ class Opened:
 
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> Opened:
-    """Describe what a name stands for: the files of a product, else a raster as `describe` does.
-
-    Raises
-    ------
-    InputError
-        A folder or archive that holds several products, or metadata that cannot be used.
-    ReadError
-        A file cannot be read, or a folder or archive holds neither a product that is known nor a raster.
-    """
+    """Describe what a name stands for: the files of a product, else a raster as `describe` does."""
     product = find(path)
     if product is not None:
         infos, notes = described(product)
@@ -147,13 +139,6 @@ def footprints(found: Sequence[Opened], grid: RasterInfo) -> Footprints | None:
 
 def find(path: str) -> Product | None:
     """The product that a name stands for, or None; metadata and names of files are read, no pixels.
-
-    Raises
-    ------
-    InputError
-        It holds several products, or metadata that cannot be used.
-    ReadError
-        An archive or metadata file is damaged.
 
     Examples
     --------

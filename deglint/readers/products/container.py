@@ -128,13 +128,7 @@ def open_folder(path: Path, asked: str, named: str | None = None) -> Container:
 
 
 def open_archive(path: str) -> Container:
-    """List a zip or tar.
-
-    Raises
-    ------
-    ReadError
-        It is damaged.
-    """
+    """List a zip or tar."""
     kind = "zip" if _ZIP.search(path) else "tar"
     try:
         if kind == "zip":
