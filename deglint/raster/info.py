@@ -217,10 +217,17 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     return info
 
 
+def describe_file(path: str) -> RasterInfo:
+    """Open a file and gather what is known of it."""
+    with open_dataset(path) as dataset:
+        return describe(dataset, path)
+
+
 def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
     interp = _colorinterp(dataset)
     alpha = next((i for i, name in enumerate(interp, start=1) if name == "alpha"), None)
-    if alpha and (alpha_is_band or _is_named(dataset.descriptions[alpha - 1])):
+    name = str(dataset.descriptions[alpha - 1] or "alpha").lower() if alpha else ""
+    if alpha and (alpha_is_band or "alpha" not in name):
         interp[alpha - 1], alpha = "undefined", None
     bands = [i for i in dataset.indexes if i != alpha]
     _check_bands(dataset, path, bands)
@@ -284,18 +291,10 @@ def _check_length(dataset: Any, path: str) -> None:
         found = Path(path).stat().st_size
     except OSError:
         return
-    if found < need and not _is_packed(path):
-        raise ReadError(f"cannot read {path}: it has {found} bytes and its header says at least {need}. {remedy(path)}")
-
-
-def _is_packed(path: str) -> bool:
-    """Whether a file starts as gzip does (ENVI allows that)."""
     with Path(path).open("rb") as file:
-        return file.read(2) == b"\x1f\x8b"
-
-
-def _is_named(description: str | None) -> bool:
-    return bool(description) and "alpha" not in str(description).lower()
+        packed = file.read(2) == b"\x1f\x8b"  # gzip, which ENVI allows
+    if found < need and not packed:
+        raise ReadError(f"cannot read {path}: it has {found} bytes and its header says at least {need}. {remedy(path)}")
 
 
 def _colorinterp(dataset: Any) -> list[str]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 import re
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy.typing as npt
 from ..checks import nearest
 from ..errors import InputError, ReadError
 from ..raster import FileBands, RasterSource
-from ..raster.info import describe, one_line, open_dataset
+from ..raster.info import describe_file, one_line, unplaced
 from ..scene import Scene, Window
 from .text import read_json
 
@@ -211,13 +210,11 @@ def _own_crs(shapes: Sequence[Mapping[str, Any]], scene: Scene, name: str) -> st
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
     """GeoJSON features of the True parts of a mask whose first pixel lies at `origin` in the scene."""
-    from rasterio.errors import NotGeoreferencedWarning
     from rasterio.features import shapes
     from rasterio.transform import Affine
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+    with unplaced():
         found = list(shapes(mask.astype(np.uint8), mask=mask, transform=moved))
     return [{"type": "Feature", "properties": {"use": "sample"}, "geometry": shape} for shape, _ in found]
 
@@ -315,18 +312,17 @@ def _inside(area: Any, scene: Scene, name: str, option: str) -> Area:
 
 
 def _raster_area(path: str, scene: Scene, option: str) -> RasterArea:
-    with open_dataset(path) as dataset:
-        info = describe(dataset, path)
+    info = describe_file(path)
     whole = ((0, scene.height), (0, scene.width))
     same_size = (info.height, info.width) == (scene.height, scene.width)
     if same_size and (info.crs is None or scene.crs is None or _same_grid(info, scene)):
-        return RasterArea(RasterSource([FileBands.of(info, info.nodatas)], info), whole)
+        return RasterArea(RasterSource([FileBands.of(info)], info), whole)
     if info.crs is None or scene.crs is None or info.transform is None or scene.transform is None:
         raise InputError(
             f"{option} {path} has {info.height} x {info.width} pixels, the scene {scene.height} x {scene.width}, and "
             "without a CRS in both it cannot be fitted. Give a mask of the scene's size, or one with a CRS."
         )
-    file = FileBands.of(info, info.nodatas)
+    file = FileBands.of(info)
     warp: dict[str, Any] = {"crs": scene.crs, "transform": scene.transform, "height": scene.height,
                             "width": scene.width, "resampling": 0}  # fmt: skip
     if info.nodata is not None:

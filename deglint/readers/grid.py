@@ -52,7 +52,8 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     for i, info in enumerate(infos):
         if _same_grid(info, reference):
             continue
-        if not _overlap(places[i].bounds, home.bounds):
+        there, here = places[i].bounds, home.bounds
+        if not all(max(there[k], here[k]) < min(there[k + 2], here[k + 2]) for k in (0, 1)):
             raise InputError(f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place.")
         if info.flat is not None:
             lost.append(f"{_called(info)} is resampled, so that its vignette is not corrected")
@@ -125,11 +126,6 @@ def _place(info: RasterInfo, first: RasterInfo) -> _Place:
 
 def _area(bounds: Sequence[float]) -> float:
     return abs((bounds[2] - bounds[0]) * (bounds[3] - bounds[1]))
-
-
-def _overlap(a: Sequence[float], b: Sequence[float]) -> bool:
-    sides = [(max(a[i], b[i]), min(a[i + 2], b[i + 2])) for i in (0, 1)]
-    return all(map(math.isfinite, (*a, *b))) and all(low < high for low, high in sides)
 
 
 def _same_grid(info: RasterInfo, reference: RasterInfo) -> bool:

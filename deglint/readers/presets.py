@@ -71,7 +71,12 @@ def match(
         if all(by_wavelength):
             return by_wavelength, "wavelength"
     product = sensor.product(len(bands))
-    if not product or not _agree(bands, product):
+    far = [
+        b
+        for b, own in zip(bands, product or (), strict=False)
+        if abs((b.wavelength or own.wavelength) - own.wavelength) > _SAME
+    ]
+    if not product or far:
         raise BandError(_why_not(bands, sensor, product))
     if product == sensor.bands:
         return list(product), "order"
@@ -117,11 +122,6 @@ def _nearest(wavelength: float, sensor: Sensor) -> SensorBand | None:
 def _unique(found: list[SensorBand | None]) -> list[SensorBand | None]:
     taken = [b for b in found if b is not None]
     return found if len({b.name for b in taken}) == len(taken) else [None] * len(found)
-
-
-def _agree(bands: Sequence[Band], product: Sequence[SensorBand]) -> bool:
-    pairs = zip(bands, product, strict=True)
-    return all(b.wavelength is None or abs(b.wavelength - own.wavelength) <= _SAME for b, own in pairs)
 
 
 def _fill(band: Band, own: SensorBand, *, named: bool) -> Band:

@@ -80,7 +80,8 @@ def undeclared(scene: Scene) -> Undeclared:
     if not isinstance(source, RasterSource) or source.settled:
         return Undeclared()
     info, found = source.info, Undeclared()
-    silent = not info.nodata_given and all(n is None for n in info.nodatas) and _unmasked(source)
+    masked = any(f.dataset_mask or f.band_masks or f.alpha is not None for f in source.files)
+    silent = not info.nodata_given and all(n is None for n in info.nodatas) and not masked
     cut = _cut_sentinel2(scene, info)
     if silent or cut:
         blocks = [(t, *source.read_raw(t.window)) for t in _tiles(scene)]
@@ -92,10 +93,6 @@ def undeclared(scene: Scene) -> Undeclared:
     for note in found.notes:
         log.warning("%s", note)
     return found
-
-
-def _unmasked(source: RasterSource) -> bool:
-    return not any(f.dataset_mask or f.band_masks or f.alpha is not None for f in source.files)
 
 
 def _tiles(scene: Scene) -> list[Tile]:

@@ -112,6 +112,11 @@ def read_named(name: str) -> bytes:
     return Container(str(Path(name).parent), "folder", ()).read(Path(name).name)
 
 
+def last(member: str) -> str:
+    """The last part of a member's name."""
+    return PurePosixPath(member).name
+
+
 def is_archive(path: str) -> bool:
     """Whether a name ends as an archive that can hold a product."""
     return bool(_ZIP.search(path) or _TAR.search(path))

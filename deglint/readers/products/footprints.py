@@ -16,7 +16,7 @@ import numpy as np
 
 from ...errors import ReadError
 from ...raster import RasterInfo, RasterSource
-from ...raster.info import describe, open_dataset
+from ...raster.info import describe_file
 from ...scene import FloatArray, Window
 from ..grid import nearest_on
 from .container import read_named
@@ -80,14 +80,8 @@ class Footprints:
 
 
 def _raster(path: str, grid: RasterInfo) -> RasterSource:
-    with open_dataset(path) as dataset:
-        info = describe(dataset, path)
-    return RasterSource([nearest_on(info, grid, nodata=0)], _info_on(info, grid))
-
-
-def _info_on(info: RasterInfo, grid: RasterInfo) -> RasterInfo:
-    """A mask's description on another grid."""
-    return replace(info, height=grid.height, width=grid.width, crs=grid.crs, transform=grid.transform, nodatas=(0.0,))
+    info, place = describe_file(path), {n: getattr(grid, n) for n in ("height", "width", "crs", "transform")}
+    return RasterSource([nearest_on(info, grid, nodata=0)], replace(info, nodatas=(0.0,), **place))
 
 
 class _Outlines:
