@@ -104,14 +104,6 @@ class Container:
             return file.read(MOST_BYTES + 1)
 
 
-def read_named(name: str) -> bytes:
-    """The bytes of a small file that `Container.gdal` named."""
-    archive = re.match(r"/vsi(zip|tar)/(.+?\.(?:zip|tar))/(.+)$", name, re.IGNORECASE)
-    if archive:
-        return Container(archive[2], archive[1].lower(), ()).read(archive[3])
-    return Container(str(Path(name).parent), "folder", ()).read(Path(name).name)
-
-
 def last(member: str) -> str:
     """The last part of a member's name."""
     return PurePosixPath(member).name

@@ -98,10 +98,10 @@ def positive(value: Any) -> float | None:
     return found if found is not None and found > 0 else None
 
 
-def numbers(text: str | None, *, most: int = MOST_NUMBERS) -> list[float]:
+def numbers(text: str | None) -> list[float]:
     """The numbers in a text with blanks or commas between them; empty where some is none, or they are too many."""
     parts = (text or "").replace(",", " ").split()
-    found = [n for n in map(number, parts[:most]) if n is not None]
+    found = [n for n in map(number, parts[:MOST_NUMBERS]) if n is not None]
     return found if len(found) == len(parts) else []
 
 

@@ -39,7 +39,7 @@ class ProductBand:
     saturation : float, optional
         Number in the file at and above which the detector was full.
     footprint : str, optional
-        GDAL name of a raster of detector numbers, or of a GML file of their outlines.
+        GDAL name of a raster of detector numbers.
     flat : FlatField, optional
         Vignette and row gradient of a capture, for a file of one band.
     """

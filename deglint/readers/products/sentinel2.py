@@ -19,9 +19,7 @@ from .product import Product, ProductBand
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
 IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:jp2|tiff?)"
 _IMAGE = re.compile(IMAGES, re.IGNORECASE)
-_MASK = re.compile(
-    r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?|gml)", re.I
-)
+_MASK = re.compile(r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?)", re.I)
 PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07": 20, "B08": 10, "B8A": 20,
           "B09": 60, "B10": 60, "B11": 20, "B12": 20}  # fmt: skip
 """Side of a pixel on the ground [m] that each band is taken at."""
@@ -134,14 +132,13 @@ def _chosen(images: list[str], *, single: bool) -> tuple[dict[str, str], list[st
 
 
 def _mask(container: Container, band: str, file: str) -> str | None:
-    """The file of detector numbers of a band, a raster rather than outlines."""
+    """The file of detector numbers of a band."""
     granule = _granule(file)
-    fits = []
     for member in container.names:
         match = _MASK.fullmatch(last(member))
         if match and match["band"].upper() == band and member.startswith(granule):
-            fits.append((member.lower().endswith(".gml"), member))
-    return container.gdal(min(fits)[1]) if fits else None
+            return container.gdal(member)
+    return None
 
 
 class _Facts:
