@@ -37,21 +37,8 @@ def to_physical(
 ) -> FloatArray:
     """value = raw * scale + offset, NaN where not valid, not finite, or at the end of what float32 or float64 holds.
 
-    Parameters
-    ----------
-    raw : (band, row, column) ndarray
-        Numbers as the file has them; not modified.
-    valid : (band, row, column) ndarray of bool, or None
-        None where everything is valid.
-    scales, offsets : sequence of float
-        One a band.
-    nodatas : sequence of float or None, optional
-        Numbers that say "not valid", one a band, where `valid` does not tell of them already.
-
-    Returns
-    -------
-    (band, row, column) ndarray
-        float32 or float64, see `physical_dtype`.
+    Arrays are (band, row, column); `valid` is None where everything is valid. `nodatas` are numbers that say "not
+    valid", one a band, where `valid` does not tell of them already. The result has `physical_dtype`.
     """
     out = np.empty(raw.shape, physical_dtype(raw.dtype))
     for band, rows in slabs(raw.shape):

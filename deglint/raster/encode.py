@@ -21,15 +21,8 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Counts:
-    """Pixels per band.
-
-    Attributes
-    ----------
-    negative : (bands,) int64 ndarray
-        Corrected, and below zero after.
-    clipped : (bands,) int64 ndarray
-        Corrected, and outside what the output's integer type can hold, so set to its end; or on the number that
-        says "not valid", so set to the one beside it.
+    """Corrected pixels per band: `negative` after the correction, and `clipped` to what the output's type can hold or
+    moved off the number that says "not valid".
     """
 
     negative: npt.NDArray[np.int64]
@@ -37,20 +30,9 @@ class Counts:
 
 
 def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Mask | None]:
-    """Numbers of a file in another type; integers are rounded to nearest, and saturate.
+    """Numbers of a file in another type, and where they were clipped (None where none can be).
 
-    Parameters
-    ----------
-    raw : (band, row, column) ndarray
-        Not modified.
-    dtype : dtype
-
-    Returns
-    -------
-    out : (band, row, column) ndarray
-        0 where raw is NaN and `dtype` an integer.
-    clipped : (band, row, column) bool ndarray or None
-        Where a number is outside what the type can hold; None where none can be.
+    Integers are rounded to nearest, and saturate; NaN becomes 0.
     """
     with np.errstate(over="ignore"):
         if dtype.kind not in "iu" or np.can_cast(raw.dtype, dtype):
@@ -73,24 +55,11 @@ def encode(
     flags: npt.NDArray[np.uint8] | None = None,
     marks: tuple[int, int] = (0, 0),
 ) -> Counts:
-    """Put corrected values into `raw`, in its type.
+    """Put corrected values of some bands (0-based) into `raw`, (band, row, column), in its type and in place.
 
-    Parameters
-    ----------
-    physical : (band, row, column) ndarray
-        Corrected values; those that are not finite leave `raw` as it is.
-    raw : (band, row, column) ndarray
-        Values as in the file, changed in place. May be `physical` itself where the file holds physical values.
-    bands : sequence of int
-        0-based bands that were corrected.
-    scales, offsets : sequence of float
-        physical = raw * scale + offset, a band.
-    where : (row, column) bool ndarray, optional
-        True where pixels were corrected.
-    nodata : float, optional
-        Number that says "not valid" in the file: no corrected value is left on it.
-    flags : (row, column) uint8 ndarray, optional
-        Gets `marks[0]` where a value is negative and `marks[1]` where one is clipped.
+    physical = raw * scale + offset, a band. Values that are not finite, and pixels outside `where` (row, column), leave
+    `raw` as it is. No value is left on `nodata`. `flags` (row, column) get `marks[0]` where a value is negative, and
+    `marks[1]` where one is clipped.
 
     Notes
     -----
@@ -153,24 +122,9 @@ def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
 def relaid(
     raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_] | None]:
-    """Numbers of a file in the type, and with the nodata, of another.
+    """Numbers of a file in the type, and with the nodata, of another, and where a valid number was clipped.
 
-    Parameters
-    ----------
-    raw : (band, row, column) ndarray
-        Overwritten where the type is the same.
-    valid : bool ndarray or None
-        Which of them are valid; None for all.
-    own : sequence of float or None
-        Nodata of each band as it is; there may be more.
-    dtype, nodata
-        Of the other file.
-
-    Returns
-    -------
-    (band, row, column) ndarray
-    bool ndarray or None
-        Where a valid number was clipped; None where none can be.
+    `own` is the nodata of each band as it is; there may be more. `raw` is overwritten where the type is the same.
     """
     lost, own = None, own[: len(raw)]
     hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)

@@ -20,18 +20,10 @@ _PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
 
 
 def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
-    """Every file that is read where these names are: the names themselves first, then what belongs to them.
+    """Every file that is read where these names are, each once: the names themselves, then what belongs to them.
 
-    Parameters
-    ----------
-    names : iterable of str or Path
-        GDAL names, folders, text files. Names of no file ("auto", "0,0,10,10") stand for none.
-
-    Returns
-    -------
-    tuple of str
-        Names of files, each once. Of a file in an archive, the archive is there, too. What cannot be opened stands for
-        itself.
+    Names are GDAL's, of folders or of text files. Names of no file ("auto", "0,0,10,10") stand for none. Of a file in
+    an archive, the archive is there, too. What cannot be opened stands for itself.
     """
     given = list(map(str, names))
     found = {identity(name): name for name in given[::-1]}

@@ -25,14 +25,7 @@ LOOK_READS = 10_000
 
 
 def check_size(dataset: Any, path: str) -> None:
-    """Refuse an open dataset that declares more than a machine can be expected to take.
-
-    Parameters
-    ----------
-    dataset : rasterio dataset
-    path : str
-        For the message.
-    """
+    """Refuse an open dataset that declares more than a machine can be expected to take."""
     pixels, most = dataset.width * dataset.height, _limit("DEGLINT_MAX_PIXELS", MOST_PIXELS)
     if pixels > most:
         raise InputError(

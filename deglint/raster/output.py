@@ -108,16 +108,7 @@ def _block_side(tile: int, size: int, own: int) -> int:
 
 
 class RasterWriter:
-    """A GeoTIFF being written, window by window, by one thread.
-
-    Parameters
-    ----------
-    path : Path
-        Scratch file to write.
-    target : Path
-        What it will be called, for messages.
-    layout : Layout
-    """
+    """A GeoTIFF being written into a scratch file, window by window, by one thread; messages name the target."""
 
     def __init__(self, path: Path, target: Path, layout: Layout) -> None:
         import rasterio

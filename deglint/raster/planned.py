@@ -32,16 +32,7 @@ def check_plan(
 
 
 def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
-    """Write a plan into every target, each by its ending.
-
-    Parameters
-    ----------
-    plan : Reticle
-    targets : sequence of Path
-    picture : callable
-        Gives the PNG.
-    overwrite : bool
-    """
+    """Write a plan (`deglint.plan.Reticle`) into every target, each by its ending; `picture` gives the PNG."""
     from ..plan import dataset
     from .output import Scratch, write_bytes, write_text
 

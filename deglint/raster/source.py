@@ -26,14 +26,7 @@ from .info import RasterInfo, one_line, remedy
 
 
 class Budget:
-    """What may be read of a scene that is only looked at: so many windows, for so long.
-
-    Parameters
-    ----------
-    seconds : float
-    reads : int
-        Windows, about one a tile.
-    """
+    """What may be read of a scene that is only looked at: so many windows (about one a tile), for so long [s]."""
 
     def __init__(self, seconds: float, reads: int) -> None:
         self.seconds, self.reads = seconds, reads
@@ -42,7 +35,7 @@ class Budget:
         self._begun = time.monotonic()
 
     def spend(self, pixels: int) -> None:
-        """Count a window."""
+        """Count a window, or refuse it with a ReadError: it is one too many, or too late."""
         if self.done >= self.reads or time.monotonic() - self._begun > self.seconds:
             self.over = True
             raise ReadError(f"stopped after {self.done} windows of the scene and {self.seconds:g} s at most")

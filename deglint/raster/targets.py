@@ -26,15 +26,8 @@ Reads = Mapping[str, Iterable[str | Path]]
 def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwrite: bool = False) -> None:
     """Refuse outputs that cannot, or should not, be written, before anything is touched.
 
-    Parameters
-    ----------
-    targets : sequence of Path
-        Every file that a run writes.
-    reads : mapping of str to names
-        Everything that it reads; what stands for no file ("auto") is left out. All files behind each name count
-        (`deglint.raster.files.files_behind`).
-    overwrite : bool
-        Files that exist may be replaced, but never one that is read.
+    `reads` names everything that a run reads, and all files behind each name count; what stands for no file ("auto") is
+    left out. With `overwrite`, files that exist may be replaced, but never one that is read.
     """
     check_apart(targets)
     check_unread(targets, reads or {})

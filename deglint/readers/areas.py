@@ -118,13 +118,7 @@ class RasterArea:
 def open_area(text: str, scene: Scene, option: str) -> Area:
     """The area that an option names: a GeoJSON file, a mask raster, or a window of pixels.
 
-    Parameters
-    ----------
-    text : str
-        "column,row,width,height" [pixel] (as gdal_translate's -srcwin), a GeoJSON file's name, or a raster's.
-    scene : Scene
-    option : str
-        The option's name, for messages.
+    A window is "column,row,width,height" [pixel], as gdal_translate's -srcwin.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         column, row, width, height = _window(text, scene, option)

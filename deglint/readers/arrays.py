@@ -30,16 +30,7 @@ _CLOSE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class ArrayScene:
-    """A DataArray as a scene, and how to give an array back in its shape.
-
-    Attributes
-    ----------
-    scene : Scene
-        Its source serves the array's pixels; a lazy array stays lazy.
-    values : (band, row, column) numpy or dask array
-    array : DataArray
-        As it was given.
-    """
+    """A DataArray as a scene, and how to give an array back in its shape; a lazy array stays lazy."""
 
     scene: Scene
     values: Any

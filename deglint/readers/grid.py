@@ -27,20 +27,9 @@ class _Place:
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
-    """How every file gets on the common grid.
+    """How every file gets on the common grid, the description of the file whose grid it is, and notes.
 
-    Parameters
-    ----------
-    infos : sequence of RasterInfo
-    grid : str or int, optional
-        "finest" (the default), a file by its 1-based number, or by its name or the end of it.
-
-    Returns
-    -------
-    files : list of FileBands
-    reference : RasterInfo
-        The file whose grid it is.
-    notes : list of str
+    `grid` is "finest" (the default), a file by its 1-based number, or by its name or the end of it.
     """
     files = [FileBands.of(info) for info in infos]
     _check_georeference(infos)

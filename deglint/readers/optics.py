@@ -15,18 +15,8 @@ from .sensorfile import sensor_of
 
 @dataclass(frozen=True, slots=True)
 class KnownOptics:
-    """What a system PSF is made of.
-
-    Attributes
-    ----------
-    f_number : float
-        Focal length over aperture.
-    pitch : float
-        Of the detector [m].
-    smear : float
-        Motion during the exposure, along the columns [pixel].
-    source : str
-        Where it was read.
+    """What a system PSF is made of, and where it was read: focal length over aperture, the detector's pitch [m], and
+    the motion during the exposure along the columns [pixel].
     """
 
     f_number: float

@@ -33,14 +33,9 @@ def sensor_in_tags(info: RasterInfo) -> Sensor | None:
 def apply_sensor(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[Band], list[str]]:
-    """Fill wavelength, width, instant and group of bands from a preset.
+    """Fill wavelength, width, instant and group of bands from a preset; the bands, and notes.
 
-    Parameters
-    ----------
-    bands : sequence of Band
-    sensor : Sensor
-    unnamed : frozenset of int
-        0-based bands whose name says no more than their place; they get the preset's.
+    `unnamed` are the 0-based bands whose name says no more than their place; they get the preset's.
     """
     matched, how = match(bands, sensor, unnamed)
     filled = [

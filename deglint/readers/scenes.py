@@ -30,16 +30,8 @@ _MAGIC = re.compile(r"[*?\[]")
 
 @dataclass(frozen=True)
 class ListedScene:
-    """A scene of a batch.
-
-    Attributes
-    ----------
-    name : str
-        What its outputs are called after; never a path.
-    paths : tuple of str
-        GDAL names of its files.
-    item : str
-        Name of the STAC Item whose bands they are, as `deglint.open_scene` takes it.
+    """A scene of a batch: what its outputs are called after (never a path), GDAL names of its files, and of the STAC
+    Item whose bands they are, as `deglint.open_scene` takes it.
     """
 
     name: str

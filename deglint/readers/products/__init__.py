@@ -39,15 +39,8 @@ __all__ = [
 class Family:
     """A family of products.
 
-    Attributes
-    ----------
-    title : str
-    metadata, images : str
-        Regular expressions of file names: of metadata, and of images that may have them near.
-    find : callable
-        The product in a `Container`, or None.
-    above : int
-        How many folders above an image its metadata may lie.
+    `metadata` and `images` are regular expressions of file names: of metadata, and of images that may have them near;
+    `above` is how many folders above an image its metadata may lie. `find` gives the product in a `Container`, or None.
     """
 
     title: str
@@ -138,13 +131,7 @@ def footprints(found: Sequence[Opened], grid: RasterInfo) -> Footprints | None:
 
 
 def find(path: str) -> Product | None:
-    """The product that a name stands for, or None; metadata and names of files are read, no pixels.
-
-    Examples
-    --------
-    >>> find("scene.tif") is None
-    True
-    """
+    """The product that a name stands for, or None; metadata and names of files are read, no pixels."""
     local = _local(path)
     if local is None:
         return None

@@ -74,15 +74,7 @@ class Container:
         return next((n for n in self.names if str(PurePosixPath(n)).casefold() == wanted), None)
 
     def read(self, member: str) -> bytes:
-        """The bytes of a small member.
-
-        Raises
-        ------
-        InputError
-            It is larger than `MOST_BYTES`.
-        ReadError
-            It cannot be read.
-        """
+        """The bytes of a small member, of at most `MOST_BYTES`."""
         try:
             data = self._bytes(member)
         except (*_DAMAGED, RuntimeError, KeyError, EOFError) as error:
