@@ -321,7 +321,7 @@ class _ToFiles:
         for name, layout in self.layouts.items():
             if (array := getattr(done, name)) is not None:
                 valid = done.valid if layout.masked else None
-                kept[name] = self._write(f"{tile.row0}-{tile.col0}-{name}.npz", array, valid)
+                kept[name] = self._write(f"{tile.row0}-{tile.col0}-{name}.npy", array, valid)
         if hasattr(done, "valid"):
             kept["valid"] = None  # it is in the part
         return replace(done, **kept)

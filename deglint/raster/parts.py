@@ -30,8 +30,8 @@ class Part:
 def write_part(path: Path, block: npt.NDArray[Any], valid: npt.NDArray[np.bool_] | None) -> Part:
     """Write a tile's pixels as a part of an image, and which of them are valid."""
     with write_errors(path), path.open("wb") as file:
-        arrays: dict[str, Any] = {"block": block} | ({} if valid is None else {"valid": valid})
-        np.savez(file, **arrays)
+        for array in (block,) if valid is None else (block, valid):
+            np.lib.format.write_array(file, array, allow_pickle=False)
     return Part(path)
 
 
@@ -45,16 +45,17 @@ class PartWriter:
     def write(self, part: Part, window: Window) -> None:
         """Put a part where it belongs."""
         try:
-            with np.load(part.path) as held:
-                found = dict(held)
+            with part.path.open("rb") as file:
+                many = 2 if self._writer.layout.masked else 1
+                block, *valid = (np.lib.format.read_array(file, allow_pickle=False) for _ in range(many))
         except OSError as error:
             raise WriteError(
                 f"a tile that a worker wrote is not in {part.path.parent}: workers and this process need the same file "
                 "system."
             ) from error
-        self._writer.write(found["block"], window)
-        if "valid" in found:
-            self._writer.write_mask(found["valid"], window)
+        self._writer.write(block, window)
+        if valid:
+            self._writer.write_mask(valid[0], window)
 
 
 def writing_parts(scratch: Scratch, target: Path, layout: Layout) -> contextlib.AbstractContextManager[PartWriter]:
