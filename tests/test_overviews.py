@@ -25,7 +25,7 @@ def write(folder, data, layout, valid=None, parts=False):
                 at = np.s_[:, tile.row0 : tile.row1, tile.col0 : tile.col1]
                 known = None if valid is None else valid[at[1:]]
                 if parts:
-                    part = write_part(folder / f"{i}.part", data[at], layout, tile.window, known)
+                    part = write_part(folder / f"{i}.part", data[at], known)
                     writer.write(part, tile.window)
                     part.path.unlink()
                     continue

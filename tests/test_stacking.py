@@ -62,13 +62,6 @@ def test_a_stack_says_its_bands_where_nothing_is_corrected_too(deglint, write, s
     ran = deglint("remove", path, out, "--bands", "blue,green,red,nir", "--wavelengths", "475,560,668,842", *RUN)
     assert ran.code == 0, ran.err
     assert said_of(out)[:2] == (("blue", "green", "red", "nir"), ["475", "560", "668", "842"])
-    from deglint.raster.output import Layout, copied_whole
-    from deglint.raster.scratch import Scratch
-
-    scene = open_scene(path, bands="a,b,c,d")
-    layout = Layout(scene.source.info, (0, 1, 2, 3), "uint16")
-    with Scratch() as scratch:
-        assert not copied_whole(scratch, layout, tmp_path / "copy.tif")
 
 
 def test_a_batch_of_stacks_names_them(deglint, files, tmp_path):

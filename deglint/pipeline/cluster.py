@@ -321,12 +321,12 @@ class _ToFiles:
         for name, layout in self.layouts.items():
             if (array := getattr(done, name)) is not None:
                 valid = done.valid if layout.masked else None
-                kept[name] = self._write(f"{tile.row0}-{tile.col0}-{name}.tif", array, layout, tile, valid)
+                kept[name] = self._write(f"{tile.row0}-{tile.col0}-{name}.npy", array, valid)
         if hasattr(done, "valid"):
             kept["valid"] = None  # it is in the part
         return replace(done, **kept)
 
-    def _write(self, name: str, array: Any, layout: Layout, tile: Tile, valid: Any) -> Part:
+    def _write(self, name: str, array: Any, valid: Any) -> Part:
         """All of it or nothing: a worker may be ended at any time, and another be doing the same tile."""
         if not self.folder.is_dir():
             raise WriteError(
@@ -334,7 +334,7 @@ class _ToFiles:
                 "directory, under the same name."
             )
         scratch, path = self.folder / f"{secrets.token_hex(4)}-{name}", self.folder / name
-        part = write_part(scratch, array, layout, tile.window, valid)
+        part = write_part(scratch, array, valid)
         try:
             scratch.replace(path)
         except OSError as error:

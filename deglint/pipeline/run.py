@@ -19,7 +19,7 @@ from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL as STRIP_CELL
 from ..raster.environment import enter_thread, environment
-from ..raster.output import Layout, Scratch, copied_whole, plain, write_bytes, write_json, write_text
+from ..raster.output import Layout, Scratch, plain, write_bytes, write_json, write_text
 from ..raster.targets import Reads, check_image, check_targets
 from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
@@ -248,8 +248,6 @@ def _write_tiles(
     everything = tiling.tiles(scene.height, scene.width, image.tile)
     at_once = tiling.affordable(threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
     tally = Tally(len(scene.bands))
-    if work.copies and copied_whole(scratch, image, targets.image):
-        return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     images = {"raw": (targets.image, image)} | beside(work, targets, sky)
     opened = writing_images(scratch, targets.image, images, cluster)

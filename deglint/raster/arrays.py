@@ -16,16 +16,10 @@ from .source import RasterSource
 
 
 class ArraySource(RasterSource):
-    """Pixels of a scene from an array; what it gives are copies.
+    """Pixels of a scene from a (band, row, column) numpy or dask array; what it gives are copies.
 
-    Parameters
-    ----------
-    values : (band, row, column) numpy or dask array
-        Of a lazy array only the window that is asked for is computed.
-    info : RasterInfo
-        What the scene's bands are like.
-    origin : (int, int)
-        Row and column in the scene of the array's first pixel, where it is a part of it.
+    Of a lazy array only the window that is asked for is computed. `origin` is the row and column in the scene of the
+    array's first pixel, where it is a part of it.
     """
 
     def __init__(self, values: Any, info: RasterInfo, origin: tuple[int, int] = (0, 0)) -> None:

@@ -13,25 +13,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scene import FloatArray
-from .convert import is_valid, may_be_endless
+from .convert import is_valid, slabs
 from .info import same_nodata
 
 Mask = npt.NDArray[np.bool_]
-_SLAB = 1 << 16
-"""Pixels worked on at a time, so that they stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class Counts:
-    """Pixels per band.
-
-    Attributes
-    ----------
-    negative : (bands,) int64 ndarray
-        Corrected, and below zero after.
-    clipped : (bands,) int64 ndarray
-        Corrected, and outside what the output's integer type can hold, so set to its end; or on the number that
-        says "not valid", so set to the one beside it.
+    """Corrected pixels per band: `negative` after the correction, and `clipped` to what the output's type can hold or
+    moved off the number that says "not valid".
     """
 
     negative: npt.NDArray[np.int64]
@@ -39,20 +30,9 @@ class Counts:
 
 
 def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Mask | None]:
-    """Numbers of a file in another type; integers are rounded to nearest, and saturate.
+    """Numbers of a file in another type, and where they were clipped (None where none can be).
 
-    Parameters
-    ----------
-    raw : (band, row, column) ndarray
-        Not modified.
-    dtype : dtype
-
-    Returns
-    -------
-    out : (band, row, column) ndarray
-        0 where raw is NaN and `dtype` an integer.
-    clipped : (band, row, column) bool ndarray or None
-        Where a number is outside what the type can hold; None where none can be.
+    Integers are rounded to nearest, and saturate; NaN becomes 0.
     """
     with np.errstate(over="ignore"):
         if dtype.kind not in "iu" or np.can_cast(raw.dtype, dtype):
@@ -75,129 +55,61 @@ def encode(
     flags: npt.NDArray[np.uint8] | None = None,
     marks: tuple[int, int] = (0, 0),
 ) -> Counts:
-    """Put corrected values into `raw`, in its type.
+    """Put corrected values of some bands (0-based) into `raw`, (band, row, column), in its type and in place.
 
-    Parameters
-    ----------
-    physical : (band, row, column) ndarray
-        Corrected values; those that are not finite leave `raw` as it is.
-    raw : (band, row, column) ndarray
-        Values as in the file, changed in place. May be `physical` itself where the file holds physical values.
-    bands : sequence of int
-        0-based bands that were corrected.
-    scales, offsets : sequence of float
-        physical = raw * scale + offset, a band.
-    where : (row, column) bool ndarray, optional
-        True where pixels were corrected.
-    nodata : float, optional
-        Number that says "not valid" in the file: no corrected value is left on it.
-    flags : (row, column) uint8 ndarray, optional
-        Gets `marks[0]` where a value is negative and `marks[1]` where one is clipped.
-
-    Returns
-    -------
-    Counts
+    physical = raw * scale + offset, a band. Values that are not finite, and pixels outside `where` (row, column), leave
+    `raw` as it is. No value is left on `nodata`. `flags` (row, column) get `marks[0]` where a value is negative, and
+    `marks[1]` where one is clipped.
 
     Notes
     -----
     Integers are rounded to nearest (ties to even) and saturate at the ends of their type.
     """
     counts = Counts(np.zeros(len(raw), np.int64), np.zeros(len(raw), np.int64))
-    in_place = np.shares_memory(raw, physical)
-    rows = max(1, _SLAB // max(raw.shape[2], 1))
-    for top in range(0, raw.shape[1], rows):
-        part = slice(top, top + rows)
-        asked = None if where is None else where[part]
-        for b in bands:
-            values, outside = physical[b, part], None
-            if not in_place:
-                outside = _put(values, raw[b, part], asked, scales[b], offsets[b])
-            outside = _off_nodata(raw[b, part], values, asked, nodata, outside)
-            lowest = values.min(initial=0)
-            if not lowest >= 0:  # or some is no number
-                below = values < 0 if asked is None else (values < 0) & asked
-                counts.negative[b] += np.count_nonzero(below)
-                if flags is not None:
-                    flags[part][below] |= marks[0]
-            if outside is not None:
-                counts.clipped[b] += np.count_nonzero(outside)
-                if flags is not None:
-                    flags[part][outside] |= marks[1]
+    for b, rows in slabs(raw.shape):
+        if b not in bands:
+            continue
+        values = physical[b, rows]
+        put = values.astype(np.float64)
+        if offsets[b] != 0:
+            put -= offsets[b]
+        if scales[b] != 1:
+            put /= scales[b]
+        good, below = np.isfinite(put), values < 0
+        if where is not None:
+            good &= where[rows]
+            below &= where[rows]
+        outside = _put(put, raw[b, rows], good, nodata)
+        for count, found, mark in zip((counts.negative, counts.clipped), (below, outside), marks, strict=True):
+            many = np.count_nonzero(found)
+            count[b] += many
+            if flags is not None and many:
+                flags[rows][found] |= mark
     return counts
 
 
-def _beside(nodata: float, dtype: np.dtype[Any]) -> float:
-    """The whole number next to the one that says "not valid"."""
-    return nodata + (1 if nodata < np.iinfo(dtype).max else -1)
-
-
-def _put(values: FloatArray, raw: npt.NDArray[Any], where: Mask | None, scale: float, offset: float) -> Mask | None:
-    """Store some rows of a band; return where they were clipped."""
-    put = values
-    if offset != 0 or scale != 1 or raw.dtype != values.dtype:
-        put = values.astype(np.float64)
-        _unscale(put, scale, offset)
-    if raw.dtype.kind not in "iu":
-        good = where
-        if may_be_endless(put):
-            good = np.isfinite(put) if where is None else np.isfinite(put) & where
-        _store(raw, put, good)
-        return None
-    np.rint(put, out=put)
-    low, high = _range(raw.dtype)
-    ends = np.array([values.min(initial=np.inf), values.max(initial=-np.inf)], np.float64)
-    _unscale(ends, scale, offset)  # as all numbers between them
-    if low <= np.rint(ends.min()) and np.rint(ends.max()) <= high:
-        _store(raw, put, where)
-        return None
-    good = np.isfinite(put)
-    if where is not None:
-        good &= where
-    outside = (put < low) | (put > high)
-    outside &= good
-    put[~good] = 0
-    np.clip(put, low, high, out=put)
-    _store(raw, put, good)
+def _put(put: npt.NDArray[np.float64], raw: npt.NDArray[Any], good: Mask, nodata: float | None) -> Mask:
+    """Store numbers in the type of a band, and off its nodata; return where they were clipped."""
+    whole = raw.dtype.kind in "iu"
+    outside = np.zeros(raw.shape, np.bool_)
+    if whole:
+        np.rint(put, out=put)
+        low, high = _range(raw.dtype)
+        if not (put.min(initial=0.0) >= low and put.max(initial=0.0) <= high):  # or some are NaN
+            outside = good & ((put < low) | (put > high))
+            put = np.clip(np.where(good, put, 0.0), low, high)
+    with np.errstate(over="ignore"):
+        stored = put.astype(raw.dtype)
+    if nodata is not None and np.isfinite(nodata):
+        number = raw.dtype.type(nodata)
+        hit = good & (stored == number)
+        if whole:
+            outside |= hit
+            stored[hit] = int(nodata) + (1 if number < np.iinfo(raw.dtype).max else -1)
+        else:
+            stored[hit] = np.nextafter(number, raw.dtype.type(np.inf))
+    np.copyto(raw, stored, where=good)
     return outside
-
-
-def _unscale(values: FloatArray, scale: float, offset: float) -> None:
-    """Physical values as numbers of the file, in place."""
-    if offset != 0:
-        values -= offset
-    if scale != 1:
-        values /= scale
-
-
-def _store(raw: npt.NDArray[Any], put: npt.NDArray[Any], where: Mask | None) -> None:
-    """Numbers in the type of `raw`, where they are wanted: their bits, as speckle is slow to branch by."""
-    if where is None:
-        raw[...] = put
-        return
-    whole = np.dtype(f"i{raw.dtype.itemsize}")
-    old = raw.view(whole)
-    new = put.astype(raw.dtype, copy=False).view(whole) ^ old
-    new &= -where.astype(whole)
-    old ^= new
-
-
-def _off_nodata(
-    raw: npt.NDArray[Any], values: FloatArray, where: Mask | None, nodata: float | None, clipped: Mask | None
-) -> Mask | None:
-    """Move corrected numbers off the one that says "not valid", to the next; return what was clipped, and these."""
-    if nodata is None or not np.isfinite(nodata):
-        return clipped
-    hit = raw == raw.dtype.type(nodata)
-    if not hit.any():
-        return clipped
-    hit &= np.isfinite(values)
-    if where is not None:
-        hit &= where
-    if raw.dtype.kind == "f":
-        raw[hit] = np.nextafter(raw.dtype.type(nodata), raw.dtype.type(np.inf))
-        return clipped
-    raw[hit] = _beside(int(nodata), raw.dtype)
-    return hit if clipped is None else clipped | hit
 
 
 def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
@@ -210,24 +122,9 @@ def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
 def relaid(
     raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_] | None]:
-    """Numbers of a file in the type, and with the nodata, of another.
+    """Numbers of a file in the type, and with the nodata, of another, and where a valid number was clipped.
 
-    Parameters
-    ----------
-    raw : (band, row, column) ndarray
-        Overwritten where the type is the same.
-    valid : bool ndarray or None
-        Which of them are valid; None for all.
-    own : sequence of float or None
-        Nodata of each band as it is; there may be more.
-    dtype, nodata
-        Of the other file.
-
-    Returns
-    -------
-    (band, row, column) ndarray
-    bool ndarray or None
-        Where a valid number was clipped; None where none can be.
+    `own` is the nodata of each band as it is; there may be more. `raw` is overwritten where the type is the same.
     """
     lost, own = None, own[: len(raw)]
     hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)

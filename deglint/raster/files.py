@@ -20,18 +20,10 @@ _PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
 
 
 def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
-    """Every file that is read where these names are: the names themselves first, then what belongs to them.
+    """Every file that is read where these names are, each once: the names themselves, then what belongs to them.
 
-    Parameters
-    ----------
-    names : iterable of str or Path
-        GDAL names, folders, text files. Names of no file ("auto", "0,0,10,10") stand for none.
-
-    Returns
-    -------
-    tuple of str
-        Names of files, each once. Of a file in an archive, the archive is there, too. What cannot be opened stands for
-        itself.
+    Names are GDAL's, of folders or of text files. Names of no file ("auto", "0,0,10,10") stand for none. Of a file in
+    an archive, the archive is there, too. What cannot be opened stands for itself.
     """
     given = list(map(str, names))
     found = {identity(name): name for name in given[::-1]}
@@ -67,24 +59,14 @@ def _of_raster(name: str) -> Iterator[str]:
 
 
 def check_before(name: str) -> None:
-    """Refuse a raster that must not even be opened: a pipe, or a VRT that reads where it may not, or too much.
-
-    Raises
-    ------
-    ReadError, InputError
-    """
+    """Refuse a raster that must not even be opened: a pipe, or a VRT that reads where it may not, or too much."""
     check_kind(name)
     if is_vrt(name):
         Walk(folder_of(name)).start(name)
 
 
 def check_after(dataset: Any, name: str) -> None:
-    """Refuse an open raster whose header leads to files outside of its own folder.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse an open raster whose header leads to files outside of its own folder."""
     if dataset.driver == "VRT":
         if not is_vrt(name):  # one that lies on a server, or in an archive
             _walk_of(dataset, name)

@@ -34,8 +34,6 @@ class FileBands:
         The file has one mask for all bands, or one a band.
     alpha : int, optional
         1-based alpha band; a pixel where it is 0 is not valid.
-    direct : bool
-        Blocks may be read past libtiff, see `RasterInfo`.
     flat : FlatField, optional
         Corrects the numbers as they are read.
     warp : mapping, optional
@@ -48,7 +46,6 @@ class FileBands:
     dataset_mask: bool = False
     band_masks: bool = False
     alpha: int | None = None
-    direct: bool = False
     flat: FlatField | None = None
     warp: Mapping[str, Any] | None = field(default=None, repr=False)
 
@@ -63,7 +60,6 @@ class FileBands:
             dataset_mask="per_dataset" in flags and "alpha" not in flags,
             band_masks=any(not f for f in info.mask_flags),
             alpha=info.alpha,
-            direct=info.direct,
             flat=info.flat,
         )
 
@@ -89,38 +85,35 @@ class Handle:
         shape = (len(bands), window[0][1] - window[0][0], window[1][1] - window[1][0])
         if 0 in shape:
             return np.empty(shape, info.dtype), None
-        if len(self.files) == 1 and len(set(info.dtypes)) == 1 and self.files[0].flat is None:
-            file, dataset = self.files[0], self.datasets[0]
-            raw = dataset.read([file.indexes[b] for b in bands], window=window)
-            return raw, _validity(file, dataset, raw, list(bands), window, nodata)
-        return self._stack_up(np.empty(shape, info.dtype), bands, window, nodata)
-
-    def _stack_up(self, raw: Raw, bands: Sequence[int], window: Window, nodata: bool) -> tuple[Raw, Valid | None]:
-        valid: Valid | None = None
-        start = 0
+        raw, valid, start = np.empty(shape, info.dtype), None, 0
         for file, dataset in zip(self.files, self.datasets, strict=True):
-            places = [(k, b - start) for k, b in enumerate(bands) if 0 <= b - start < len(file.indexes)]
+            at = [k for k, b in enumerate(bands) if 0 <= b - start < len(file.indexes)]
+            own = [bands[k] - start for k in at]
             start += len(file.indexes)
-            if not places:
+            if not at:
                 continue
-            for k, own in places:
-                dataset.read(file.indexes[own], window=window, out=raw[k])
-            at = [k for k, _ in places]
-            part = _validity(file, dataset, raw[at], [own for _, own in places], window, nodata)
-            if part is not None:
-                valid = np.ones(raw.shape, np.bool_) if valid is None else valid
-                valid[at] = part
+            part = np.empty((len(at), *shape[1:]), raw.dtype)
+            indexes = [file.indexes[b] for b in own]
+            if len({dataset.dtypes[i - 1] for i in indexes}) == 1:
+                dataset.read(indexes, window=window, out=part)
+            else:  # rasterio reads bands of several types one by one only
+                for numbers, i in zip(part, indexes, strict=True):
+                    dataset.read(i, window=window, out=numbers)
+            known = _validity(file, dataset, part, own, window, nodata)
             if file.flat is not None:
-                for k, own in places:
-                    file.flat.apply(raw[k], window, file.nodatas[own])
+                for numbers, b in zip(part, own, strict=True):
+                    file.flat.apply(numbers, window, file.nodatas[b])
+            if len(self.files) == 1:
+                return part, known
+            raw[at] = part
+            if known is not None:
+                valid = np.ones(raw.shape, np.bool_) if valid is None else valid
+                valid[at] = known
         return raw, valid
 
 
 def _open(file: FileBands, stack: ExitStack) -> Any:
-    from rasterio import Env
-
-    with Env(GTIFF_DIRECT_IO="YES" if file.direct else "NO"):  # holds for what is opened in it
-        dataset = open_dataset(file.path)
+    dataset = open_dataset(file.path)
     stack.callback(dataset.close)  # "with dataset" would tie it to the Env of this thread
     if file.warp is None:
         return dataset

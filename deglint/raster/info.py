@@ -28,8 +28,6 @@ Tags = Mapping[str, Mapping[str, str]]
 """Tags by namespace; the default namespace is ""."""
 
 _DERIVED_NAMESPACES = frozenset({"IMAGE_STRUCTURE", "DERIVED_SUBDATASETS", "SUBDATASETS", "COLOR_PROFILE"})
-_MOST_BLOCKS = 20_000
-"""Blocks of a file that are looked up one by one."""
 REMOTE = re.compile(
     r"(https?|ftp|s3|gs|az|oss|swift|hdfs)://|/vsi(curl|s3|gs|az|adls|oss|swift|webhdfs)", re.IGNORECASE
 )
@@ -67,9 +65,6 @@ class RasterInfo:
         As GDAL spells them ("deflate", "2", "pixel", "rgb").
     crs, transform : optional
         As rasterio gives them; transform is None where the file has none.
-    direct : bool
-        A GeoTIFF of plain tiles that all lie inside the file, so that GDAL may read them past libtiff: half the time
-        of the usual way, but it takes for zeros, or worse, what is missing.
     gcps, gcps_crs, rpcs : optional
         Ground control points, their crs, and rational polynomial coefficients.
     flat : FlatField, optional
@@ -94,7 +89,6 @@ class RasterInfo:
     mask_flags: tuple[tuple[str, ...], ...]
     block_shapes: tuple[tuple[int, int], ...]
     tiled: bool = False
-    direct: bool = False
     alpha: int | None = None
     compression: str | None = None
     predictor: str | None = None
@@ -147,15 +141,7 @@ def unplaced() -> Iterator[None]:
 
 
 def open_dataset(path: str) -> Any:
-    """Open a raster for reading, as rasterio does, with one clear line where that fails.
-
-    Raises
-    ------
-    ReadError
-        No such file, or not a raster that GDAL can read.
-    InputError
-        It declares more than `deglint.raster.limits` allow, or leads to files that `deglint.raster.files` does not.
-    """
+    """Open a raster for reading, as rasterio does, with one clear line where that fails."""
     import rasterio
     from rasterio.errors import RasterioError
 
@@ -208,13 +194,6 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
 
     GDAL calls the last of 2 or 4 bytes "alpha" unless it was told otherwise. A band so called is a scene
     band where it has a name, or where `alpha_is_band`.
-
-    Raises
-    ------
-    InputError
-        No band to work on, complex numbers, or a place that pixels cannot be put on.
-    ReadError
-        The header contradicts itself.
     """
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
@@ -238,10 +217,17 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     return info
 
 
+def describe_file(path: str) -> RasterInfo:
+    """Open a file and gather what is known of it."""
+    with open_dataset(path) as dataset:
+        return describe(dataset, path)
+
+
 def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
     interp = _colorinterp(dataset)
     alpha = next((i for i, name in enumerate(interp, start=1) if name == "alpha"), None)
-    if alpha and (alpha_is_band or _is_named(dataset.descriptions[alpha - 1])):
+    name = str(dataset.descriptions[alpha - 1] or "alpha").lower() if alpha else ""
+    if alpha and (alpha_is_band or "alpha" not in name):
         interp[alpha - 1], alpha = "undefined", None
     bands = [i for i in dataset.indexes if i != alpha]
     _check_bands(dataset, path, bands)
@@ -270,7 +256,6 @@ def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
         mask_flags=tuple(tuple(f.name for f in flags[i - 1]) for i in bands),
         block_shapes=pick(dataset.block_shapes),
         tiled=bool(dataset.profile.get("tiled", False)),
-        direct=_is_direct(dataset, path),
         alpha=alpha,
         compression=_spelled(structure.get("COMPRESSION")),
         predictor=structure.get("PREDICTOR"),
@@ -282,39 +267,6 @@ def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
         gcps_crs=gcps_crs,
         rpcs=dataset.rpcs,
     )
-
-
-def _is_direct(dataset: Any, path: str) -> bool:
-    """Whether every block is an uncompressed tile that is there, in a file of this machine."""
-    if dataset.driver != "GTiff" or dataset.compression is not None or not dataset.profile.get("tiled", False):
-        return False
-    rows, columns = dataset.block_shapes[0]
-    by_pixel = dataset.profile.get("interleave") == "pixel"
-    size = rows * columns * np.dtype(dataset.dtypes[0]).itemsize * (dataset.count if by_pixel else 1)
-    try:
-        last = Path(path).stat().st_size - size
-    except OSError:
-        return False
-    return all(start is not None and int(start) <= last for start, _size in block_places(dataset, sizes=False))
-
-
-def block_places(dataset: Any, *, sizes: bool = True) -> Iterator[tuple[str | None, str | None]]:
-    """Offset and size in the file of each block of an open GeoTIFF [byte]; None for what is not there.
-
-    Of a file with too many blocks to look up one by one, a single (None, None).
-    """
-    rows, columns = dataset.block_shapes[0]
-    down, across = -(-dataset.height // rows), -(-dataset.width // columns)
-    planes = dataset.indexes[:1] if dataset.profile.get("interleave") == "pixel" else dataset.indexes
-    if down * across * len(planes) > _MOST_BLOCKS:
-        yield None, None
-        return
-    for band in planes:
-        for y in range(down):
-            for x in range(across):
-                start = dataset.get_tag_item(f"BLOCK_OFFSET_{x}_{y}", "TIFF", bidx=band)
-                size = dataset.get_tag_item(f"BLOCK_SIZE_{x}_{y}", "TIFF", bidx=band) if sizes else None
-                yield start, size
 
 
 def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
@@ -339,18 +291,10 @@ def _check_length(dataset: Any, path: str) -> None:
         found = Path(path).stat().st_size
     except OSError:
         return
-    if found < need and not _is_packed(path):
-        raise ReadError(f"cannot read {path}: it has {found} bytes and its header says at least {need}. {remedy(path)}")
-
-
-def _is_packed(path: str) -> bool:
-    """Whether a file starts as gzip does (ENVI allows that)."""
     with Path(path).open("rb") as file:
-        return file.read(2) == b"\x1f\x8b"
-
-
-def _is_named(description: str | None) -> bool:
-    return bool(description) and "alpha" not in str(description).lower()
+        packed = file.read(2) == b"\x1f\x8b"  # gzip, which ENVI allows
+    if found < need and not packed:
+        raise ReadError(f"cannot read {path}: it has {found} bytes and its header says at least {need}. {remedy(path)}")
 
 
 def _colorinterp(dataset: Any) -> list[str]:

@@ -25,19 +25,7 @@ LOOK_READS = 10_000
 
 
 def check_size(dataset: Any, path: str) -> None:
-    """Refuse an open dataset that declares more than a machine can be expected to take.
-
-    Parameters
-    ----------
-    dataset : rasterio dataset
-    path : str
-        For the message.
-
-    Raises
-    ------
-    InputError
-        More pixels than DEGLINT_MAX_PIXELS, blocks larger than DEGLINT_MAX_BLOCK_MB, or too many bands.
-    """
+    """Refuse an open dataset that declares more than a machine can be expected to take."""
     pixels, most = dataset.width * dataset.height, _limit("DEGLINT_MAX_PIXELS", MOST_PIXELS)
     if pixels > most:
         raise InputError(

@@ -23,12 +23,7 @@ def real(path: str | Path) -> Path:
 
 
 def check_kind(path: str | Path) -> None:
-    """Refuse what is neither a file nor a folder: reading it may never end.
-
-    Raises
-    ------
-    ReadError
-    """
+    """Refuse what is neither a file nor a folder: reading it may never end."""
     if not is_utf8(path):
         raise ReadError(f"the name {os.fsencode(path)!r} is not UTF-8, and GDAL opens no other. Rename it.")
     kind = "a pipe" if str(path).lower().startswith("/vsistdin") else _odd(path)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +20,7 @@ import numpy.typing as npt
 from ..errors import WriteError
 from ..scene import Window
 from .failing import check_whole, free_bytes, refusals, write_errors
-from .info import RasterInfo, block_places, describe, open_dataset, unplaced
+from .info import RasterInfo, unplaced
 from .overviews import add_overviews, levels
 from .scratch import Scratch
 
@@ -34,6 +33,10 @@ _COLOURS = (
 )  # fmt: skip
 """Red, green, blue of the bits of a raster of flags, the lowest first; colours that all people can tell apart (Okabe
 and Ito 2008, https://jfly.uni-koeln.de/color/)."""
+
+
+_OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "transform")
+"""Entries of a profile that are no creation options: a copy takes them from its source."""
 
 
 @dataclass(frozen=True)
@@ -105,28 +108,23 @@ def _block_side(tile: int, size: int, own: int) -> int:
 
 
 class RasterWriter:
-    """A GeoTIFF being written, window by window, by one thread.
-
-    Parameters
-    ----------
-    path : Path
-        Scratch file to write.
-    target : Path
-        What it will be called, for messages.
-    layout : Layout
-    """
+    """A GeoTIFF being written into a scratch file, window by window, by one thread; messages name the target."""
 
     def __init__(self, path: Path, target: Path, layout: Layout) -> None:
         import rasterio
 
         self.path, self.target, self.layout = path, target, layout
         profile = _profile(layout)
+        self._options = {k: v for k, v in profile.items() if k.lower() not in _OF_CONTENT}
         _check_space(path.parent, target, layout, profile)
         self._dataset: Any = None
         try:
             with refusals(target, layout.options), write_errors(target):
                 with unplaced():
                     self._dataset = rasterio.open(path, "w", **profile)
+                    if layout.overviews:  # the options are possible; they count when the blocks are put in order
+                        self._dataset.close()
+                        self._dataset = rasterio.open(path, "w", **_plain_profile(profile, layout))
                 _describe(self._dataset, layout)
                 if layout.masked:
                     # the mask's header goes before the data, too
@@ -146,20 +144,13 @@ class RasterWriter:
         with write_errors(self.target):
             self._dataset.write_mask(valid.astype(np.uint8) * 255, window=window)
 
-    def close(self, *, whole: bool = True) -> None:
-        """Finish the file and make sure that all of it is on disk, if all of it was to be written.
-
-        Raises
-        ------
-        WriteError
-            The disk is full, or refuses.
-        """
+    def close(self) -> None:
+        """Finish the file and make sure that all of it is on disk."""
         with write_errors(self.target):
             self._dataset.close()
-            if whole and self.layout.overviews:
-                add_overviews(self.path, average=not self.layout.codes)
-        if whole:
-            check_whole(self.path, self.target)
+            if self.layout.overviews:
+                add_overviews(self.path, self._options, average=not self.layout.codes)
+        check_whole(self.path, self.target)
 
     def abort(self) -> None:
         """Let go of the file, whatever state it is in."""
@@ -182,63 +173,6 @@ def finishing(writer: Any) -> Iterator[Any]:
 def writing(scratch: Scratch, target: Path, layout: Layout) -> contextlib.AbstractContextManager[RasterWriter]:
     """A `RasterWriter` that finishes."""
     return finishing(RasterWriter(scratch.add(target), target, layout))
-
-
-def copied_whole(scratch: Scratch, layout: Layout, target: Path) -> bool:
-    """Copy the input file itself, byte for byte, where it is what would be written: the quickest way to change nothing.
-
-    Returns
-    -------
-    bool
-        False where it is not, and nothing was done: several files, or one of another format; files beside it that hold
-        some of it; another type, nodata or option wanted; not tiled, its header after its data, or blocks missing.
-
-    Raises
-    ------
-    WriteError
-        The disk is full, or refuses.
-    """
-    info = layout.info
-    plain_options = not layout.options and layout.dtype == info.dtypes[0] and len(layout.bands) == info.count
-    if (
-        len(info.paths) != 1
-        or info.flat is not None
-        or info.driver != "GTiff"
-        or not (info.tiled and plain_options)
-        or info.alpha is not None
-    ):
-        return False
-    with open_dataset(info.paths[0]) as dataset:
-        if not _stands_alone(dataset, info) or dataset.nodata != layout.nodata:  # NaN is not itself: written anew
-            return False
-        if not _says_all(dataset, info):
-            return False
-    path = scratch.add(target)
-    with write_errors(target):
-        shutil.copyfile(info.paths[0], path)
-    check_whole(path, target)
-    return True
-
-
-def _says_all(dataset: Any, info: RasterInfo) -> bool:
-    """Whether a file itself says of its bands what its description does, which the user may have stated."""
-    own = describe(dataset, info.paths[0], alpha_is_band=True)
-    return (own.descriptions, own.scales, own.offsets, own.band_tags) == (
-        info.descriptions, info.scales, info.offsets, info.band_tags
-    )  # fmt: skip
-
-
-def _stands_alone(dataset: Any, info: RasterInfo) -> bool:
-    """Whether a GeoTIFF is one local file with its header before its data, and all of its blocks inside it."""
-    path = Path(info.paths[0])
-    if dataset.count != info.count or [Path(f) for f in dataset.files] != [path] or not path.is_file():
-        return False
-    header = dataset.get_tag_item("IFD_OFFSET", "TIFF", bidx=1)
-    first, end = dataset.get_tag_item("BLOCK_OFFSET_0_0", "TIFF", bidx=1), path.stat().st_size
-    return bool(header and first and int(header) < int(first)) and all(
-        start is not None and size is not None and int(start) + int(size) <= end
-        for start, size in block_places(dataset)
-    )
 
 
 def write_text(scratch: Scratch, target: Path, text: str) -> None:
@@ -304,6 +238,13 @@ def _profile(layout: Layout) -> dict[str, Any]:
     return {k: v for k, v in profile.items() if k.lower() not in given and v is not None} | given
 
 
+def _plain_profile(profile: Mapping[str, Any], layout: Layout) -> dict[str, Any]:
+    """The same content without compression: that is done when the blocks are put in order."""
+    rows, columns = layout.block
+    kept = {k: v for k, v in profile.items() if k.lower() in (*_OF_CONTENT, "interleave")}
+    return kept | {"tiled": True, "blockxsize": columns, "blockysize": rows, "BIGTIFF": "IF_SAFER"}
+
+
 def _describe(dataset: Any, layout: Layout) -> None:
     """Everything about the file that is not pixels; before the first pixel, so that the header stays in front."""
     from rasterio.crs import CRS
@@ -344,15 +285,17 @@ def _tag(dataset: Any, tags: Mapping[str, str], namespace: str, band: int = 0) -
 
 
 def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping[str, Any]) -> None:
-    """Say at once that a disk is too full for an uncompressed output, not after an hour."""
-    if str(profile.get("compress", "none")).lower() != "none":
+    """Say at once that a disk is too full for the uncompressed pixels, not after an hour."""
+    packed = str(profile.get("compress", "none")).lower() != "none"
+    if packed and not layout.overviews:
         return
     rows, columns = layout.info.height, layout.info.width
     need = rows * columns * len(layout.bands) * np.dtype(layout.dtype).itemsize
-    need = need * 8 // 3 if layout.overviews else need  # a third more, and all of it copied once into order
+    if layout.overviews:  # a third more, and all of it copied once into order
+        need = need * (4 if packed else 8) // 3
     free = free_bytes(directory)
     if free is not None and need > free:
+        less = "leave out its overviews: --co OVERVIEWS=NONE" if packed else "compress the output: --co COMPRESS=ZSTD"
         raise WriteError(
-            f"{target} needs {need / 1e6:.0f} MB and the disk has {free / 1e6:.0f} MB left. "
-            "Free some space, or compress the output: --co COMPRESS=ZSTD"
+            f"{target} needs {need / 1e6:.0f} MB and the disk has {free / 1e6:.0f} MB left. Free some space, or {less}"
         )

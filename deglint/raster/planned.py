@@ -24,15 +24,7 @@ KINDS = (".png", ".json", ".nc", ".tif")
 def check_plan(
     targets: Sequence[Path], kinds: Sequence[str] = KINDS, reads: Reads | None = None, *, overwrite: bool = False
 ) -> None:
-    """Refuse names that could not be written, before the work is done; what is read is as in `check_targets`.
-
-    Raises
-    ------
-    InputError
-        The ending is none of those known, two are one file, or a file that is read would be replaced.
-    WriteError
-        It exists and is not to be replaced, or its directory cannot be written to.
-    """
+    """Refuse names that could not be written, before the work is done; what is read is as in `check_targets`."""
     for target in targets:
         if _kind(target) not in kinds:
             raise InputError(f"{target} must end in one of {', '.join(kinds)}, which says what to write.")
@@ -40,21 +32,7 @@ def check_plan(
 
 
 def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
-    """Write a plan into every target, each by its ending.
-
-    Parameters
-    ----------
-    plan : Reticle
-    targets : sequence of Path
-    picture : callable
-        Gives the PNG.
-    overwrite : bool
-
-    Raises
-    ------
-    InputError, WriteError
-        See `check_plan`; or xarray is missing for NetCDF.
-    """
+    """Write a plan (`deglint.plan.Reticle`) into every target, each by its ending; `picture` gives the PNG."""
     from ..plan import dataset
     from .output import Scratch, write_bytes, write_text
 

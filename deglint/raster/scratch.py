@@ -100,13 +100,7 @@ class _Move:
         self._done: list[Path] = []
 
     def all(self, umask: int) -> None:
-        """Move them.
-
-        Raises
-        ------
-        WriteError
-            The system refuses; everything is as it was, or the message says what is not.
-        """
+        """Move them."""
         try:
             for scratch, target in self._files:
                 scratch.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
@@ -204,13 +198,7 @@ def _one_at_a_time(directories: set[Path]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def claimed(directory: Path) -> Iterator[None]:
-    """Hold a directory against other batches; the claim ends with the process, however that ends.
-
-    Raises
-    ------
-    WriteError
-        Another batch is at work in it.
-    """
+    """Hold a directory against other batches; the claim ends with the process, however that ends."""
     path = directory / ".deglint-batch.lock"
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)

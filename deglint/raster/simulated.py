@@ -43,29 +43,10 @@ class Layer:
 def write_scene(
     scene: Simulated, stem: str | Path, *, overwrite: bool = False, truth: bool | Collection[str] = True
 ) -> list[Path]:
-    """Write a simulated scene.
+    """Write a simulated scene to ``DIR/NAME.tif``, its truth to ``DIR/NAME_truth.tif`` and so on, and a JSON.
 
-    Parameters
-    ----------
-    scene : SimulatedScene
-        From `deglint.simulate.simulate`.
-    stem : path
-        ``DIR/NAME`` or ``DIR/NAME.tif``; the truth goes to ``DIR/NAME_truth.tif`` and so on.
-    overwrite : bool
-        Replace files that are there.
-    truth : bool or collection of str
-        Write all that is known of the scene, not the image and the JSON alone; or only the parts that are named, such
-        as "_truth_water".
-
-    Returns
-    -------
-    list of Path
-        What was written: the image, the truth, the JSON last.
-
-    Raises
-    ------
-    WriteError
-        A file exists and is not to be replaced, or cannot be written; then none is.
+    `truth` says whether all that is known of the scene is written beside the image and the JSON, or names the parts
+    that are, such as "_truth_water". Either all files are written or none; their names are returned.
     """
     from .output import Scratch
     from .targets import check_targets
@@ -89,13 +70,7 @@ def write_scene(
 
 
 def check_free(stem: str | Path, *, overwrite: bool = False) -> None:
-    """Refuse a name that `write_scene` would refuse, before the scene is made.
-
-    Raises
-    ------
-    WriteError
-        The scene exists and is not to be replaced, or its directory cannot be written to.
-    """
+    """Refuse a name that `write_scene` would refuse, before the scene is made."""
     from .targets import check_targets
 
     base = _base(stem)

@@ -26,14 +26,7 @@ from .info import RasterInfo, one_line, remedy
 
 
 class Budget:
-    """What may be read of a scene that is only looked at: so many windows, for so long.
-
-    Parameters
-    ----------
-    seconds : float
-    reads : int
-        Windows, about one a tile.
-    """
+    """What may be read of a scene that is only looked at: so many windows (about one a tile), for so long [s]."""
 
     def __init__(self, seconds: float, reads: int) -> None:
         self.seconds, self.reads = seconds, reads
@@ -42,13 +35,7 @@ class Budget:
         self._begun = time.monotonic()
 
     def spend(self, pixels: int) -> None:
-        """Count a window.
-
-        Raises
-        ------
-        ReadError
-            It is one too many, or too late.
-        """
+        """Count a window, or refuse it with a ReadError: it is one too many, or too late."""
         if self.done >= self.reads or time.monotonic() - self._begun > self.seconds:
             self.over = True
             raise ReadError(f"stopped after {self.done} windows of the scene and {self.seconds:g} s at most")
@@ -141,7 +128,7 @@ class RasterSource:
         every = [nodata for file in self.files for nodata in file.nodatas]
         scales, offsets = ([values[b] for b in bands] for values in (self.info.scales, self.info.offsets))
         nodatas = [every[b] for b in bands]
-        return to_physical(raw, valid, scales, offsets, nodatas=nodatas, in_place=True)
+        return to_physical(raw, valid, scales, offsets, nodatas=nodatas)
 
     def read_raw(self, window: Window) -> tuple[Raw, Valid | None]:
         """All bands of a window as they stand in the file, and which pixels are valid.
@@ -162,17 +149,12 @@ class RasterSource:
         """
         return self._read(window, range(self.info.count), nodata=True)
 
-    def to_physical(self, raw: Raw, valid: Valid | None = None, *, clear: bool = False) -> FloatArray:
-        """Turn what `read_raw` gave into what `read` gives; `raw` is not modified.
+    def to_physical(self, raw: Raw, valid: Valid | None = None) -> FloatArray:
+        """Turn what `read_raw` gave into what `read` gives: scale and offset applied, NaN where not valid.
 
-        clear : all its numbers are known to be finite and not too large, see `deglint.raster.convert.all_clear`
-
-        Returns
-        -------
-        (band, row, column) ndarray
-            Scale and offset applied, NaN where not valid. It is `raw` itself where nothing is to do.
+        `raw` is not modified.
         """
-        return to_physical(raw, valid, self.info.scales, self.info.offsets, clear=clear)
+        return to_physical(raw, valid, self.info.scales, self.info.offsets)
 
     def _read(self, window: Window, bands: Sequence[int], *, nodata: bool) -> tuple[Raw, Valid | None]:
         (top, bottom), (left, right) = window

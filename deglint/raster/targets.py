@@ -26,22 +26,8 @@ Reads = Mapping[str, Iterable[str | Path]]
 def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwrite: bool = False) -> None:
     """Refuse outputs that cannot, or should not, be written, before anything is touched.
 
-    Parameters
-    ----------
-    targets : sequence of Path
-        Every file that a run writes.
-    reads : mapping of str to names
-        Everything that it reads; what stands for no file ("auto") is left out. All files behind each name count
-        (`deglint.raster.files.files_behind`).
-    overwrite : bool
-        Files that exist may be replaced, but never one that is read.
-
-    Raises
-    ------
-    InputError
-        Two outputs are one file, or an output is a file that is read.
-    WriteError
-        It exists, or its directory is missing or not writable.
+    `reads` names everything that a run reads, and all files behind each name count; what stands for no file ("auto") is
+    left out. With `overwrite`, files that exist may be replaced, but never one that is read.
     """
     check_apart(targets)
     check_unread(targets, reads or {})
@@ -85,13 +71,7 @@ def _companions(path: Path) -> list[Path]:
 
 
 def check_target(path: Path, *, overwrite: bool = False) -> None:
-    """Refuse one output that cannot be written; what a run reads is not looked at, see `check_targets`.
-
-    Raises
-    ------
-    WriteError
-        It exists, or its directory is missing or not writable.
-    """
+    """Refuse one output that cannot be written; what a run reads is not looked at, see `check_targets`."""
     if str(path) == "-":
         raise WriteError("- is no file: outputs do not go to standard output. Name a file.")
     if not is_utf8(path) or not is_utf8(real(path)):
@@ -112,12 +92,7 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
 
 
 def check_image(path: Path) -> None:
-    """Refuse the name of another format for a GeoTIFF.
-
-    Raises
-    ------
-    WriteError
-    """
+    """Refuse the name of another format for a GeoTIFF."""
     if path.suffix.lower() in OTHER_FORMATS:
         raise WriteError(
             f"{path} would hold a GeoTIFF, not what its name says. Name it {path.with_suffix('.tif').name}."

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 import re
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy.typing as npt
 from ..checks import nearest
 from ..errors import InputError, ReadError
 from ..raster import FileBands, RasterSource
-from ..raster.info import describe, one_line, open_dataset
+from ..raster.info import describe_file, one_line, unplaced
 from ..scene import Scene, Window
 from .text import read_json
 
@@ -119,20 +118,7 @@ class RasterArea:
 def open_area(text: str, scene: Scene, option: str) -> Area:
     """The area that an option names: a GeoJSON file, a mask raster, or a window of pixels.
 
-    Parameters
-    ----------
-    text : str
-        "column,row,width,height" [pixel] (as gdal_translate's -srcwin), a GeoJSON file's name, or a raster's.
-    scene : Scene
-    option : str
-        The option's name, for messages.
-
-    Raises
-    ------
-    InputError
-        The area lies off the scene, or cannot be put on its grid.
-    ReadError
-        No such file, or neither GeoJSON nor a raster.
+    A window is "column,row,width,height" [pixel], as gdal_translate's -srcwin.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         column, row, width, height = _window(text, scene, option)
@@ -199,13 +185,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
 
 
 def _own_crs(shapes: Sequence[Mapping[str, Any]], scene: Scene, name: str) -> str:
-    """What to say of coordinates without a CRS that are the scene's own; "" where they are longitude and latitude.
-
-    Raises
-    ------
-    InputError
-        They are neither.
-    """
+    """What to say of coordinates without a CRS that are the scene's own; "" where they are longitude and latitude."""
     points = np.array([point for shape in shapes for ring in shape["coordinates"] for point in ring])
     if (np.abs(points) <= (360, 90)).all():  # some programs count longitudes to 360 degrees
         return ""
@@ -224,13 +204,11 @@ def _own_crs(shapes: Sequence[Mapping[str, Any]], scene: Scene, name: str) -> st
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
     """GeoJSON features of the True parts of a mask whose first pixel lies at `origin` in the scene."""
-    from rasterio.errors import NotGeoreferencedWarning
     from rasterio.features import shapes
     from rasterio.transform import Affine
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+    with unplaced():
         found = list(shapes(mask.astype(np.uint8), mask=mask, transform=moved))
     return [{"type": "Feature", "properties": {"use": "sample"}, "geometry": shape} for shape, _ in found]
 
@@ -328,18 +306,17 @@ def _inside(area: Any, scene: Scene, name: str, option: str) -> Area:
 
 
 def _raster_area(path: str, scene: Scene, option: str) -> RasterArea:
-    with open_dataset(path) as dataset:
-        info = describe(dataset, path)
+    info = describe_file(path)
     whole = ((0, scene.height), (0, scene.width))
     same_size = (info.height, info.width) == (scene.height, scene.width)
     if same_size and (info.crs is None or scene.crs is None or _same_grid(info, scene)):
-        return RasterArea(RasterSource([FileBands.of(info, info.nodatas)], info), whole)
+        return RasterArea(RasterSource([FileBands.of(info)], info), whole)
     if info.crs is None or scene.crs is None or info.transform is None or scene.transform is None:
         raise InputError(
             f"{option} {path} has {info.height} x {info.width} pixels, the scene {scene.height} x {scene.width}, and "
             "without a CRS in both it cannot be fitted. Give a mask of the scene's size, or one with a CRS."
         )
-    file = FileBands.of(info, info.nodatas)
+    file = FileBands.of(info)
     warp: dict[str, Any] = {"crs": scene.crs, "transform": scene.transform, "height": scene.height,
                             "width": scene.width, "resampling": 0}  # fmt: skip
     if info.nodata is not None:

@@ -30,16 +30,7 @@ _CLOSE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class ArrayScene:
-    """A DataArray as a scene, and how to give an array back in its shape.
-
-    Attributes
-    ----------
-    scene : Scene
-        Its source serves the array's pixels; a lazy array stays lazy.
-    values : (band, row, column) numpy or dask array
-    array : DataArray
-        As it was given.
-    """
+    """A DataArray as a scene, and how to give an array back in its shape; a lazy array stays lazy."""
 
     scene: Scene
     values: Any
@@ -83,11 +74,6 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
         Name of a preset, as `deglint.open_scene` takes it.
     nodata : float or "none", optional
         Number (or NaN) that says "not valid", in place of what the array declares; "none": every number is data.
-
-    Raises
-    ------
-    InputError
-        Not a DataArray, no rows or columns, a further dimension, or not real numbers.
     """
     if not all(hasattr(array, name) for name in ("dims", "coords", "attrs", "encoding", "data")):
         raise InputError(f"want an xarray DataArray, got {type(array).__name__}. Take deglint.open_scene for files.")
@@ -132,17 +118,18 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
     block = (chunks[1][0], chunks[2][0]) if chunks else (height, width)
     lists = _lists(array, band, count)
     names, tags = _bands(array, band, count, lists)
-    crs, transform = _place(array, rows, columns)
+    named = array.encoding.get("grid_mapping", array.attrs.get("grid_mapping", "spatial_ref"))
+    grid: Mapping[str, Any] = array.coords[named].attrs if named in array.coords else {}
     return RasterInfo(
         paths=(str(array.name) if array.name else "the array",), driver="MEM", height=height, width=width,
         dtypes=(dtype,) * count, nodatas=_nodatas(array, lists, count),
-        scales=_per_band(array, lists, ("scale_factor", "scales"), 1.0, count),
-        offsets=_per_band(array, lists, ("add_offset", "offsets"), 0.0, count),
+        scales=_per_band([{**array.attrs, **lists}], ("scale_factor", "scales"), 1.0, count),
+        offsets=_per_band([{**array.attrs, **lists}], ("add_offset", "offsets"), 0.0, count),
         descriptions=names, units=(None,) * count, colorinterp=("undefined",) * count,
         tags={"": {str(k): _text(v) for k, v in array.attrs.items() if k not in lists}},
         band_tags=tuple({"": t} for t in tags),
         mask_flags=(("all_valid",),) * count, block_shapes=(block,) * count, tiled=bool(chunks), interleave="band",
-        crs=crs, transform=transform,
+        crs=_crs(array, grid), transform=_transform(array, grid, rows, columns),
     )  # fmt: skip
 
 
@@ -203,21 +190,15 @@ def _nodatas(array: Any, lists: Mapping[Any, list[Any]], count: int) -> tuple[fl
     places: list[Mapping[Any, Any]] = [{**array.attrs, **lists}] + (
         [array.encoding] if array.dtype.kind in "iu" else []
     )
+    return _per_band(places, ("nodata", "_FillValue", "missing_value"), None, count)
+
+
+def _per_band(places: Sequence[Mapping[Any, Any]], names: Sequence[str], default: Any, count: int) -> tuple[Any, ...]:
     for place in places:
-        for name in ("nodata", "_FillValue", "missing_value"):
+        for name in names:
             found = _floats(place.get(name))
             if len(found) in (1, count):
                 return tuple(found) * (count // len(found))
-    return (None,) * count
-
-
-def _per_band(
-    array: Any, lists: Mapping[Any, list[Any]], names: Sequence[str], default: float, count: int
-) -> tuple[float, ...]:
-    for name in names:
-        found = _floats(lists.get(name, array.attrs.get(name)))
-        if len(found) in (1, count):
-            return tuple(found) * (count // len(found))
     return (default,) * count
 
 
@@ -239,13 +220,6 @@ def _text(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         return "{" + ", ".join(str(_plain(v)) for v in value) + "}"
     return str(_plain(value))
-
-
-def _place(array: Any, rows: Any, columns: Any) -> tuple[Any, Any]:
-    """Coordinate reference system and transform, where the array says them."""
-    named = array.encoding.get("grid_mapping", array.attrs.get("grid_mapping", "spatial_ref"))
-    grid: Mapping[str, Any] = array.coords[named].attrs if named in array.coords else {}
-    return _crs(array, grid), _transform(array, grid, rows, columns)
 
 
 def _crs(array: Any, grid: Mapping[str, Any]) -> Any:

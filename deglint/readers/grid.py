@@ -27,25 +27,9 @@ class _Place:
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
-    """How every file gets on the common grid.
+    """How every file gets on the common grid, the description of the file whose grid it is, and notes.
 
-    Parameters
-    ----------
-    infos : sequence of RasterInfo
-    grid : str or int, optional
-        "finest" (the default), a file by its 1-based number, or by its name or the end of it.
-
-    Returns
-    -------
-    files : list of FileBands
-    reference : RasterInfo
-        The file whose grid it is.
-    notes : list of str
-
-    Raises
-    ------
-    InputError
-        The files do not overlap or cannot be placed, or no such grid.
+    `grid` is "finest" (the default), a file by its 1-based number, or by its name or the end of it.
     """
     files = [FileBands.of(info) for info in infos]
     _check_georeference(infos)
@@ -57,7 +41,8 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     for i, info in enumerate(infos):
         if _same_grid(info, reference):
             continue
-        if not _overlap(places[i].bounds, home.bounds):
+        there, here = places[i].bounds, home.bounds
+        if not all(max(there[k], here[k]) < min(there[k + 2], here[k + 2]) for k in (0, 1)):
             raise InputError(f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place.")
         if info.flat is not None:
             lost.append(f"{_called(info)} is resampled, so that its vignette is not corrected")
@@ -130,11 +115,6 @@ def _place(info: RasterInfo, first: RasterInfo) -> _Place:
 
 def _area(bounds: Sequence[float]) -> float:
     return abs((bounds[2] - bounds[0]) * (bounds[3] - bounds[1]))
-
-
-def _overlap(a: Sequence[float], b: Sequence[float]) -> bool:
-    sides = [(max(a[i], b[i]), min(a[i + 2], b[i + 2])) for i in (0, 1)]
-    return all(map(math.isfinite, (*a, *b))) and all(low < high for low, high in sides)
 
 
 def _same_grid(info: RasterInfo, reference: RasterInfo) -> bool:

@@ -9,23 +9,14 @@ from typing import Any, cast
 from ..raster import RasterSource
 from ..scene import Scene
 from .place import ground_size
+from .products.metadata import number, positive
 from .sensorfile import sensor_of
 
 
 @dataclass(frozen=True, slots=True)
 class KnownOptics:
-    """What a system PSF is made of.
-
-    Attributes
-    ----------
-    f_number : float
-        Focal length over aperture.
-    pitch : float
-        Of the detector [m].
-    smear : float
-        Motion during the exposure, along the columns [pixel].
-    source : str
-        Where it was read.
+    """What a system PSF is made of, and where it was read: focal length over aperture, the detector's pitch [m], and
+    the motion during the exposure along the columns [pixel].
     """
 
     f_number: float
@@ -40,9 +31,9 @@ def optics_of(scene: Scene) -> KnownOptics | None:
     info = getattr(scene.source, "info", None)
     if info is not None:
         tags = {k.upper(): v for part in cast(RasterSource, scene.source).info.tags.values() for k, v in part.items()}
-    f_number, pitch = _number(tags.get("F_NUMBER")), _number(tags.get("PIXEL_PITCH_UM"))
+    f_number, pitch = positive(tags.get("F_NUMBER")), positive(tags.get("PIXEL_PITCH_UM"))
     if f_number and pitch:
-        smear = _number(tags.get("SMEAR_PIXELS"))
+        smear = number(tags.get("SMEAR_PIXELS"))
         return KnownOptics(f_number, 1e-6 * pitch, 0.5 if smear is None else smear, "the file's tags")
     sensor = sensor_of(scene.sensor) if scene.sensor else None
     if sensor is None or sensor.optics is None or sensor.optics.pixel_pitch is None:
@@ -61,14 +52,6 @@ def pixel_size(scene: Scene) -> float | None:
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}
-        return _number(tags.get("GSD_M"))
+        return positive(tags.get("GSD_M"))
     sides = ground_size(scene.transform, scene.crs, scene.height, scene.width)
     return None if sides is None else math.sqrt(sides[0] * sides[1])
-
-
-def _number(text: Any) -> float | None:
-    try:
-        value = float(text)
-    except (TypeError, ValueError):
-        return None
-    return value if math.isfinite(value) and value >= 0 else None

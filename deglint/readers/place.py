@@ -25,12 +25,8 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
     """Sides of the pixel in the middle of a raster, along its rows and its columns, on the ground [m].
 
     Degrees are not metres, and web Mercator's metres are too long by 1 / cos(latitude): places one pixel apart are
-    taken to longitude and latitude, and measured there on the ellipsoid.
-
-    Returns
-    -------
-    (float, float) or None
-        None without a CRS or transform, or where they lead nowhere on Earth.
+    taken to longitude and latitude, and measured there on the ellipsoid. None without a CRS or transform, or where they
+    lead nowhere on Earth.
     """
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
@@ -82,22 +78,7 @@ def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | No
 
 
 def middle_of(path: str, option: str = "--place") -> tuple[float, float]:
-    """Latitude and longitude of the middle of a raster, or of the box around a GeoJSON file's shapes.
-
-    Parameters
-    ----------
-    path : str
-        GDAL name of the raster, or a file that ends in .geojson or .json.
-    option : str
-        The option's name, for messages.
-
-    Raises
-    ------
-    InputError
-        It has no place on Earth.
-    ReadError
-        There is no such file, or it is neither.
-    """
+    """Latitude and longitude [degree] of the middle of a raster, or of the box around a GeoJSON file's shapes."""
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
     from rasterio.warp import transform

@@ -33,24 +33,9 @@ def sensor_in_tags(info: RasterInfo) -> Sensor | None:
 def apply_sensor(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[Band], list[str]]:
-    """Fill wavelength, width, instant and group of bands from a preset.
+    """Fill wavelength, width, instant and group of bands from a preset; the bands, and notes.
 
-    Parameters
-    ----------
-    bands : sequence of Band
-    sensor : Sensor
-    unnamed : frozenset of int
-        0-based bands whose name says no more than their place; they get the preset's.
-
-    Returns
-    -------
-    bands : list of Band
-    notes : list of str
-
-    Raises
-    ------
-    BandError
-        The bands cannot be told apart; the message lists those of the file and of the preset.
+    `unnamed` are the 0-based bands whose name says no more than their place; they get the preset's.
     """
     matched, how = match(bands, sensor, unnamed)
     filled = [
@@ -72,13 +57,7 @@ def apply_sensor(
 def match(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[SensorBand | None], str]:
-    """The preset's band for every band of a file, and by what they were matched.
-
-    Raises
-    ------
-    BandError
-        Neither names nor wavelengths nor the number of bands tell the bands apart.
-    """
+    """The preset's band for every band of a file, and by what they were matched."""
     by_name = _unique([None if i in unnamed else named_in(b.name, sensor) for i, b in enumerate(bands)])
     if any(by_name):
         return by_name, "name"
@@ -87,7 +66,12 @@ def match(
         if all(by_wavelength):
             return by_wavelength, "wavelength"
     product = sensor.product(len(bands))
-    if not product or not _agree(bands, product):
+    far = [
+        b
+        for b, own in zip(bands, product or (), strict=False)
+        if abs((b.wavelength or own.wavelength) - own.wavelength) > _SAME
+    ]
+    if not product or far:
         raise BandError(_why_not(bands, sensor, product))
     if product == sensor.bands:
         return list(product), "order"
@@ -133,11 +117,6 @@ def _nearest(wavelength: float, sensor: Sensor) -> SensorBand | None:
 def _unique(found: list[SensorBand | None]) -> list[SensorBand | None]:
     taken = [b for b in found if b is not None]
     return found if len({b.name for b in taken}) == len(taken) else [None] * len(found)
-
-
-def _agree(bands: Sequence[Band], product: Sequence[SensorBand]) -> bool:
-    pairs = zip(bands, product, strict=True)
-    return all(b.wavelength is None or abs(b.wavelength - own.wavelength) <= _SAME for b, own in pairs)
 
 
 def _fill(band: Band, own: SensorBand, *, named: bool) -> Band:

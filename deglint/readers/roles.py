@@ -179,13 +179,6 @@ def find_band(scene: Scene, wanted: str | int) -> int:
     """0-based index of a band given as users give it: by name, by 1-based number, or as "nir", "swir", "red", ...
 
     A name counts before a number; "8A" also finds "B8A" and "b_8a", and "B2" finds "B02" and "SR_B2".
-
-    Raises
-    ------
-    BandError
-        No such band; the message lists the bands.
-    InputError
-        Neither a name nor a number.
     """
     (item,) = split_wanted(wanted) if not isinstance(wanted, str) else (wanted,)
     text = normalise(str(item))

@@ -30,16 +30,8 @@ _MAGIC = re.compile(r"[*?\[]")
 
 @dataclass(frozen=True)
 class ListedScene:
-    """A scene of a batch.
-
-    Attributes
-    ----------
-    name : str
-        What its outputs are called after; never a path.
-    paths : tuple of str
-        GDAL names of its files.
-    item : str
-        Name of the STAC Item whose bands they are, as `deglint.open_scene` takes it.
+    """A scene of a batch: what its outputs are called after (never a path), GDAL names of its files, and of the STAC
+    Item whose bands they are, as `deglint.open_scene` takes it.
     """
 
     name: str
@@ -64,17 +56,6 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
     assets : sequence of str
         Keys of the assets of a STAC Item that are its bands, in this order; where empty, those that say that they are
         bands, or one raster of role "data", or one raster at all.
-
-    Returns
-    -------
-    list of ListedScene
-
-    Raises
-    ------
-    ReadError
-        A list that is not there, or a pattern that fits no file.
-    InputError
-        A list that is not what its ending says, or names that cannot be names of files.
     """
     found: list[ListedScene] = []
     for text in given:
@@ -127,13 +108,7 @@ def _stem(path: str) -> str:
 
 
 def checked_name(name: str, origin: str) -> str:
-    """A name that may become part of a file's name.
-
-    Raises
-    ------
-    InputError
-        It is empty, too long, or holds what leads out of a directory or is no letter.
-    """
+    """A name that may become part of a file's name."""
     try:
         length = len(os.fsencode(name))
     except UnicodeEncodeError:

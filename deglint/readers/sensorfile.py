@@ -39,15 +39,7 @@ _STATUS = (sensors.VERIFIED, sensors.UNVERIFIED, "defined")
 
 
 def sensor_of(name: str) -> Sensor:
-    """The preset of a name, or the sensor in a file that ends in ``.toml``; its name is that of the file.
-
-    Raises
-    ------
-    ReadError
-        No such file.
-    InputError
-        No such preset, or a file that is not as the table is; the message names the key and what is allowed.
-    """
+    """The preset of a name, or the sensor in a file that ends in ``.toml``; its name is that of the file."""
     if not name.lower().endswith(".toml"):
         return sensors.load(name)
     import tomllib

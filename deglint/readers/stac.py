@@ -66,15 +66,7 @@ class Asset:
 
 
 def assets_of(name: str) -> list[Asset]:
-    """The files that a name stands for: the bands of a STAC Item, or what is called so.
-
-    Raises
-    ------
-    ReadError
-        The Item cannot be read.
-    InputError
-        It is none, or its bands cannot be told.
-    """
+    """The files that a name stands for: the bands of a STAC Item, or what is called so."""
     found = _NAME.fullmatch(name)
     if found is None:
         return [Asset(name)]
@@ -134,13 +126,7 @@ def _fetched(path: str) -> Mapping[str, Any]:
 
 
 def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
-    """The Items of an ItemCollection, or the one that a document is.
-
-    Raises
-    ------
-    InputError
-        It is neither.
-    """
+    """The Items of an ItemCollection, or the one that a document is."""
     items = document.get("features") if document.get("type") == "FeatureCollection" else [document]
     if not isinstance(items, list):
         raise InputError(f"{path} is not a STAC ItemCollection: it has no list of features.")
@@ -154,13 +140,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """The assets of an Item that are its bands, by their keys where these are given.
-
-    Raises
-    ------
-    InputError
-        A key that is not there, or several rasters of which none says that it is a band.
-    """
+    """The assets of an Item that are its bands, by their keys where these are given."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     missing = [k for k in keys if k not in assets]
     if missing:
@@ -243,13 +223,7 @@ def _number(value: Any) -> float | None:
 
 
 def href(asset: Any, path: str) -> str:
-    """GDAL name of an asset; a relative one starts from the Item.
-
-    Raises
-    ------
-    InputError
-        It has none, or one of a kind that is not allowed.
-    """
+    """GDAL name of an asset; a relative one starts from the Item."""
     given = asset.get("href") if isinstance(asset, Mapping) else None
     if not isinstance(given, str) or not given:
         raise InputError(f"{path}: an asset has no href.")

@@ -43,13 +43,7 @@ class Stated:
     def of(
         cls, bands: Names | None, wavelengths: Numbers | None, scale: Numbers | None, offset: Numbers | None
     ) -> Stated:
-        """Read and check what was given.
-
-        Raises
-        ------
-        InputError
-            Not names or numbers, or numbers that cannot be; the message says what is allowed.
-        """
+        """Read and check what was given."""
         return cls(
             _names(bands),
             tuple(_nanometres(w) for w in _numbers("wavelengths", wavelengths, "475,560,668,842")),
@@ -68,13 +62,7 @@ class Stated:
         return bool(self.names or self.wavelengths)
 
     def on(self, infos: Sequence[RasterInfo]) -> list[RasterInfo]:
-        """Put it on the bands of one or several files, in their order.
-
-        Raises
-        ------
-        InputError
-            The files have another number of bands.
-        """
+        """Put it on the bands of one or several files, in their order."""
         if self == Stated():
             return list(infos)
         total = sum(info.count for info in infos)

@@ -15,15 +15,7 @@ MOST_BYTES = 64 << 20
 
 
 def read_text(path: str, option: str, most: int | None = None) -> str:
-    """Text of a file that an option names, of at most so many bytes (`MOST_BYTES` by default).
-
-    Raises
-    ------
-    ReadError
-        There is no such file, or it cannot be read.
-    InputError
-        It is too large, or not text.
-    """
+    """Text of a file that an option names, of at most so many bytes (`MOST_BYTES` by default)."""
     most = MOST_BYTES if most is None else most
     check_kind(path)
     try:

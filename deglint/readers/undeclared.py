@@ -75,20 +75,13 @@ def undeclared(scene: Scene) -> Undeclared:
 
     Nodata is one number in all bands that fills at least 2 % of the image and reaches its edge or fills whole squares,
     unless the file, or the caller, says what nodata is.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    Undeclared
     """
     source = scene.source
     if not isinstance(source, RasterSource) or source.settled:
         return Undeclared()
     info, found = source.info, Undeclared()
-    silent = not info.nodata_given and all(n is None for n in info.nodatas) and _unmasked(source)
+    masked = any(f.dataset_mask or f.band_masks or f.alpha is not None for f in source.files)
+    silent = not info.nodata_given and all(n is None for n in info.nodatas) and not masked
     cut = _cut_sentinel2(scene, info)
     if silent or cut:
         blocks = [(t, *source.read_raw(t.window)) for t in _tiles(scene)]
@@ -100,10 +93,6 @@ def undeclared(scene: Scene) -> Undeclared:
     for note in found.notes:
         log.warning("%s", note)
     return found
-
-
-def _unmasked(source: RasterSource) -> bool:
-    return not any(f.dataset_mask or f.band_masks or f.alpha is not None for f in source.files)
 
 
 def _tiles(scene: Scene) -> list[Tile]:

@@ -79,23 +79,6 @@ def sentinel2_metadata(level, *, offset=-1000, baseline="04.00"):
 """
 
 
-def outlines(band, left, split, right, top=5_100_000, bottom=5_099_200):
-    """MSK_DETFOO of a product before baseline 04.00: detector 5 west of `split`, 6 east of it."""
-    rings = "".join(
-        f'<eop:MaskFeature gml:id="detector_footprint-{band}-{n:02d}-0"><eop:extentOf><gml:Polygon><gml:exterior>'
-        f'<gml:LinearRing><gml:posList srsDimension="3">{a} {top} 0 {b} {top} 0 {b} {bottom} 0 {a} {bottom} 0 '
-        f"{a} {top} 0</gml:posList></gml:LinearRing></gml:exterior></gml:Polygon></eop:extentOf></eop:MaskFeature>"
-        for n, a, b in ((5, left, split), (6, split, right))
-    )
-    return (
-        '<?xml version="1.0" encoding="UTF-8"?><eop:Mask xmlns:eop="http://www.opengis.net/eop/1.0" '
-        f'xmlns:gml="http://www.opengis.net/gml/3.2" gml:id="S2A_OPER_MSK_DETFOO_{band}"><gml:boundedBy><gml:Envelope '
-        'srsName="urn:ogc:def:crs:EPSG:8.7.1:32630"><gml:lowerCorner>0 0</gml:lowerCorner>'
-        "</gml:Envelope></gml:boundedBy>"
-        f"<eop:maskMembers>{rings}</eop:maskMembers></eop:Mask>"
-    )
-
-
 def sentinel2(folder, sea, level="2A", *, metadata=None, masks="jp2"):
     """A .SAFE folder: bands of 10, 20 and 60 m, and detectors 5 and 6 side by side."""
     safe = folder / f"{S2.format(level)}.SAFE"
@@ -115,10 +98,6 @@ def sentinel2(folder, sea, level="2A", *, metadata=None, masks="jp2"):
         detectors[0] = 0
         if masks == "jp2":
             raster(granule / "QI_DATA" / f"MSK_DETFOO_{name}.jp2", detectors, pixel=pixel)
-        elif masks == "gml":
-            place = granule / "QI_DATA" / f"MSK_DETFOO_{name}.gml"
-            place.parent.mkdir(exist_ok=True)
-            place.write_text(outlines(name, 600_000, 600_500, 601_000))
     if level == "2A":
         raster(granule / "IMG_DATA" / "R20m" / "T30TXR_20220622T105631_B02_20m.jp2", blue[::2, ::2], pixel=20)
         raster(granule / "IMG_DATA" / "R20m" / "T30TXR_20220622T105631_SCL_20m.jp2", coarse.astype("uint8"), pixel=20)

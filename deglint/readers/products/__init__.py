@@ -39,15 +39,8 @@ __all__ = [
 class Family:
     """A family of products.
 
-    Attributes
-    ----------
-    title : str
-    metadata, images : str
-        Regular expressions of file names: of metadata, and of images that may have them near.
-    find : callable
-        The product in a `Container`, or None.
-    above : int
-        How many folders above an image its metadata may lie.
+    `metadata` and `images` are regular expressions of file names: of metadata, and of images that may have them near;
+    `above` is how many folders above an image its metadata may lie. `find` gives the product in a `Container`, or None.
     """
 
     title: str
@@ -90,15 +83,7 @@ class Opened:
 
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> Opened:
-    """Describe what a name stands for: the files of a product, else a raster as `describe` does.
-
-    Raises
-    ------
-    InputError
-        A folder or archive that holds several products, or metadata that cannot be used.
-    ReadError
-        A file cannot be read, or a folder or archive holds neither a product that is known nor a raster.
-    """
+    """Describe what a name stands for: the files of a product, else a raster as `describe` does."""
     product = find(path)
     if product is not None:
         infos, notes = described(product)
@@ -146,20 +131,7 @@ def footprints(found: Sequence[Opened], grid: RasterInfo) -> Footprints | None:
 
 
 def find(path: str) -> Product | None:
-    """The product that a name stands for, or None; metadata and names of files are read, no pixels.
-
-    Raises
-    ------
-    InputError
-        It holds several products, or metadata that cannot be used.
-    ReadError
-        An archive or metadata file is damaged.
-
-    Examples
-    --------
-    >>> find("scene.tif") is None
-    True
-    """
+    """The product that a name stands for, or None; metadata and names of files are read, no pixels."""
     local = _local(path)
     if local is None:
         return None

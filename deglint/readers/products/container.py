@@ -74,15 +74,7 @@ class Container:
         return next((n for n in self.names if str(PurePosixPath(n)).casefold() == wanted), None)
 
     def read(self, member: str) -> bytes:
-        """The bytes of a small member.
-
-        Raises
-        ------
-        InputError
-            It is larger than `MOST_BYTES`.
-        ReadError
-            It cannot be read.
-        """
+        """The bytes of a small member, of at most `MOST_BYTES`."""
         try:
             data = self._bytes(member)
         except (*_DAMAGED, RuntimeError, KeyError, EOFError) as error:
@@ -104,12 +96,9 @@ class Container:
             return file.read(MOST_BYTES + 1)
 
 
-def read_named(name: str) -> bytes:
-    """The bytes of a small file that `Container.gdal` named."""
-    archive = re.match(r"/vsi(zip|tar)/(.+?\.(?:zip|tar))/(.+)$", name, re.IGNORECASE)
-    if archive:
-        return Container(archive[2], archive[1].lower(), ()).read(archive[3])
-    return Container(str(Path(name).parent), "folder", ()).read(Path(name).name)
+def last(member: str) -> str:
+    """The last part of a member's name."""
+    return PurePosixPath(member).name
 
 
 def is_archive(path: str) -> bool:
@@ -128,13 +117,7 @@ def open_folder(path: Path, asked: str, named: str | None = None) -> Container:
 
 
 def open_archive(path: str) -> Container:
-    """List a zip or tar.
-
-    Raises
-    ------
-    ReadError
-        It is damaged.
-    """
+    """List a zip or tar."""
     kind = "zip" if _ZIP.search(path) else "tar"
     try:
         if kind == "zip":

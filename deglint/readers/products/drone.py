@@ -13,7 +13,7 @@ from pathlib import PurePosixPath
 
 from ...errors import InputError
 from ...raster import RasterInfo
-from ...raster.info import describe, open_dataset
+from ...raster.info import describe_file
 from .container import Container
 from .metadata import MetadataError, numbers, tags_of, xml_of
 from .product import Product, ProductBand, filled
@@ -60,7 +60,7 @@ def find(container: Container) -> Product | None:
 
 
 def _product(container: Container, capture: str, members: list[str]) -> Product | None:
-    infos = {m: _opened(container.gdal(m)) for m in members}
+    infos = {m: describe_file(container.gdal(m)) for m in members}
     order = sorted(members, key=lambda m: [int(p) if p.isdecimal() else p for p in re.split(r"(\d+)", m)])
     bands, radiometry, left, notes = [], list[Radiometry](), [], list[str]()
     facts: Facts = {}
@@ -83,14 +83,8 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
     if left:
         notes.append(f"{', '.join(left)} left out: pixels and light of another kind; name the file to open it")
     notes += [*_corrected(radiometry), UNREGISTERED]
-    return Product(
-        _kind(facts), capture, container.asked, tuple(bands), _sensor(facts), _tags(infos[order[0]]), tuple(notes)
-    )
-
-
-def _opened(path: str) -> RasterInfo:
-    with open_dataset(path) as dataset:
-        return describe(dataset, path)
+    tags = tags_of({"acquired": infos[order[0]].tags.get("", {}).get("TIFFTAG_DATETIME")})
+    return Product(_kind(facts), capture, container.asked, tuple(bands), _sensor(facts), tags, tuple(notes))
 
 
 def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
@@ -101,8 +95,8 @@ def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
     bands = bands_of(info, facts)
     if len(bands) != info.count or (len(bands) == 1 and not facts.get("BandName")):
         return info, notes
-    if any(d for d in info.descriptions):  # names that somebody gave in the file count more
-        bands = [_renamed(b, d) for b, d in zip(bands, info.descriptions, strict=True)]
+    if any(info.descriptions):  # names that somebody gave in the file count more
+        bands = [replace(b, name=d or b.name) for b, d in zip(bands, info.descriptions, strict=True)]
     notes.append(f"{info.paths[0]}: band names and wavelengths are those of its XMP ({_kind(facts)})")
     if is_capture(info):
         notes += _corrected([radiometry_of(info, facts)])
@@ -113,10 +107,6 @@ def is_capture(info: RasterInfo) -> bool:
     """Whether a file is one band of a capture, by its name and XMP."""
     name = PurePosixPath(info.paths[0]).name
     return info.count == 1 and "xml:XMP" in info.tags and re.fullmatch(IMAGES, name, re.IGNORECASE) is not None
-
-
-def _renamed(band: ProductBand, name: str | None) -> ProductBand:
-    return replace(band, name=name or band.name)
 
 
 def facts_of(info: RasterInfo) -> tuple[Facts, list[str]]:
@@ -180,11 +170,6 @@ def _kind(facts: Facts) -> str:
 def _sensor(facts: Facts) -> str | None:
     """The preset whose optics and instants are this camera's."""
     return "micasense" if one(facts, "RigName").lower().startswith("rededge") else None
-
-
-def _tags(info: RasterInfo) -> dict[str, str]:
-    own = info.tags.get("", {})
-    return tags_of({"acquired": own.get("TIFFTAG_DATETIME"), "satellite": None})
 
 
 def _corrected(bands: Sequence[Radiometry]) -> list[str]:

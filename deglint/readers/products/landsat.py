@@ -9,11 +9,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from pathlib import PurePosixPath
 from typing import Any
 
 from ...errors import InputError
-from .container import Container
+from .container import Container, last
 from .metadata import MetadataError, groups_of, json_of, number, positive, tags_of, text_of, xml_of
 from .product import Product, ProductBand
 
@@ -32,7 +31,7 @@ CIRRUS = (1373.5, 20.0)
 def find(container: Container) -> Product | None:
     """The product in a folder or archive, or the named band file of it; None where there is none."""
     metadata, named = container.find(METADATA), container.named
-    images = [(n, m) for n in container.find(IMAGES) if (m := re.fullmatch(IMAGES, _last(n), re.IGNORECASE))]
+    images = [(n, m) for n in container.find(IMAGES) if (m := re.fullmatch(IMAGES, last(n), re.IGNORECASE))]
     if named in metadata:
         images = [(n, m) for n, m in images if m["scene"] == _stem(named or "")]
     elif named is not None:
@@ -66,12 +65,8 @@ def find(container: Container) -> Product | None:
     )
 
 
-def _last(member: str) -> str:
-    return PurePosixPath(member).name
-
-
 def _stem(member: str) -> str:
-    return re.sub(r"_MTL\.\w+$", "", _last(member), flags=re.IGNORECASE)
+    return re.sub(r"_MTL\.\w+$", "", last(member), flags=re.IGNORECASE)
 
 
 def _groups(container: Container, metadata: list[str], level: str) -> tuple[Mapping[str, Mapping[str, Any]], list[str]]:

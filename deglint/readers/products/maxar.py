@@ -97,7 +97,8 @@ def _groups(container: Container, stem: str) -> tuple[Groups, list[str]]:
         if member is None:
             continue
         try:
-            groups = _of_imd(container, member) if ending == ".imd" else _of_xml(container, member)
+            data = container.read(member)
+            groups = groups_of(text_of(data, member)) if ending == ".imd" else _of_xml(data, member)
             if any(g.startswith("BAND_") for g in groups):
                 return groups, []
             notes.append(f"{member} is damaged: it has no group BAND_")
@@ -106,17 +107,13 @@ def _groups(container: Container, stem: str) -> tuple[Groups, list[str]]:
     return {}, notes
 
 
-def _of_imd(container: Container, member: str) -> Groups:
-    return groups_of(text_of(container.read(member), member))
-
-
 _SPELLED = ("absCalFactor", "effectiveBandwidth", "satId", "firstLineTime", "TLCTime", "meanSunAz", "meanSunEl",
             "meanSatAz", "meanSatEl", "meanOffNadirViewAngle", "productLevel", "radiometricEnhancement")  # fmt: skip
 
 
-def _of_xml(container: Container, member: str) -> Groups:
+def _of_xml(data: bytes, member: str) -> Groups:
     """The same from the element IMD, whose names are in capitals."""
-    root = xml_of(container.read(member), member)
+    root = xml_of(data, member)
     own = next(root.iter("IMD"), None)
     spelled = {s.upper(): s for s in _SPELLED}
     found: dict[str, dict[str, str]] = {"": {}}

@@ -26,13 +26,7 @@ class _Plain(ET.TreeBuilder):
 
 
 def xml_of(data: bytes, name: str) -> ET.Element:
-    """The root of an XML document, whose tags lose their namespaces.
-
-    Raises
-    ------
-    MetadataError
-        It is not XML, or declares a document type.
-    """
+    """The root of an XML document, whose tags lose their namespaces."""
     parser = ET.XMLParser(target=_Plain())
     try:
         parser.feed(data)
@@ -48,13 +42,7 @@ def xml_of(data: bytes, name: str) -> ET.Element:
 
 
 def json_of(data: bytes, name: str) -> Any:
-    """A JSON document.
-
-    Raises
-    ------
-    MetadataError
-        It is none.
-    """
+    """A JSON document."""
     try:
         return json.loads(data)
     except (ValueError, RecursionError) as error:
@@ -86,13 +74,7 @@ def groups_of(text: str) -> dict[str, dict[str, str]]:
 
 
 def text_of(data: bytes, name: str) -> str:
-    """Text in UTF-8 or, as older products have it, Latin-1.
-
-    Raises
-    ------
-    MetadataError
-        It holds zero bytes, as no text does.
-    """
+    """Text in UTF-8 or, as older products have it, Latin-1."""
     if b"\0" in data:
         raise MetadataError(f"{name} is damaged: it is not text")
     try:
@@ -116,10 +98,10 @@ def positive(value: Any) -> float | None:
     return found if found is not None and found > 0 else None
 
 
-def numbers(text: str | None, *, most: int = MOST_NUMBERS) -> list[float]:
+def numbers(text: str | None) -> list[float]:
     """The numbers in a text with blanks or commas between them; empty where some is none, or they are too many."""
     parts = (text or "").replace(",", " ").split()
-    found = [n for n in map(number, parts[:most]) if n is not None]
+    found = [n for n in map(number, parts[:MOST_NUMBERS]) if n is not None]
     return found if len(found) == len(parts) else []
 
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import PurePosixPath
 from typing import Any
 from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ...errors import InputError
-from .container import Container
+from .container import Container, last
 from .metadata import MetadataError, flat, json_of, positive, said, tags_of, xml_of
 from .product import Product, ProductBand
 
@@ -36,17 +35,17 @@ def find(container: Container) -> Product | None:
     if named in images:
         images = [named] if named else []
     elif named:
-        stem = re.sub(r"(_[13][AB]_AnalyticMS.*)?_metadata.*$", "", _last(named), flags=re.IGNORECASE)
-        images = [n for n in images if _last(n).startswith(stem)]
+        stem = re.sub(r"(_[13][AB]_AnalyticMS.*)?_metadata.*$", "", last(named), flags=re.IGNORECASE)
+        images = [n for n in images if last(n).startswith(stem)]
     if not images:
         return None
     if len(images) > 1:
         raise InputError(
-            f"{container.path} holds {len(images)} PlanetScope images: {', '.join(map(_last, images[:4]))}. Name one."
+            f"{container.path} holds {len(images)} PlanetScope images: {', '.join(map(last, images[:4]))}. Name one."
         )
-    match = re.fullmatch(IMAGES, _last(images[0]), re.IGNORECASE)
+    match = re.fullmatch(IMAGES, last(images[0]), re.IGNORECASE)
     assert match is not None  # as `Container.find` takes no others
-    files = [n for n in container.find(METADATA) if _last(n).startswith(match["scene"])]
+    files = [n for n in container.find(METADATA) if last(n).startswith(match["scene"])]
     root, facts, notes = _read(container, files)
     surface = match["surface"] is not None
     eight = "_8b" in match["rest"].lower() or len(_factors(root)) == 8
@@ -62,10 +61,6 @@ def find(container: Container) -> Product | None:
     })  # fmt: skip
     kind = f"PlanetScope AnalyticMS{'_SR' if surface else ''}, {len(bands)} bands"
     return Product(kind, match["scene"], container.asked, bands, sensor, tags, (*notes, *more))
-
-
-def _last(member: str) -> str:
-    return PurePosixPath(member).name
 
 
 def _read(container: Container, files: list[str]) -> tuple[ET.Element | None, Mapping[str, Any], list[str]]:

@@ -39,7 +39,7 @@ class ProductBand:
     saturation : float, optional
         Number in the file at and above which the detector was full.
     footprint : str, optional
-        GDAL name of a raster of detector numbers, or of a GML file of their outlines.
+        GDAL name of a raster of detector numbers.
     flat : FlatField, optional
         Vignette and row gradient of a capture, for a file of one band.
     """
@@ -101,15 +101,7 @@ class Product:
 
 
 def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
-    """Describe the files of a product as the product says; headers are read, no pixels.
-
-    Returns
-    -------
-    infos : list of RasterInfo
-        One a file.
-    notes : list of str
-        What could not be used.
-    """
+    """Describe the files of a product as the product says, and what could not be used; headers are read, no pixels."""
     infos = []
     notes = list(product.notes)
     for path, bands in product.files.items():

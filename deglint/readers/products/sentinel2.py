@@ -12,16 +12,14 @@ from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ...errors import InputError
-from .container import Container
+from .container import Container, last
 from .metadata import MetadataError, number, numbers, positive, said, tags_of, xml_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
 IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:jp2|tiff?)"
 _IMAGE = re.compile(IMAGES, re.IGNORECASE)
-_MASK = re.compile(
-    r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?|gml)", re.I
-)
+_MASK = re.compile(r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?)", re.I)
 PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07": 20, "B08": 10, "B8A": 20,
           "B09": 60, "B10": 60, "B11": 20, "B12": 20}  # fmt: skip
 """Side of a pixel on the ground [m] that each band is taken at."""
@@ -33,7 +31,7 @@ def find(container: Container) -> Product | None:
     """The product in a folder or archive, or the named band files of it; None where there is none."""
     metadata = container.find(METADATA)
     images = _images(container)
-    if container.named and PurePosixPath(container.named).name in map(_last, metadata):
+    if container.named and last(container.named) in map(last, metadata):
         metadata = [container.named]
     if not images or not (metadata or any("IMG_DATA" in PurePosixPath(n).parts for n in images)):
         return None
@@ -71,14 +69,10 @@ def find(container: Container) -> Product | None:
     )
 
 
-def _last(member: str) -> str:
-    return PurePosixPath(member).name
-
-
 def _images(container: Container) -> list[str]:
     """Image files of bands, those below what was named."""
     found = [
-        n for n in container.find(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and not _MASK.fullmatch(_last(n))
+        n for n in container.find(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and not _MASK.fullmatch(last(n))
     ]
     named = container.named
     if named is None or _is_metadata(named):
@@ -87,12 +81,12 @@ def _images(container: Container) -> list[str]:
 
 
 def _is_metadata(member: str) -> bool:
-    return bool(re.fullmatch(METADATA, _last(member), re.IGNORECASE))
+    return bool(re.fullmatch(METADATA, last(member), re.IGNORECASE))
 
 
 def _single(container: Container) -> bool:
     """Whether one image file was named, not a product."""
-    return container.named is not None and _IMAGE.fullmatch(_last(container.named)) is not None
+    return container.named is not None and _IMAGE.fullmatch(last(container.named)) is not None
 
 
 def _granule(member: str) -> str:
@@ -127,7 +121,7 @@ def _chosen(images: list[str], *, single: bool) -> tuple[dict[str, str], list[st
     """The file of each band, in the order of wavelengths, and the bands of 60 m that are left out."""
     found: dict[str, tuple[int, str]] = {}
     for member in images:
-        match = _IMAGE.fullmatch(_last(member))
+        match = _IMAGE.fullmatch(last(member))
         assert match is not None  # as `_images` takes no others
         name = match["band"].upper()
         pixel = int(match["pixel"] or PIXELS[name])
@@ -138,14 +132,13 @@ def _chosen(images: list[str], *, single: bool) -> tuple[dict[str, str], list[st
 
 
 def _mask(container: Container, band: str, file: str) -> str | None:
-    """The file of detector numbers of a band, a raster rather than outlines."""
+    """The file of detector numbers of a band."""
     granule = _granule(file)
-    fits = []
     for member in container.names:
-        match = _MASK.fullmatch(_last(member))
+        match = _MASK.fullmatch(last(member))
         if match and match["band"].upper() == band and member.startswith(granule):
-            fits.append((member.lower().endswith(".gml"), member))
-    return container.gdal(min(fits)[1]) if fits else None
+            return container.gdal(member)
+    return None
 
 
 class _Facts:
