@@ -31,7 +31,7 @@ ELSEWHERE = {
     ),
     "ASP glint_correct": (
         "one step of a whole chain from stereo images to depths",
-        "run: the functions of `src/asp/Tools/glint_correct` that compute, commit 2e7a401",
+        "run: copied by hand, the computing functions of `src/asp/Tools/glint_correct`, commit 2e7a401",
     ),
     "ACOLITE 20260421": (
         "removes the atmosphere; reads level 1 of some thirty sensors; turbidity, chlorophyll",
