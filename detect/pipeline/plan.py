@@ -21,7 +21,7 @@ from deglint.scene import Scene
 from deglint.tiles import Tile
 
 from ..background import Background
-from ..local import WindowRule, cell_side, window_rule
+from ..local import CELL, WindowRule
 from .recipe import Recipe
 from .sea_plan import SeaPlan, no_nir, plan_sea, visible_bands, water_of_removal, why_not_sea
 
@@ -135,10 +135,10 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, progress: Progress | N
     if recipe.method == "local":
         size = (scene.height, scene.width)
         ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
-        rule = window_rule(*recipe.window, recipe.border, size, ddof=recipe.ddof, ridge=ridge)
+        rule = WindowRule(*recipe.window, recipe.border, size, recipe.ddof, ridge)
     shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
     if rule is not None:
-        shape = _local_shape(shape, scene, threads, cell_side(len(bands)))
+        shape = _local_shape(shape, scene, threads)
     of_sea = plan_sea(scene, recipe) if recipe.method == "sea" else None
     if of_sea is not None:
         shape = (SEA_TILE, SEA_TILE)
@@ -224,15 +224,15 @@ def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
     return Masking(scene, None, look.water, role_bands(roles))
 
 
-def _local_shape(shape: tuple[int, int], scene: Scene, threads: int, cell: int) -> tuple[int, int]:
+def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[int, int]:
     """Tiles of whole cells of local RX, and enough of them for all threads."""
-    rows, columns = (-(-side // cell) * cell for side in shape)
-    while -(-scene.height // rows) * -(-scene.width // columns) < 2 * threads and max(rows, columns) > cell:
+    rows, columns = (-(-side // CELL) for side in shape)
+    while -(-scene.height // (rows * CELL)) * -(-scene.width // (columns * CELL)) < 2 * threads and rows * columns > 1:
         if rows >= columns:
-            rows = rows // 2 // cell * cell or cell
+            rows = max(rows // 2, 1)
         else:
-            columns = columns // 2 // cell * cell or cell
-    return rows, columns
+            columns = max(columns // 2, 1)
+    return rows * CELL, columns * CELL
 
 
 def both(a: Mask | None, b: Mask | None) -> Mask | None:

@@ -32,7 +32,7 @@ from deglint.tiles import Tile, default_threads
 from deglint.timing import Reporter
 
 from .. import threshold as cutting
-from ..background import Background, Gathering, combine, estimate, fourth_moments, part_of, sample_share
+from ..background import Background, Part, sample_share
 from ..lines import LineScorer
 from ..rx import Detector, detector
 from ..threshold import Tail, Threshold
@@ -254,7 +254,7 @@ def _log_result(
 
 
 def fit_background(plan: Plan, run: tiling.Run = tiling.run, reader: Read = read) -> Background:
-    """Fit the background of a plan over its tiles; two passes for ledoit-wolf, else one.
+    """Fit the background of a plan over its tiles.
 
     Parameters
     ----------
@@ -272,33 +272,17 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, reader: Read = read
     recipe, bands = plan.recipe, plan.bands
     pixels = sum(t.shape[0] * t.shape[1] for t in plan.tiles)
     share = sample_share(recipe.covariance, pixels)
-    gathering = Gathering(len(bands), share)
-
     silent = replace(plan, progress=None)  # what tells of progress stays in this process
 
-    def where(tile: Tile) -> npt.NDArray[np.bool_] | None:
-        return both(silent.mask.read(tile), None if silent.area is None else silent.area.read(tile.window))
-
-    def gather(tile: Tile) -> Any:
+    def gather(tile: Tile) -> Part:
         block = reader(silent.scene, tile, bands)
+        area = None if silent.area is None else silent.area.read(tile.window)
         # numpy's engine: reading takes much longer, and the compiled one takes 130 MB to load
-        return part_of(block, where(tile), (tile.row0, tile.col0), share)
+        return Part.of(block, both(silent.mask.read(tile), area), (tile.row0, tile.col0), share)
 
-    options: dict[str, Any] = {"threads": plan.threads, "start": enter_thread}
-    for _row, part in run(plan.tiles, gather, combine=combine, progress=plan.note("fit"), **options):
-        gathering.add(part)
-    moments = gathering.moments()
-    fourths = []
-    if recipe.covariance == "ledoit-wolf" and moments.n > 1:
-
-        def fourth(tile: Tile) -> Any:
-            return fourth_moments(reader(silent.scene, tile, bands), where(tile), moments, (tile.row0, tile.col0))
-
-        found = run(plan.tiles, fourth, combine=np.concatenate, progress=plan.note("shrink"), **options)
-        fourths = [part for _row, part in found]
-    return estimate(
-        moments, recipe.covariance, ridge=recipe.ridge, names=plan.names, sample=gathering.sample(), fourths=fourths
-    )
+    rows = run(plan.tiles, gather, combine=Part.merge, progress=plan.note("fit"), threads=plan.threads,
+               start=enter_thread)  # fmt: skip
+    return Part.merge([part for _row, part in rows]).background(recipe.covariance, ridge=recipe.ridge, names=plan.names)
 
 
 def _law(recipe: Recipe, ready: Detector | None, background: Background | None, bands: int) -> Law | None:
