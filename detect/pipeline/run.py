@@ -11,9 +11,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from deglint import tiles as tiling
 from deglint.checks import checked_keywords
 from deglint.checksum import Checksum

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from deglint.errors import FitError, InputError
-from detect import background, covariance
+from detect import covariance
 from detect.background import COVARIANCES, Background, Part, fit, sample_share
 
 
