@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,14 +25,10 @@ from .sea_plan import SeaPlan, no_nir, plan_sea, visible_bands, water_of_removal
 
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
-Read = Callable[[Scene, Tile, Sequence[int]], npt.NDArray[Any]]
-"""What reads the pixels of a tile: `read`, or something that is called like it."""
 SEA_TILE = 1024
 """Side of the tiles of sea, whose halo is some hundred pixels [pixel]."""
 _STRIP = 64
 """Least lines that are read at a time, where lines are scored one after the other."""
-KEPT = 96 << 20
-"""Pixels that are kept from the first pass over a scene to the second [byte]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,40 +232,3 @@ def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[in
 def both(a: Mask | None, b: Mask | None) -> Mask | None:
     """Where two masks are True; None is everywhere."""
     return b if a is None else a if b is None else a & b
-
-
-def read(scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
-    """Pixels of a tile."""
-    return scene.source.read(tile.window, list(bands))
-
-
-class Kept:
-    """Pixels of as many tiles as there is room for, so that a second pass need not read those again; safe for threads.
-
-    Parameters
-    ----------
-    room : int
-        Memory for them [byte].
-    """
-
-    def __init__(self, room: int = KEPT) -> None:
-        self._room, self._lock = room, threading.Lock()
-        self._blocks: dict[Tile, npt.NDArray[Any]] = {}
-
-    def read(self, scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
-        """As `read`, and keep them."""
-        with self._lock:
-            block = self._blocks.get(tile)
-        if block is None:
-            block = read(scene, tile, bands)
-            with self._lock:
-                if block.nbytes <= self._room:
-                    self._room -= block.nbytes
-                    self._blocks[tile] = block
-        return block
-
-    def last(self, scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
-        """As `read`, for the last time: they are let go."""
-        with self._lock:
-            block = self._blocks.pop(tile, None)
-        return read(scene, tile, bands) if block is None else block

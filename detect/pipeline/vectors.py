@@ -39,7 +39,7 @@ def check_vector(path: Path | None) -> None:
 
 def collection(features: Sequence[Feature], move: Move | None) -> dict[str, Any]:
     """A GeoJSON FeatureCollection (RFC 7946): longitude and latitude, or pixels where `move` is None."""
-    document = to_geojson([f.found for f in features], move=move)
+    document = to_geojson([f.found for f in features], move)
     for feature, known in zip(document["features"], features, strict=True):
         feature["properties"] |= known.properties
     return document
