@@ -93,7 +93,7 @@ def test_nearly_equal_detectors_are_told_apart():
     second = first.copy()
     second[0] = 999_998.5  # below one pixel of the background
     both = compare(first, second, truth)
-    assert both.difference == 1e-7  # 1 of 1e7 pairs
+    assert both.difference == pytest.approx(1e-7, rel=1e-8)  # 1 of 1e7 pairs
     assert auc_interval(Roc.of(second, truth)).standard_error == pytest.approx(
         math.sqrt(1e-12 * 0.1 / 10 + 1e-2 * (1e-6 - 1e-12) / (1 - 1e-6) / 1e6), rel=1e-12
     )
