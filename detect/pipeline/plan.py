@@ -35,28 +35,8 @@ _STRIP = 64
 class Plan:
     """A recipe made ready for a scene.
 
-    Attributes
-    ----------
-    scene : Scene
-    recipe : Recipe
-    bands : tuple of int
-        0-based bands to use.
-    nir : tuple of int
-        Which of `bands` (0-based among them) are the NIR, where that matters.
-    tiles : list of Tile
-    threads : int
-    mask : Masking
-        Where to score.
-    area : Area or None
-        Where the background is; None for everywhere.
-    given : Background or None
-        Fitted before.
-    rule : WindowRule or None
-        Of local RX.
-    notes : tuple of str
-    progress : callable, optional
-    sea : SeaPlan or None
-        Of "sea".
+    Bands are 0-based; `nir` counts among `bands`. The background is fitted inside `area` (everywhere where it is None),
+    unless it is given; `rule` is that of local RX, `sea` that of a search of the sea.
     """
 
     scene: Scene

@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from deglint.errors import InputError
-
 from .curve import Float64, Mask, Roc, Scores, usable
+
+_Z = 1.959963984540054
+"""Half-width of a normal interval of 95 % in standard errors."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class AucInterval:
     standard_error: float
     low: float
     high: float
-    level: float
+    level: float = 0.95
 
 
 @dataclass(frozen=True)
@@ -60,20 +61,17 @@ class Comparison:
     p: float
     low: float
     high: float
-    level: float
-    pixels: int
+    level: float = 0.95
+    pixels: int = 0
 
 
-def auc_interval(roc: Roc, level: float = 0.95) -> AucInterval:
+def auc_interval(roc: Roc) -> AucInterval:
     """Area with DeLong's standard error and its normal interval, cut to 0..1 (DeLong 1988, eq. 6)."""
-    z = _normal(level)
     error = math.sqrt(_variance(*_components(roc.targets, roc.background, roc)))
-    return AucInterval(roc.auc, error, max(roc.auc - z * error, 0.0), min(roc.auc + z * error, 1.0), level)
+    return AucInterval(roc.auc, error, max(roc.auc - _Z * error, 0.0), min(roc.auc + _Z * error, 1.0))
 
 
-def compare(
-    first: Scores, second: Scores, truth: npt.NDArray[Any], valid: Mask | None = None, *, level: float = 0.95
-) -> Comparison:
+def compare(first: Scores, second: Scores, truth: npt.NDArray[Any], valid: Mask | None = None) -> Comparison:
     """DeLong's paired test of two detectors on the same pixels.
 
     Parameters
@@ -83,15 +81,12 @@ def compare(
     truth : ndarray of the same shape
         A target where it is not 0.
     valid : ndarray of bool, optional
-    level : float
-        Of the interval.
 
     Raises
     ------
     InputError
         As `Roc.of`.
     """
-    z_level = _normal(level)
     first, second, truth = np.asarray(first), np.asarray(second), np.asarray(truth)
     ok = usable(first, truth, valid) & usable(second, truth)
     target, background = ok & (truth != 0), ok & (truth == 0)
@@ -101,9 +96,9 @@ def compare(
     difference, error = rocs[0].auc - rocs[1].auc, math.sqrt(_variance(v10[0] - v10[1], v01[0] - v01[1]))
     z = difference / error if error > 0 else math.nan if difference == 0 or math.isnan(error) else math.inf
     p = math.erfc(abs(z) / math.sqrt(2)) if not math.isnan(z) else math.nan if math.isnan(error) else 1.0
-    low, high = difference - z_level * error, difference + z_level * error
+    low, high = difference - _Z * error, difference + _Z * error
     pixels = int(np.count_nonzero(ok))
-    return Comparison((rocs[0].auc, rocs[1].auc), difference, error, z, p, low, high, level, pixels)
+    return Comparison((rocs[0].auc, rocs[1].auc), difference, error, z, p, low, high, pixels=pixels)
 
 
 def _components(targets: Scores, background: Scores, roc: Roc) -> tuple[Float64, Float64]:
@@ -120,12 +115,3 @@ def _variance(v10: Float64, v01: Float64) -> float:
     if min(len(v10), len(v01)) < 2:
         return math.nan
     return float(v10.var(ddof=1) / len(v10) + v01.var(ddof=1) / len(v01))
-
-
-def _normal(level: float) -> float:
-    """Half-width of a normal interval in standard errors."""
-    from scipy.special import ndtri
-
-    if not 0 < level < 1:
-        raise InputError(f"level: allowed is above 0 and below 1, got {level}. 0.95 is usual.")
-    return float(ndtri(0.5 + level / 2))
