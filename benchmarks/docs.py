@@ -23,7 +23,7 @@ rxdetect bench report.html --only hedley,default --seeds 10
 rxdetect bench compare old.json new.json      # what got better or worse; --fail-on worse: exit code 1
 ```
 
-(`pip install 'deglint[bench]'` brings matplotlib and jinja2, which the report needs.)
+(`pip install 'deglint[reports]'` brings matplotlib and jinja2, which the report needs.)
 
 The scenes are simulated ([simulator.md](simulator.md)), so the sea without glint is known: the sensor of the thesis
 with eight bands and pixels of 25 cm, sun at 40 degrees, view from nadir. The left half is deep water, the sample of

@@ -185,7 +185,7 @@ def by_deglint(case: Case, *, compiled: bool = True) -> Jobs:
         "mean": lambda: moments.mean,
         "covariance": moments.covariance,
         "slope": lambda: [f.slope for f in remove.fit("lyzenga", physical, nir=NIR).fits],
-        "RX": lambda: score(block, detector("rx", estimate(moments)), compiled=compiled),
+        "RX": lambda: score(block, detector("rx", estimate(moments))),
         "local RX": lambda: local_rx(block, inner=INNER, outer=OUTER)[tuple(PLACES.T)],
     }
 

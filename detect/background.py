@@ -1,18 +1,16 @@
 """The background: mean and covariance of what belongs in a scene, fitted once, saved, used on this scene or another.
 
-`fit` takes a whole array; `Gathering` takes tiles in any number and gives the same background to the bit. A
+`fit` takes a whole array; `Part` takes tiles in any number and gives the same background to the bit. A
 `Background` is plain numbers; what is scored against it is in `detect.rx`. No file is opened here.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -37,7 +35,7 @@ COVARIANCES = {
 RIDGE = 1e-3
 """Share of each band's variance that `ridge` adds, unless it is said."""
 SAMPLE = 1 << 17
-"""Pixels that the robust estimate looks at, at most about."""
+"""Pixels that the robust estimate and Ledoit and Wolf's shrinkage look at, at most about."""
 COMPILED_PIXELS = 10_000_000
 """Pixels above which the compiled statistics kernel pays for its loading."""
 
@@ -125,100 +123,51 @@ class Background:
         return cls(n, mean, rest, matrix, rule, shrinkage, names)
 
 
-class Gathering:
-    """Collects the moments of a scene from its tiles; the background comes out the same to the bit for any tiling.
-
-    Cells of one row are merged first, then the rows, so that only the rows that are not yet whole are held one by one.
-    Tiles come in row-major order and start at multiples of `deglint.moments.CELL`.
-
-    Parameters
-    ----------
-    bands : int
-    share : int
-        Keep one pixel in so many for the robust estimate; 0: none.
-    """
-
-    def __init__(self, bands: int, share: int = 0) -> None:
-        self._bands, self.share = bands, share
-        self._open: dict[int, list[CellMoments]] = {}
-        self._whole: list[tuple[int, Moments]] = []
-        self._places: list[npt.NDArray[np.int64]] = []
-        self._values: list[npt.NDArray[Any]] = []
-
-    def add(self, part: Part) -> None:
-        """Take the next tile's part."""
-        keys = part.cells.keys[:, 0]
-        if len(keys):
-            self._close(below=int(keys.min()))
-        for row in sorted(set(keys.tolist())):
-            self._open.setdefault(row, []).append(part.cells.where(keys == row))
-        if part.values is not None:
-            self._places.append(part.places)
-            self._values.append(part.values)
-
-    def moments(self) -> Moments:
-        """Of everything so far."""
-        self._close(below=None)
-        whole = [m for _row, m in sorted(self._whole, key=lambda pair: pair[0])]
-        if not whole:
-            return moments_of_nothing(self._bands)
-        return Moments.merge(whole)
-
-    def sample(self) -> npt.NDArray[Any]:
-        """(pixels, bands) that were kept, in the order of the scene."""
-        if not self._values:
-            return np.zeros((0, self._bands))
-        places = np.concatenate(self._places, axis=1)
-        return np.asarray(np.concatenate(self._values, axis=1)[:, np.lexsort(places[::-1])].T)
-
-    def _close(self, below: int | None) -> None:
-        for row in [r for r in self._open if below is None or r < below]:
-            self._whole.append((row, CellMoments.concatenate(self._open.pop(row)).by_place().total()))
-
-
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What one tile gives to a `Gathering`."""
+    """What tiles give to the background of a scene: moments of cells, and a sample of pixels with their places."""
 
     cells: CellMoments
     places: npt.NDArray[np.int64]
-    values: npt.NDArray[Any] | None
+    values: npt.NDArray[Any]
 
+    @classmethod
+    def of(
+        cls, block: npt.NDArray[Any], mask: Mask | None, origin: tuple[int, int], share: int = 0, *,
+        compiled: bool = False,
+    ) -> Part:  # fmt: skip
+        """From a block whose first pixel lies at `origin` in the scene; one pixel in `share` is kept, of 0 none."""
+        cells = cell_moments(block, mask, origin=origin, compiled=compiled)
+        rows = columns = np.zeros(0, np.int64)
+        if share:
+            good = np.isfinite(block).all(axis=0)
+            rows, columns = np.nonzero(thinned(good if mask is None else good & mask, origin, share))
+        return cls(cells, np.stack([rows + origin[0], columns + origin[1]]), block[:, rows, columns])
 
-def moments_of_nothing(bands: int) -> Moments:
-    """Moments of no pixel."""
-    return cell_moments(np.zeros((bands, 0, 0))).total()
+    @classmethod
+    def merge(cls, parts: Sequence[Part]) -> Part:
+        """One part, of the tiles of one row or of these: cells of one row are merged first, then the rows.
 
+        Rows of tiles start at multiples of `deglint.moments.CELL`, so that the rows of cells are whole: the result is
+        the same to the bit for any tiling.
+        """
+        cells = CellMoments.concatenate([p.cells for p in parts])
+        rows = np.unique(cells.keys[:, 0])
+        if len(rows) < len(cells.n):
+            merged = [CellMoments.from_moments(cells.where(cells.keys[:, 0] == row).by_place().total()) for row in rows]
+            cells = CellMoments.concatenate(merged)
+            cells = replace(cells, keys=np.stack([rows, np.zeros_like(rows)], axis=1))
+        places, values = (np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("places", "values"))
+        return cls(cells, places, values)
 
-def part_of(
-    block: npt.NDArray[Any], mask: Mask | None, origin: tuple[int, int], share: int = 0, *, compiled: bool = False,
-    part: tuple[int, int] | None = None,
-) -> Part:  # fmt: skip
-    """What a block, whose first pixel lies at `origin` in the scene, gives to a `Gathering`; or a part of its rows."""
-    cells = cell_moments(block, mask, origin=origin, compiled=compiled, part=part)
-    if not share:
-        return Part(cells, np.zeros((2, 0), np.int64), None)
-    if part is not None:
-        origin, block = (origin[0] + part[0], origin[1]), block[:, slice(*part)]
-        mask = None if mask is None else mask[slice(*part)]
-    good = np.isfinite(block).all(axis=0)
-    rows, columns = np.nonzero(thinned(good if mask is None else good & mask, origin, share))
-    return Part(cells, np.stack([rows + origin[0], columns + origin[1]]), block[:, rows, columns])
-
-
-def combine(parts: Sequence[Part]) -> Part:
-    """One part in place of those of a row of tiles: the cells of each row are merged to one."""
-    cells = CellMoments.concatenate([p.cells for p in parts]).by_place()
-    rows = cells.keys[:, 0]
-    starts = np.flatnonzero(np.diff(rows, prepend=-1))
-    if len(rows):
-        each = [cells.where(np.arange(*ends)).total() for ends in pairwise([*starts.tolist(), len(cells.n)])]
-        cells = CellMoments.concatenate([CellMoments.from_moments(m) for m in each])
-        rows = rows[starts]
-        cells = replace(cells, keys=np.stack([rows, np.zeros_like(rows)], axis=1))
-    kept = [p for p in parts if p.values is not None]
-    places = np.concatenate([p.places for p in parts], axis=1)
-    return Part(cells, places, np.concatenate([p.values for p in kept], axis=1) if kept else None)
+    def background(
+        self, covariance: str = "empirical", *, ridge: float = RIDGE, names: Sequence[str] = ()
+    ) -> Background:  # fmt: skip
+        """The background of all pixels; raises as `fit`."""
+        sample = self.values[:, np.lexsort(self.places[::-1])].T
+        return estimate(
+            Part.merge([self]).cells.by_place().total(), covariance, ridge=ridge, names=names, sample=sample
+        )
 
 
 def fit(
@@ -267,31 +216,26 @@ def fit(
     """
     image = as_image(image)
     mask = as_mask(mask, image)
+    check_rule(covariance, ridge)
     pixels = image.shape[1] * image.shape[2]
-    gathering = Gathering(len(image), sample_share(covariance, pixels))
-    compiled = pixels > COMPILED_PIXELS
-    strips = [(row, min(row + CELL, image.shape[1])) for row in range(0, image.shape[1], CELL)]
+    share = sample_share(covariance, pixels)
 
-    def part(rows: tuple[int, int]) -> Part:
-        return part_of(image, mask, (0, 0), gathering.share, compiled=compiled, part=rows)
-
-    def fourth(rows: tuple[int, int]) -> Float64:
-        inside = None if mask is None else mask[slice(*rows)]
-        return fourth_moments(image[:, slice(*rows)], inside, found, (rows[0], 0))
+    def part(row: int) -> Part:
+        rows = slice(row, row + CELL)
+        inside = None if mask is None else mask[rows]
+        return Part.of(image[:, rows], inside, (row, 0), share, compiled=pixels > COMPILED_PIXELS)
 
     with ThreadPoolExecutor(threads or default_threads(image)) as pool:
-        for one in pool.map(part, strips):
-            gathering.add(one)
-        found = gathering.moments()
-        fourths = list(pool.map(fourth, strips)) if covariance == "ledoit-wolf" and found.n > 1 else []
-    return estimate(found, covariance, ridge=ridge, names=names, sample=gathering.sample(), fourths=fourths)
+        parts = list(pool.map(part, range(0, image.shape[1], CELL)))
+    whole = Part.merge(parts) if parts else Part.of(image, mask, (0, 0))
+    return whole.background(covariance, ridge=ridge, names=names)
 
 
 def estimate(
     moments: Moments, covariance: str = "empirical", *, ridge: float = RIDGE, names: Sequence[str] = (),
-    sample: npt.NDArray[Any] | None = None, fourths: Sequence[Float64] = (),
+    sample: npt.NDArray[Any] | None = None,
 ) -> Background:  # fmt: skip
-    """A background from moments, and from what else its rule needs: a sample (mcd), fourth moments (ledoit-wolf)."""
+    """A background from moments, and where its rule needs them (mcd, ledoit-wolf) from a sample of pixels."""
     check_rule(covariance, ridge)
     n = moments.n
     if n < 2:
@@ -314,8 +258,8 @@ def estimate(
         shrinkage = estimates.oas_shrinkage(moments.covariance(ddof=0), n)
         matrix = estimates.shrunk(matrix, shrinkage)
     elif covariance == "ledoit-wolf":
-        fourth = math.fsum(v for part in fourths for v in part)
-        shrinkage = estimates.ledoit_wolf_shrinkage(moments.covariance(ddof=0), n, fourth)
+        away = np.zeros((0, len(mean))) if sample is None else sample.astype(np.float64) - mean - rest
+        shrinkage = estimates.ledoit_wolf_shrinkage(moments.covariance(ddof=0), n, away)
         matrix = estimates.shrunk(matrix, shrinkage)
     elif covariance == "mcd":
         if sample is None or len(sample) < 2:
@@ -325,24 +269,9 @@ def estimate(
     return Background(n, mean, rest, matrix, covariance, float(shrinkage), tuple(names))
 
 
-def fourth_moments(block: npt.NDArray[Any], mask: Mask | None, moments: Moments, origin: tuple[int, int]) -> Float64:
-    """Sums over the pixels of each cell of |z|^4, z a pixel in standard deviations from the mean."""
-    scale = estimates.standardised(moments.covariance(ddof=0))[1]
-    with np.errstate(invalid="ignore", over="ignore"):
-        z = ((block - moments.mean[:, None, None]) - moments.rest[:, None, None]) * scale[:, None, None]
-        fourth = (z**2).sum(axis=0) ** 2
-    good = np.isfinite(block).all(axis=0)
-    fourth[~good if mask is None else ~(good & mask)] = 0
-    row0, column0 = origin[0] % CELL, origin[1] % CELL
-    padded = np.zeros([-(-(n + first) // CELL) * CELL for n, first in zip(fourth.shape, (row0, column0), strict=True)])
-    padded[row0 : row0 + fourth.shape[0], column0 : column0 + fourth.shape[1]] = fourth
-    cells = padded.reshape(padded.shape[0] // CELL, CELL, -1, CELL).transpose(0, 2, 1, 3)
-    return np.ascontiguousarray(cells).reshape(-1, CELL * CELL).sum(axis=1)
-
-
 def sample_share(covariance: str, pixels: int) -> int:
-    """One pixel in how many a `Gathering` is to keep for this rule; 0: none."""
-    return max(1, -(-pixels // SAMPLE)) if covariance == "mcd" else 0
+    """One pixel in how many to keep for this rule; 0: none."""
+    return max(1, -(-pixels // SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
 
 
 def check_rule(covariance: str, ridge: float) -> None:

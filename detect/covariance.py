@@ -81,7 +81,7 @@ def oas_shrinkage(covariance: Float64, n: int) -> float:
     return 1.0 if denominator <= 0 else float(min((alpha + 1) / denominator, 1.0))
 
 
-def ledoit_wolf_shrinkage(covariance: Float64, n: int, fourth: float) -> float:
+def ledoit_wolf_shrinkage(covariance: Float64, n: int, sample: Float64) -> float:
     """Ledoit and Wolf's shrinkage of the correlation (2004, lemmas 3.2-3.4).
 
     Parameters
@@ -90,16 +90,17 @@ def ledoit_wolf_shrinkage(covariance: Float64, n: int, fourth: float) -> float:
         Divided by n, not n - 1.
     n : int
         Pixels.
-    fourth : float
-        Sum over pixels of |z|^4, z the pixel in standard deviations from the mean.
+    sample : (pixels, bands) ndarray
+        Of these pixels some, or all, less their mean.
     """
     correlation, scale = standardised(covariance)
     p = int(np.count_nonzero(scale))
     total = float((correlation**2).sum())
     distance = total - p  # |R - I|^2: the mean of R's diagonal is 1
-    if p < 2 or distance <= 0:
+    if p < 2 or distance <= 0 or not len(sample):
         return 0.0
-    return float(min(max(fourth / n - total, 0.0) / n, distance) / distance)
+    fourth = float((((sample * scale) ** 2).sum(axis=1) ** 2).mean())
+    return float(min(max(fourth - total, 0.0) / n, distance) / distance)
 
 
 def robust(sample: npt.NDArray[Any], keep: float = 0.75) -> tuple[Float64, Float64, int]:

@@ -6,7 +6,7 @@ pixel, so that it needs no halo and any tiling gives the same bits. Nothing here
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -27,16 +27,12 @@ METHODS = {
     "residual": "rx of the bands' residuals after regression on the NIR",
 }
 """Detectors that compare with one background for the whole scene."""
-_CHUNK, _CHUNK_MANY = 8192, 1024
-"""Pixels scored at a time, at most, of few bands and of many: they and their whitened values stay in the cache."""
+_CHUNK = 1024
+"""Least pixels scored at a time: their whitened values stay in the cache."""
 _PRODUCTS = 1 << 18
-"""Multiplications of a matrix product up to which OpenBLAS does not wake its threads; tiles have threads already."""
-_NARROW = 256
-"""Pixels below which a matrix product does not pay."""
+"""Multiplications of a matrix product that are made at a time: OpenBLAS does not wake its threads for them."""
 _STRIP = 1 << 19
 """Pixels that a thread scores at a time."""
-KERNEL_BANDS = 32
-"""Most bands for which the compiled kernel is faster than BLAS."""
 _SMALL = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 """Standard deviations by which a mean may be off, by the type of the scores."""
 
@@ -111,7 +107,6 @@ def score(
     detector: Detector,
     mask: Mask | None = None,
     *,
-    compiled: bool = False,
     threads: int = 1,
 ) -> Scores:
     """Scores of a block.
@@ -123,9 +118,6 @@ def score(
     detector : Detector
     mask : (row, column) bool ndarray, optional
         True where a score is wanted.
-    compiled : bool
-        Use the compiled kernel: several times as fast for few bands, but it takes half a second to load. The last bits
-        may differ.
     threads : int
         The result does not depend on it.
 
@@ -139,16 +131,11 @@ def score(
         raise InputError(f"the image has {len(image)} bands, the background {len(detector.mean)}. Use the same.")
     flat = np.ascontiguousarray(image).reshape(len(image), -1)
     out: Scores = np.empty(flat.shape[1], np.float64 if image.dtype == np.float64 else np.float32)
-    rank = len(detector.whiten)
     matrix = detector.whiten if detector.linear is None else np.vstack([detector.whiten, detector.linear])
-    if compiled or rank == len(matrix) == len(image) > KERNEL_BANDS:
-        # a triangle gives the same lengths from half as many multiplications
-        matrix = np.asarray(np.linalg.qr(detector.whiten, mode="r"))
-    fill = _by_kernel if compiled else _by_blas
 
     def work(first: int) -> None:
         with np.errstate(invalid="ignore", over="ignore"):
-            fill(flat, first, detector, matrix, rank, out[first : first + _STRIP])
+            _fill(flat[:, first : first + _STRIP], detector, matrix, out[first : first + _STRIP])
 
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         list((pool.map if threads > 1 else map)(work, range(0, len(out), _STRIP)))
@@ -164,55 +151,22 @@ def score(
     return scores
 
 
-def _by_blas(flat: npt.NDArray[Any], first: int, detector: Detector, matrix: Float64, rank: int, out: Scores) -> None:
-    """Fill `out` with the scores of pixels from `first` on, by matrix products."""
-    moved = (matrix @ detector.rest)[:, None]
+def _fill(flat: npt.NDArray[Any], detector: Detector, matrix: Float64, out: Scores) -> None:
+    """Fill `out` with the scores of pixels."""
+    rank, moved = len(detector.whiten), (matrix @ detector.rest)[:, None]
     shifted = bool(np.abs(moved).max(initial=0) > _SMALL[out.dtype])
     # always the same width: BLAS may add in another order at the end of a shorter one
-    width = min(_PRODUCTS // max(matrix.size, 1), _CHUNK)
-    width = width if width >= _NARROW else _CHUNK_MANY
-    centred, total = np.zeros((len(flat), width)), np.empty(width)
-    z, multiply = _product(matrix, centred, triangular=rank == len(matrix) == len(flat) > KERNEL_BANDS)
+    width = min(max(_PRODUCTS // max(matrix.size, 1), _CHUNK), 8 * _CHUNK)
+    centred = np.zeros((len(flat), width))
     for start in range(0, len(out), width):
-        count = min(width, len(out) - start)
-        part = flat[:, first + start : first + start + count]
+        part = flat[:, start : start + width]
+        count = part.shape[1]
         np.subtract(part, detector.mean[:, None], out=centred[:, :count])
-        multiply()
+        z = matrix @ centred
         if shifted:
             z -= moved
         np.square(z[:rank], out=z[:rank])
-        np.add.reduce(z, axis=0, out=total)
-        out[start : start + count] = total[:count]
-
-
-def _product(matrix: Float64, x: Float64, *, triangular: bool) -> tuple[Float64, Callable[[], object]]:
-    """Where matrix @ x will be, and what puts it there; an upper triangle puts it where x was."""
-    if triangular:
-        from scipy.linalg.blas import dtrmm
-
-        factor = np.asfortranarray(matrix.T)
-        return x, lambda: dtrmm(1.0, factor, x.T, side=1, lower=1, overwrite_b=1)
-    z = np.empty((len(matrix), x.shape[1]))
-    return z, lambda: np.matmul(matrix, x, out=z)
-
-
-def _by_kernel(flat: npt.NDArray[Any], first: int, detector: Detector, matrix: Float64, rank: int, out: Scores) -> None:
-    """The same by the compiled kernel, from a triangle."""
-    from ._rx_kernel import FEW, squared_lengths, squared_lengths_of_few
-
-    bands = len(flat)
-    if flat.dtype == np.float16:  # which the compiler does not know
-        flat, first = flat[:, first : first + len(out)].astype(np.float32), 0
-    if detector.linear is None and bands <= FEW:
-        filled, mean, moved = np.zeros((FEW, FEW)), np.zeros(FEW), np.zeros(FEW)
-        filled[:rank, :bands], mean[:bands], moved[:rank] = matrix, detector.mean, matrix @ detector.rest
-        rows = tuple(map(tuple, filled.tolist()))
-        squared_lengths_of_few(flat, first, tuple(mean.tolist()), rows, tuple(moved.tolist()), out)
-        return
-    filled = np.zeros((rank + rank % 2, -(-bands // 4) * 4))
-    filled[:rank, :bands] = matrix
-    linear = detector.linear if detector.linear is not None else np.zeros(0)
-    squared_lengths(flat, first, detector.mean, detector.rest, filled, linear, out)
+        out[start : start + count] = np.add.reduce(z, axis=0)[:count]
 
 
 def _subspace(covariance: Float64, drop: int) -> Float64:

@@ -1,9 +1,12 @@
 """Local RX: every pixel against the ring around it, so that what is common here does not count as odd.
 
 A window of `outer` pixels a side, less a guard of `inner` pixels a side around the pixel, is the background of that one
-pixel. Few bands go through sums over the window's four bars (`detect._kernels`), whose cost grows slowly with the
-window; many bands, and pixels that those sums cannot settle, are computed one by one from the ring's pixels. A pixel's
-score is the same to the bit in any tiling whose tiles start at multiples of `cell_side`. No file is opened here.
+pixel. Few bands go through sums over the window's four bars, whose cost grows with the logarithm of the window; many
+bands, and pixels that those sums cannot settle, are computed one by one from the ring's pixels. A pixel's score is the
+same to the bit in any tiling whose tiles start at multiples of `CELL`. No file is opened here.
+
+A sum holds the pixels of its window and no others: nothing is ever taken away again, and the ring is the sum of four
+bars around the guard, not a difference of two squares. So an extreme pixel costs no digits of rings that it is not in.
 
 References
 ----------
@@ -15,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,10 +30,8 @@ from deglint.scene import Window
 
 from .background import Float64, Mask, Scores, as_image, as_mask
 
-CELL, CELL_MANY = 512, 128
-"""Tiles that start at multiples of it give bit-identical scores, for few bands and for many [pixel]."""
-_COLUMNS = 256
-"""Columns that are worked on at a time, at most, of all rows of a cell [pixel]."""
+CELL = 256
+"""Tiles that start at multiples of it give bit-identical scores; as much is worked on at a time [pixel]."""
 BORDERS = ("shrink", "mirror", "shift")
 """What the window does where it reaches beyond the image: lose what is outside, mirror it, or move inside."""
 KERNEL_BANDS = 24
@@ -44,22 +44,41 @@ STATES = {
     TOO_FEW: "the ring has too few valid pixels: no score",
 }
 """What `flags` say of a pixel; 0: nothing."""
-_ASIDE, _DIRECT = 255, 254
-"""To be taken one by one, in compiled code; and in numpy: many bands, or a window that moves inside the scene."""
+_DIRECT = 254
+"""To be taken one by one: many bands, sums that do not tell enough, or a window that moves inside the scene."""
 _RANK = 10 * np.finfo(np.float64).eps
 
 
 @dataclass(frozen=True)
 class WindowRule:
-    """How rings lie and what is made of them."""
+    """How rings lie and what is made of them; parameters as `local_rx`, and the rows and columns of the whole scene.
+
+    Raises
+    ------
+    InputError
+        A window that cannot be used.
+    """
 
     inner: int
     outer: int
     border: str
-    ddof: int
-    ridge: float
     size: tuple[int, int]
-    """Rows and columns of the whole scene."""
+    ddof: int = 1
+    ridge: float = 0.0
+
+    def __post_init__(self) -> None:
+        inner, outer, size = self.inner, self.outer, self.size
+        if not (inner % 2 == outer % 2 == 1 and 1 <= inner < outer):
+            raise InputError(f"window: want odd sides, 1 <= inner < outer, got inner {inner} and outer {outer}.")
+        if self.border not in BORDERS:
+            raise InputError(f"border {self.border!r} is not one of {', '.join(BORDERS)}.")
+        if self.border != "shrink" and outer > min(size):
+            raise InputError(
+                f"window: {outer} pixels do not fit into {size[0]} x {size[1]} with border {self.border}. "
+                "Take a smaller window, or border shrink."
+            )
+        if not (np.isfinite(self.ridge) and self.ridge >= 0):
+            raise InputError(f"ridge: want a share of the variance, 0 or more, got {self.ridge}.")
 
     @property
     def halo(self) -> int:
@@ -130,42 +149,14 @@ def local_rx(
     image = as_image(image)
     mask = as_mask(mask, image)
     size = (image.shape[1], image.shape[2])
-    check_window(inner, outer, border, size)
+    rule = WindowRule(inner, outer, border, size, ddof, ridge)
     if flags is not None and (flags.shape != size or flags.dtype != np.uint8):
         raise InputError(f"flags: want a uint8 array of shape {size}, got {flags.dtype} of shape {flags.shape}.")
-    if not (np.isfinite(ridge) and ridge >= 0):
-        raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
-    rule = WindowRule(inner, outer, border, ddof, ridge, size)
-    with _blas_threads(len(image)):
-        return score_part(image, rule, (0, 0), ((0, size[0]), (0, size[1])), mask, flags=flags, threads=threads)
-
-
-def _blas_threads(bands: int) -> AbstractContextManager[Any]:
-    """One thread of BLAS where it is called: a ring's matrices are small, and more would wait for each other."""
-    if bands <= KERNEL_BANDS:
-        return nullcontext()
     import scipy.linalg.lapack  # noqa: F401  what is loaded later has threads again
     from threadpoolctl import threadpool_limits
 
-    return threadpool_limits(1, user_api="blas")
-
-
-def check_window(inner: int, outer: int, border: str, size: tuple[int, int]) -> None:
-    """Refuse a window that cannot be used.
-
-    Raises
-    ------
-    InputError
-    """
-    if not (inner % 2 == outer % 2 == 1 and 1 <= inner < outer):
-        raise InputError(f"window: want odd sides, 1 <= inner < outer, got inner {inner} and outer {outer}.")
-    if border not in BORDERS:
-        raise InputError(f"border {border!r} is not one of {', '.join(BORDERS)}.")
-    if border != "shrink" and outer > min(size):
-        raise InputError(
-            f"window: {outer} pixels do not fit into {size[0]} x {size[1]} with border {border}. "
-            "Take a smaller window, or border shrink."
-        )
+    with threadpool_limits(1, user_api="blas"):  # a ring's matrices are small: threads would wait for each other
+        return score_part(image, rule, (0, 0), ((0, size[0]), (0, size[1])), mask, flags=flags, threads=threads)
 
 
 def score_part(
@@ -177,11 +168,11 @@ def score_part(
     Parameters
     ----------
     block : (band, row, column) ndarray
-    rule : as `window_rule` makes it
+    rule : WindowRule
     origin : (int, int)
         Row and column of the block's first pixel in the scene.
     part : ((row0, row1), (col0, col1))
-        Of the scene; its first row and column are multiples of `cell_side`.
+        Of the scene; its first row and column are multiples of `CELL`.
     mask, flags, threads : as `local_rx`; the mask is of the block, the flags of the part.
     """
     (row0, row1), (col0, col1) = part
@@ -201,34 +192,16 @@ def score_part(
         if flags is not None:
             flags[rows, columns] = states
 
-    cells = list(_cells(part, cell_side(len(block))))
-    if threads > 1 and len(cells) > 1:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(work, cells))
-    else:
-        for cell in cells:
-            work(cell)
+    cells = list(_cells(part))
+    with ThreadPoolExecutor(max(threads, 1)) as pool:
+        list((pool.map if threads > 1 else map)(work, cells))
     return scores
 
 
-def window_rule(
-    inner: int, outer: int, border: str, size: tuple[int, int], *, ddof: int = 1, ridge: float = 0
-) -> WindowRule:
-    """What `score_part` needs to know; `halo` is how far it looks.
-
-    Raises
-    ------
-    InputError
-        As `local_rx`.
-    """
-    check_window(inner, outer, border, size)
-    return WindowRule(inner, outer, border, ddof, ridge, size)
-
-
 def _check_memory(bands: int, rule: WindowRule) -> None:
-    """Refuse a window whose sums, all those of its rows at a time, take a machine's memory."""
+    """Refuse a window whose sums take a machine's memory."""
     sums = 1 + bands + bands * (bands + 1) // 2
-    need = 8 * (sums * (rule.outer + rule.inner) * _COLUMNS + bands * (rule.outer + CELL) * (rule.outer + _COLUMNS))
+    need = 8 * (sums * CELL**2 + bands * (rule.outer + CELL) ** 2)
     if bands <= KERNEL_BANDS and need > MOST_SUMS:
         raise InputError(
             f"window: {rule.outer} pixels of {bands} bands take {need / 2**30:.1f} GiB a thread, allowed is "
@@ -236,17 +209,11 @@ def _check_memory(bands: int, rule: WindowRule) -> None:
         )
 
 
-def cell_side(bands: int) -> int:
-    """`CELL`, as it is for so many bands."""
-    return CELL if bands <= KERNEL_BANDS else CELL_MANY
-
-
-def _cells(part: Window, rows: int) -> Iterator[Window]:
+def _cells(part: Window) -> Iterator[Window]:
     (row0, row1), (col0, col1) = part
-    columns = min(rows, _COLUMNS)
-    for r in range(row0 // rows * rows, row1, rows):
-        for c in range(col0 // columns * columns, col1, columns):
-            yield (max(r, row0), min(r + rows, row1)), (max(c, col0), min(c + columns, col1))
+    for r in range(row0, row1, CELL):
+        for c in range(col0, col1, CELL):
+            yield (r, min(r + CELL, row1)), (c, min(c + CELL, col1))
 
 
 def _score_cell(
@@ -260,17 +227,9 @@ def _score_cell(
     if not inside.any():
         return scores, states
     if len(block) <= KERNEL_BANDS:
-        from ._kernels import ring_scores
-
-        x, known = _padded(block, good, origin, cell, rule, _centre(block[(slice(None), *own)], inside))
-        first = cell[0][0] - rule.halo + rule.outer * rule.inner * (rule.outer - rule.inner)
-        ring_scores(x, known, first, rule.inner, rule.outer, rule.ddof, rule.ridge, scores, states)
+        _by_sums(_padded(block, good, origin, cell, rule), rule, inside, scores, states)
         if rule.border == "shift":
             states[inside & _near_edge(cell, rule)] = _DIRECT
-        if (states == _ASIDE).any():
-            from ._ring_kernel import settle
-
-            settle(x, known, rule.inner, rule.outer, rule.ddof, rule.ridge, _RANK, scores, states)
     else:
         states[inside] = _DIRECT
     for r, c in np.argwhere(states == _DIRECT):
@@ -279,42 +238,41 @@ def _score_cell(
     return scores, states
 
 
-def _centre(values: npt.NDArray[Any], good: Mask) -> Float64:
-    """A typical pixel of a cell: medians of a few, so that one extreme pixel does not move it."""
-    few = good[::4, ::4]
-    if few.any():
-        return np.asarray(np.median(values[:, ::4, ::4][:, few], axis=1), np.float64)
-    return np.asarray(np.median(values[:, good], axis=1), np.float64)
+def _by_sums(
+    x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states: npt.NDArray[np.uint8]
+) -> None:  # fmt: skip
+    """Fill the scores of a cell from sums over its rings; x as `_padded` gives it."""
+    from ._local_kernel import ASIDE, distances, ring_moments
+
+    bands, halo = len(x) - 1, rule.halo
+    sums = np.empty(((bands + 1) * (bands + 2) // 2, *scores.shape))
+    ring_moments(x, rule.inner, (rule.outer - rule.inner) // 2, sums)
+    own = x[1:, halo:-halo, halo:-halo].reshape(bands, -1)
+    found, how = np.empty(scores.size), np.empty(scores.size, np.uint8)
+    distances(sums.reshape(len(sums), -1), own, rule.ddof, rule.ridge, found, how)
+    how[how == ASIDE] = _DIRECT
+    scores[inside], states[inside] = found.reshape(scores.shape)[inside], how.reshape(scores.shape)[inside]
 
 
-def _padded(
-    block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: Window, rule: WindowRule, centre: Float64
-) -> tuple[Float64, Float64]:
-    """The cell with its halo, (row, band, column), less the centre, 0 where not valid; and 1 where it is valid."""
-    spans = [
-        (a - rule.halo, max(a - rule.halo, 0), min(b + rule.halo, size), b + rule.halo)
-        for (a, b), size in zip(cell, rule.size, strict=True)
-    ]
-    known = np.zeros([end - begin for begin, _, _, end in spans], np.bool_)
-    x = np.zeros((known.shape[0], len(block), known.shape[1]))
-    target: tuple[slice, slice]
+def _padded(block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: Window, rule: WindowRule) -> Float64:
+    """The cell with its halo: 1 where it is valid, then the bands less a typical pixel; 0 where it is not."""
+    halo, (rows, columns) = rule.halo, cell
+    x = np.zeros((1 + len(block), rows[1] - rows[0] + 2 * halo, columns[1] - columns[0] + 2 * halo))
     if rule.border == "mirror":
-        rows, columns = (
-            _mirrored(np.arange(begin, end), size) - first
-            for (begin, _, _, end), first, size in zip(spans, origin, rule.size, strict=True)
-        )
-        part, target = block[:, rows[:, None], columns], (slice(None), slice(None))
-        known[:] = good[rows[:, None], columns]
+        places = (_mirrored(np.arange(a - halo, b + halo), n) for (a, b), n in zip(cell, rule.size, strict=True))
+        source: Any = np.ix_(*(p - first for p, first in zip(places, origin, strict=True)))
+        inside = x
     else:  # what lies outside the scene stays 0
-        source = [slice(i - first, j - first) for (_, i, j, _), first in zip(spans, origin, strict=True)]
-        down, along = (slice(i - begin, j - begin) for begin, i, j, _ in spans)
-        part, target = block[:, source[0], source[1]], (down, along)
-        known[target] = good[source[0], source[1]]
-    for band, typical, out in zip(part, centre, x.transpose(1, 0, 2), strict=True):
-        np.subtract(band, typical, out=out[target])
-    if not known.all():
-        x[np.broadcast_to(~known[:, None], x.shape)] = 0
-    return x, known.astype(np.float64)
+        spans = [(max(a - halo, 0), min(b + halo, n)) for (a, b), n in zip(cell, rule.size, strict=True)]
+        source = tuple(slice(a - first, b - first) for (a, b), first in zip(spans, origin, strict=True))
+        inside = x[
+            (slice(None), *(slice(a - c[0] + halo, b - c[0] + halo) for (a, b), c in zip(spans, cell, strict=True)))
+        ]
+    inside[0] = known = good[source]
+    for band, out in zip(block, inside[1:], strict=True):
+        few = band[source][::4, ::4][known[::4, ::4]]  # a median: one extreme pixel does not move it
+        np.subtract(band[source], np.median(few) if few.size else 0.0, out=out, where=known)
+    return x
 
 
 def _mirrored(places: npt.NDArray[np.int64], size: int) -> npt.NDArray[np.int64]:
@@ -373,10 +331,23 @@ def _places(at: int, size: int, side: int, border: str) -> npt.NDArray[np.int64]
 
 
 def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
-    """d^T (R^T R)^+ d for the ring R, less its mean and weighted by `root`; and whether R has full rank.
+    """d^T (R^T R)^+ d for the ring R, less its mean and weighted by `root`; and whether R has full rank."""
+    bands = ring.shape[1]
+    if bands > KERNEL_BANDS:
+        return _by_cholesky(ring, away, root, ridge)
+    ring = np.concatenate([ring, np.diag(np.sqrt(ridge * (ring**2).sum(axis=0)))])
+    length = np.sqrt((ring**2).sum(axis=0))
+    if length.all():  # of full rank whatever the bands' units are
+        _, values, vectors = np.linalg.svd(ring / length, full_matrices=False)
+        if (values**2 > _RANK * bands).all():
+            return float(((vectors @ (away / length) / values) ** 2).sum()), True
+    _, values, vectors = np.linalg.svd(ring, full_matrices=False)
+    kept = values**2 > _RANK * bands * (values**2).sum()
+    return float(((vectors[kept] @ away / values[kept]) ** 2).sum()), False
 
-    With fewer pixels than bands it is computed from R R^T, which is smaller: |(R R^T)^+ R d|^2.
-    """
+
+def _by_cholesky(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
+    """The same for many bands, from the smaller of R^T R and R R^T: |(R R^T)^+ R d|^2."""
     from scipy.linalg.lapack import dpotrf, dpotrs, dpstrf, dtrtrs
 
     pixels, bands = ring.shape

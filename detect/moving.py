@@ -73,9 +73,8 @@ def contrast(band: npt.NDArray[np.float32], water: npt.NDArray[np.bool_]) -> npt
 
 
 def find_moving(
-    image: npt.ArrayLike, delays: Sequence[float], *, pixel: float, water: npt.ArrayLike | None = None,
-    fastest: float = FASTEST,
-) -> list[Mover]:  # fmt: skip
+    image: npt.ArrayLike, delays: Sequence[float], *, pixel: float, water: npt.ArrayLike | None = None
+) -> list[Mover]:
     """Find boats that moved between the bands.
 
     Parameters
@@ -88,8 +87,6 @@ def find_moving(
         Side of a pixel [m].
     water : (row, column) array of bool, optional
         Where to search; everywhere by default.
-    fastest : float
-        Greatest speed that is sought [m/s].
 
     Returns
     -------
@@ -117,14 +114,14 @@ def find_moving(
     first = int(np.argmin(times))
     density = [len(p) / max(int(np.count_nonzero(sea)), 1) for p in places]
     meets = [min(math.pi * _NEAR**2 * d, 1.0) for d in density]
-    reach = math.pi * (fastest * float(np.ptp(times)) / pixel) ** 2
+    reach = math.pi * (FASTEST * float(np.ptp(times)) / pixel) ** 2
     last = int(np.argmax(times))
     chance = (
         len(places[first]) * reach * density[last] * math.prod(m for i, m in enumerate(meets) if i not in (first, last))
     )
     if chance > _CHANCE:
         return []
-    found = [m for p in places[first] if (m := _followed(p, first, places, times, pixel, fastest)) is not None]
+    found = [m for p in places[first] if (m := _followed(p, first, places, times, pixel)) is not None]
     return sorted(found, key=lambda m: -m.contrast)
 
 
@@ -147,12 +144,12 @@ def _peaks(contrasts: npt.NDArray[np.float32], sea: npt.NDArray[np.bool_]) -> np
 
 def _followed(
     start: npt.NDArray[np.float64], first: int, places: Sequence[npt.NDArray[np.float64]],
-    times: npt.NDArray[np.float64], pixel: float, fastest: float,
+    times: npt.NDArray[np.float64], pixel: float,
 ) -> Mover | None:  # fmt: skip
     """The even motion through all bands that fits a detection best; None where it has none, or does not move."""
     last = int(np.argmax(times - times[first]))
     span = float(times[last] - times[first])
-    reach = fastest * span / pixel
+    reach = FASTEST * span / pixel
     best: tuple[float, Mover] | None = None
     for end in places[last]:
         step = (end[:2] - start[:2]) / span
@@ -175,7 +172,7 @@ def _followed(
     if best is None:
         return None
     moved = best[1].speed * span / pixel
-    return best[1] if moved >= max(_SLOWEST, 3 * best[1].error) and best[1].speed <= fastest else None
+    return best[1] if moved >= max(_SLOWEST, 3 * best[1].error) and best[1].speed <= FASTEST else None
 
 
 def _fitted(track: npt.NDArray[np.float64], times: npt.NDArray[np.float64], pixel: float, least: float) -> Mover:

@@ -1,7 +1,6 @@
 """From detected pixels to objects: connected parts of a mask, each with its score, size, place and outline.
 
-Arrays only; places on Earth come in with a transform and a CRS as rasterio gives them, and are only read. Pixels are
-counted from the array's upper left; outlines run along the edges of pixels.
+Arrays only. Pixels are counted from the array's upper left; outlines run along the edges of pixels.
 """
 
 from __future__ import annotations
@@ -82,14 +81,9 @@ def _ring(corners: Sequence[tuple[float, float]]) -> Ring:
 
 
 def find(
-    mask: Mask,
-    scores: npt.NDArray[Any],
-    *,
-    min_size: int = 1,
-    merge_distance: float = 0.0,
-    connectivity: int = 8,
+    mask: Mask, scores: npt.NDArray[Any], *, min_size: int = 1, merge_distance: float = 0.0,
     pixel_area: float | None = None,
-) -> list[Object]:
+) -> list[Object]:  # fmt: skip
     """Objects of a detection mask, the highest score first.
 
     Parameters
@@ -97,14 +91,8 @@ def find(
     mask : (row, column) ndarray of bool
         Detected pixels; where the score is NaN it does not count.
     scores : (row, column) ndarray
-    min_size : int
-        Objects of fewer pixels are dropped, after merging.
-    merge_distance : float
-        Parts whose nearest pixels are at most this far apart, centre to centre, are one object [pixel].
-    connectivity : {4, 8}
-        Whether pixels that touch at a corner only are connected.
-    pixel_area : float, optional
-        Area of a pixel [m2].
+    min_size, merge_distance, pixel_area
+        As `find_among`.
 
     Raises
     ------
@@ -118,25 +106,32 @@ def find(
     [(2, 9.0, (0.5, 0.0)), (1, 8.0, (1.0, 3.0))]
     """
     mask, scores = np.asarray(mask), np.asarray(scores)
-    _check(mask, scores, min_size, merge_distance, connectivity)
-    found = label(mask.astype(np.bool_, copy=False) & ~np.isnan(scores), merge_distance, connectivity)
-    rows, columns = np.nonzero(found)
-    return _described(rows, columns, found[rows, columns], scores[rows, columns], min_size, pixel_area)
+    if mask.ndim != 2 or mask.shape != scores.shape:
+        raise InputError(f"mask and scores must be of one shape (row, column), got {mask.shape} and {scores.shape}.")
+    rows, columns = np.nonzero(mask.astype(np.bool_, copy=False) & ~np.isnan(scores))
+    return find_among(rows, columns, scores[rows, columns], min_size=min_size, merge_distance=merge_distance,
+                      pixel_area=pixel_area)  # fmt: skip
 
 
 def find_among(
     rows: Places, columns: Places, scores: npt.NDArray[Any], *, min_size: int = 1, merge_distance: float = 0.0,
-    connectivity: int = 8, pixel_area: float | None = None, above: float = -math.inf,
+    pixel_area: float | None = None, above: float = -math.inf,
 ) -> list[Object]:  # fmt: skip
-    """The same objects from the detected pixels alone, in row-major order, where a whole scene is too large to hold.
+    """Objects from the detected pixels alone, in row-major order, where a whole scene is too large to hold.
+
+    Pixels that touch, if only at a corner, are of one object.
 
     Parameters
     ----------
     rows, columns : (pixels,) int64 ndarray
         Places of the detected pixels.
     scores : (pixels,) ndarray
-    min_size, merge_distance, connectivity, pixel_area
-        As `find`; memory is some 100 bytes a pixel.
+    min_size : int
+        Objects of fewer pixels are dropped, after merging.
+    merge_distance : float
+        Parts whose nearest pixels are at most this far apart, centre to centre, are one object [pixel].
+    pixel_area : float, optional
+        Area of a pixel [m2].
     above : float
         Only pixels whose score is greater count; the others connect them, so that the parts of a ship are one object.
 
@@ -145,26 +140,27 @@ def find_among(
     >>> [o.size for o in find_among(np.array([0, 1, 9]), np.array([0, 1, 9]), np.array([5.0, 6, 7]))]
     [1, 2]
     """
-    _check(rows[None] >= 0, scores[None], min_size, merge_distance, connectivity)
+    if min_size < 1:
+        raise InputError(f"min_size: allowed is 1 pixel or more, got {min_size}.")
+    if not 0 <= merge_distance < math.inf:
+        raise InputError(f"merge_distance: allowed is 0 pixels or more, got {merge_distance}.")
     if not len(rows):
         return []
-    part, kept = _joined(rows, columns, merge_distance, connectivity), scores > above
+    part, kept = _joined(rows, columns, merge_distance), scores > above
     return _described(rows[kept], columns[kept], part[kept], scores[kept], min_size, pixel_area)
 
 
-def _joined(rows: Places, columns: Places, distance: float, connectivity: int) -> npt.NDArray[np.int32]:
-    """Number, from 1, of the part that each pixel belongs to."""
+def _joined(rows: Places, columns: Places, distance: float) -> npt.NDArray[np.int32]:
+    """Number of the part that each pixel belongs to."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     reach = max(math.floor(distance), 1)
     width = int(columns.max()) + 1 + reach  # so that no offset runs into the next row
     place = rows * width + columns
-    near = {(0, 1), (1, 0)} | ({(1, -1), (1, 1)} if connectivity == 8 else set())
-    offsets = [(d, r) for d in range(reach + 1) for r in range(-reach, reach + 1) if (d, r) > (0, 0)]
     pairs = []
-    for down, right in offsets:
-        if (down, right) not in near and down * down + right * right > distance * distance:
+    for down, right in [(d, r) for d in range(reach + 1) for r in range(-reach, reach + 1) if (d, r) > (0, 0)]:
+        if down * down + right * right > max(distance * distance, 2):
             continue
         wanted = place + (down * width + right)
         wanted[columns + right < 0] = -1
@@ -173,45 +169,16 @@ def _joined(rows: Places, columns: Places, distance: float, connectivity: int) -
         pairs.append(np.stack([meets, at[meets]]))
     a, b = np.concatenate(pairs, axis=1)
     graph = coo_array((np.ones(len(a), np.bool_), (a, b)), shape=(len(rows), len(rows)))
-    return np.asarray(connected_components(graph, directed=False)[1] + 1, np.int32)
+    return np.asarray(connected_components(graph, directed=False)[1], np.int32)
 
 
-def label(mask: Mask, merge_distance: float = 0.0, connectivity: int = 8) -> npt.NDArray[np.int32]:
-    """Number the connected parts of a mask from 1, 0 elsewhere; see `find`."""
+def label(mask: Mask) -> npt.NDArray[np.int32]:
+    """Number the connected parts of a mask from 1, 0 elsewhere; corners connect."""
     import cv2
 
     if mask.size == 0:  # OpenCV crashes
         return np.zeros(mask.shape, np.int32)
-    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=connectivity, ltype=cv2.CV_32S)
-    if merge_distance <= 1 or count <= 2:
-        return np.asarray(labels)
-    return _merged(np.asarray(labels), count, merge_distance)
-
-
-def _merged(labels: npt.NDArray[np.int32], count: int, distance: float) -> npt.NDArray[np.int32]:
-    """Join parts by looking from every rim pixel at every offset within the distance."""
-    from scipy.ndimage import binary_erosion
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    inside = labels > 0
-    rows, columns = np.nonzero(inside & ~binary_erosion(inside))
-    own = labels[rows, columns]
-    reach = math.floor(distance)
-    pairs = []
-    for down in range(reach + 1):
-        for right in range(-reach, reach + 1):
-            if not (down, right) > (0, 0) or down * down + right * right > distance * distance:
-                continue
-            r, c = rows + down, columns + right
-            ok = (r < labels.shape[0]) & (c >= 0) & (c < labels.shape[1])
-            other = labels[r[ok], c[ok]]
-            meets = (other > 0) & (other != own[ok])
-            pairs.append(np.unique(np.stack([own[ok][meets], other[meets]]), axis=1))
-    a, b = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(len(a), np.bool_), (a, b)), shape=(count, count))
-    _, groups = connected_components(graph, directed=False)  # 0, the background, has no pair and comes first
-    return np.asarray(groups.astype(np.int32)[labels])
+    return np.asarray(cv2.connectedComponents(mask.astype(np.uint8), connectivity=8, ltype=cv2.CV_32S)[1])
 
 
 def _described(
@@ -220,33 +187,22 @@ def _described(
 ) -> list[Object]:  # fmt: skip
     """Objects from their pixels, in row-major order, and the number of the part that each belongs to."""
     values = scores.astype(np.float64)
-    sizes = np.bincount(at)
-    length = len(sizes)
-    highest = np.full(length, -np.inf)
-    np.maximum.at(highest, at, values)
-    by_part = np.argsort(at, kind="stable")
-    ends = np.cumsum(sizes)
-    first = by_part[(ends - sizes).clip(max=max(len(at) - 1, 0))] if len(at) else sizes
-    order = sorted(np.flatnonzero(sizes >= min_size), key=lambda i: (-highest[i], first[i]))
-    with np.errstate(invalid="ignore"):
-        means = np.bincount(at, values, length) / sizes
-        row_means, column_means = (np.bincount(at, x, length) / sizes for x in (rows, columns))
-    out: list[Object] = []
-    for i in order:
-        own = by_part[ends[i] - sizes[i] : ends[i]]
+    parts = np.split(np.argsort(at, kind="stable"), np.cumsum(np.bincount(at))[:-1]) if len(at) else []
+    large = [own for own in parts if len(own) >= min_size]
+    out = []
+    for number, own in enumerate(sorted(large, key=lambda own: (-values[own].max(), own[0])), start=1):
         down, across = rows[own], columns[own]
         top, left = int(down.min()), int(across.min())
         footprint = np.zeros((int(down.max()) + 1 - top, int(across.max()) + 1 - left), np.bool_)
         footprint[down - top, across - left] = True
-        size = int(sizes[i])
         out.append(
             Object(
-                label=len(out) + 1,
-                score_max=float(highest[i]),
-                score_mean=float(means[i]),
-                size=size,
-                area=None if pixel_area is None else size * pixel_area,
-                centroid=(float(row_means[i]), float(column_means[i])),
+                label=number,
+                score_max=float(values[own].max()),
+                score_mean=float(values[own].mean()),
+                size=len(own),
+                area=None if pixel_area is None else len(own) * pixel_area,
+                centroid=(float(down.mean()), float(across.mean())),
                 bounds=((top, top + footprint.shape[0]), (left, left + footprint.shape[1])),
                 footprint=footprint,
             )
@@ -254,59 +210,26 @@ def _described(
     return out
 
 
-def _check(mask: Mask, scores: npt.NDArray[Any], min_size: int, merge_distance: float, connectivity: int) -> None:
-    if mask.ndim != 2 or mask.shape != scores.shape:
-        raise InputError(f"mask and scores must be of one shape (row, column), got {mask.shape} and {scores.shape}.")
-    if min_size < 1:
-        raise InputError(f"min_size: allowed is 1 pixel or more, got {min_size}.")
-    if not 0 <= merge_distance < math.inf:
-        raise InputError(f"merge_distance: allowed is 0 pixels or more, got {merge_distance}.")
-    if connectivity not in (4, 8):
-        raise InputError(f"connectivity: allowed are 4 and 8, got {connectivity}.")
-
-
-def to_geojson(
-    objects: Sequence[Object], transform: Any = None, crs: Any = None, *, move: Move | None = None, **members: Any
-) -> dict[str, Any]:
-    """A GeoJSON FeatureCollection of objects' outlines and numbers.
+def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str, Any]:
+    """A GeoJSON FeatureCollection of objects' outlines and numbers (RFC 7946).
 
     Parameters
     ----------
     objects : sequence of Object
-    transform : affine, optional
-        From (column, row) to the CRS; pixel corners as they stand where it is None.
-    crs : optional
-        As rasterio gives it; named in a `crs` member as GDAL and QGIS do, where an authority knows it.
     move : callable, optional
-        In place of transform and crs: turns (column, row) corners into longitude and latitude, as RFC 7946 wants.
-    **members
-        Further properties of every feature, such as the threshold.
-
-    Returns
-    -------
-    dict
-        Outer rings are counter-clockwise in the CRS, as RFC 7946 asks.
+        Turns (column, row) corners into longitude and latitude; pixel corners as they stand where it is None.
     """
-    if move is None:
-
-        def move(ring: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-            return [_at(transform, *p) for p in ring]
-
-    document: dict[str, Any] = {"type": "FeatureCollection", "features": [_feature(o, move, members) for o in objects]}
-    authority = crs.to_authority() if crs is not None else None
-    if authority:
-        document["crs"] = {"type": "name", "properties": {"name": f"urn:ogc:def:crs:{authority[0]}::{authority[1]}"}}
-    return document
+    return {"type": "FeatureCollection", "features": [_feature(o, move or list) for o in objects]}
 
 
-def _feature(found: Object, move: Move, members: dict[str, Any]) -> dict[str, Any]:
+def _feature(found: Object, move: Move) -> dict[str, Any]:
     shapes = [[_turned(move(ring), hole=i > 0) for i, ring in enumerate(polygon)] for polygon in found.outline]
     single = len(shapes) == 1
     (row0, row1), (col0, col1) = found.bounds
     properties = {
         "label": found.label, "score_max": found.score_max, "score_mean": found.score_mean, "pixels": found.size,
         "area_m2": found.area, "row": found.centroid[0], "column": found.centroid[1],
-        "window": [col0, row0, col1 - col0, row1 - row0], **members,
+        "window": [col0, row0, col1 - col0, row1 - row0],
     }  # fmt: skip
     geometry = {"type": "Polygon", "coordinates": shapes[0]} if single else {
         "type": "MultiPolygon", "coordinates": shapes}  # fmt: skip
@@ -317,11 +240,3 @@ def _turned(ring: Sequence[tuple[float, float]], *, hole: bool) -> list[list[flo
     """An outer ring counter-clockwise, a hole clockwise, whatever the map did to it."""
     area = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in pairwise(ring))
     return [list(p) for p in (ring[::-1] if (area < 0) != hole else ring)]
-
-
-def _at(transform: Any, x: float, y: float) -> tuple[float, float]:
-    """Affine transform of a corner, written out: versions of affine differ in the operator for it."""
-    if transform is None:
-        return x, y
-    t = transform
-    return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f

@@ -31,8 +31,8 @@ import numpy.typing as npt
 
 from deglint.checks import checked_keywords
 
-from .background import COMPILED_PIXELS, RIDGE, Background, Mask, Scores, as_image, as_mask, default_threads, fit
-from .detector import KERNEL_BANDS, METHODS, Detector, detector, score
+from .background import RIDGE, Background, Mask, Scores, as_image, as_mask, default_threads, fit
+from .detector import METHODS, Detector, detector, score
 
 __all__ = ["METHODS", "Detector", "detector", "residual_rx", "rx", "rx_utd", "score", "subspace_rx", "utd"]
 
@@ -157,8 +157,7 @@ def _run(
         inside = mask if inside is None else inside if mask is None else inside & mask
         background = fit(image, mask=inside, covariance=covariance, ridge=ridge, threads=threads)
     ready = detector(method, background, **options)
-    large = image.shape[1] * image.shape[2] > COMPILED_PIXELS and len(image) <= KERNEL_BANDS
-    return score(image, ready, mask, compiled=large, threads=threads)
+    return score(image, ready, mask, threads=threads)
 
 
 class _Callable(ModuleType):

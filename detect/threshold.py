@@ -34,6 +34,8 @@ Scores = npt.NDArray[Any]
 KEEP = 1 << 18
 """Highest scores that a `Tail` keeps where nothing else is said."""
 _LEAST_EXCEEDANCES = 50
+_TAIL = 0.01
+"""Fraction of the scores that are fitted; more where the rate, or few scores, ask for it."""
 _POOR_FIT = 0.05
 """Kolmogorov distance from which a fitted tail is called poor."""
 
@@ -264,7 +266,7 @@ def from_quantile(scores: Scores | Tail, pfa: float) -> Threshold:
     return found.measured(tail.above(value) or 0, tail.n)
 
 
-def from_gpd(scores: Scores | Tail, pfa: float, *, tail_fraction: float = 0.01) -> Threshold:
+def from_gpd(scores: Scores | Tail, pfa: float) -> Threshold:
     """Threshold from a generalised Pareto law fitted to the highest scores, for rates that no pixel reaches.
 
     The k exceedances of u follow P(x > u + y) = (k/n) (1 + shape y / scale)^(-1/shape); shape and scale are of
@@ -277,21 +279,17 @@ def from_gpd(scores: Scores | Tail, pfa: float, *, tail_fraction: float = 0.01) 
     scores : ndarray or Tail
         Of the scene, or of a sample of it; NaN is left out.
     pfa : float
-    tail_fraction : float
-        Fraction of the scores that are fitted; more where pfa, or few scores, ask for it.
 
     Raises
     ------
     InputError
-        No valid score, or pfa or tail_fraction out of range.
+        No valid score, or pfa out of range.
     FitError
         Too few exceedances that differ, or the tail is too short of finite variance to be fitted.
     """
     _check(pfa)
-    if not 0 < tail_fraction <= 0.5:
-        raise InputError(f"tail_fraction: allowed is above 0 and up to 0.5, got {tail_fraction}.")
     tail = _tail(scores, pfa)
-    wanted = math.ceil(tail.n * max(tail_fraction, 2 * pfa))
+    wanted = math.ceil(tail.n * max(_TAIL, 2 * pfa))
     k = min(max(wanted, _LEAST_EXCEEDANCES), len(tail.values) - 1, tail.n // 2)
     u = float(tail.values[k]) if k > 0 else math.nan
     excess = tail.values[: max(k, 0)].astype(np.float64) - u

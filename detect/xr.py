@@ -24,7 +24,7 @@ from deglint.tiles import Tile, default_threads
 from deglint.xr import need_xarray
 
 from .background import Background
-from .local import cell_side
+from .local import CELL
 from .pipeline import Recipe
 from .pipeline.plan import make_plan
 from .pipeline.run import fit_background
@@ -127,7 +127,7 @@ def score(
     work = Scoring(replace(plan, scene=bare, mask=replace(plan.mask, scene=bare), tiles=[]), ready, None, None, False)
     reach = plan.rule.halo if plan.rule else plan.sea.halo if plan.sea else 0
     reach += plan.mask.water.halo if plan.mask.water else 0
-    step = cell_side(len(plan.bands)) if plan.rule else 1
+    step = CELL if plan.rule else 1
     scores = over_tiles(opened, partial(_scored, work), reach, (1, np.dtype(np.float32)), step=step, threads=threads)
     return opened.plane(scores[0], recipe.method)
 

@@ -14,6 +14,7 @@ from deglint.remove import METHODS
 from detect.bench import compare, measure, report, run, scenes
 from detect.bench.numbers import Number, over_seeds, timed
 from detect.bench.run import DEFAULT, RAW
+from detect.report import plots
 
 SMALL = 64
 NAN = math.nan
@@ -132,7 +133,7 @@ def test_figures_hold_every_removal(results):
         figure = draw(results)
         labels = {text.get_text() for text in figure.legends[0].get_texts()}
         assert labels >= {"hedley"}
-        assert report.as_uri(figure) == report.as_uri(draw(results))
+        assert plots.as_uri(figure) == plots.as_uri(draw(results))
 
 
 def test_names_that_escape_html(results):
@@ -167,11 +168,11 @@ def test_outputs_are_not_replaced_and_nothing_is_measured_in_vain(rxdetect, tmp_
 
 
 def test_a_package_that_is_missing_is_named_with_its_remedy(rxdetect, monkeypatch):
-    find = report.find_spec
-    monkeypatch.setattr(report, "find_spec", lambda name: None if name == "jinja2" else find(name))
+    find = plots.find_spec
+    monkeypatch.setattr(plots, "find_spec", lambda name: None if name == "jinja2" else find(name))
     ran = rxdetect("bench")
     assert ran.code == 1
-    assert re.search(r"needs jinja2: pip install 'deglint\[bench\]'", ran.err)
+    assert re.search(r"needs jinja2: pip install 'deglint\[reports\]'", ran.err)
     assert len(ran.err.splitlines()) == 1
 
 

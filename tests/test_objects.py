@@ -10,12 +10,11 @@ import rasterio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from rasterio.crs import CRS
 from rasterio.features import rasterize
 from rasterio.transform import from_origin
 
 from deglint.errors import InputError
-from detect.objects import find, find_among, to_geojson
+from detect.objects import find, to_geojson
 
 MASKS = arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9)))
 
@@ -42,11 +41,11 @@ def pixels(found):
     return frozenset((int(r) + top, int(c) + left) for r, c in np.argwhere(found.footprint))
 
 
-@given(MASKS, st.sampled_from([(4, 0.0, 1), (8, 0.0, 2), (8, 2.0, 4), (8, 2.9, 8), (4, 1.5, 2), (8, 4.2, 17)]))
+@given(MASKS, st.sampled_from([(0.0, 2), (2.0, 4), (2.9, 8), (1.2, 2), (4.2, 17)]))
 def test_parts_are_those_of_brute_force(mask, case):
-    connectivity, distance, reach2 = case
+    distance, reach2 = case
     scores = np.random.default_rng(mask.size).random(mask.shape)
-    found = find(mask, scores, connectivity=connectivity, merge_distance=distance)
+    found = find(mask, scores, merge_distance=distance)
     assert {pixels(o) for o in found} == brute_parts(mask, reach2)
 
 
@@ -111,7 +110,6 @@ def test_inputs_are_left_alone():
         ({"min_size": 0}, "min_size: allowed is 1"),
         ({"merge_distance": -1}, "merge_distance: allowed is 0"),
         ({"merge_distance": float("nan")}, "merge_distance: allowed is 0"),
-        ({"connectivity": 6}, "connectivity: allowed are 4 and 8"),
     ],
 )
 def test_options_out_of_range(options, said):
@@ -131,16 +129,14 @@ def test_geojson_lies_where_the_pixels_lie(tmp_path):
     mask[9, 12] = True  # touches at a corner: a second polygon
     mask[30, 40] = True
     scores = np.random.default_rng(0).random(mask.shape).astype(np.float32)
-    transform, crs = from_origin(400_000, 800_000, 10, 10), CRS.from_epsg(32653)
+    transform = from_origin(400_000, 800_000, 10, 10)
     found = find(mask, scores, pixel_area=100.0)
-    document = to_geojson(found, transform, crs, threshold=0.5)
+    document = to_geojson(found, lambda ring: [transform * p for p in ring])
     path = tmp_path / "found.geojson"
     path.write_text(json.dumps(document, allow_nan=False))
-    assert document["crs"]["properties"]["name"] == "urn:ogc:def:crs:EPSG::32653"
     kinds = sorted(f["geometry"]["type"] for f in document["features"])
     assert kinds == ["MultiPolygon", "Polygon"]
     properties = document["features"][0]["properties"]
-    assert properties["threshold"] == 0.5
     assert properties["area_m2"] == 100 * properties["pixels"]
     back = rasterize([f["geometry"] for f in document["features"]], mask.shape, transform=transform)
     np.testing.assert_array_equal(back, mask)
@@ -150,33 +146,8 @@ def test_geojson_lies_where_the_pixels_lie(tmp_path):
     assert (min(p[0] for p in ring), max(p[1] for p in ring)) == (400_400, 799_700)
 
 
-def test_the_project_reads_its_own_outlines(tmp_path, write):
-    import deglint
-    from deglint.readers.areas import open_area
-
-    mask = np.random.default_rng(8).random((30, 40)) < 0.3
-    path = write(tmp_path / "scene.tif", np.ones((4, 30, 40), np.uint16))
-    scene = deglint.open_scene(path)
-    found = find(mask, mask.astype(np.float32))
-    outlines = tmp_path / "found.geojson"
-    outlines.write_text(json.dumps(to_geojson(found, scene.transform, scene.crs)))
-    area = open_area(str(outlines), scene, "--mask")
-    np.testing.assert_array_equal(area.read(((0, 30), (0, 40))), mask)
-
-
 def test_no_crs_keeps_pixel_corners():
     document = to_geojson(find(np.ones((1, 2), bool), np.ones((1, 2))))
-    assert "crs" not in document
     ring = document["features"][0]["geometry"]["coordinates"][0]
     assert sorted({tuple(p) for p in ring}) == [(0, 0), (0, 1), (2, 0), (2, 1)]
     assert rasterio.features.bounds(document) == (0, 0, 2, 1)
-
-
-@given(MASKS, st.sampled_from([0.0, 1.5, 2.0, 3.7]), st.sampled_from([4, 8]), st.integers(1, 3))
-def test_detected_pixels_alone_give_the_same_objects(mask, distance, connectivity, least):
-    scores = np.random.default_rng(0).integers(0, 5, mask.shape).astype(np.float32)  # ties, too
-    options = {"min_size": least, "merge_distance": distance, "connectivity": connectivity, "pixel_area": 4.0}
-    whole = find(mask, scores, **options)
-    rows, columns = np.nonzero(mask)
-    listed = find_among(rows, columns, scores[rows, columns], **options)
-    assert to_geojson(listed) == to_geojson(whole)

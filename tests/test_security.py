@@ -254,9 +254,9 @@ def read_names(path):
 
 
 def test_pages_show_nothing_hidden():
-    from detect.report.pieces import document
+    from deglint.shown import shown
 
-    page = document("a\u202eb", ["<p>one\u2009two\n\u200fthree\x1b</p>"])
+    page = shown("<title>a\u202eb</title><p>one\u2009two\n\u200fthree\x1b</p>")
     assert "<title>a\\u202eb</title>" in page
     assert "<p>one\u2009two\n\\u200fthree\\x1b</p>" in page
 

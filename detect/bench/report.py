@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import io
-from base64 import b64encode
 from collections.abc import Mapping
-from importlib.resources import files
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deglint.errors import InputError
-from deglint.shown import shown
-
-from ..report.style import STYLE
+from ..report.page import render
+from ..report.plots import as_uri
 from .run import DEFAULT, GRID, LIMIT, RAW, Results
 from .scenes import REFLECTANCES
 from .tables import named, tables
@@ -26,36 +20,15 @@ WIDTH, HEIGHT = 9.0, 4.2
 """Size of a figure [inch]."""
 
 
-def check_installed() -> None:
-    """Raise an InputError where a package is missing that the report needs."""
-    missing = [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]
-    if missing:
-        raise InputError(f"rxdetect bench needs {' and '.join(missing)}: pip install 'deglint[bench]'.")
-
-
 def page(results: Results, made: Mapping[str, Any]) -> str:
     """The whole page; `made` is the machine, versions and command of the run."""
-    from jinja2 import Environment
-
-    template = files(__package__).joinpath("report.html.jinja").read_text(encoding="utf-8")
     drawn = [
         ("Error against wind", against_wind(results)) if len(results.effort.winds) > 1 else None,
         ("Run time against error", time_against_error(results)),
         ("ROC curves of submerged objects", roc_curves(results)),
     ]
     plots = [(title, as_uri(figure)) for title, figure in filter(None, drawn)]
-    text = Environment(autoescape=True).from_string(template)
-    return shown(text.render(style=STYLE, made=made, plots=plots, tables=tables(results), refused=results.refused))
-
-
-def as_uri(figure: Figure) -> str:
-    """A figure as the data URI of an SVG."""
-    import matplotlib as mpl
-
-    file = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": "deglint", "svg.fonttype": "none"}):
-        figure.savefig(file, format="svg", bbox_inches="tight", metadata={"Date": None})
-    return "data:image/svg+xml;base64," + b64encode(file.getvalue().encode()).decode()
+    return render("detect.bench", made=made, plots=plots, tables=tables(results), refused=results.refused)
 
 
 def _axes(panels: int) -> tuple[Figure, list[Any]]:

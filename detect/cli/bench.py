@@ -60,8 +60,9 @@ def bench(out: str, **given: Any) -> None:
     from ..bench.compare import as_json
     from ..bench.machine import load_now, provenance
     from ..bench.run import Effort, measure
+    from ..report.plots import check_installed
 
-    report.check_installed()
+    check_installed("rxdetect bench")
     targets = Path(out), Path(given["json_file"] or f"{out}.json")
     if targets[0] == targets[1]:
         raise click.UsageError(f"OUT.html and --json are both {out}: name two files.")

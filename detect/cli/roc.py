@@ -67,9 +67,12 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     from deglint.raster.targets import check_targets
 
     from ..report import Request, evaluate, page
+    from ..report.plots import check_installed
     from ..report.provenance import begin_inputs, provenance
     from ..report.words import table
 
+    if given["report"]:
+        check_installed("--report")
     report = None if given["report"] is None else Path(given["report"])
     beside = None if report is None else Path(f"{report}.json")
     reads = {"a SCORES file": scores, "TRUTH": [truth], "--mask": [given["mask"] or ""]}

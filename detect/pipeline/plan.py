@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,48 +19,24 @@ from deglint.scene import Scene
 from deglint.tiles import Tile
 
 from ..background import Background
-from ..local import WindowRule, cell_side, window_rule
+from ..local import CELL, WindowRule
 from .recipe import Recipe
 from .sea_plan import SeaPlan, no_nir, plan_sea, visible_bands, water_of_removal, why_not_sea
 
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
-Read = Callable[[Scene, Tile, Sequence[int]], npt.NDArray[Any]]
-"""What reads the pixels of a tile: `read`, or something that is called like it."""
 SEA_TILE = 1024
 """Side of the tiles of sea, whose halo is some hundred pixels [pixel]."""
 _STRIP = 64
 """Least lines that are read at a time, where lines are scored one after the other."""
-KEPT = 96 << 20
-"""Pixels that are kept from the first pass over a scene to the second [byte]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
     """A recipe made ready for a scene.
 
-    Attributes
-    ----------
-    scene : Scene
-    recipe : Recipe
-    bands : tuple of int
-        0-based bands to use.
-    nir : tuple of int
-        Which of `bands` (0-based among them) are the NIR, where that matters.
-    tiles : list of Tile
-    threads : int
-    mask : Masking
-        Where to score.
-    area : Area or None
-        Where the background is; None for everywhere.
-    given : Background or None
-        Fitted before.
-    rule : WindowRule or None
-        Of local RX.
-    notes : tuple of str
-    progress : callable, optional
-    sea : SeaPlan or None
-        Of "sea".
+    Bands are 0-based; `nir` counts among `bands`. The background is fitted inside `area` (everywhere where it is None),
+    unless it is given; `rule` is that of local RX, `sea` that of a search of the sea.
     """
 
     scene: Scene
@@ -135,10 +109,10 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, progress: Progress | N
     if recipe.method == "local":
         size = (scene.height, scene.width)
         ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
-        rule = window_rule(*recipe.window, recipe.border, size, ddof=recipe.ddof, ridge=ridge)
+        rule = WindowRule(*recipe.window, recipe.border, size, recipe.ddof, ridge)
     shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
     if rule is not None:
-        shape = _local_shape(shape, scene, threads, cell_side(len(bands)))
+        shape = _local_shape(shape, scene, threads)
     of_sea = plan_sea(scene, recipe) if recipe.method == "sea" else None
     if of_sea is not None:
         shape = (SEA_TILE, SEA_TILE)
@@ -224,54 +198,17 @@ def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
     return Masking(scene, None, look.water, role_bands(roles))
 
 
-def _local_shape(shape: tuple[int, int], scene: Scene, threads: int, cell: int) -> tuple[int, int]:
+def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[int, int]:
     """Tiles of whole cells of local RX, and enough of them for all threads."""
-    rows, columns = (-(-side // cell) * cell for side in shape)
-    while -(-scene.height // rows) * -(-scene.width // columns) < 2 * threads and max(rows, columns) > cell:
+    rows, columns = (-(-side // CELL) for side in shape)
+    while -(-scene.height // (rows * CELL)) * -(-scene.width // (columns * CELL)) < 2 * threads and rows * columns > 1:
         if rows >= columns:
-            rows = rows // 2 // cell * cell or cell
+            rows = max(rows // 2, 1)
         else:
-            columns = columns // 2 // cell * cell or cell
-    return rows, columns
+            columns = max(columns // 2, 1)
+    return rows * CELL, columns * CELL
 
 
 def both(a: Mask | None, b: Mask | None) -> Mask | None:
     """Where two masks are True; None is everywhere."""
     return b if a is None else a if b is None else a & b
-
-
-def read(scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
-    """Pixels of a tile."""
-    return scene.source.read(tile.window, list(bands))
-
-
-class Kept:
-    """Pixels of as many tiles as there is room for, so that a second pass need not read those again; safe for threads.
-
-    Parameters
-    ----------
-    room : int
-        Memory for them [byte].
-    """
-
-    def __init__(self, room: int = KEPT) -> None:
-        self._room, self._lock = room, threading.Lock()
-        self._blocks: dict[Tile, npt.NDArray[Any]] = {}
-
-    def read(self, scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
-        """As `read`, and keep them."""
-        with self._lock:
-            block = self._blocks.get(tile)
-        if block is None:
-            block = read(scene, tile, bands)
-            with self._lock:
-                if block.nbytes <= self._room:
-                    self._room -= block.nbytes
-                    self._blocks[tile] = block
-        return block
-
-    def last(self, scene: Scene, tile: Tile, bands: Sequence[int]) -> npt.NDArray[Any]:
-        """As `read`, for the last time: they are let go."""
-        with self._lock:
-            block = self._blocks.pop(tile, None)
-        return read(scene, tile, bands) if block is None else block

@@ -11,9 +11,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from deglint import tiles as tiling
 from deglint.checks import checked_keywords
 from deglint.checksum import Checksum
@@ -32,14 +29,14 @@ from deglint.tiles import Tile, default_threads
 from deglint.timing import Reporter
 
 from .. import threshold as cutting
-from ..background import Background, Gathering, combine, estimate, fourth_moments, part_of, sample_share
+from ..background import Background, Part, sample_share
 from ..lines import LineScorer
 from ..rx import Detector, detector
 from ..threshold import Tail, Threshold
 from .flags import MEANINGS
 from .mark import CANDIDATES, Marker, Places, joined
 from .motion import delayed_bands
-from .plan import KEPT, Kept, Plan, Progress, Read, both, make_plan, read
+from .plan import Plan, Progress, both, make_plan
 from .recipe import NO_LAW, Outputs, Recipe
 from .scoring import Highest, Law, Scoring, Tally
 from .sea_plan import fit_sea
@@ -199,21 +196,18 @@ def _run(
     _check_method(recipe, targets)
     if cluster and recipe.method == "lines":
         raise InputError("lines are scored in the order in which they come: leave out --workers and --cluster.")
-    kept = Kept(KEPT if raster_of(scene).info.compression else 0)  # to read again what is not compressed is as quick
     background = None
     if plan.sea is not None:
         plan = replace(plan, sea=fit_sea(plan))
     elif plan.rule is None and recipe.method != "lines":
-        background = plan.given or (
-            fit_background(plan, reader=kept.read) if cluster is None else fit_background(plan, cluster.run)
-        )
+        background = plan.given or fit_background(plan, cluster.run if cluster else tiling.run)
     notes = notes_on(plan, background)
     for note in notes:
         log.info("%s", note)
     ready = detector(recipe.method, background, drop=recipe.drop, nir=plan.nir) if background else None
     law = _law(recipe, ready, background, len(plan.bands))
     with Scratch(overwrite=targets.overwrite) as scratch:
-        work = _scoring(plan, targets, ready, law, read if cluster else kept.last)
+        work = _scoring(plan, targets, ready, law)
         tally, tail, beside = _write_tiles(scratch, work, targets, cluster, progress)
         if not tally.scored:
             raise NoWaterError(f"nothing to score in {scene.path}: {_why_nothing(tally)}. Check --nodata and --mask.")
@@ -253,16 +247,14 @@ def _log_result(
              said["seconds"])  # fmt: skip
 
 
-def fit_background(plan: Plan, run: tiling.Run = tiling.run, reader: Read = read) -> Background:
-    """Fit the background of a plan over its tiles; two passes for ledoit-wolf, else one.
+def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
+    """Fit the background of a plan over its tiles.
 
     Parameters
     ----------
     plan : Plan
     run : callable
         What passes over the tiles: threads here, or a cluster's `run`.
-    reader : callable
-        What reads them.
 
     Raises
     ------
@@ -272,33 +264,17 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, reader: Read = read
     recipe, bands = plan.recipe, plan.bands
     pixels = sum(t.shape[0] * t.shape[1] for t in plan.tiles)
     share = sample_share(recipe.covariance, pixels)
-    gathering = Gathering(len(bands), share)
-
     silent = replace(plan, progress=None)  # what tells of progress stays in this process
 
-    def where(tile: Tile) -> npt.NDArray[np.bool_] | None:
-        return both(silent.mask.read(tile), None if silent.area is None else silent.area.read(tile.window))
-
-    def gather(tile: Tile) -> Any:
-        block = reader(silent.scene, tile, bands)
+    def gather(tile: Tile) -> Part:
+        block = silent.scene.source.read(tile.window, list(bands))
+        area = None if silent.area is None else silent.area.read(tile.window)
         # numpy's engine: reading takes much longer, and the compiled one takes 130 MB to load
-        return part_of(block, where(tile), (tile.row0, tile.col0), share)
+        return Part.of(block, both(silent.mask.read(tile), area), (tile.row0, tile.col0), share)
 
-    options: dict[str, Any] = {"threads": plan.threads, "start": enter_thread}
-    for _row, part in run(plan.tiles, gather, combine=combine, progress=plan.note("fit"), **options):
-        gathering.add(part)
-    moments = gathering.moments()
-    fourths = []
-    if recipe.covariance == "ledoit-wolf" and moments.n > 1:
-
-        def fourth(tile: Tile) -> Any:
-            return fourth_moments(reader(silent.scene, tile, bands), where(tile), moments, (tile.row0, tile.col0))
-
-        found = run(plan.tiles, fourth, combine=np.concatenate, progress=plan.note("shrink"), **options)
-        fourths = [part for _row, part in found]
-    return estimate(
-        moments, recipe.covariance, ridge=recipe.ridge, names=plan.names, sample=gathering.sample(), fourths=fourths
-    )
+    rows = run(plan.tiles, gather, combine=Part.merge, progress=plan.note("fit"), threads=plan.threads,
+               start=enter_thread)  # fmt: skip
+    return Part.merge([part for _row, part in rows]).background(recipe.covariance, ridge=recipe.ridge, names=plan.names)
 
 
 def _law(recipe: Recipe, ready: Detector | None, background: Background | None, bands: int) -> Law | None:
@@ -325,13 +301,13 @@ def _threshold(recipe: Recipe, tail: Tail, law: Law | None, tally: Tally) -> Thr
     return found if above is None else found.measured(above, tally.scored)
 
 
-def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None, reader: Read) -> Scoring:
+def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None) -> Scoring:
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     highest = Highest(Tail.keep_for(rate, pixels)) if recipe.thresholded else None
     silent = replace(plan, progress=None)
     lines = LineScorer() if recipe.method == "lines" else None
-    return Scoring(silent, ready, law, highest, bool(targets.p_value), bool(targets.flags), reader, lines)
+    return Scoring(silent, ready, law, highest, bool(targets.p_value), bool(targets.flags), lines)
 
 
 def _write_tiles(

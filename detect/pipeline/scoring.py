@@ -19,7 +19,7 @@ from ..rx import Detector, score
 from ..threshold import Tail
 from .flags import Flags, flags_of, flags_of_sea
 from .mark import Places
-from .plan import Plan, Read, read
+from .plan import Plan
 from .sea_plan import read_nir, read_sea
 
 
@@ -97,7 +97,6 @@ class Scoring:
     highest: Highest | None
     want_p: bool
     want_flags: bool = False
-    reader: Read = read
     lines: LineScorer | None = None
 
     def __call__(self, tile: Tile) -> Scored:
@@ -109,7 +108,7 @@ class Scoring:
             scores, block, mask, states = self._of_rings(tile)
         else:
             mask = plan.mask.read(tile)
-            block = self.reader(plan.scene, tile, plan.bands)
+            block = plan.scene.source.read(tile.window, list(plan.bands))
             if self.lines is not None:
                 scores = self._of_lines(block, mask)
             else:
@@ -133,7 +132,7 @@ class Scoring:
         outer = tile.grown(plan.rule.halo, plan.scene.height, plan.scene.width)
         mask = plan.mask.read(outer)
         states = np.zeros(tile.shape, np.uint8)
-        block = read(plan.scene, outer, plan.bands)
+        block = plan.scene.source.read(outer.window, list(plan.bands))
         scores = score_part(block, plan.rule, (outer.row0, outer.col0), tile.window, mask, flags=states)
         core = core_of(tile.crop_of(outer), block.shape[1:])
         return scores, block[(slice(None), *core)], None if mask is None else mask[core], states

@@ -6,6 +6,7 @@ import sqlite3
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ def check_vector(path: Path | None) -> None:
 
 def collection(features: Sequence[Feature], move: Move | None) -> dict[str, Any]:
     """A GeoJSON FeatureCollection (RFC 7946): longitude and latitude, or pixels where `move` is None."""
-    document = to_geojson([f.found for f in features], move=move)
+    document = to_geojson([f.found for f in features], move)
     for feature, known in zip(document["features"], features, strict=True):
         feature["properties"] |= known.properties
     return document
@@ -54,12 +55,12 @@ def write_features(scratch: Scratch, path: Path, features: Sequence[Feature], mo
     place = scratch.add(path)
     place.unlink(missing_ok=True)
     write_geopackage(place, document, geographic=move is not None)
-    write_text(scratch, style_of(path), STYLE)
+    write_text(scratch, path.with_suffix(".qml"), _data("objects.qml"))
 
 
-def style_of(path: Path) -> Path:
-    """Name of the style that QGIS reads beside a layer."""
-    return path.with_suffix(".qml")
+def _data(name: str) -> str:
+    """A file beside this module."""
+    return files(__package__ or "").joinpath(name).read_text(encoding="utf-8")
 
 
 def write_geopackage(path: Path, document: dict[str, Any], *, geographic: bool = True) -> None:
@@ -80,7 +81,7 @@ def write_geopackage(path: Path, document: dict[str, Any], *, geographic: bool =
     boxes = [_box(row["geometry"]) for row in rows]
     whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
     with sqlite3.connect(path) as db:
-        db.executescript(_TABLES)
+        db.executescript(_data("geopackage.sql"))
         db.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?,?,?,?,?,?)", [
             ("WGS 84", 4326, "EPSG", 4326, _WGS84, "longitude and latitude"),
             ("Undefined Cartesian SRS", -1, "NONE", -1, "undefined", None),
@@ -130,45 +131,3 @@ def _binary(geometry: dict[str, Any], srs: int, box: tuple[float, float, float, 
         out.append(struct.pack("<BII", 1, 3, len(rings)))
         out += [struct.pack(f"<I{2 * len(ring)}d", len(ring), *(x for p in ring for x in p[:2])) for ring in rings]
     return b"".join(out)
-
-
-_TABLES = """
-PRAGMA application_id = 1196444487;
-PRAGMA user_version = 10300;
-CREATE TABLE gpkg_spatial_ref_sys (srs_name TEXT NOT NULL, srs_id INTEGER PRIMARY KEY, organization TEXT NOT NULL,
-  organization_coordsys_id INTEGER NOT NULL, definition TEXT NOT NULL, description TEXT);
-CREATE TABLE gpkg_contents (table_name TEXT NOT NULL PRIMARY KEY, data_type TEXT NOT NULL, identifier TEXT UNIQUE,
-  description TEXT DEFAULT '', last_change DATETIME NOT NULL DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')),
-  min_x DOUBLE, min_y DOUBLE, max_x DOUBLE, max_y DOUBLE, srs_id INTEGER,
-  CONSTRAINT fk_gc_r_srs_id FOREIGN KEY (srs_id) REFERENCES gpkg_spatial_ref_sys(srs_id));
-CREATE TABLE gpkg_geometry_columns (table_name TEXT NOT NULL, column_name TEXT NOT NULL,
-  geometry_type_name TEXT NOT NULL, srs_id INTEGER NOT NULL, z TINYINT NOT NULL, m TINYINT NOT NULL,
-  CONSTRAINT pk_geom_cols PRIMARY KEY (table_name, column_name),
-  CONSTRAINT fk_gc_tn FOREIGN KEY (table_name) REFERENCES gpkg_contents(table_name),
-  CONSTRAINT fk_gc_srs FOREIGN KEY (srs_id) REFERENCES gpkg_spatial_ref_sys (srs_id));
-"""
-
-STYLE = """<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>
-<qgis version="3.22" styleCategories="Symbology|Labeling" labelsEnabled="1">
- <renderer-v2 type="categorizedSymbol" attr="kind" enableorderby="0" symbollevels="0" forceraster="0">
-  <categories>
-   <category value="afloat" symbol="0" label="afloat" render="true"/>
-   <category value="alongside" symbol="1" label="alongside: ship or short pier" render="true"/>
-   <category value="" symbol="2" label="anomaly" render="true"/>
-  </categories>
-  <symbols>
-   <symbol type="fill" name="0" alpha="1"><layer class="SimpleLine" enabled="1" pass="0">
-    <Option type="Map"><Option name="line_color" type="QString" value="255,60,0,255"/>
-    <Option name="line_width" type="QString" value="0.7"/></Option></layer></symbol>
-   <symbol type="fill" name="1" alpha="1"><layer class="SimpleLine" enabled="1" pass="0">
-    <Option type="Map"><Option name="line_color" type="QString" value="255,200,0,255"/>
-    <Option name="line_width" type="QString" value="0.4"/></Option></layer></symbol>
-   <symbol type="fill" name="2" alpha="1"><layer class="SimpleLine" enabled="1" pass="0">
-    <Option type="Map"><Option name="line_color" type="QString" value="255,0,200,255"/>
-    <Option name="line_width" type="QString" value="0.5"/></Option></layer></symbol>
-  </symbols>
- </renderer-v2>
- <labeling type="simple"><settings><text-style fieldName="label" fontSize="8" isExpression="0"/></settings></labeling>
-</qgis>
-"""
-"""Outlines by what an object is, with its number, as QGIS reads it."""

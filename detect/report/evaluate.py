@@ -37,29 +37,7 @@ _CURVE_POINTS = 400
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be judged, and how.
-
-    Attributes
-    ----------
-    scores : tuple of str
-        Score rasters.
-    truth : str
-        Raster of 0 or an object's number, or GeoJSON.
-    mask : str or None
-        Raster, GeoJSON or window; what lies outside is left out.
-    pfa_max : float
-        Partial areas and objects are judged up to here.
-    draws, seed : int
-        Of the bootstrap; 0 draws leave it out.
-    block : int or None
-        Side of its blocks [pixel].
-    per_object : bool
-        Count objects and false alarms, too.
-    lower : bool
-        Lower scores are more anomalous.
-    connected : bool
-        Connected parts of the truth are objects, whatever their numbers.
-    """
+    """What is to be judged, and how: the options of `rxdetect roc`; 0 draws leave the bootstrap out."""
 
     scores: tuple[str, ...]
     truth: str
@@ -89,16 +67,7 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Everything that the report shows.
-
-    Attributes
-    ----------
-    request : Request
-    inputs : Inputs
-    detectors : tuple of Judged
-    numbers : dict
-        All of it as plain numbers and words, for JSON.
-    """
+    """Everything that the report shows; `numbers` is all of it as plain numbers and words, for JSON."""
 
     request: Request
     inputs: Inputs

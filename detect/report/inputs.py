@@ -26,23 +26,10 @@ _OFF = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Everything that is judged.
+    """Everything that is judged: of each detector its name and scores, higher being more anomalous.
 
-    Attributes
-    ----------
-    names : tuple of str
-        What each detector is called.
-    scores : tuple of (row, column) ndarray
-        Higher is more anomalous; NaN is not valid.
-    objects : (row, column) ndarray of int
-        0, or the number of an object.
-    valid : (row, column) ndarray of bool
-        Valid in every score raster and in the truth, and inside the mask.
-    left_out : dict
-        Pixels that are not, by reason; a pixel may count for several.
-    grid : Scene
-        Where the pixels lie.
-    notes : tuple of str
+    Pixels are valid in every score raster and in the truth, and inside the mask; `left_out` counts the others by
+    reason, and a pixel may count for several. `objects` are their numbers, 0 elsewhere.
     """
 
     names: tuple[str, ...]

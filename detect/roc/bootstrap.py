@@ -27,6 +27,7 @@ from .curve import Float64, Mask, Roc, Scores, usable
 
 _LEVELS = 1024
 _FEW = 10
+_LEVEL = 0.95
 _DRAWS_AT_A_TIME = 100
 _DENSE = 1 << 23
 
@@ -84,7 +85,6 @@ def bootstrap(
     seed: int = 0,
     block: int | None = None,
     pfa: npt.ArrayLike | None = None,
-    level: float = 0.95,
 ) -> Bands:
     """Intervals of Pd at given Pfa, and of the area, by drawing objects and blocks.
 
@@ -101,7 +101,6 @@ def bootstrap(
         Side of the background's blocks [pixel]; see `default_block`.
     pfa : array_like, optional
         Where to look at the curve; see `default_grid`.
-    level : float
 
     Raises
     ------
@@ -122,13 +121,13 @@ def bootstrap(
     levels = _levels(roc)
     targets, background = _count(scores, objects, ok, levels, block)
     areas, pds = _draw(targets, background, at, draws, seed)
-    tails = [100 * (1 - level) / 2, 100 * (1 + level) / 2]
+    tails = [50 * (1 - _LEVEL), 50 * (1 + _LEVEL)]
     low, high = np.percentile(pds, tails, axis=0)
     auc = np.percentile(areas, tails)
     objects_drawn, blocks_drawn = targets.shape[0], background.shape[0]
     return Bands(
         pfa=at, low=low, high=high, auc=(float(auc[0]), float(auc[1])), auc_error=float(areas.std(ddof=1)),
-        areas=areas, level=level, draws=draws, seed=seed, block=block, objects=objects_drawn, blocks=blocks_drawn,
+        areas=areas, level=_LEVEL, draws=draws, seed=seed, block=block, objects=objects_drawn, blocks=blocks_drawn,
         notes=_notes(objects_drawn, blocks_drawn),
     )  # fmt: skip
 

@@ -131,8 +131,7 @@ class Roc:
         stop = int(np.searchsorted(pfa, pfa_max, side="right"))
         if stop == len(pfa):
             return self.auc
-        last = pd[stop - 1] + (pd[stop] - pd[stop - 1]) * (pfa_max - pfa[stop - 1]) / (pfa[stop] - pfa[stop - 1])
-        x, y = np.append(pfa[:stop], pfa_max), np.append(pd[:stop], last)
+        x, y = np.append(pfa[:stop], pfa_max), np.append(pd[:stop], np.interp(pfa_max, pfa, pd))
         return float(((y[1:] + y[:-1]) / 2 * np.diff(x)).sum())
 
     def mcclish(self, pfa_max: float) -> float:
@@ -209,20 +208,14 @@ class Roc:
         low = float(min(self.targets[0], self.background[0]))
         span = float(max(self.targets[-1], self.background[-1])) - low
         d, f = ((float(part.mean(dtype=np.float64)) - low) / span for part in (self.targets, self.background))
-        d_more, f_more = (more / span for more in self._trapezoid_excess())
-        out = {"d_tau": d, "f_tau": f, "d_tau_trapezoid": d + d_more, "f_tau_trapezoid": f + f_more}
+        distinct, counts = np.unique(np.concatenate([self.targets, self.background]), return_counts=True)
+        # the trapezoid rule adds half the mean step to the next higher score
+        steps = np.append(np.diff(distinct.astype(np.float64)), 0.0) / span / 2
+        more = steps[np.searchsorted(distinct, self.targets)].sum()
+        d_more, f_more = more / len(self.targets), max(counts @ steps - more, 0.0) / len(self.background)
+        out = {"d_tau": d, "f_tau": f, "d_tau_trapezoid": d + float(d_more), "f_tau_trapezoid": f + float(f_more)}
         out |= {"td": self.auc + d, "bs": self.auc - f, "tdbs": d - f, "od": self.auc + d - f}
         return out | {"snpr": d / f if f > 0 else math.inf}
-
-    def _trapezoid_excess(self) -> tuple[float, float]:
-        """What the trapezoid rule adds to the areas of Pd and Pfa: half the mean step to the next higher score."""
-        every = np.sort(np.concatenate([self.targets, self.background]))
-        last = np.flatnonzero(every[1:] != every[:-1])  # of each run of equal scores
-        runs = np.diff(last, prepend=-1)
-        steps = np.append(every[last + 1].astype(np.float64) - every[last], 0.0)
-        own = float(steps[np.searchsorted(every[last], self.targets)].sum())
-        rest = float(runs @ steps[:-1]) - own
-        return own / len(self.targets) / 2, max(rest, 0.0) / len(self.background) / 2
 
 
 def usable(scores: Scores, truth: npt.NDArray[Any], valid: Mask | None = None) -> Mask:

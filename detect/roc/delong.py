@@ -19,11 +19,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from deglint.errors import InputError
+from .curve import Float64, Mask, Roc, Scores, usable
 
-from .curve import Mask, Roc, Scores, usable
-
-Counts = npt.NDArray[np.int64]
+_Z = 1.959963984540054
+"""Half-width of a normal interval of 95 % in standard errors."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class AucInterval:
     standard_error: float
     low: float
     high: float
-    level: float
+    level: float = 0.95
 
 
 @dataclass(frozen=True)
@@ -62,33 +61,17 @@ class Comparison:
     p: float
     low: float
     high: float
-    level: float
-    pixels: int
+    level: float = 0.95
+    pixels: int = 0
 
 
-def auc_interval(roc: Roc, level: float = 0.95) -> AucInterval:
-    """Area with DeLong's standard error and its normal interval, cut to 0..1.
-
-    The variance is S10/m + S01/n, of the components V10 of m targets and V01 of n background pixels (DeLong 1988,
-    eq. 6): V10 is the fraction of the background below a target, V01 that of targets above a background pixel, ties
-    as halves. V01 is constant between target scores, so no background pixel is looked at singly.
-    """
-    z = _normal(level)
-    _, counts, below, upto = roc._steps
-    m, n = len(roc.targets), len(roc.background)
-    v10 = below + upto  # in halves of a pixel: whole numbers lose nothing
-    at_least = np.cumsum(counts[::-1])[::-1]
-    v01 = np.concatenate([2 * at_least, 2 * at_least - counts, [0]])
-    between = np.append(below, n) - np.append(0, upto)
-    weight = np.concatenate([between[:-1], upto - below, between[-1:]])
-    variance = _variance(v10, counts, m) / m / (2 * n) ** 2 + _variance(v01, weight, n) / n / (2 * m) ** 2
-    error = math.sqrt(variance)
-    return AucInterval(roc.auc, error, max(roc.auc - z * error, 0.0), min(roc.auc + z * error, 1.0), level)
+def auc_interval(roc: Roc) -> AucInterval:
+    """Area with DeLong's standard error and its normal interval, cut to 0..1 (DeLong 1988, eq. 6)."""
+    error = math.sqrt(_variance(*_components(roc.targets, roc.background, roc)))
+    return AucInterval(roc.auc, error, max(roc.auc - _Z * error, 0.0), min(roc.auc + _Z * error, 1.0))
 
 
-def compare(
-    first: Scores, second: Scores, truth: npt.NDArray[Any], valid: Mask | None = None, *, level: float = 0.95
-) -> Comparison:
+def compare(first: Scores, second: Scores, truth: npt.NDArray[Any], valid: Mask | None = None) -> Comparison:
     """DeLong's paired test of two detectors on the same pixels.
 
     Parameters
@@ -98,61 +81,37 @@ def compare(
     truth : ndarray of the same shape
         A target where it is not 0.
     valid : ndarray of bool, optional
-    level : float
-        Of the interval.
 
     Raises
     ------
     InputError
         As `Roc.of`.
     """
-    z_level = _normal(level)
     first, second, truth = np.asarray(first), np.asarray(second), np.asarray(truth)
     ok = usable(first, truth, valid) & usable(second, truth)
-    target = truth != 0
-    components = [_components(scores, ok & target, ok & ~target) for scores in (first, second)]
-    m, n = (len(v) for v in components[0])
-    whole = [int(v10.sum()) for v10, _ in components]  # in halves of a pair: whole numbers lose nothing
-    auc = (whole[0] / (2 * m * n), whole[1] / (2 * m * n))
-    variance = 0.0
-    for a, b, unit in zip(*components, (2 * n, 2 * m), strict=True):
-        change, ones = a - b, np.ones(len(a), np.int64)
-        variance += _variance(change, ones, len(change)) / len(change) / unit**2
-    difference, error = (whole[0] - whole[1]) / (2 * m * n), math.sqrt(variance)
+    target, background = ok & (truth != 0), ok & (truth == 0)
+    rocs = [Roc.of(scores, truth, ok) for scores in (first, second)]
+    v10, v01 = zip(*(_components(s[target], s[background], r) for s, r in zip((first, second), rocs, strict=True)),
+                   strict=True)  # fmt: skip
+    difference, error = rocs[0].auc - rocs[1].auc, math.sqrt(_variance(v10[0] - v10[1], v01[0] - v01[1]))
     z = difference / error if error > 0 else math.nan if difference == 0 or math.isnan(error) else math.inf
     p = math.erfc(abs(z) / math.sqrt(2)) if not math.isnan(z) else math.nan if math.isnan(error) else 1.0
-    low, high = difference - z_level * error, difference + z_level * error
-    return Comparison(auc, difference, error, z, p, low, high, level, int(np.count_nonzero(ok)))
+    low, high = difference - _Z * error, difference + _Z * error
+    pixels = int(np.count_nonzero(ok))
+    return Comparison((rocs[0].auc, rocs[1].auc), difference, error, z, p, low, high, pixels=pixels)
 
 
-def _components(scores: Scores, target: Mask, background: Mask) -> tuple[Counts, Counts]:
-    """2 n V10 of every target and 2 m V01 of every background pixel, in the order of the pixels."""
-    roc = Roc.of(scores, target, target | background)
-    t = scores[target].astype(roc.targets.dtype, copy=False)
-    b = scores[background].astype(roc.background.dtype, copy=False)
-    v10 = np.searchsorted(roc.background, t, "left") + np.searchsorted(roc.background, t, "right")
-    distinct, counts, _, _ = roc._steps
-    at_least = np.append(np.cumsum(counts[::-1])[::-1], 0)
-    at = np.searchsorted(distinct, b, "left")
-    tied = distinct[np.minimum(at, len(distinct) - 1)] == b
-    v01 = 2 * at_least[at] - np.append(counts, 0)[at] * tied
-    return v10, v01
+def _components(targets: Scores, background: Scores, roc: Roc) -> tuple[Float64, Float64]:
+    """Fraction of the background below each target, and of the targets above each background pixel, ties as halves."""
+    below, at_least = (
+        (np.searchsorted(others, own, "left") + np.searchsorted(others, own, "right")) / (2 * len(others))
+        for own, others in ((targets, roc.background), (background, roc.targets))
+    )
+    return below, 1 - at_least
 
 
-def _variance(values: Counts, weights: Counts, n: int) -> float:
-    """Sample variance of whole numbers that each occur `weights` times; NaN for a single one."""
-    if n < 2:
+def _variance(v10: Float64, v01: Float64) -> float:
+    """Variance of an area from its components; NaN where there is a single target or background pixel."""
+    if min(len(v10), len(v01)) < 2:
         return math.nan
-    middle = round(int(values @ weights) / n)
-    away = (values - middle).astype(np.float64)
-    left = float(away @ weights) / n
-    return float((away - left) ** 2 @ weights) / (n - 1)
-
-
-def _normal(level: float) -> float:
-    """Half-width of a normal interval in standard errors."""
-    from scipy.special import ndtri
-
-    if not 0 < level < 1:
-        raise InputError(f"level: allowed is above 0 and below 1, got {level}. 0.95 is usual.")
-    return float(ndtri(0.5 + level / 2))
+    return float(v10.var(ddof=1) / len(v10) + v01.var(ddof=1) / len(v01))

@@ -81,14 +81,13 @@ class ObjectCurve:
         return np.asarray(self.found / len(self.objects))
 
 
-def number_objects(truth: npt.NDArray[Any], connectivity: int = 8, *, connected: bool = False) -> npt.NDArray[np.int32]:
+def number_objects(truth: npt.NDArray[Any], *, connected: bool = False) -> npt.NDArray[np.int32]:
     """Object numbers, 0 elsewhere: those of the truth where it holds several, else its connected parts.
 
     Parameters
     ----------
     truth : (row, column) ndarray
         0, or an object's number; NaN is no object.
-    connectivity : {4, 8}
     connected : bool
         Take connected parts whatever their numbers, as of a map of classes.
 
@@ -101,7 +100,7 @@ def number_objects(truth: npt.NDArray[Any], connectivity: int = 8, *, connected:
     values = truth[np.isfinite(truth) & (truth != 0)] if truth.dtype.kind == "f" else truth[truth != 0]
     names = np.unique(values)
     if len(names) <= 1 or connected:
-        return label(np.isin(truth, names), connectivity=connectivity)
+        return label(np.isin(truth, names))
     if truth.dtype.kind == "f" and (names != np.rint(names)).any():
         raise InputError(f"truth: allowed are 0 and whole object numbers, got {names[names != np.rint(names)][0]:g}.")
     out = np.zeros(truth.shape, np.int32)

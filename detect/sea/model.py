@@ -99,7 +99,7 @@ class SeaModel:
 
 def fit(
     blocks: Sequence[tuple[Array, Classes]], *, pixel: float | None = None, side: str | None = None,
-    scales: tuple[int, ...] | None = None, window: int = WINDOW, nir: Sequence[Array] = (),
+    nir: Sequence[Array] = (),
 ) -> SeaModel:  # fmt: skip
     """Learn what the water of a scene looks like.
 
@@ -108,13 +108,9 @@ def fit(
     blocks : sequence of ((band, row, column) ndarray, (row, column) ndarray of uint8)
         Parts of the scene, or all of it, and their classes from `region`.
     pixel : float, optional
-        Side of a pixel [m]: chooses `side` and `scales` where these are not given.
+        Side of a pixel [m]: chooses the scales, and `side` where it is not given.
     side : str, optional
         One of `SIDES`.
-    scales : tuple of int, optional
-        Odd sides of the squares that are averaged, ascending [pixel].
-    window : int
-        Odd side of the window of the water around [pixel].
     nir : sequence of (band, row, column) ndarray
         NIR of every block, not corrected; not used where pixels are as large as a boat, whose NIR is its own.
 
@@ -125,16 +121,14 @@ def fit(
     """
     fine = pixel is not None and pixel < _FINE
     side = side or ("both" if fine else "bright")
-    scales = scales or (_FINE_SCALES if fine else SCALES)
+    scales = _FINE_SCALES if fine else SCALES
     if side not in SIDES:
         raise InputError(f"side {side!r} is not one of {', '.join(SIDES)}.")
-    if window < 3 or any(s % 2 == 0 for s in (window, *scales)):
-        raise InputError(f"window and scales: allowed are odd numbers, window 3 or more, got {window}, {scales}.")
     centre, spread = _robust(blocks)
     bands = len(centre)
     model = SeaModel(
         centre, spread, np.ones((len(scales), bands)), tuple(np.eye(bands) for _ in scales), np.zeros(len(scales)),
-        np.ones(len(scales)), 1.0, scales, window, side,
+        np.ones(len(scales)), 1.0, scales, side=side,
     )  # fmt: skip
     states = [_State(block, classes, model) for block, classes in blocks]
     for last in (*(False,) * (_ROUNDS - 1), True):

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from deglint.errors import FitError, InputError
-from detect import background, covariance
-from detect.background import COVARIANCES, Background, Gathering, estimate, fit, fourth_moments, part_of
+from detect import covariance
+from detect.background import COVARIANCES, Background, Part, fit, sample_share
 
 
 def image_of(bands=4, rows=60, columns=50, seed=0, offset=0.0):
@@ -105,19 +105,14 @@ def test_tiles_are_the_whole_to_the_bit(rule, rows, columns, holes):
     if holes:
         image[1, 40:50] = np.nan
     whole = fit(image, mask=mask, covariance=rule)
-    gathering = Gathering(3, background.sample_share(rule, 150 * 200))
-    down, across = 64 * rows, 64 * columns
-    corners = [(r, c) for r in range(0, 150, down) for c in range(0, 200, across)]
+    share, down, across = sample_share(rule, 150 * 200), 64 * rows, 64 * columns
 
     def piece(r, c):
         at = (slice(r, r + down), slice(c, c + across))
-        return image[(slice(None), *at)], None if mask is None else mask[at]
+        return Part.of(image[(slice(None), *at)], None if mask is None else mask[at], (r, c), share)
 
-    for r, c in corners:
-        gathering.add(part_of(*piece(r, c), (r, c), gathering.share))
-    found = gathering.moments()
-    fourths = [fourth_moments(*piece(r, c), found, (r, c)) for r, c in corners]
-    tiled = estimate(found, rule, sample=gathering.sample(), fourths=fourths)
+    lines = [Part.merge([piece(r, c) for c in range(0, 200, across)]) for r in range(0, 150, down)]
+    tiled = Part.merge(lines).background(rule)
     np.testing.assert_array_equal(tiled.covariance, whole.covariance)
     np.testing.assert_array_equal(tiled.mean, whole.mean)
     assert (tiled.n, tiled.shrinkage) == (whole.n, whole.shrinkage)

@@ -178,32 +178,6 @@ def test_blocks_score_as_the_whole_to_the_bit(method, bands, top, left, rows, co
     np.testing.assert_array_equal(score(image[at], found), score(image, found)[at[1:]])
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(("bands", "dtype"), [(6, np.uint16), (6, np.float32), (6, np.float64), (9, np.float32)])
-def test_the_compiled_kernel_agrees(method, bands, dtype):
-    image = (image_of(bands=bands) * 100 + 3000).astype(dtype)
-    if dtype != np.uint16:
-        image[2, 3, 4:7] = np.nan, np.inf, 3e38
-    found = detector(method, background.fit(image[:, 5:]), nir=[5])
-    np.testing.assert_allclose(score(image, found, compiled=True), score(image, found), rtol=1e-6, atol=1e-4)
-
-
-@pytest.mark.parametrize("bands", [1, 2, 3, 4, 5, 7, 8, 9, 13])
-@pytest.mark.parametrize("offset", [0.0, 1e8])
-def test_the_compiled_kernel_is_exact(bands, offset):
-    image = image_of(bands=bands) + offset
-    scores = score(image, detector("rx", background.fit(image)), compiled=True)
-    np.testing.assert_allclose(scores, longdouble_rx(image - offset), rtol=1e-9)
-
-
-def test_the_compiled_kernel_scores_blocks_as_the_whole_to_the_bit():
-    image = image_of(bands=5, rows=70, columns=90).astype(np.float32)
-    found = detector("rx", background.fit(image))
-    whole = score(image, found, compiled=True)
-    for at in (slice(3, 4), slice(7, 60), slice(69, 70)):
-        np.testing.assert_array_equal(score(image[:, at, 5:], found, compiled=True), whole[at, 5:])
-
-
 def test_utd_and_rx_utd_are_their_definitions():
     image = image_of()
     x = image.reshape(5, -1)

@@ -8,7 +8,7 @@ import rasterio
 
 from detect import background, local, rx, sea, threshold
 from detect.cli import score as command
-from detect.pipeline import Recipe, flags, plan, recipe, score_file
+from detect.pipeline import Recipe, flags, recipe, score_file
 
 
 @pytest.fixture
@@ -83,25 +83,6 @@ def test_threads_and_blocks_do_not_matter(tmp_path, sea, write, options, rxdetec
         assert rxdetect("score", scene, out, "--threads", threads, *options).code == 0
         found.append(scores_of(out))
     np.testing.assert_array_equal(*found)
-
-
-@pytest.mark.parametrize(("room", "fewest", "most"), [(0, 32, 32), (100_000, 20, 31), (1 << 30, 16, 16)])
-def test_pixels_that_are_kept_change_nothing(scene, tmp_path, monkeypatch, room, fewest, most):
-    """Of 16 tiles those that are kept are read once, the others in both passes."""
-    score_file(scene, tmp_path / "whole.tif", Recipe(method="rx"))
-    reads = []
-
-    def read(scene, tile, bands, original=plan.read):
-        reads.append(tile)
-        return original(scene, tile, bands)
-
-    monkeypatch.setattr("deglint.tiles.SAMPLES", 4 * 64 * 64)
-    monkeypatch.setattr(plan, "read", read)
-    monkeypatch.setattr("detect.pipeline.run.Kept", lambda _room: plan.Kept(room))
-    score_file(scene, tmp_path / "tiles.tif", Recipe(method="rx"), threads=2)
-    np.testing.assert_array_equal(scores_of(tmp_path / "tiles.tif"), scores_of(tmp_path / "whole.tif"))
-    assert len(set(reads)) == 16
-    assert fewest <= len(reads) <= most
 
 
 @pytest.mark.parametrize("law", recipe.THRESHOLDS)

@@ -94,7 +94,7 @@ def test_the_requested_rate_is_the_observed_one_below_anomalies(seed, pfa):
         ships[row : row + 8, column : column + 14] = True
     scores[ships] = 60 + rng.normal(0, 5, ships.sum())  # 0.4 % of the sea: more than either rate
     q90 = float(np.quantile(scores[~ships], 0.9))
-    candidates = find(scores > 1.5 * q90, scores, connectivity=4)
+    candidates = find(scores > 1.5 * q90, scores)
     parts = [scores[slice(*o.bounds[0]), slice(*o.bounds[1])][o.footprint] for o in candidates]
     clutter = sea.clutter_of(Tail.of(scores), candidates, parts, q90, area=100.0)
     threshold = clutter.threshold(pfa)

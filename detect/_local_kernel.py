@@ -1,0 +1,155 @@
+"""The compiled inner loops of `detect.local`: moments of every pixel's ring, and the pixel's distance from them.
+
+Loops run over neighbouring pixels, which the compiler does several at a time.
+"""
+
+import numpy as np
+
+from deglint.jit import njit
+
+DONE, DEFICIENT, ASIDE = 0, 1, 255
+LANES = 64  # pixels whose covariances are factored side by side: they stay in the first-level cache
+EPS = 2.220446049250313e-16
+
+
+@njit(nogil=True, cache=True)
+def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
+    """Sums of `width` values that lie `step` apart, made of sums of 1, 2, 4, ...; `values` and `spare` are used up."""
+    done, span = 0, 1
+    while True:
+        if width & span:
+            further = values[done * step :]
+            count = len(values) - (done + span - 1) * step
+            if done == 0:
+                out[:] = values
+            else:
+                for k in range(count):
+                    out[k] += further[k]
+            done += span
+        if done == width:
+            return
+        ahead = values[span * step :]
+        for k in range(len(values) - (2 * span - 1) * step):
+            spare[k] = values[k] + ahead[k]
+        values, spare = spare, values
+        span *= 2
+
+
+@njit(nogil=True, cache=True)
+def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-untyped-def]
+    """Sums of products along the rows of windows, and of what is beside the guard alone."""
+    columns = first.shape[1]
+    values, again, spare = np.empty(columns), np.empty(columns), np.empty(columns)
+    side, guard = np.empty(columns), np.empty(columns)
+    for r in range(first.shape[0]):
+        a, b, x, y = first[r], second[r], beside[r], whole[r]
+        for c in range(columns):
+            values[c] = a[c] * b[c]
+            again[c] = a[c] * b[c]
+        window_sums(values, spare, 1, bar, side)
+        window_sums(again, spare, 1, inner, guard)
+        right, inside = side[bar + inner :], guard[bar:]
+        for c in range(len(x)):
+            x[c] = side[c] + right[c]
+            y[c] = x[c] + inside[c]
+
+
+@njit(nogil=True, cache=True)
+def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
+    """Sums over the four bars around each pixel's guard of the products x[i] x[j], j <= i.
+
+    x : (1 + bands, rows, columns), the first 1 where valid; out : (products, rows, columns), smaller by a window less 1
+    """
+    rows, columns = x.shape[1], out.shape[2]
+    whole, beside = np.empty((rows, columns)), np.empty((rows, columns))
+    spare, level, middle = np.empty(whole.size), np.empty(whole.size), np.empty(whole.size)
+    q = 0
+    for i in range(len(x)):
+        for j in range(i + 1):
+            _sums_along(x[i], x[j], inner, bar, whole, beside)
+            window_sums(whole.reshape(whole.size), spare, columns, bar, level)
+            window_sums(beside.reshape(whole.size), spare, columns, inner, middle)
+            found, below, guard = out[q].reshape(out[q].size), level[(bar + inner) * columns :], middle[bar * columns :]
+            for k in range(len(found)):
+                found[k] = level[k] + below[k] + guard[k]
+            q += 1
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _judge(pivot, square, rest, away, count, exact, scale, state):  # type: ignore[no-untyped-def]
+    """Fill `scale` with 1 / sqrt(pivot), 0 where the pivot is lost or inexact, and mark such pixels in `state`."""
+    for c in range(len(pivot)):
+        if pivot[c] > 1e3 * exact * square[c]:
+            scale[c] = 1.0 / np.sqrt(pivot[c])
+            continue
+        scale[c] = 0.0
+        slack = 100.0 * exact * (square[c] / count[c] + away[c] * away[c])
+        if pivot[c] > exact * square[c] or not rest[c] * rest[c] <= slack:
+            state[c] = ASIDE
+        elif state[c] != ASIDE:
+            state[c] = DEFICIENT
+
+
+@njit(nogil=True, cache=True, fastmath={"contract"}, error_model="numpy")
+def _distances(sums, x, ddof, ridge, root, z, total, state):  # type: ignore[no-untyped-def]
+    """Squared Mahalanobis distances by Cholesky's factor, row by row; arrays are of `LANES` pixels.
+
+    A pivot is lost where it is below `exact`, and inexact below a thousand times `exact`, of the sum of squares that it
+    was taken from.
+    """
+    bands, n = len(x), sums.shape[1]
+    exact = 32.0 * bands * EPS
+    count, first = sums[0], 1
+    mean, away, rest, pivot = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    for c in range(n):
+        total[c], state[c] = 0.0, ASIDE if count[c] <= bands else DONE
+    for i in range(bands):
+        own, square = sums[first], sums[first + 1 + i]
+        for c in range(n):
+            mean[c] = own[c] / count[c]
+            away[c] = x[i, c] - mean[c]
+            rest[c] = away[c]
+            pivot[c] = (square[c] - mean[c] * own[c]) * (1.0 + ridge)
+        earlier = 1
+        for j in range(i):
+            a, product, other, scale, before = root[i, j], sums[first + 1 + j], sums[earlier], root[j, j], z[j]
+            for c in range(n):
+                a[c] = product[c] - mean[c] * other[c]
+            for m in range(j):
+                left, right = root[i, m], root[j, m]
+                for c in range(n):
+                    a[c] -= left[c] * right[c]
+            for c in range(n):
+                a[c] *= scale[c]
+                rest[c] -= a[c] * before[c]
+                pivot[c] -= a[c] * a[c]
+            earlier += j + 2
+        _judge(pivot, square, rest, away, count, exact, root[i, i], state)
+        own_z, scale = z[i], root[i, i]
+        for c in range(n):
+            own_z[c] = rest[c] * scale[c]
+            total[c] += own_z[c] * own_z[c]
+        first += i + 2
+    for c in range(n):
+        total[c] *= count[c] - ddof
+
+
+@njit(nogil=True, cache=True)
+def distances(sums, x, ddof, ridge, total, state):  # type: ignore[no-untyped-def]
+    """Squared Mahalanobis distances of pixels from their rings, and how each was found.
+
+    DONE; DEFICIENT: without bands that follow from others in the ring, as they do in x; ASIDE: not to be told from
+    these sums.
+
+    sums : (products, pixels), as `ring_moments` fills them; x : (bands, pixels); total, state : (pixels,)
+    """
+    bands, products = len(x), len(sums)
+    root, z = np.zeros((bands, bands, LANES)), np.empty((bands, LANES))
+    some_sums, some_x = np.ones((products, LANES)), np.zeros((bands, LANES))
+    found, how = np.empty(LANES), np.empty(LANES, np.uint8)
+    for start in range(0, len(total), LANES):
+        stop = min(start + LANES, len(total))
+        some_sums[:, : stop - start] = sums[:, start:stop]
+        some_x[:, : stop - start] = x[:, start:stop]
+        _distances(some_sums, some_x, ddof, ridge, root, z, found, how)
+        total[start:stop], state[start:stop] = found[: stop - start], how[: stop - start]
