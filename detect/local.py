@@ -51,15 +51,26 @@ _RANK = 10 * np.finfo(np.float64).eps
 
 @dataclass(frozen=True)
 class WindowRule:
-    """How rings lie and what is made of them."""
+    """How rings lie and what is made of them; `InputError` for a window that cannot be used."""
 
     inner: int
     outer: int
     border: str
-    ddof: int
-    ridge: float
     size: tuple[int, int]
     """Rows and columns of the whole scene."""
+    ddof: int = 1
+    ridge: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.inner % 2 == self.outer % 2 == 1 and 1 <= self.inner < self.outer):
+            raise InputError(f"window: want odd sides, 1 <= inner < outer, got inner {self.inner}, outer {self.outer}.")
+        if self.border not in BORDERS:
+            raise InputError(f"border {self.border!r} is not one of {', '.join(BORDERS)}.")
+        if self.border != "shrink" and self.outer > min(self.size):
+            raise InputError(
+                f"window: {self.outer} pixels do not fit into {self.size[0]} x {self.size[1]} with border "
+                f"{self.border}. Take a smaller window, or border shrink."
+            )
 
     @property
     def halo(self) -> int:
@@ -130,12 +141,11 @@ def local_rx(
     image = as_image(image)
     mask = as_mask(mask, image)
     size = (image.shape[1], image.shape[2])
-    check_window(inner, outer, border, size)
+    rule = WindowRule(inner, outer, border, size, ddof, ridge)
     if flags is not None and (flags.shape != size or flags.dtype != np.uint8):
         raise InputError(f"flags: want a uint8 array of shape {size}, got {flags.dtype} of shape {flags.shape}.")
     if not (np.isfinite(ridge) and ridge >= 0):
         raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
-    rule = WindowRule(inner, outer, border, ddof, ridge, size)
     with _blas_threads(len(image)):
         return score_part(image, rule, (0, 0), ((0, size[0]), (0, size[1])), mask, flags=flags, threads=threads)
 
@@ -150,24 +160,6 @@ def _blas_threads(bands: int) -> AbstractContextManager[Any]:
     return threadpool_limits(1, user_api="blas")
 
 
-def check_window(inner: int, outer: int, border: str, size: tuple[int, int]) -> None:
-    """Refuse a window that cannot be used.
-
-    Raises
-    ------
-    InputError
-    """
-    if not (inner % 2 == outer % 2 == 1 and 1 <= inner < outer):
-        raise InputError(f"window: want odd sides, 1 <= inner < outer, got inner {inner} and outer {outer}.")
-    if border not in BORDERS:
-        raise InputError(f"border {border!r} is not one of {', '.join(BORDERS)}.")
-    if border != "shrink" and outer > min(size):
-        raise InputError(
-            f"window: {outer} pixels do not fit into {size[0]} x {size[1]} with border {border}. "
-            "Take a smaller window, or border shrink."
-        )
-
-
 def score_part(
     block: npt.NDArray[Any], rule: WindowRule, origin: tuple[int, int], part: Window, mask: Mask | None = None,
     *, flags: npt.NDArray[np.uint8] | None = None, threads: int = 1,
@@ -177,7 +169,7 @@ def score_part(
     Parameters
     ----------
     block : (band, row, column) ndarray
-    rule : as `window_rule` makes it
+    rule : WindowRule
     origin : (int, int)
         Row and column of the block's first pixel in the scene.
     part : ((row0, row1), (col0, col1))
@@ -209,20 +201,6 @@ def score_part(
         for cell in cells:
             work(cell)
     return scores
-
-
-def window_rule(
-    inner: int, outer: int, border: str, size: tuple[int, int], *, ddof: int = 1, ridge: float = 0
-) -> WindowRule:
-    """What `score_part` needs to know; `halo` is how far it looks.
-
-    Raises
-    ------
-    InputError
-        As `local_rx`.
-    """
-    check_window(inner, outer, border, size)
-    return WindowRule(inner, outer, border, ddof, ridge, size)
 
 
 def _check_memory(bands: int, rule: WindowRule) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from deglint.errors import BandError, FitError, InputError
-from deglint.masks import Roles, deep_water, describe, fit_sample, fit_water, water
+from deglint.masks import Roles, deep_water, fit_sample, fit_water, water
 from deglint.remove.detrend import detrend
 
 ROLES = Roles(blue=0, green=1, red=2, nir=3)
@@ -227,14 +227,6 @@ def test_rules_are_plain_numbers(coast):
     assert json.loads(json.dumps(rule.numbers()))["roles"]["nir"] == 3
     assert json.loads(json.dumps(sample.numbers()))["pixels"] == sample.pixels
     assert "looked at are water" in rule.reason
-
-
-def test_describe():
-    mask = np.zeros((10, 20), bool)
-    assert describe(mask) == {"pixels": 0, "share": 0.0, "rows": None, "cols": None}
-    mask[3:5, 7:12] = True
-    assert describe(mask) == {"pixels": 10, "share": 0.05, "rows": (3, 5), "cols": (7, 12)}
-    assert describe(mask, valid=100)["share"] == 0.1
 
 
 # ------------------------------------------------------------------------------------------ hard inputs

@@ -21,7 +21,7 @@ from deglint.scene import Scene
 from deglint.tiles import Tile
 
 from ..background import Background
-from ..local import WindowRule, cell_side, window_rule
+from ..local import WindowRule, cell_side
 from .recipe import Recipe
 from .sea_plan import SeaPlan, no_nir, plan_sea, visible_bands, water_of_removal, why_not_sea
 
@@ -135,7 +135,7 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, progress: Progress | N
     if recipe.method == "local":
         size = (scene.height, scene.width)
         ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
-        rule = window_rule(*recipe.window, recipe.border, size, ddof=recipe.ddof, ridge=ridge)
+        rule = WindowRule(*recipe.window, recipe.border, size, recipe.ddof, ridge)
     shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
     if rule is not None:
         shape = _local_shape(shape, scene, threads, cell_side(len(bands)))

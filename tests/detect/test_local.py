@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from deglint.errors import InputError
 from detect import local
-from detect.local import BORDERS, DEFICIENT, TOO_FEW, cell_side, local_rx, score_part, window_rule
+from detect.local import BORDERS, DEFICIENT, TOO_FEW, WindowRule, cell_side, local_rx, score_part
 
 SCENES = Path(__file__).parents[3] / "shared" / "data" / "hyperspectral"
 
@@ -155,7 +155,7 @@ def test_tiles_are_the_whole_to_the_bit(bands, data):
     mask = np.random.default_rng(1).random(size) < (0.9 if bands == 3 else 0.05)
     whole_flags = np.zeros(size, np.uint8)
     whole = local_rx(image, inner=inner, outer=outer, border=border, mask=mask, flags=whole_flags)
-    rule = window_rule(inner, outer, border, size)
+    rule = WindowRule(inner, outer, border, size)
     for row in range(0, size[0], cell):
         for column in range(0, size[1], cell):
             part = (row, min(row + cell, size[0])), (column, min(column + cell, size[1]))
