@@ -283,6 +283,7 @@ def test_threads_and_windows_give_the_same_bits(write, read, tmp_path):
     np.testing.assert_array_equal(correct(scene, fit, window=window), correct(scene, fit)[:, 100:211, 37:401])
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 @pytest.mark.parametrize(
     ("name", "most"), [("p124_w9_wv3", 18.0), ("p300_w9_0ms", 12.0), ("sentinel2_w5", 20.8), ("planetscope4_w9", 45.0)]
