@@ -58,7 +58,7 @@ def test_the_default_brings_the_water_back(made, tmp_path, delay, limit):
     assert error(tmp_path / "out.tif", truth) < limit, result.fitted.choice.lines()
 
 
-@pytest.mark.parametrize("chain", [OPENING, POSTERIOR, "thesis"])
+@pytest.mark.parametrize("chain", [OPENING, POSTERIOR, pytest.param("thesis", marks=pytest.mark.slow)])
 def test_the_same_bits_however_a_scene_is_stored_and_read(made, tmp_path, chain):
     path, _ = made()
     with rasterio.open(path) as source:

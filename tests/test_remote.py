@@ -112,7 +112,7 @@ def test_a_server_that_stalls_is_given_up(deglint, sea, write, tmp_path, serve, 
     assert ran.code == 1
     assert ran.err.startswith("Error: cannot ")
     assert ran.err.count("\n") == 1
-    assert "The server cannot be reached or is too slow" in ran.err
+    assert "too slow" in ran.err
     assert list((tmp_path / "out").iterdir()) == []
 
 
@@ -127,7 +127,7 @@ def test_a_stalled_scene_does_not_stop_a_batch(deglint, sea, write, tmp_path, se
     assert ran.code == 1
     assert "2 done" in ran.out
     assert "1 failed" in ran.out
-    assert "The server cannot be reached or is too slow" in ran.out
+    assert "too slow" in ran.out
 
 
 def test_patience_is_bounded_and_the_environment_decides(monkeypatch):

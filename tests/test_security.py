@@ -101,7 +101,7 @@ def test_the_limits_are_settable(deglint, sea, write, tmp_path, monkeypatch):
     monkeypatch.setenv("DEGLINT_MAX_PIXELS", "8e3")
     assert deglint("info", source).code == 0
     monkeypatch.setenv("DEGLINT_MAX_PIXELS", "many")
-    assert "DEGLINT_MAX_PIXELS is 'many'; it must be a whole number" in deglint("info", source).err
+    assert "DEGLINT_MAX_PIXELS is 'many'" in deglint("info", source).err
     monkeypatch.delenv("DEGLINT_MAX_PIXELS")
     monkeypatch.setenv("DEGLINT_MAX_BLOCK_MB", "0")
     assert "DEGLINT_MAX_BLOCK_MB is '0'" in deglint("info", source).err
