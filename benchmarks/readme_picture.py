@@ -52,8 +52,7 @@ def main(out: Path) -> None:
     images = {"raw": values("sea.tif"), "truth": truth, "deglint remove": clean}
     panels = stretched(images, scene, 75.0)
     titles = [
-        name if name == "truth" else f"{name}: error {rms_error(image, truth):.0f} %"
-        for name, image in images.items()
+        name if name == "truth" else f"{name}: error {rms_error(image, truth):.0f} %" for name, image in images.items()
     ]
     write(out / "before_after.png", beside(panels, titles))
     write(out / "found.png", marked(panels[-1], [(o["column"], o["row"]) for o in found]))

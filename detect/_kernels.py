@@ -224,9 +224,9 @@ def _doubt(sums, squares, work, near, exact, states):  # type: ignore[no-untyped
 def _distances(sums, x, ddof, ridge, root, z, work, total, states):  # type: ignore[no-untyped-def]
     """Squared Mahalanobis distances of `WIDTH` pixels x from their rings' moments, and how each was found.
 
-    DONE; DEFICIENT: without bands that follow from others in the ring, as they do in x; ASIDE: not to be told from
-    these moments. A pivot is lost where it is below `exact`, and inexact below `near`, times the sum of squares that
-    it was taken from.
+    DONE; DEFICIENT: without bands that follow from others in the ring, as they do in x; ASIDE: not to be determined
+    from these moments. A pivot is lost where it is below `exact`, and inexact below `near`, times the sum of squares
+    that it was taken from.
     """
     bands = np.uint64(x.shape[0])
     exact = 32.0 * bands * EPS

@@ -138,7 +138,7 @@ def _inverse_form(ring, n, away, least):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True)
-def settle(x, known, inner, outer, ddof, ridge, least, scores, states):  # type: ignore[no-untyped-def]
+def score_rings(x, known, inner, outer, ddof, ridge, least, scores, states):  # type: ignore[no-untyped-def]
     """Score the pixels whose state is 255, one by one; arrays as `detect._kernels.ring_scores` takes them.
 
     least : what is left of a band below this share of its sum of squares, times the bands, is rounding

@@ -246,9 +246,9 @@ def _score_cell(
         if rule.border == "shift":
             states[inside & _near_edge(cell, rule)] = _DIRECT
         if (states == _ASIDE).any():
-            from ._ring_kernel import settle
+            from ._ring_kernel import score_rings
 
-            settle(x, known, rule.inner, rule.outer, rule.ddof, rule.ridge, _RANK, scores, states)
+            score_rings(x, known, rule.inner, rule.outer, rule.ddof, rule.ridge, _RANK, scores, states)
     else:
         states[inside] = _DIRECT
     for r, c in np.argwhere(states == _DIRECT):

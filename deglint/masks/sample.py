@@ -165,7 +165,7 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     Raises
     ------
     FitError
-        No water in the look, none far enough from other things, or the NIR does not vary over it.
+        No water in the look, none far enough from what is not water, or the NIR does not vary over it.
 
     Notes
     -----

@@ -47,7 +47,7 @@ def over_tiles(
     """
     scene, values = opened.scene, opened.values
     if hasattr(values, "dask"):
-        return _lazily(replace(scene, source=Nothing()), opened, work, reach, like, step)
+        return _lazily(replace(scene, source=DetachedSource()), opened, work, reach, like, step)
     block = max(step, tiling.COMPACT) // step * step
     out = np.empty((like[0], scene.height, scene.width), like[1])
     every = tiling.tiles(scene.height, scene.width, (block, block))
@@ -58,7 +58,7 @@ def over_tiles(
     return out
 
 
-class Nothing:
+class DetachedSource:
     """Stands where a source was, so that a task does not carry the whole array with it."""
 
     def read(self, *_: Any) -> Any:

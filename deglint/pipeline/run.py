@@ -33,7 +33,7 @@ from .cluster import Cluster, writing_images
 from .correct import CELL, FLAGS, Correction
 from .fit import Fitted, Progress, fit_scene
 from .log import log_model, log_result, log_scene, log_water
-from .outputs import Outputs, Result, Tally
+from .outputs import Outputs, PixelCounts, Result
 from .overview import block_of, overview_of, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .sidecar import saved, sidecar
@@ -237,13 +237,13 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 def _write_tiles(
     scratch: Scratch, work: Correction, targets: Outputs, threads: int, progress: Progress | None,
     cluster: Cluster | None,
-) -> Tally:  # fmt: skip
+) -> PixelCounts:  # fmt: skip
     scene, image = work.scene, work.layout
     everything = tiling.tiles(scene.height, scene.width, image.tile)
     at_once = tiling.affordable(threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
-    tally = Tally(len(scene.bands))
+    tally = PixelCounts(len(scene.bands))
     if work.copies and copied_whole(scratch, image, targets.image):
-        return Tally(len(scene.bands), total=scene.height * scene.width, copied=True)
+        return PixelCounts(len(scene.bands), total=scene.height * scene.width, copied=True)
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     images = {"raw": (targets.image, image)} | _beside(scene, targets, image, tuple(work.amount_bands))
     opened = writing_images(scratch, targets.image, images, cluster)

@@ -127,7 +127,7 @@ def encode(
 
 
 def _beside(nodata: float, dtype: np.dtype[Any]) -> float:
-    """The whole number next to the one that says "not valid"."""
+    """The integer next to the one that says "not valid"."""
     return nodata + (1 if nodata < np.iinfo(dtype).max else -1)
 
 

@@ -142,7 +142,7 @@ class Assembly:
             self._file.truncate(self._end)
             self._file.close()
             if self._layout.overviews:
-                add_overviews(self.path, average=not self._layout.codes)
+                add_overviews(self.path, average=not self._layout.holds_flags)
         check_whole(self.path, self.target)
 
     def abort(self) -> None:

@@ -33,7 +33,7 @@ class Directory:
     counts: npt.NDArray[np.uint64]
 
     def number(self, tag: int, usual: int = 1) -> int:
-        """The (first) value of a tag that holds whole numbers."""
+        """The (first) value of a tag that holds integers."""
         return int(_numbers(*self.tags[tag])[0]) if tag in self.tags else usual
 
     @property

@@ -50,7 +50,7 @@ def apply_sensor(
     Raises
     ------
     BandError
-        The bands cannot be told apart; the message lists those of the file and of the preset.
+        The bands cannot be identified; the message lists those of the file and of the preset.
     """
     matched, how = match(bands, sensor, unnamed)
     filled = [
@@ -87,7 +87,7 @@ def match(
         if all(by_wavelength):
             return by_wavelength, "wavelength"
     product = sensor.product(len(bands))
-    if not product or not _agree(bands, product):
+    if not product or not _same_wavelengths(bands, product):
         raise BandError(_why_not(bands, sensor, product))
     if product == sensor.bands:
         return list(product), "order"
@@ -135,7 +135,7 @@ def _unique(found: list[SensorBand | None]) -> list[SensorBand | None]:
     return found if len({b.name for b in taken}) == len(taken) else [None] * len(found)
 
 
-def _agree(bands: Sequence[Band], product: Sequence[SensorBand]) -> bool:
+def _same_wavelengths(bands: Sequence[Band], product: Sequence[SensorBand]) -> bool:
     pairs = zip(bands, product, strict=True)
     return all(b.wavelength is None or abs(b.wavelength - own.wavelength) <= _SAME for b, own in pairs)
 

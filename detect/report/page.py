@@ -50,7 +50,7 @@ def _head(found: Evaluation) -> str:
     notes = "".join(f"<li>{escape(words.sentence(n))}</li>" for n in found.numbers["notes"])
     note = f'<div class="note"><ul>{notes}</ul></div>' if notes else ""
     return (
-        f'<h1>ROC report</h1><p class="sub">How well targets were told from background. Truth: '
+        f'<h1>ROC report</h1><p class="sub">How well targets were distinguished from the background. Truth: '
         f"{escape(found.request.truth)}</p>"
         f'<p class="lead">{words.lead(found)}</p>{facts(counts)}{aside}{note}'
     )

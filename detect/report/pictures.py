@@ -24,7 +24,7 @@ _MOST_PARTS = 40
 def shrink(scores: npt.NDArray[Any], valid: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any], int]:
     """The scene at a size to be looked at, and how many pixels a side each of its cells holds.
 
-    A cell has the highest of its scores, so that small things stay to be seen; NaN where none is valid.
+    A cell has the highest of its scores, so that small objects stay visible; NaN where none is valid.
     """
     height, width = scores.shape
     step = max(1, -(-max(height, width) // _LONGEST))

@@ -109,7 +109,7 @@ def points(found: Evaluation) -> str:
             if per_area:
                 row.append(words.short(p["false_alarms_per_km2"]))
             rows.append(row)
-        head = ["Pfa allowed", "Pfa achieved", "threshold", "Pd", "bootstrap 95 %"]
+        head = ["Pfa requested", "Pfa observed", "threshold", "Pd", "bootstrap 95 %"]
         head += ["objects found", "false alarms"] if counted else []
         head += ["per km²"] if per_area else []
         out.append(f"<h3>{svg.key(i)}{escape(d.name)}</h3>{table(head, rows)}")

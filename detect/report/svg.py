@@ -1,6 +1,6 @@
 """Line plots as inline SVG: small, sharp in print, and of nothing but text.
 
-Colours are those of Okabe and Ito, told apart by most colour-blind readers; lines also differ in their dashes.
+Colours are those of Okabe and Ito, distinguished by most colour-blind readers; lines also differ in their dashes.
 """
 
 from __future__ import annotations

@@ -86,9 +86,9 @@ def table(numbers: dict[str, Any]) -> list[str]:
     return out
 
 
-def counted(n: int, thing: str) -> str:
-    """A number of things."""
-    return f"{n:,} {thing}{'' if n == 1 else 's'}"
+def counted(n: int, noun: str) -> str:
+    """A number with a noun, in the plural where needed."""
+    return f"{n:,} {noun}{'' if n == 1 else 's'}"
 
 
 def sentence(text: str) -> str:

@@ -76,7 +76,7 @@ def auc_interval(roc: Roc, level: float = 0.95) -> AucInterval:
     z = _normal(level)
     _, counts, below, upto = roc._steps
     m, n = len(roc.targets), len(roc.background)
-    v10 = below + upto  # in halves of a pixel: whole numbers lose nothing
+    v10 = below + upto  # in halves of a pixel: integers lose nothing
     at_least = np.cumsum(counts[::-1])[::-1]
     v01 = np.concatenate([2 * at_least, 2 * at_least - counts, [0]])
     between = np.append(below, n) - np.append(0, upto)
@@ -112,7 +112,7 @@ def compare(
     target = truth != 0
     components = [_components(scores, ok & target, ok & ~target) for scores in (first, second)]
     m, n = (len(v) for v in components[0])
-    whole = [int(v10.sum()) for v10, _ in components]  # in halves of a pair: whole numbers lose nothing
+    whole = [int(v10.sum()) for v10, _ in components]  # in halves of a pair: integers lose nothing
     auc = (whole[0] / (2 * m * n), whole[1] / (2 * m * n))
     variance = 0.0
     for a, b, unit in zip(*components, (2 * n, 2 * m), strict=True):
@@ -140,7 +140,7 @@ def _components(scores: Scores, target: Mask, background: Mask) -> tuple[Counts,
 
 
 def _variance(values: Counts, weights: Counts, n: int) -> float:
-    """Sample variance of whole numbers that each occur `weights` times; NaN for a single one."""
+    """Sample variance of integers that each occur `weights` times; NaN for a single one."""
     if n < 2:
         return math.nan
     middle = round(int(values @ weights) / n)

@@ -319,12 +319,12 @@ def test_a_flat_region(border, window, ridge):
 
 def test_rings_one_by_one_keep_their_digits():
     """A band that follows from others but for its rounding to six digits, against the ring's singular values."""
-    from detect._ring_kernel import ASIDE, settle
+    from detect._ring_kernel import ASIDE, score_rings
 
     image = image_of(4, 24, 24).astype(np.float32).astype(np.float64)
     image[3] = np.round(image[0] + image[1], 6)
     scores, states = np.zeros((16, 16)), np.full((16, 16), ASIDE, np.uint8)
-    settle(image.transpose(1, 0, 2).copy(), np.ones((24, 24)), 3, 9, 1, 0.0, 2e-15, scores, states)
+    score_rings(image.transpose(1, 0, 2).copy(), np.ones((24, 24)), 3, 9, 1, 0.0, 2e-15, scores, states)
     expected, _ = brute(image, 3, 9)
     np.testing.assert_allclose(scores, expected[4:-4, 4:-4], rtol=1e-6)
     assert not states.any()
