@@ -33,8 +33,8 @@ NAMES = {
     "look", "calm", "surroundings", "warming",
 }  # fmt: skip
 """Names of modules, classes, functions, fields and arguments that say too little."""
-PROTOCOL = {"IMAGES", "METADATA"}
-"""Constants that each module of `deglint.readers.products` must have, for its own files."""
+PROTOCOL = {"IMAGES", "METADATA", "HOMES"}
+"""Constants that are looked up by name: of each product, and of the lazy loading of each package."""
 
 
 @pytest.mark.parametrize("phrase", PHRASES)
