@@ -189,7 +189,7 @@ def label(mask: Mask, merge_distance: float = 0.0, connectivity: int = 8) -> npt
 
 
 def _merged(labels: npt.NDArray[np.int32], count: int, distance: float) -> npt.NDArray[np.int32]:
-    """Join parts by looking from every rim pixel at every offset within the distance."""
+    """Join parts closer than the distance: each rim pixel is compared with its neighbours at all offsets within it."""
     from scipy.ndimage import binary_erosion
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

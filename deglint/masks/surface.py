@@ -1,4 +1,4 @@
-"""Water or not: what a rule that was found for a scene says of a block of it."""
+"""Apply a rule, fitted to a scene, to a block: which of its pixels are water."""
 
 from __future__ import annotations
 

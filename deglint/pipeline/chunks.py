@@ -59,7 +59,7 @@ def over_tiles(
 
 
 class DetachedSource:
-    """Stands where a source was, so that a task does not carry the whole array with it."""
+    """Replaces the source of a scene in a Dask task, so that the task does not carry the whole array."""
 
     def read(self, *_: Any) -> Any:
         """Never called."""

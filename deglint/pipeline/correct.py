@@ -70,7 +70,7 @@ class Errors:
 
     @property
     def halo(self) -> int:
-        """Pixels around a tile that they look at."""
+        """Pixels around a tile that the stages and the removal need."""
         return span_halo(self.replaced) + (0 if self.left is None else self.left.halo)
 
 
