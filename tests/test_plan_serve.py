@@ -27,7 +27,7 @@ MOVE = """(() => {{
 @pytest.fixture
 def port():
     server = make_server(BAY)
-    thread = threading.Thread(target=server.serve_forever)
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
     thread.start()
     yield server.server_port
     server.shutdown()
