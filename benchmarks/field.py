@@ -139,7 +139,7 @@ def contrasts(image: Array, known: Known, there: npt.NDArray[np.bool_]) -> list[
 
 
 @dataclass
-class Tally:
+class PixelCounts:
     """What a program reached: error by scene [%], shares of contrast, of pixels lost, refused scenes."""
 
     errors: dict[str, float] = field(default_factory=dict)
@@ -148,9 +148,9 @@ class Tally:
     lost: list[float] = field(default_factory=list)
 
 
-def measured(ready: Mapping[str, Run], quick: bool) -> dict[str, Tally]:
+def measured(ready: Mapping[str, Run], quick: bool) -> dict[str, PixelCounts]:
     """Run everything on every scene."""
-    out = {name: Tally() for name in ready}
+    out = {name: PixelCounts() for name in ready}
     with tempfile.TemporaryDirectory() as place:
         for group, known in scenes(Path(place), quick):
             told, there = told_of(known), objects(known.path)
@@ -169,7 +169,7 @@ def measured(ready: Mapping[str, Run], quick: bool) -> dict[str, Tally]:
     return out
 
 
-def put_targets(sea: Sea, ready: Mapping[str, Run], out: Mapping[str, Tally]) -> None:
+def put_targets(sea: Sea, ready: Mapping[str, Run], out: Mapping[str, PixelCounts]) -> None:
     """White targets of 2, 3 and 5 pixels in a scene, and what is left of each."""
     there, targets = implant(sea, [("white 30 %", size) for size in (2, 3, 5)], 0)
     told, units = told_of(Known.of(sea.path)), scale(sea.sensor)
@@ -220,7 +220,7 @@ def kept(shares: list[float]) -> str:
     return f"{np.mean([KEPT[0] <= s <= KEPT[1] for s in shares]):.2f}" if shares else "-"
 
 
-def errors(found: Mapping[str, Tally]) -> str:
+def errors(found: Mapping[str, PixelCounts]) -> str:
     """Error by group of scenes."""
     rows = []
     for name, tally in found.items():
@@ -230,7 +230,7 @@ def errors(found: Mapping[str, Tally]) -> str:
     return table(("", "all", *(f"{name} ({n})" for name, n in zip(GROUPS, counts, strict=True))), rows)
 
 
-def harm(found: Mapping[str, Tally], seconds: Mapping[str, float]) -> str:
+def harm(found: Mapping[str, PixelCounts], seconds: Mapping[str, float]) -> str:
     """What is kept and lost, how often a program is the best or worse than none, and its time."""
     rows, first = [], seconds["deglint remove"]
     for name, t in found.items():
@@ -243,7 +243,7 @@ def harm(found: Mapping[str, Tally], seconds: Mapping[str, float]) -> str:
                   "time [s] (of deglint's)"), rows)  # fmt: skip
 
 
-def better(found: Mapping[str, Tally]) -> str:
+def better(found: Mapping[str, PixelCounts]) -> str:
     """Scenes on which another program is better than the default of deglint."""
     ours, rows = found["deglint remove"], []
     for stem, error in ours.errors.items():
@@ -284,7 +284,7 @@ COST = """## What is kept, and what it costs
 """
 
 
-def page(found: Mapping[str, Tally], seconds: Mapping[str, float], missing: Mapping[str, str], side: int) -> str:
+def page(found: Mapping[str, PixelCounts], seconds: Mapping[str, float], missing: Mapping[str, str], side: int) -> str:
     """The tables with what is to be known beside them."""
     ratios = [seconds[n] / seconds["deglint remove"] for n in seconds if not n.startswith("deglint")] or [np.nan]
     cost = COST.format(low=100 * KEPT[0], high=100 * KEPT[1], side=side, least=min(ratios), most=max(ratios))

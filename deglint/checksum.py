@@ -113,7 +113,7 @@ def begin_checksum(paths: Sequence[str]) -> None:
 
 
 def behind(names: Sequence[str]) -> tuple[str, ...]:
-    """All files behind some names; what cannot be read stands for itself."""
+    """All files that these names lead to. A name that cannot be read gives itself."""
     from .raster.files import files_behind
 
     return files_behind(names)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from .errors import InputError
 
 Float64 = npt.NDArray[np.float64]
 Places = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 _NEAR = 0.9
 """Share of the sum of squares about a typical pixel that may be due to its distance from the mean: costs three bits."""
 _ROOM = 1 << 18
@@ -94,7 +94,7 @@ class CellMoments:
         The mean of a cell is mean + rest, held in two doubles.
     """
 
-    keys: npt.NDArray[np.int64]
+    keys: Places
     n: Float64
     mean: Float64
     comoment: Float64
@@ -105,15 +105,13 @@ class CellMoments:
     @classmethod
     def from_moments(cls, m: Moments) -> CellMoments:
         """One cell, at the origin."""
-        return cls(
-            np.zeros((1, 2), np.int64),
-            np.array([float(m.n)]),
-            m.mean[None],
-            m.comoment[None],
-            m.minimum[None],
-            m.maximum[None],
-            m.rest[None],
-        )
+        return cls(np.zeros((1, 2), np.int64), *(np.array([getattr(m, f)], np.float64) for f in _FIELDS[1:]))
+
+    @classmethod
+    def without_pixels(cls, keys: Places, variables: int) -> CellMoments:
+        """Cells at these places, to be filled."""
+        n, mean, comoment = (np.zeros((len(keys), *shape)) for shape in ((), (variables,), (variables, variables)))
+        return cls(keys, n, mean, comoment, np.full_like(mean, np.inf), np.full_like(mean, -np.inf), mean.copy())
 
     @classmethod
     def concatenate(cls, parts: Iterable[CellMoments]) -> CellMoments:
@@ -143,9 +141,8 @@ class CellMoments:
         """Cells in order; of those whose columns differ in the last `level` bits alone, neighbours are merged."""
         groups = self.keys >> np.array([0, level])
         same = np.append((groups[1:] == groups[:-1]).all(axis=1), False)
-        run = np.arange(len(same)) - np.maximum.accumulate(
-            np.where(np.append(True, ~same[:-1]), np.arange(len(same)), 0)
-        )
+        places = np.arange(len(same))
+        run = places - np.maximum.accumulate(np.where(np.append(True, ~same[:-1]), places, 0))
         first = np.flatnonzero(same & (run % 2 == 0))
         if not len(first):
             return self
@@ -164,10 +161,9 @@ class CellMoments:
 
     def total(self) -> Moments:
         """Merge all cells, neighbours in their present order first."""
+        if not len(self.n):
+            return CellMoments.without_pixels(np.zeros((1, 2), np.int64), self.mean.shape[1]).total()
         n, mean, rest, comoment = self.n, self.mean, self.rest, self.comoment
-        if not len(n):
-            v = mean.shape[1]
-            return Moments(0, np.zeros(v), np.zeros((v, v)), np.full(v, np.inf), np.full(v, -np.inf), np.zeros(v))
         with np.errstate(over="ignore", invalid="ignore"):
             while len(n) > 1:
                 n, mean, rest, comoment = _merge_neighbours(n, mean, rest, comoment)
@@ -180,7 +176,7 @@ _FIELDS = ("keys", "n", "mean", "comoment", "minimum", "maximum", "rest")
 
 def cell_moments(
     block: npt.NDArray[Any],
-    mask: npt.NDArray[np.bool_] | None = None,
+    mask: Mask | None = None,
     *,
     origin: tuple[int, int] = (0, 0),
     cell: int = CELL,
@@ -220,30 +216,21 @@ def cell_moments(
         block = np.ascontiguousarray(block[:, skip:stop], dtype)
         mask = mask[skip:stop]
         origin, skip, stop = (origin[0] + skip, origin[1]), 0, stop - skip
-    variables, columns = len(block), block.shape[2]
     first = ((origin[0] + skip) // cell, origin[1] // cell)
-    last = (-(-(origin[0] + stop) // cell), -(-(origin[1] + columns) // cell))
+    last = (-(-(origin[0] + stop) // cell), -(-(origin[1] + block.shape[2]) // cell))
     shape = (max(last[0] - first[0], 0), max(last[1] - first[1], 0))
-    count = shape[0] * shape[1]
-    keys = np.stack(np.divmod(np.arange(count, dtype=np.int64), max(shape[1], 1)), axis=1) + np.array(first)
-    cells = CellMoments(
-        keys,
-        np.zeros(count),
-        np.zeros((count, variables)),
-        np.zeros((count, variables, variables)),
-        np.full((count, variables), np.inf),
-        np.full((count, variables), -np.inf),
-        np.zeros((count, variables)),
-    )
+    cells = CellMoments.without_pixels(np.argwhere(np.ones(shape, np.bool_)) + np.array(first), len(block))
     if block.size:
         start = (origin[0] - first[0] * cell, origin[1] - first[1] * cell)  # of the block, in the first cell
-        reduce = _compiled() if compiled else _reduce_cells
+        reduce = _reduce_cells
+        if compiled:
+            from ._moments_kernels import reduce_cells as reduce
         reduce(block, np.ascontiguousarray(mask), *start, cell, shape[1], *(getattr(cells, f) for f in _FIELDS[1:]))
     used = cells.n > 0
     return cells if used.all() else cells.where(used)
 
 
-def moments(block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None = None, *, compiled: bool = False) -> Moments:
+def moments(block: npt.NDArray[Any], mask: Mask | None = None, *, compiled: bool = False) -> Moments:
     """Moments of all valid pixels of a block.
 
     Parameters
@@ -267,7 +254,7 @@ def moments(block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None = None, 
     return cell_moments(block, mask, compiled=compiled).total()
 
 
-def thinned(mask: npt.NDArray[np.bool_], origin: tuple[int, int], share: int) -> npt.NDArray[np.bool_]:
+def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
     """One masked pixel in `share`, chosen by a hash of its place in the scene alone: the same in any tiling."""
     if share <= 1:
         return mask
@@ -276,9 +263,7 @@ def thinned(mask: npt.NDArray[np.bool_], origin: tuple[int, int], share: int) ->
     return np.asarray(mask & in_share(rows, columns, share))
 
 
-def in_share(
-    rows: npt.NDArray[np.integer], columns: npt.NDArray[np.integer], share: int
-) -> npt.NDArray[np.bool_]:  # fmt: skip
+def in_share(rows: npt.NDArray[np.integer], columns: npt.NDArray[np.integer], share: int) -> Mask:
     """Whether `thinned` keeps a pixel of this row and column; of a share that divides another, it keeps all of the
     other's."""
     mixed = rows.astype(np.uint64) * np.uint64(0x9E3779B1) + columns.astype(np.uint64) * np.uint64(0x85EBCA77)
@@ -289,7 +274,7 @@ def in_share(
 
 
 def _reduce_cells(
-    block: npt.NDArray[Any], mask: npt.NDArray[np.bool_], row0: int, col0: int, cell: int, across: int,
+    block: npt.NDArray[Any], mask: Mask, row0: int, col0: int, cell: int, across: int,
     n: Float64, mean: Float64, comoment: Float64, low: Float64, high: Float64, rest: Float64,
 ) -> None:  # fmt: skip
     """Fill the per-cell arrays from a block whose first pixel lies at (row0, col0) within the first cell.
@@ -305,7 +290,8 @@ def _reduce_cells(
         each = (n, mean, comoment, low, high, rest)
         for i in [*np.flatnonzero(~whole), *_reduce_quickly(block, ends, np.flatnonzero(whole), each)]:
             x = np.array(block[:, *windows[i]], np.float64).reshape(len(block), -1)
-            x = x[:, _valid(x, mask[windows[i]])]
+            valid = np.isfinite(x).all(axis=0)
+            x = x[:, valid & mask[windows[i]].ravel() if mask.size else valid]
             low[i], high[i] = x.min(axis=1, initial=np.inf), x.max(axis=1, initial=-np.inf)
             count = n[i] = x.shape[1]
             if not count:
@@ -319,9 +305,7 @@ def _reduce_cells(
             comoment[i] = x @ x.T - count * np.outer(left, left)
 
 
-def _reduce_quickly(
-    block: npt.NDArray[Any], ends: Places, cells: Places, results: tuple[Float64, ...]
-) -> Places:  # fmt: skip
+def _reduce_quickly(block: npt.NDArray[Any], ends: Places, cells: Places, results: tuple[Float64, ...]) -> Places:
     """Fill the per-cell arrays for cells of which every pixel counts, in one pass about a pixel of the cell.
 
     Returns which cells ask for more care: pixels that are not finite, or a pixel too far from the mean.
@@ -380,12 +364,6 @@ def _typical(a: Float64, b: Float64, c: Float64) -> Float64:
     return np.asarray(np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)))
 
 
-def _valid(x: Float64, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Which pixels of (variables, pixels) are finite and masked in; a mask of no size is True everywhere."""
-    good = np.isfinite(x).all(axis=0)
-    return np.asarray(good & mask.ravel() if mask.size else good)
-
-
 def _two_sum(a: Float64, b: Float64) -> tuple[Float64, Float64]:
     """a + b, rounded, and what rounding dropped (Knuth)."""
     s = a + b
@@ -407,8 +385,8 @@ def _merge_neighbours(n: Float64, mean: Float64, rest: Float64, comoment: Float6
 
 
 def _checked(
-    block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None, part: tuple[int, int] | None
-) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_], tuple[int, int]]:
+    block: npt.NDArray[Any], mask: Mask | None, part: tuple[int, int] | None
+) -> tuple[npt.NDArray[Any], Mask, tuple[int, int]]:
     """Block, mask (of no size: everywhere) and the rows to use, or an InputError."""
     block = np.asarray(block)
     if block.ndim != 3:
@@ -419,11 +397,3 @@ def _checked(
     elif mask.shape != (rows, columns):
         raise InputError(f"mask has shape {mask.shape}, but the block has {rows} rows and {columns} columns.")
     return block, mask, part or (0, rows)
-
-
-@cache
-def _compiled() -> Any:
-    """Load (or compile) the kernel on first use."""
-    from ._moments_kernels import reduce_cells
-
-    return reduce_cells

@@ -28,7 +28,7 @@ from .checks import checked_keywords
 from .compensate import Chain
 from .errors import DeglintError, InputError, NoWaterError
 from .pipeline import Fitted, Recipe, fit_scene
-from .pipeline.chunks import Nothing, over_tiles
+from .pipeline.chunks import DetachedSource, over_tiles
 from .pipeline.correct import Correction
 from .pipeline.outputs import DTYPES
 from .pipeline.run import correction, given_model
@@ -256,7 +256,7 @@ def _correction(scene: Scene, fitted: Fitted, dtype: str | None) -> Correction:
     recipe = fitted.recipe
     area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "mask")
     work = correction(scene, fitted, dtype=dtype, area=area)
-    return replace(work, scene=replace(scene, source=Nothing()), layout=replace(work.layout, masked=False))
+    return replace(work, scene=replace(scene, source=DetachedSource()), layout=replace(work.layout, masked=False))
 
 
 def _recipe(recipe: Recipe | str) -> Recipe:

@@ -1,4 +1,4 @@
-"""detect: find what does not belong in an image, and say how well it was found.
+"""detect: find the anomalies of an image, and say how well targets were found.
 
     import detect
 

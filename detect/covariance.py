@@ -1,7 +1,7 @@
 """Covariance of a background: as it is, shrunk, or robust, and its square root where it has full rank or not.
 
 Everything works on bands brought to unit variance, so that no result depends on the bands' units; a band that does not
-vary, or that follows from others, is told by the same measure and left out.
+vary, or that follows from others, is found by the same measure and left out.
 
 References
 ----------

@@ -1,7 +1,7 @@
 """RX line by line, with statistics of the lines before: for push-broom sensors, on board, in bounded memory.
 
 Mean and covariance are exponential averages over the lines that have passed. A line is scored against them first, and
-enters them afterwards, without the pixels that stand out: a target never raises its own background.
+enters them afterwards, without the pixels of high scores: a target never raises its own background.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ _CHANCE = 0.05
 _NEAR = 1.0
 """Distance from an even motion within which a band must show the boat [pixel]."""
 _SLOWEST = 0.25
-"""Least displacement between the first and the last band that is told from none [pixel]: the error of a centroid."""
+"""Least displacement between the first and the last band [pixel]; less is not distinguished from none."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def find_moving(
     Returns
     -------
     list of Mover
-        The highest contrast first; none where so much stands out that motions would line up by chance.
+        The highest contrast first; none where so many pixels exceed the sea that motions would line up by chance.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def find_moving(
 
 
 def _peaks(contrasts: npt.NDArray[np.float32], sea: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
-    """Rows, columns (weighted by contrast) and peaks of what stands out, one line each."""
+    """Rows, columns (weighted by contrast) and peaks of what exceeds the sea, one line each."""
     from .objects import label
 
     parts = label((contrasts > _SIGMA) & sea)

@@ -152,7 +152,7 @@ class Threshold:
         error = "" if self.standard_error is None else f" +- {self.standard_error:.2g}"
         got = "not measured" if self.pfa_achieved is None else f"{self.pfa_achieved:.3g}"
         return (
-            f"threshold {self.value:.6g}{error} ({self.method}): Pfa designed {self.pfa_designed:.3g}, achieved {got}"
+            f"threshold {self.value:.6g}{error} ({self.method}): Pfa requested {self.pfa_designed:.3g}, observed {got}"
         )
 
 
@@ -164,7 +164,7 @@ def from_chi2(pfa: float, bands: int) -> Threshold:
     Examples
     --------
     >>> print(from_chi2(1e-3, 8))
-    threshold 26.1245 (chi2): Pfa designed 0.001, achieved not measured
+    threshold 26.1245 (chi2): Pfa requested 0.001, observed not measured
     """
     from scipy.special import chdtri
 

@@ -37,6 +37,7 @@ def rows(text):
     return {row[0]: row[1:] for row in cells}
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 @pytest.mark.skipif(not (SHARED / "simulated").exists(), reason="the shared scenes do not lie beside the project")
 def test_error():
@@ -108,6 +109,7 @@ def test_every_room_is_counted_once():
     assert "detect/bench/run.py" in found
 
 
+@pytest.mark.slow
 def test_plan():
     table = rows(printed("benchmarks", "plan", "--quick"))
     assert {"reticle", "answer of the page", "deglint plan -o plan.png"} <= set(table)
@@ -186,6 +188,7 @@ def test_scenes_have_errors_where_pixels_count(tmp_path, monkeypatch):
     assert uncertainty.ratio(known, np.full((2, 4, 4), 3.0), claimed, [0]) == "0.50 (25.0 %)"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "wind", "delay"), [("disc", 9.0, 0.06), ("diamond", 9.0, 0.06), ("disc", 5.0, 0.0)])
 def test_objects_of_four_metres_are_kept(tmp_path, kind, wind, delay):
     """None of them holds a square of 13 pixels."""

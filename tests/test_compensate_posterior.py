@@ -16,7 +16,7 @@ BANDS = (Band("GREEN", 545.0), Band("RED", 660.0), Band("NIR", 840.0))
 SETTING = Setting(BANDS, (2,))
 
 
-def sea(shape=(160, 192), seed=0, plume=0.0, target=0.0):
+def state_and_water(shape=(160, 192), seed=0, plume=0.0, target=0.0):
     """A state after removal that left a tenth of sparkle, and its water."""
     rng = np.random.default_rng(seed)
     water = np.ones((3, *shape), np.float32) * np.array([100, 60, 10], np.float32)[:, None, None]
@@ -39,7 +39,7 @@ def error(image, water):
 
 
 def test_left_over_glint_is_taken_and_calm_pixels_stay_to_the_bit():
-    state, water = sea()
+    state, water = state_and_water()
     out = fitted(state).apply(state).image
     assert error(out, water) < 0.3 * error(state.image, water)
     calm = state.removed == 0
@@ -47,7 +47,7 @@ def test_left_over_glint_is_taken_and_calm_pixels_stay_to_the_bit():
 
 
 def test_nothing_is_done_where_glint_leaves_nothing():
-    state, _ = sea()
+    state, _ = state_and_water()
     even = replace(state, removed=np.zeros_like(state.image))
     np.testing.assert_array_equal(fitted(even).apply(even).image, state.image)
     rng = np.random.default_rng(5)
@@ -58,13 +58,13 @@ def test_nothing_is_done_where_glint_leaves_nothing():
 
 
 def test_the_unit_does_not_matter():
-    state, _ = sea()
+    state, _ = state_and_water()
     large = State(4 * state.raw, 4 * state.image, state.water, removed=4 * state.removed)
     np.testing.assert_allclose(fitted(large).apply(large).image, 4 * fitted(state).apply(state).image, rtol=1e-4)
 
 
 def test_the_order_of_bands_does_not_matter():
-    state, _ = sea()
+    state, _ = state_and_water()
     turned = State(state.raw[::-1], state.image[::-1], state.water, removed=state.removed[::-1])
     setting = Setting(BANDS[::-1], (0,))
     out = posterior.fit(Sample((turned,), (turned.water,)), setting).apply(turned).image
@@ -73,7 +73,7 @@ def test_the_order_of_bands_does_not_matter():
 
 @pytest.mark.parametrize(("row", "column"), [(0, 0), (40, 50), (100, 130)])
 def test_a_block_with_its_halo_is_the_whole(row, column):
-    state, _ = sea()
+    state, _ = state_and_water()
     stage = fitted(state)
     whole, h = stage.apply(state), stage.halo
     outer = slice(max(row - h, 0), row + 40 + h), slice(max(column - h, 0), column + 40 + h)
@@ -85,7 +85,7 @@ def test_a_block_with_its_halo_is_the_whole(row, column):
 
 
 def test_plumes_and_objects_keep_their_contrast():
-    state, water = sea(plume=20.0, target=15.0)
+    state, water = state_and_water(plume=20.0, target=15.0)
     out = fitted(state).apply(state).image
     gain = (out[0, 64:96, 44:76] - 100).mean() / (water[0, 64:96, 44:76] - 100).mean()
     assert gain == pytest.approx(1, abs=0.05)
@@ -97,14 +97,14 @@ def test_plumes_and_objects_keep_their_contrast():
 
 def test_the_variance_is_that_of_the_error():
     for seed in (1, 2):
-        state, water = sea(seed=seed, target=15.0)
+        state, water = state_and_water(seed=seed, target=15.0)
         out = fitted(state).apply(state)
         ratio = np.sqrt(out.variance[:2].mean() / np.mean((out.image - water)[:2] ** 2))
         assert ratio == pytest.approx(1, abs=0.2)
 
 
 def test_saturated_pixels_take_the_water_around():
-    state, _ = sea()
+    state, _ = state_and_water()
     raw, image = state.raw.copy(), state.image.copy()
     raw[:, 80, 90], image[:2, 80, 90] = 4095, 900
     stage = replace(fitted(state), saturation=(4095.0,) * 3)
@@ -127,6 +127,6 @@ def test_even_left_over_glint_is_the_filter_of_lee():
 
 
 def test_the_stage_needs_a_removal_before_it():
-    state, _ = sea()
+    state, _ = state_and_water()
     with pytest.raises(InputError, match="after remove"):
         Posterior(4, (), (np.inf,) * 3).apply(replace(state, removed=None))

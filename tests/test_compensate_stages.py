@@ -37,7 +37,7 @@ CHAINS = (
 )
 
 
-def sea(shape=(120, 130), seed=0, cover=0.15, noise=1.0):
+def sparkling_block(shape=(120, 130), seed=0, cover=0.15, noise=1.0):
     rng = np.random.default_rng(seed)
     block = WATER[:, None, None] + rng.normal(0, noise, (4, *shape))
     block += np.where(rng.random(block.shape) < cover, rng.gamma(1.0, 60.0, block.shape), 0)
@@ -73,8 +73,8 @@ def test_reading_a_chain():
         ("Normalise", "stage 'Normalise' is not one of"),
         ("psf:two", "'two' is not a number"),
         ("psf:, identify-level", "'' is not a number"),
-        ("psf:0, identify-level", "psf takes a whole number from 1 to 20, got 0"),
-        ("psf:2.5, identify-level", "whole number"),
+        ("psf:0, identify-level", "psf takes an integer from 1 to 20, got 0"),
+        ("psf:2.5, identify-level", "integer"),
         ("psf-image:nan", "1 to 20, got nan"),
         ("normalise:101", "normalise takes a number from 1 to 100, got 101"),
         ("identify-median:inf", "0 to 1000"),
@@ -104,9 +104,14 @@ def test_refusals_are_one_clear_line(text, words):
 @pytest.mark.parametrize(
     ("text", "block", "error", "words"),
     [
-        ("psf:2, identify-level", sea(), InputError, "psf needs the sensor's optics.*Name a --sensor"),
-        ("normalise", sea((7, 9)), FitError, "63 pixels, need at least 64"),
-        ("normalise", -sea(), FitError, "band 1 has a level of .* in deep water; normalising needs a positive one"),
+        ("psf:2, identify-level", sparkling_block(), InputError, "psf needs the sensor's optics.*Name a --sensor"),
+        ("normalise", sparkling_block((7, 9)), FitError, "63 pixels, need at least 64"),
+        (
+            "normalise",
+            -sparkling_block(),
+            FitError,
+            "band 1 .*needs a positive",
+        ),
         ("identify-level:5", np.full((4, 20, 20), np.nan, np.float32), FitError, "holds 0 pixels"),
     ],
 )
@@ -118,7 +123,7 @@ def test_refused_fits_are_one_clear_line(text, block, error, words):
 
 @pytest.mark.parametrize("text", CHAINS)
 def test_saved_and_read_back_to_the_bit(text):
-    block = sea()
+    block = sparkling_block()
     chain = Chain(fitted(text, block), (), text)
     saved = json.dumps(chain.numbers(), allow_nan=False)
     again = chain_from(json.loads(saved))
@@ -145,7 +150,7 @@ def test_what_is_no_saved_stage_is_refused(data):
 
 @pytest.mark.parametrize("text", CHAINS)
 def test_a_block_with_its_halo_is_the_whole_inside(text):
-    block = sea((170, 180), 3)
+    block = sparkling_block((170, 180), 3)
     stages = fitted(text, block)
     halo = Chain(stages).halo
     whole = apply_stages(State.of(block), stages).image
@@ -163,7 +168,7 @@ def test_a_constant_image_stays(text):
 
 @pytest.mark.parametrize("text", CHAINS)
 def test_water_without_glint_stays_within_its_noise(text):
-    block = sea(cover=0)
+    block = sparkling_block(cover=0)
     away = run(text, block) - WATER[:, None, None]
     most = 1.6 if "psf-image" in text or "level:5, replace-bands" in text else 1.2  # noise is sharpened, or exchanged
     assert np.sqrt((away**2).mean(axis=(1, 2))).max() < most
@@ -171,7 +176,7 @@ def test_water_without_glint_stays_within_its_noise(text):
 
 @pytest.mark.parametrize("text", CHAINS)
 def test_units_scale(text):
-    block = sea(seed=5)
+    block = sparkling_block(seed=5)
     bands = tuple(Band(b.name, b.wavelength, time_offset=b.time_offset, saturation=1024 * 400.0) for b in BANDS)
     scaled = run(text, block * np.float32(1024), Setting(bands, (3,), PSFS))
     np.testing.assert_allclose(scaled, 1024 * run(text, block), rtol=1e-4)
@@ -179,14 +184,14 @@ def test_units_scale(text):
 
 @pytest.mark.parametrize("text", CHAINS)
 def test_the_order_of_bands_does_not_matter(text):
-    block, order = sea(seed=6), [2, 0, 3, 1]
+    block, order = sparkling_block(seed=6), [2, 0, 3, 1]
     setting = Setting(tuple(BANDS[i] for i in order), (2,), tuple(PSFS[i] for i in order))
     np.testing.assert_allclose(run(text, block[order], setting), run(text, block)[order], rtol=1e-5)
 
 
 @pytest.mark.parametrize("text", CHAINS)
 def test_what_is_no_water_changes_nothing_far_from_it(text):
-    block = sea(seed=7)
+    block = sparkling_block(seed=7)
     stages = fitted(text, block)
     whole = apply_stages(State.of(block), stages).image
     holed = block.copy()
@@ -202,6 +207,6 @@ def test_what_is_no_water_changes_nothing_far_from_it(text):
 
 @pytest.mark.parametrize("text", CHAINS[1:])
 def test_glint_goes(text):
-    block = sea(seed=8)
+    block = sparkling_block(seed=8)
     before, after = (np.abs(a - WATER[:, None, None]).mean() for a in (block, run(text, block)))
     assert after < 0.6 * before

@@ -24,7 +24,7 @@ def opened(state):
     return State(state.raw, np.where(glint, level, state.raw).astype(np.float32), state.water, replaced=glint)
 
 
-def sea(seed):
+def state_and_water(seed):
     rng = np.random.default_rng(seed)
     water = np.full((2, 160, 160), 50.0)
     water[:, 40:70, 40:70] += 15
@@ -35,7 +35,7 @@ def sea(seed):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_trial_tells_the_error_of_what_was_replaced(seed):
-    state, water = sea(seed)
+    state, water = state_and_water(seed)
     done = opened(state)
     errors = fit_replaced(Sample((state,), (state.water,)), Sample((done,), (state.water,)), opened)
     claimed = stderr(done, NOTHING, errors)

@@ -1,14 +1,20 @@
-"""CONTRIBUTING.md says what is there, and its walk to a new removal method works."""
+"""CONTRIBUTING.md says what is there, and its walks to a new method, stage and detector work."""
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import rasterio
 
 import deglint
+import detect
+from deglint.compensate.stages import STAGES, Kind
+from deglint.pipeline import load_chain, load_model
 from deglint.remove import METHODS, Method, hedley
 from deglint.remove.request import slope_weights
+from detect.pipeline import recipe as scoring
+from detect.rx import METHODS as GLOBAL_METHODS
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text()
@@ -34,3 +40,37 @@ def test_a_new_method_is_a_module_and_a_line_of_the_table(monkeypatch, sea, writ
     assert result.fitted.model.method == "mine"
     with rasterio.open(tmp_path / "mine.tif") as mine, rasterio.open(tmp_path / "hedley.tif") as other:
         assert (mine.read() == other.read()).all()
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """A stage: nothing is brighter than a limit that was fitted."""
+
+    name = "ceiling"
+    limit: float
+    halo = 0
+
+    def apply(self, state):
+        return replace(state, image=np.minimum(state.image, np.float32(self.limit)))
+
+
+def test_a_new_stage_is_a_module_and_a_line_of_the_table(monkeypatch, sea, write, read, tmp_path):
+    kind = Kind("at most N", lambda _sample, _setting, number: Ceiling(number), Ceiling, 1, 30_000)
+    monkeypatch.setitem(STAGES, "ceiling", kind)
+    source, out, model = (tmp_path / name for name in ("in.tif", "out.tif", "model.json"))
+    write(source, sea())
+    recipe = deglint.Recipe(method="hedley", sample="all", mask="none", compensate="remove, ceiling:850")
+    deglint.remove_glint(source, out, recipe, model_file=model)
+    assert (read(out)[:3].max(), read(source).max() > 1000) == (850, True)
+    again = {"model": load_model(str(model)), "chain": load_chain(str(model))}
+    deglint.remove_glint(source, tmp_path / "again.tif", **again)
+    assert (read(tmp_path / "again.tif") == read(out)).all()
+
+
+def test_a_new_detector_is_a_line_of_the_table(monkeypatch, sea, write, read, tmp_path):
+    for table in (GLOBAL_METHODS, scoring.METHODS):
+        monkeypatch.setitem(table, "mine", "as rx, by another name")
+    source = write(tmp_path / "in.tif", sea())
+    for method in ("mine", "rx"):
+        detect.score_file(source, tmp_path / f"{method}.tif", detect.Recipe(method=method, mask="none"))
+    assert (read(tmp_path / "mine.tif") == read(tmp_path / "rx.tif")).all()

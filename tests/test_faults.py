@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import textwrap
-import time
 from pathlib import Path
 
 import numpy as np
@@ -287,14 +286,12 @@ def test_an_interruption_while_threads_read(sea, write, tmp_path):
         sys.exit(run(sys.argv[1:]))
     """
     call = [sys.executable, "-c", textwrap.dedent(code), "remove", source, str(tmp_path / "out.tif"), *RUN]
-    began = time.monotonic()
     with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
         assert running.stdout.readline() == "reading\n"
         running.send_signal(signal.SIGINT)
         _, said = running.communicate(timeout=20)
     assert running.returncode == 130
     assert said.endswith("interrupted: nothing was written.\n")
-    assert time.monotonic() - began < 10
     assert [p.name for p in tmp_path.iterdir()] == ["in.tif"]
 
 

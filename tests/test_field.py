@@ -53,7 +53,7 @@ def test_what_is_measured(known):
     half = known.truth + (clean - known.truth) / 2
     assert field.contrasts(clean, marked, there) == [pytest.approx(1, rel=0.05)]
     assert field.contrasts(half, marked, there) == [pytest.approx(0.5, rel=0.05)]
-    found = {name: field.Tally(errors={"p1": e, "wind": e}, shares=[s], lost=[0.0])
+    found = {name: field.PixelCounts(errors={"p1": e, "wind": e}, shares=[s], lost=[0.0])
              for name, e, s in (("raw", 8.0, 1.0), ("deglint remove", 4.0, 0.9), ("other", 2.0, 0.1))}  # fmt: skip
     seconds = {"deglint remove": 2.0, "other": 1.0}
     text = field.page(found, seconds, {"lost one": "no folder"}, 512)

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from deglint.errors import BandError, FitError, InputError
-from deglint.masks import Roles, deep_water, describe, fit_sample, fit_water, water
+from deglint.masks import Roles, deep_water, fit_sample, fit_water, water
 from deglint.remove.detrend import detrend
 
 ROLES = Roles(blue=0, green=1, red=2, nir=3)
 DATA = Path(__file__).parents[2] / "shared" / "data"
 
 
-def sea(shape=(200, 240), *, glint=0.004, noise=0.0006, seed=1):
+def open_water(shape=(200, 240), *, glint=0.004, noise=0.0006, seed=1):
     """Reflectance of open water at coarse pixels: waves of glint in all bands, noise in each."""
     rng = np.random.default_rng(seed)
     import cv2
@@ -53,7 +53,7 @@ REEF = (0.14, 0.13, 0.05, 0.008)
 @pytest.fixture
 def coast():
     """Sea with land, a cloud, a line of foam, a submerged reef and three boats; what is what."""
-    scene = sea()
+    scene = open_water()
     rows, columns = np.mgrid[:200, :240]
     things = {
         "land": columns < 40 + 5 * np.sin(rows / 9),
@@ -106,7 +106,7 @@ def test_slopes_over_the_sample_are_those_of_the_glint(coast):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_coast_under_any_waves(seed):
-    scene = sea(seed=seed, glint=0.002 + 0.002 * seed)
+    scene = open_water(seed=seed, glint=0.002 + 0.002 * seed)
     land = np.indices((200, 240))[1] < 60 + 10 * seed
     put(scene, land, LAND, 0.25, seed=seed)
     found = water(scene, fit_water([scene], ROLES, pixel=10.0))
@@ -118,7 +118,7 @@ def test_tiles_of_a_swath_with_more_and_more_glint_are_all_water():
     """Each tile has its own narrow peak of brightness; none of them is land. Land in one of them is."""
     looks = []
     for i, glint in enumerate((0.0, 0.01, 0.025, 0.04)):
-        tile = sea((128, 128), seed=i, glint=0.1 * glint)
+        tile = open_water((128, 128), seed=i, glint=0.1 * glint)
         tile += glint * np.array([0.95, 0.9, 0.8, 1.0], np.float32)[:, None, None]
         looks.append(tile)
     land = np.indices((128, 128))[0] > 90
@@ -137,8 +137,8 @@ def test_a_grey_town_in_radiance_is_not_water():
 
 
 def test_all_water_and_no_water():
-    assert fit_water([sea()], ROLES, pixel=10.0).all_water
-    land = sea()
+    assert fit_water([open_water()], ROLES, pixel=10.0).all_water
+    land = open_water()
     put(land, np.ones(land.shape[1:], bool), LAND, 0.3)
     rule = fit_water([land], ROLES)
     assert not rule.has_water
@@ -229,39 +229,31 @@ def test_rules_are_plain_numbers(coast):
     assert "looked at are water" in rule.reason
 
 
-def test_describe():
-    mask = np.zeros((10, 20), bool)
-    assert describe(mask) == {"pixels": 0, "share": 0.0, "rows": None, "cols": None}
-    mask[3:5, 7:12] = True
-    assert describe(mask) == {"pixels": 10, "share": 0.05, "rows": (3, 5), "cols": (7, 12)}
-    assert describe(mask, valid=100)["share"] == 0.1
-
-
 # ------------------------------------------------------------------------------------------ hard inputs
 def hard_inputs():
-    quantised = np.round(sea() * 400)
-    clipped = np.maximum(sea() - np.array([0, 0, 0, 0.015], np.float32)[:, None, None], 0)
-    half = sea()
+    quantised = np.round(open_water() * 400)
+    clipped = np.maximum(open_water() - np.array([0, 0, 0, 0.015], np.float32)[:, None, None], 0)
+    half = open_water()
     half[:, :, 120:] = np.nan
-    dotted = sea()
+    dotted = open_water()
     dotted[:, ::7, ::7] = np.nan
     return {
         "all NaN": np.full((4, 64, 64), np.nan, np.float32),
         "zero": np.zeros((4, 64, 64), np.float32),
-        "negative": sea((64, 64)) - 1,
+        "negative": open_water((64, 64)) - 1,
         "constant": np.full((4, 64, 64), 0.02, np.float32),
         "constant water": np.ones((4, 64, 64)) * np.array([0.05, 0.03, 0.02, 0.005])[:, None, None],
-        "one pixel": sea((4, 4))[:, :1, :1],
-        "one row": sea((1, 300)),
-        "tiny": sea((9, 9)),
-        "64 x 64": sea((64, 64)),
+        "one pixel": open_water((4, 4))[:, :1, :1],
+        "one row": open_water((1, 300)),
+        "tiny": open_water((9, 9)),
+        "64 x 64": open_water((64, 64)),
         "half nodata": half,
         "dotted nodata": dotted,
         "8 bit": quantised,
         "NIR floor": clipped,
-        "huge offset": sea().astype(np.float64) + 1e6,
+        "huge offset": open_water().astype(np.float64) + 1e6,
         "empty": np.zeros((4, 0, 10), np.float32),
-        "infinite": np.where(sea() > 0.06, np.inf, sea()),
+        "infinite": np.where(open_water() > 0.06, np.inf, open_water()),
         "cloud": np.full((4, 64, 64), 0.6) + np.random.default_rng(1).normal(0, 0.05, (4, 64, 64)),
     }
 
@@ -296,15 +288,15 @@ def test_hard_inputs_give_a_sample_or_say_why_not(name):
 
 def test_refuses_what_is_no_look():
     with pytest.raises(BandError, match="Name blue, green or red"):
-        fit_water([sea()], Roles(nir=3))
+        fit_water([open_water()], Roles(nir=3))
     with pytest.raises(BandError, match="nir has band index 4"):
-        fit_water([sea()], Roles(nir=4, green=1))
+        fit_water([open_water()], Roles(nir=4, green=1))
     with pytest.raises(InputError, match="at least one"):
         fit_water([], ROLES)
     with pytest.raises(InputError, match="must be"):
         fit_water([np.zeros((5, 5))], ROLES)
     with pytest.raises(BandError, match=r"indexes 0\.\.2"):
-        water(sea()[:3], fit_water([sea()], ROLES, pixel=10.0))
+        water(open_water()[:3], fit_water([open_water()], ROLES, pixel=10.0))
 
 
 def test_blocks_without_pixels_or_water_are_passed_over(coast):
@@ -471,7 +463,7 @@ def test_sample_of_real_scenes(name):
 
 def test_land_that_the_looks_have_missed_is_land():
     """A part of the scene may be all water: then the threshold holds beyond it, too."""
-    scene = sea()
+    scene = open_water()
     put(scene, np.indices((200, 240))[1] > 200, LAND, 0.2)
     rule = fit_water([scene[:, :, :120]], ROLES, pixel=10.0, whole=False)
     assert rule.water_fraction == 1.0
@@ -483,7 +475,7 @@ def test_land_that_the_looks_have_missed_is_land():
 
 @pytest.mark.parametrize("step", [0.002, 0.005])
 def test_coarse_whole_numbers_do_not_cut_the_water(step):
-    scene = np.round(sea(glint=0.002) / step)
+    scene = np.round(open_water(glint=0.002) / step)
     assert fit_water([scene], ROLES, pixel=10.0).water_fraction > 0.999
     put(scene, np.indices((200, 240))[1] > 200, np.array(LAND) / step, 0.2)
     found = water(scene, fit_water([scene], ROLES, pixel=10.0))

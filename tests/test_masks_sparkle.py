@@ -5,7 +5,7 @@ import pytest
 
 from deglint.masks import fit_water, water
 
-from .test_masks import LAND, ROLES, put, sea, sparkling_sea
+from .test_masks import LAND, ROLES, open_water, put, sparkling_sea
 
 FINE, COARSE = 0.4, 10.0
 
@@ -28,7 +28,7 @@ def test_clumps_of_sparkle_are_water_up_to_the_size_of_waves():
 
 
 def test_bright_spots_are_glint_at_fine_pixels_and_boats_at_coarse_ones():
-    scene, spots = sea(glint=0.0), np.zeros((200, 240), np.uint8)
+    scene, spots = open_water(glint=0.0), np.zeros((200, 240), np.uint8)
     import cv2
 
     rows, columns = np.random.default_rng(6).integers(10, 190, (2, 60))
@@ -45,7 +45,7 @@ def test_bright_spots_are_glint_at_fine_pixels_and_boats_at_coarse_ones():
 
 def test_flashes_that_the_nir_alone_has_caught_are_no_land():
     """Bands of different instants: what is bright in the NIR is in no other."""
-    scene = sea(glint=0.0)
+    scene = open_water(glint=0.0)
     rows, columns = np.random.default_rng(7).integers(0, 200, (2, 120))
     scene[3, rows, columns] += 0.6
     assert water(scene, fit_water([scene], ROLES, pixel=FINE)).all()

@@ -87,7 +87,7 @@ def test_what_cannot_be_put_back_is_said(tmp_path, monkeypatch, old):
                 scratch.add(tmp_path / name).write_text("new")
             monkeypatch.setattr(Path, "replace", second)
 
-    with pytest.raises(WriteError, match=r"Not put back: .*f.tif, whose old content is .*\.old"):
+    with pytest.raises(WriteError, match=r"Not restored: .*f.tif, whose old content is .*\.old"):
         write_both()
 
 

@@ -19,7 +19,7 @@ SLOPES = np.array([1.1, 1.0, 0.9, 0.85, 0.8, 0.7])
 WATER = np.array([90.0, 70.0, 40.0, 20.0, 10.0, 8.0])
 
 
-def sea(noise=0.5, shape=(60, 70), seed=0):
+def linear_glint(noise=0.5, shape=(60, 70), seed=0):
     rng = np.random.default_rng(seed)
     glint = rng.gamma(0.5, 30.0, shape)
     glint[:3] = 0
@@ -48,7 +48,7 @@ def test_references_are_the_longer_bands_from_640_nm_on():
 def test_weights_are_those_of_ridge_regression(noise):
     from sklearn.linear_model import Ridge
 
-    block = sea(noise)
+    block = linear_glint(noise)
     model = fitted(block)
     for fit in model.fits:
         index = model.indexes[fit.index]
@@ -67,7 +67,7 @@ def test_weights_are_those_of_ridge_regression(noise):
 
 
 def test_what_is_left_is_the_band_less_the_mixture_above_its_level():
-    block = sea()
+    block = linear_glint()
     model = fitted(block)
     out = remove.apply(block, model)
     for fit in model.fits:
@@ -78,7 +78,7 @@ def test_what_is_left_is_the_band_less_the_mixture_above_its_level():
 
 
 def test_exact_on_linear_glint():
-    block = sea(noise=0.0)
+    block = linear_glint(noise=0.0)
     model = fitted(block, floor_percentile=1e-9)
     out = remove.apply(block, model)
     assert [f.r2 for f in model.fits] == pytest.approx([1.0] * 4, abs=1e-6)
@@ -87,7 +87,7 @@ def test_exact_on_linear_glint():
 
 
 def test_one_reference_and_the_lowest_percentile_is_hedley_but_for_the_ridge():
-    block = sea()[[0, 1, 4]]
+    block = linear_glint()[[0, 1, 4]]
     bands = (BANDS[0], BANDS[1], BANDS[4])
     ours = fitted(block, bands, 2, floor_percentile=1e-9)
     theirs = remove.fit("hedley", block, nir=2, bands=bands)
@@ -102,14 +102,14 @@ def test_one_reference_and_the_lowest_percentile_is_hedley_but_for_the_ridge():
 @settings(max_examples=10)
 @given(factor=st.floats(1e-6, 1e6))
 def test_scaling_and_shifting(factor):
-    block = sea()
+    block = linear_glint()
     plain = remove.apply(block, fitted(block))
     np.testing.assert_allclose(remove.apply(block * factor, fitted(block * factor)), plain * factor, rtol=1e-6)
     np.testing.assert_allclose(remove.apply(block + 1e6, fitted(block + 1e6)) - 1e6, plain, atol=1e-5)
 
 
 def test_band_permutation():
-    block, turn = sea(), [3, 5, 0, 4, 1, 2]
+    block, turn = linear_glint(), [3, 5, 0, 4, 1, 2]
     turned = fitted(block[turn], [BANDS[b] for b in turn], turn.index(NIR), correct=[turn.index(b) for b in range(4)])
     found = remove.apply(block[turn], turned)
     np.testing.assert_allclose(found, remove.apply(block, fitted(block, correct=range(4)))[turn], rtol=1e-9)
@@ -117,13 +117,13 @@ def test_band_permutation():
 
 def test_several_references_are_better_than_one_where_each_has_noise():
     rng = np.random.default_rng(1)
-    block = sea(0.0) + rng.standard_normal((6, 60, 70)) * np.array([0.1, 0.1, 4, 4, 4, 4])[:, None, None]
+    block = linear_glint(0.0) + rng.standard_normal((6, 60, 70)) * np.array([0.1, 0.1, 4, 4, 4, 4])[:, None, None]
     left = {m: remove.apply(block, remove.fit(m, block, nir=NIR, bands=BANDS))[0].std() for m in ("joyce", "multiband")}
     assert left["multiband"] < 0.7 * left["joyce"]
 
 
 def test_collinear_references_do_not_blow_up():
-    block = sea(0.0)
+    block = linear_glint(0.0)
     block[3] = block[4] * 2
     model = fitted(block)
     assert max(abs(w) for i in model.indexes for w in i.weights) < 2
@@ -131,7 +131,7 @@ def test_collinear_references_do_not_blow_up():
 
 
 def test_nan_stays_and_does_not_spread_and_the_input_is_as_it_was():
-    block = sea()
+    block = linear_glint()
     block[2, 5, 6] = np.nan
     block[0, 9, 9] = np.nan
     before = block.copy()
@@ -143,7 +143,7 @@ def test_nan_stays_and_does_not_spread_and_the_input_is_as_it_was():
 
 
 def test_a_model_goes_through_json_and_to_bands_in_another_order():
-    block = sea()
+    block = linear_glint()
     model = fitted(block)
     again = remove.GlintModel.from_json(model.to_json())
     assert again == model
@@ -155,4 +155,4 @@ def test_a_model_goes_through_json_and_to_bands_in_another_order():
 @pytest.mark.parametrize("shape", [(7, 9), (1, 1)])
 def test_a_sample_that_is_too_small_is_refused(shape):
     with pytest.raises(FitError, match="need at least 64"):
-        fitted(sea(shape=shape))
+        fitted(linear_glint(shape=shape))

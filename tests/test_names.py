@@ -154,9 +154,9 @@ def test_what_was_assumed_is_in_the_log_without_v(deglint, tmp_path, write, sea)
     path = write(tmp_path / "a.tif", sea(), names=())
     run = ("--method", "hedley", "--sample", "all", "--mask", "none")
     ran = deglint("remove", path, tmp_path / "b.tif", "--sensor", "sentinel2", *run)
-    assert "the file is assumed to hold B02, B03, B04, B08" in ran.err
+    assert "assumed to hold B02, B03, B04, B08" in ran.err
     ran = deglint("remove", path, tmp_path / "c.tif", "--nir", "4", "-b", "1", *run)
-    assert "warning: the wavelength of band 4 is not known" in ran.err
+    assert "wavelength of band 4" in ran.err
     path = write(tmp_path / "d.tif", sea(), names=("blue", "green", "red", "rededge"))
     ran = deglint("remove", path, tmp_path / "e.tif", "--nir", "4", *run)
     assert "warning: rededge is red edge" in ran.err

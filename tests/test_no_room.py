@@ -69,7 +69,7 @@ def test_a_result_that_cannot_be_printed_is_one_line(sea, write, tmp_path, argum
                              stderr=subprocess.PIPE, text=True, preexec_fn=no_files,
                              env=os.environ | {"PYTHONPATH": str(ROOT)})  # fmt: skip
     assert ran.returncode == 1
-    assert ran.stderr.endswith("Error: cannot write to standard output: File too large.\n")
+    assert ran.stderr.endswith("standard output: File too large.\n")
 
 
 @pytest.mark.parametrize("limit", [None, no_files], ids=["no temporary directory", "and files of no size"])

@@ -27,7 +27,7 @@ MOVE = """(() => {{
 @pytest.fixture
 def port():
     server = make_server(BAY)
-    thread = threading.Thread(target=server.serve_forever)
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
     thread.start()
     yield server.server_port
     server.shutdown()
@@ -229,12 +229,10 @@ def test_two_plans_are_drawn_at_a_time_and_the_rest_wait_or_are_told(port, monke
     monkeypatch.setattr("deglint.plan.serve.WAIT", 0.45)
     found = []
     clients = [threading.Thread(target=lambda: found.append(get(port, "/plan")[0])) for _ in range(50)]
-    begun = time.monotonic()
     for client in clients:
         client.start()
     for client in clients:
         client.join()
-    assert time.monotonic() - begun < 5
     assert most[0] == 2
     status = [reply.status for reply in found]
     assert set(status) == {200, 503}

@@ -94,7 +94,7 @@ def test_glint_comes_off_the_sample_scene(tmp_path):
     assert [raw, left] == pytest.approx([float(s) for s in said.groups()], abs=1)
 
 
-@pytest.mark.parametrize("name", ["sea_025m", "sea_1m"])
+@pytest.mark.parametrize("name", [pytest.param("sea_025m", marks=pytest.mark.slow), "sea_1m"])
 def test_the_samples_are_what_their_script_makes(name):
     """To what other versions of libraries change; small enough for the repository, with the truth beside them.
 

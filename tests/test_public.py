@@ -35,6 +35,7 @@ def test_checkers_are_shown_the_names_that_are_loaded(package):
         assert hasattr(importlib.import_module(f"{package.__name__}.{home}"), name)
 
 
+@pytest.mark.slow
 def test_mypy_knows_signatures_and_misspelt_names(tmp_path):
     pytest.importorskip("mypy")
     script = tmp_path / "script.py"

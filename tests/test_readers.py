@@ -227,7 +227,7 @@ def test_sensor_that_does_not_fit(tmp_path, sensor, count, says):
 
 def test_order_is_refused_where_wavelengths_contradict_it(tmp_path):
     tags = [{"wavelength": w} for w in ("950", "660", "560", "480")]
-    with pytest.raises(BandError, match="the wavelengths in the file are not those of the preset"):
+    with pytest.raises(BandError, match="not those of the preset"):
         open_scene(write(tmp_path / "a.tif", zeros(4), band_tags=tags), sensor="geoeye1")
 
 
@@ -236,7 +236,7 @@ def test_sensor_from_a_tag_is_used_where_it_fits(tmp_path):
     assert fits.sensor == "worldview2"
     other = open_scene(write(tmp_path / "b.tif", zeros(2), tags={"sensor": "worldview-3"}))
     assert other.sensor is None
-    assert any("a tag names a sensor, which is not used" in n for n in other.notes)
+    assert any("which is not used" in n for n in other.notes)
 
 
 def test_unknown_sensor(tmp_path):

@@ -13,14 +13,12 @@ import deglint
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 SENTINEL2 = SHARED / "sentinel2"
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.shared,
     pytest.mark.skipif(not SENTINEL2.exists(), reason="the real scenes are not beside the project"),
 ]
 VISIBLE = ("B02", "B03", "B04")
 PUBLISHED = (0.856348, 0.869187, 0.806518)
-SIMULATED = (
-    "wind02_delay60", "wind05_delay60", "wind09_delay00", "wind09_delay60", "wind09_delay60_f30", "wind12_delay60_sun30"
-)  # fmt: skip
 
 
 def values(path, names=VISIBLE):
@@ -79,9 +77,3 @@ def test_land_passes_unchanged_and_integers_stay_integers(name, tmp_path):
 def test_a_reef_is_water_and_is_corrected(tmp_path):
     result = deglint.remove_glint(SENTINEL2 / "wistari.tif", tmp_path / "out.tif")
     assert result.tally.not_water < 0.001 * result.tally.total
-
-
-@pytest.mark.parametrize("scene", SIMULATED)
-def test_simulated_seas_are_water(scene):
-    path = SHARED / "simulated" / f"{scene}.tif"
-    assert deglint.fit_scene(deglint.open_scene(path)).water.water_fraction > 0.99

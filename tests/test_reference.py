@@ -9,7 +9,7 @@ SHIP = np.s_[60:64, 40:52]
 
 
 @pytest.fixture
-def sea():
+def nir_with_ship():
     """Glint with a ship; at the right darker water, with a target fainter than anything bright at the left."""
     rng = np.random.default_rng(1)
     values = (40 + rng.gamma(2.0, 3.0, (160, 220))).astype(np.float32)
@@ -19,29 +19,29 @@ def sea():
     return values
 
 
-def rule_of(sea):
-    sample = np.zeros(sea.shape, bool)
+def rule_of(nir_with_ship):
+    sample = np.zeros(nir_with_ship.shape, bool)
     sample[100:, :128] = True
-    return fit_reference([(sea, sample)], 3)
+    return fit_reference([(nir_with_ship, sample)], 3)
 
 
-def test_ships_take_the_mean_of_the_water_around(sea):
-    cleaned, exceeds = clean(sea, np.ones(sea.shape, bool), rule_of(sea))
+def test_ships_take_the_mean_of_the_water_around(nir_with_ship):
+    cleaned, exceeds = clean(nir_with_ship, np.ones(nir_with_ship.shape, bool), rule_of(nir_with_ship))
     assert exceeds[SHIP].all()
     assert cleaned[SHIP] == pytest.approx(46, abs=3)
-    np.testing.assert_array_equal(cleaned[~exceeds], sea[~exceeds])
+    np.testing.assert_array_equal(cleaned[~exceeds], nir_with_ship[~exceeds])
 
 
 @pytest.mark.parametrize("land", [False, True])
-def test_tiles_are_the_whole_to_the_bit(sea, land):
+def test_tiles_are_the_whole_to_the_bit(nir_with_ship, land):
     """A ship in one tile changes nothing in another, where darker water holds what is fainter than any sample."""
-    rule, water = rule_of(sea), np.ones(sea.shape, bool)
+    rule, water = rule_of(nir_with_ship), np.ones(nir_with_ship.shape, bool)
     if land:
         water[:20, :60] = False
-    whole, _ = clean(sea, water, rule)
+    whole, _ = clean(nir_with_ship, water, rule)
     for columns in (slice(0, 110), slice(110, 220)):
         low, high = max(columns.start - rule.halo, 0), columns.stop + rule.halo
-        part, _ = clean(sea[:, low:high], water[:, low:high], rule)
+        part, _ = clean(nir_with_ship[:, low:high], water[:, low:high], rule)
         np.testing.assert_array_equal(part[:, columns.start - low :][:, :110], whole[:, columns])
 
 

@@ -76,7 +76,7 @@ def serve(tmp_path, monkeypatch):
 
 
 def test_a_scene_on_a_server_is_a_scene(deglint, sea, write, read, tmp_path, serve):
-    write(tmp_path / "in.tif", sea(300, 300), tiled=True, blockxsize=64, blockysize=64)
+    write(tmp_path / "in.tif", sea(120, 120), tiled=True, blockxsize=64, blockysize=64)
     assert deglint("remove", tmp_path / "in.tif", tmp_path / "file.tif", *RUN).code == 0
     ran = deglint("remove", f"{serve()}/in.tif", tmp_path / "web.tif", *RUN)
     assert ran.code == 0, ran.err
@@ -104,7 +104,7 @@ def test_a_stac_item_on_a_server_is_a_scene(sea, write, tmp_path, serve):
 
 @pytest.mark.parametrize("after", [0, 30_000], ids=["says nothing", "stops under way"])
 def test_a_server_that_stalls_is_given_up(deglint, sea, write, tmp_path, serve, monkeypatch, after):
-    write(tmp_path / "in.tif", sea(300, 300), tiled=True, blockxsize=64, blockysize=64)
+    write(tmp_path / "in.tif", sea(120, 120), tiled=True, blockxsize=64, blockysize=64)
     (tmp_path / "out").mkdir()
     for name, value in LITTLE_PATIENCE.items():
         monkeypatch.setenv(name, value)
@@ -112,12 +112,12 @@ def test_a_server_that_stalls_is_given_up(deglint, sea, write, tmp_path, serve, 
     assert ran.code == 1
     assert ran.err.startswith("Error: cannot ")
     assert ran.err.count("\n") == 1
-    assert "The server cannot be reached or is too slow" in ran.err
+    assert "too slow" in ran.err
     assert list((tmp_path / "out").iterdir()) == []
 
 
 def test_a_stalled_scene_does_not_stop_a_batch(deglint, sea, write, tmp_path, serve, monkeypatch):
-    write(tmp_path / "in.tif", sea(300, 300), tiled=True, blockxsize=64, blockysize=64)
+    write(tmp_path / "in.tif", sea(120, 120), tiled=True, blockxsize=64, blockysize=64)
     monkeypatch.chdir(tmp_path)
     for name, value in LITTLE_PATIENCE.items():
         monkeypatch.setenv(name, value)
@@ -127,7 +127,7 @@ def test_a_stalled_scene_does_not_stop_a_batch(deglint, sea, write, tmp_path, se
     assert ran.code == 1
     assert "2 done" in ran.out
     assert "1 failed" in ran.out
-    assert "The server cannot be reached or is too slow" in ran.out
+    assert "too slow" in ran.out
 
 
 def test_patience_is_bounded_and_the_environment_decides(monkeypatch):

@@ -108,13 +108,12 @@ def test_band_permutation(name, regression):
 
 
 @pytest.mark.parametrize(("name", "regression"), COMBINATIONS)
-@settings(max_examples=8, deadline=None)
-@given(scale=st.floats(1e-6, 1e6))
-def test_scaling(name, regression, scale):
+def test_scaling(name, regression):
     block, _ = scene(noise=1.0)
     out = remove.apply(block, fitted(name, block, regression, rrs_factor=1.0))
-    scaled = remove.apply(block * scale, fitted(name, block * scale, regression, rrs_factor=scale))
-    np.testing.assert_allclose(scaled / scale, out, rtol=1e-6, atol=1e-6)
+    for scale in (1e-6, 0.37, 1e6):
+        scaled = remove.apply(block * scale, fitted(name, block * scale, regression, rrs_factor=scale))
+        np.testing.assert_allclose(scaled / scale, out, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize(("name", "regression"), [c for c in COMBINATIONS if not METHODS[c[0]].neighbours])

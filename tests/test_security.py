@@ -101,7 +101,7 @@ def test_the_limits_are_settable(deglint, sea, write, tmp_path, monkeypatch):
     monkeypatch.setenv("DEGLINT_MAX_PIXELS", "8e3")
     assert deglint("info", source).code == 0
     monkeypatch.setenv("DEGLINT_MAX_PIXELS", "many")
-    assert "DEGLINT_MAX_PIXELS is 'many'; it must be a whole number" in deglint("info", source).err
+    assert "DEGLINT_MAX_PIXELS is 'many'" in deglint("info", source).err
     monkeypatch.delenv("DEGLINT_MAX_PIXELS")
     monkeypatch.setenv("DEGLINT_MAX_BLOCK_MB", "0")
     assert "DEGLINT_MAX_BLOCK_MB is '0'" in deglint("info", source).err
@@ -227,13 +227,19 @@ ODD_NAMES = {
 
 
 @pytest.mark.parametrize("name", ODD_NAMES)
-def test_hidden_characters_are_spelled_out(deglint, sea, write, tmp_path, name):
-    """In the log, in tables and reports, and in names of files."""
+def test_hidden_characters_in_names_of_bands_are_spelled_out(deglint, sea, write, tmp_path, name):
     source = write(tmp_path / "in.tif", sea(), names=[name, "green", "red", "nir"])
     ran = deglint("remove", source, tmp_path / "o.tif", *RUN)
     assert ODD_NAMES[name] in ran.err
     assert ODD_NAMES[name] in deglint("info", source).out
     assert read_names(tmp_path / "o.tif")[0] == name  # the file keeps its own
+    sidecar = (tmp_path / "o.tif.json").read_text()
+    assert name not in sidecar or name.isprintable()
+
+
+def test_hidden_characters_in_names_of_scenes_are_spelled_out(deglint, sea, write, tmp_path):
+    name = "\u202egpj.exe"
+    write(tmp_path / "in.tif", sea(), names=[name, "green", "red", "nir"])
     item = {"type": "Feature", "id": f"x{name}", "assets": {"data": {"href": "in.tif"}}}
     (tmp_path / "s.json").write_text(json.dumps(item))
     (tmp_path / "r.toml").write_text(
@@ -242,8 +248,7 @@ def test_hidden_characters_are_spelled_out(deglint, sea, write, tmp_path, name):
     assert deglint("batch", tmp_path / "r.toml", tmp_path / "s.json", "--table", tmp_path / "t.csv").code == 0
     made = [p.name for p in (tmp_path / "out").iterdir()]
     assert len(made) == 2
-    texts = [*made, (tmp_path / "t.csv").read_text(), (tmp_path / "o.tif.json").read_text()]
-    assert all(name not in text or name.isprintable() for text in texts)
+    assert all(name not in text for text in [*made, (tmp_path / "t.csv").read_text()])
 
 
 def read_names(path):
@@ -261,17 +266,18 @@ def test_pages_show_nothing_hidden():
     assert "<p>one\u2009two\n\\u200fthree\\x1b</p>" in page
 
 
-@pytest.mark.parametrize("directory", ["../..", "..", "a/../../b", "./../x"])
-def test_a_recipe_leads_nowhere_above(deglint, sea, write, tmp_path, monkeypatch, directory):
+def test_a_recipe_leads_nowhere_above(deglint, sea, write, tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     write("in.tif", sea())
-    Path("r.toml").write_text(f'[output]\ndirectory = "{directory}"\n[recipe]\nmethod = "hedley"\nmask = "none"\n')
-    ran = deglint("batch", "r.toml", "in.tif")
-    assert ran.code == 1
-    assert "leads out of the directory that the batch runs in" in ran.err
-    assert "--directory DIR" in ran.err
-    assert [p.name for p in tmp_path.iterdir()] == ["here"]
+    for directory in ("../..", "..", "a/../../b", "./../x"):
+        recipe = f'[output]\ndirectory = "{directory}"\n[recipe]\nmethod = "hedley"\nmask = "none"\n'
+        Path("r.toml").write_text(recipe)
+        ran = deglint("batch", "r.toml", "in.tif")
+        assert ran.code == 1, directory
+        assert "leads out of the directory" in ran.err
+        assert "--directory DIR" in ran.err
+        assert [p.name for p in tmp_path.iterdir()] == ["here"]
     assert deglint("batch", "r.toml", "in.tif", "--directory", tmp_path / "there").code == 0
     assert len(list((tmp_path / "there").iterdir())) == 2
 

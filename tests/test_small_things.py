@@ -7,16 +7,17 @@ from benchmarks.implants import COLOURS, SIZES, contrast, implant, simulated, su
 from benchmarks.targets import deglinted
 
 
-@pytest.fixture(scope="module", params=[5.0, 9.0])
-def sea(request, tmp_path_factory):
+@pytest.fixture(scope="module", params=[pytest.param(5.0, marks=pytest.mark.slow), 9.0])
+def simulated_sea(request, tmp_path_factory):
     return simulated(tmp_path_factory.mktemp("sea"), request.param, 0.06, 103)
 
 
-def test_small_things_at_rest_keep_their_contrast(sea, tmp_path):
+@pytest.mark.slow
+def test_small_things_at_rest_keep_their_contrast(simulated_sea, tmp_path):
     kinds, left = [(colour, size) for colour in COLOURS for size in SIZES], []
     for seed in (0, 1):
-        there, targets = implant(sea, kinds, seed)
-        shares = contrast(deglinted(there, tmp_path), sea.truth, there.truth, targets)
+        there, targets = implant(simulated_sea, kinds, seed)
+        shares = contrast(deglinted(there, tmp_path), simulated_sea.truth, there.truth, targets)
         left += [(t.colour, t.size > 1, share) for t, share in zip(targets, shares, strict=True)]
 
     def share(*colours, single=False):
@@ -29,10 +30,12 @@ def test_small_things_at_rest_keep_their_contrast(sea, tmp_path):
     assert min(share("red"), share("blue")) >= 0.5
 
 
-@pytest.mark.parametrize("speed", [0.25, 0.5, 1.0])
-def test_boats_that_move_keep_their_contrast(sea, tmp_path, speed):
+@pytest.mark.parametrize(
+    "speed", [pytest.param(0.25, marks=pytest.mark.slow), 0.5, pytest.param(1.0, marks=pytest.mark.slow)]
+)
+def test_boats_that_move_keep_their_contrast(simulated_sea, tmp_path, speed):
     """They had passed for sparkle that lasts, and all were lost."""
-    there, targets = implant(sea, [("white 30 %", 5)], 1, speed, 48)
-    shares = contrast(deglinted(there, tmp_path), sea.truth, there.truth, targets)
+    there, targets = implant(simulated_sea, [("white 30 %", 5)], 1, speed, 48)
+    shares = contrast(deglinted(there, tmp_path), simulated_sea.truth, there.truth, targets)
     assert len(targets) > 24
     assert np.median(shares) > 0.8

@@ -89,7 +89,7 @@ def test_nodata_of_the_caller_wins(tmp_path):
     scene = open_scene(path, nodata=9)
     np.testing.assert_array_equal(np.isnan(scene.read()), numbers("uint16") == 9)
     assert scene.source.info.nodata == 9
-    with pytest.raises(InputError, match="nodata: allowed is a whole number 0 to 65535 for uint16, got -9999"):
+    with pytest.raises(InputError, match="nodata: allowed is an integer 0 to 65535 for uint16, got -9999"):
         open_scene(path, nodata=-9999)
 
 

@@ -148,9 +148,9 @@ def test_gpd_of_chi2_scores_comes_near_the_law():
 
 def test_a_threshold_says_both_rates():
     line = str(from_quantile(np.arange(10_000.0), 1e-2))
-    assert "Pfa designed 0.01, achieved 0.01" in line
+    assert "Pfa requested 0.01, observed 0.01" in line
     assert "not measured" in str(from_chi2(1e-3, 8))
-    assert "achieved 0.02" in str(from_chi2(1e-3, 8).measured(20, 1000))
+    assert "observed 0.02" in str(from_chi2(1e-3, 8).measured(20, 1000))
     found = from_chi2(1e-3, 8)
     assert found.exceeded(np.array([1.0, np.nan, 99.0])).tolist() == [False, False, True]
 

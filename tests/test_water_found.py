@@ -37,7 +37,7 @@ def ground(spectrum, seed, texture=0.25):
     return np.array(spectrum)[:, None, None] * factor
 
 
-def sea(spectrum, seed, glint=0.01, sheet=0.0):
+def water_of(spectrum, seed, glint=0.01, sheet=0.0):
     """Water of one kind under waves of glint, on a sheet of glint or haze that is stronger on one side."""
     waves = np.maximum(smooth(1.5, seed) + 2, 0) * glint / 2 + sheet * (0.5 + np.linspace(0, 0.5, SHAPE[1]))
     noise = np.random.default_rng(seed).normal(0, 6e-4, (4, *SHAPE))
@@ -68,7 +68,7 @@ KINDS = {  # water, glint, sheet, land, where the land is
 
 def made(kind):
     spectrum, glint, sheet, land, where = KINDS[kind]
-    return np.where(where, land, sea(spectrum, 1, glint, sheet)).astype(np.float32), ~where
+    return np.where(where, land, water_of(spectrum, 1, glint, sheet)).astype(np.float32), ~where
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -101,7 +101,7 @@ def test_tiles_are_the_whole(kind):
 
 @pytest.mark.parametrize(("spectrum", "glint", "sheet"), [(k[0], k[1], k[2]) for k in KINDS.values()])
 def test_without_land_all_is_water(spectrum, glint, sheet):
-    scene = sea(spectrum, 1, glint, sheet).astype(np.float32)
+    scene = water_of(spectrum, 1, glint, sheet).astype(np.float32)
     rule = fit_water([scene], ROLES, pixel=10.0)
     if spectrum == BROWN:  # alone it might be a town: the message says what to do
         assert "--mask none" in rule.reason
@@ -143,7 +143,7 @@ def test_land_alone_is_no_water_in_radiance_either(kinds):
 
 
 def test_ships_piers_and_clouds_are_no_water_and_a_reef_is():
-    scene, things = sea(CLEAR, 3, 0.01).astype(np.float32), np.zeros(SHAPE, bool)
+    scene, things = water_of(CLEAR, 3, 0.01).astype(np.float32), np.zeros(SHAPE, bool)
     things[30:34, 40:52] = things[90:93, 100:103] = things[140:144, :60] = True
     things |= np.hypot(ROWS - 60, COLUMNS - 150) < 25
     reef = (ROWS > 120) & (COLUMNS > 120)
@@ -156,7 +156,7 @@ def test_ships_piers_and_clouds_are_no_water_and_a_reef_is():
 
 @pytest.mark.parametrize("share", [0.3, 0.7])
 def test_clouds_are_no_water_however_much_there_is_of_them(share):
-    scene, cloud = sea(CLEAR, 3, 0.01), smooth(15, 9)
+    scene, cloud = water_of(CLEAR, 3, 0.01), smooth(15, 9)
     cloud = cloud > np.quantile(cloud, 1 - share)
     white = np.array([0.5, 0.48, 0.47, 0.46])[:, None, None] * np.exp(smooth(4, 2, 0.2))
     scene = np.where(cloud, white, scene).astype(np.float32)

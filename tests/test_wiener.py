@@ -32,7 +32,7 @@ def waves(shape=(192, 256), seed=0, strength=60.0):
     return np.exp(gaussian_filter(rng.normal(size=shape), 1.5) * 3) * strength
 
 
-def sea(shape=(192, 256), seed=0, noise=1.0, strength=60.0):
+def swell_block(shape=(192, 256), seed=0, noise=1.0, strength=60.0):
     rng = np.random.default_rng(seed + 100)
     block = WATER + SLOPES * waves(shape, seed, strength) + noise * rng.normal(size=(4, *shape))
     return block.astype(np.float32)
@@ -51,21 +51,21 @@ def kernel_of(model, band):
 
 
 def test_a_known_kernel_is_recovered_within_its_noise():
-    block, true = sea(), np.array([[0.0, 0.1, 0.0], [0.3, 0.4, -0.1], [0.0, 0.2, 0.1]])
+    block, true = swell_block(), np.array([[0.0, 0.1, 0.0], [0.3, 0.4, -0.1], [0.0, 0.2, 0.1]])
     block[0] = 900 + correlate(block[3] - 100.0, true) + np.random.default_rng(1).normal(size=block[0].shape)
     found = kernel_of(fitted(block), 0)
     np.testing.assert_allclose(found[1:4, 1:4], true, atol=0.02)
 
 
 def test_a_shift_by_whole_pixels_is_undone():
-    block = sea(noise=0.0)
+    block = swell_block(noise=0.0)
     block[1] = 700 + np.roll(block[3] - 100, (1, -1), (0, 1))
     out = remove.apply(block, fitted(block))
     assert out[1, 3:-3, 3:-3].std() < 0.02 * block[1].std()
 
 
 def test_one_pixel_and_raw_statistics_are_hedley():
-    block = sea(noise=5.0)
+    block = swell_block(noise=5.0)
     request = nir_request(BANDS, [3], regression="ols")
     every = np.ones(block.shape[1:], bool)
     model = wiener.fit(request, [SampleTile(block[:, r : r + 64, c : c + 64], every[:64, :64], every[:64, :64], (r, c))
@@ -87,14 +87,14 @@ def test_without_glint_nothing_is_changed():
 
 @pytest.mark.parametrize("factor", [1e-4, 1.0, 1e3])
 def test_the_unit_does_not_matter(factor):
-    block = sea()
+    block = swell_block()
     one, other = fitted(block), fitted((block * np.float32(factor)).astype(np.float32))
     assert [f.slope for f in one.fits] == pytest.approx([f.slope for f in other.fits], rel=1e-4)
     assert one.indexes[0].level * factor == pytest.approx(other.indexes[0].level, rel=1e-3)
 
 
 def test_the_order_of_bands_does_not_matter():
-    block, order = sea(), [2, 0, 1, 3]
+    block, order = swell_block(), [2, 0, 1, 3]
     moved = fitted(block[order], tuple(BANDS[b] for b in order))
     np.testing.assert_allclose(remove.apply(block[order], moved), remove.apply(block, fitted(block))[order], rtol=1e-4)
     by_name = fitted(block).for_bands(tuple(BANDS[b].name for b in order))
@@ -104,7 +104,7 @@ def test_the_order_of_bands_does_not_matter():
 
 
 def test_missing_pixels_stay_missing_and_teach_nothing():
-    block = sea()
+    block = swell_block()
     holes = np.zeros(block.shape[1:], bool)
     holes[50:60, 50:60] = True
     dirty = block.copy()
@@ -118,7 +118,7 @@ def test_missing_pixels_stay_missing_and_teach_nothing():
 
 def test_the_colour_of_glint_steadies_a_noisy_band():
     """A band without a visible swell of its own is drawn to the colour that the others show."""
-    block = sea((128, 128), noise=2.0, strength=20.0)
+    block = swell_block((128, 128), noise=2.0, strength=20.0)
     block[2] += np.random.default_rng(4).normal(0, 400, block[2].shape).astype(np.float32)
     (blue, green, red) = (f.slope for f in fitted(block).fits)
     assert blue == pytest.approx(1.05, abs=0.1)
@@ -127,7 +127,7 @@ def test_the_colour_of_glint_steadies_a_noisy_band():
 
 
 def test_the_level_is_that_of_the_least_glint_and_leaves_nothing_negative():
-    block = sea(noise=0.5)
+    block = swell_block(noise=0.5)
     model = fitted(block)
     out = remove.apply(block, model)
     assert np.median(out[:3], axis=(1, 2)) == pytest.approx(WATER[:3, 0, 0], rel=0.05)
@@ -139,20 +139,20 @@ def test_the_level_is_that_of_the_least_glint_and_leaves_nothing_negative():
 
 
 def test_nothing_is_brightened():
-    block = sea(noise=3.0)
+    block = swell_block(noise=3.0)
     assert (remove.apply(block, fitted(block)) <= block).all()
 
 
 def test_an_even_sheet_of_glint_is_warned_of_with_its_interval():
-    block = sea(noise=0.5) + np.float32(2000)
+    block = swell_block(noise=0.5) + np.float32(2000)
     model = fitted(block)
     assert any("level of the glint is uncertain" in w for w in model.warnings)
     assert model.level_interval[1] > 1900
-    assert not fitted(sea(noise=0.5)).warnings
+    assert not fitted(swell_block(noise=0.5)).warnings
 
 
 def test_ships_and_land_are_left_and_the_water_beside_them_too():
-    block = sea((256, 256))
+    block = swell_block((256, 256))
     block[:, 100:104, 100:112] += 4000
     block[:, :, 200:] = 3000
     water = np.ones((256, 256), bool)
@@ -166,7 +166,7 @@ def test_ships_and_land_are_left_and_the_water_beside_them_too():
 
 
 def test_a_reference_of_clean_water_is_itself():
-    values = sea()[3]
+    values = swell_block()[3]
     rule = fit_reference([(values, np.ones(values.shape, bool))], 3)
     out, exceeds = clean(values, np.ones(values.shape, bool), rule)
     assert out is values
@@ -176,7 +176,7 @@ def test_a_reference_of_clean_water_is_itself():
 @settings(max_examples=6, deadline=None)
 @given(st.integers(60, 130), st.integers(60, 200), st.booleans())
 def test_tiles_are_the_whole_to_the_bit(row, column, two_kinds):
-    block = sea((192, 256), seed=3)
+    block = swell_block((192, 256), seed=3)
     block[:, 70:74, 90:99] += 5000
     block[3, 120:140, 20:60] = np.nan
     water = np.ones((192, 256), bool)
@@ -199,7 +199,7 @@ def test_tiles_are_the_whole_to_the_bit(row, column, two_kinds):
 
 
 def test_standard_errors_against_draws():
-    found = [fitted(sea((192, 192), seed=s, noise=20.0)) for s in range(12)]
+    found = [fitted(swell_block((192, 192), seed=s, noise=20.0)) for s in range(12)]
     slopes = np.array([[f.slope for f in m.fits] for m in found])
     claimed = np.array([[f.stderr for f in m.fits] for m in found]).mean(axis=0)
     assert (claimed / slopes.std(axis=0, ddof=1) > 0.5).all()
@@ -210,7 +210,7 @@ def test_standard_errors_against_draws():
 
 def test_the_error_of_the_level_against_a_bootstrap_over_tiles():
     rng, side = np.random.default_rng(11), 64
-    block, slopes = sea((256, 256), seed=12, noise=5.0), np.ones(3)
+    block, slopes = swell_block((256, 256), seed=12, noise=5.0), np.ones(3)
     cells = block.reshape(4, 4, side, 4, side).transpose(1, 3, 0, 2, 4).reshape(16, 4, -1)
 
     def level(chosen):
@@ -248,7 +248,7 @@ def test_strips_are_found_and_each_follows_its_own_waves():
 
 
 def test_models_survive_json_and_say_what_they_follow():
-    model = fitted(sea())
+    model = fitted(swell_block())
     assert GlintModel.from_json(model.to_json()) == model
     assert "NIR (" in str(model)
     broken = json.loads(model.to_json())
@@ -259,7 +259,7 @@ def test_models_survive_json_and_say_what_they_follow():
 
 def test_too_little_water_says_what_to_do():
     with pytest.raises(FitError, match="--sample"):
-        fitted(sea(), sample=np.zeros((192, 256), bool))
+        fitted(swell_block(), sample=np.zeros((192, 256), bool))
 
 
 def test_swir_serves_as_second_reference_and_water_vapour_does_not():
@@ -271,7 +271,7 @@ def test_swir_serves_as_second_reference_and_water_vapour_does_not():
 
 
 def test_threads_and_windows_give_the_same_bits(write, read, tmp_path):
-    block = np.rint(sea((300, 420), seed=9)).clip(1).astype(np.uint16)
+    block = np.rint(swell_block((300, 420), seed=9)).clip(1).astype(np.uint16)
     names = ("blue", "green", "red", "nir")
     source = write(tmp_path / "sea.tif", block, names=names)
     for threads in (1, 2):
@@ -283,6 +283,7 @@ def test_threads_and_windows_give_the_same_bits(write, read, tmp_path):
     np.testing.assert_array_equal(correct(scene, fit, window=window), correct(scene, fit)[:, 100:211, 37:401])
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 @pytest.mark.parametrize(
     ("name", "most"), [("p124_w9_wv3", 18.0), ("p300_w9_0ms", 12.0), ("sentinel2_w5", 20.8), ("planetscope4_w9", 45.0)]

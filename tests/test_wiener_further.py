@@ -16,7 +16,7 @@ from deglint.scene import Band
 BANDS = (Band("BLUE", 480.0), Band("RED", 660.0), Band("EDGE", 715.0), Band("NIR", 840.0))
 
 
-def sea(seed=0, bottom=0.0, shape=(192, 192)):
+def sparkle_over_bottom(seed=0, bottom=0.0, shape=(192, 192)):
     """Sparkle with a part that the NIR does not show; a textured bottom that the red edge sees a little."""
     rng = np.random.default_rng(seed)
     sparkle = np.maximum(gaussian_filter(rng.normal(size=shape), 1) * 4 - 1.5, 0) * 200
@@ -33,14 +33,14 @@ def parts(block):
 
 
 def test_a_red_edge_band_serves_over_deep_water_and_not_over_a_bottom_that_it_sees():
-    request, tiles = parts(sea()[0])
+    request, tiles = parts(sparkle_over_bottom()[0])
     assert more_references(request, tiles) == (2,)
-    request, tiles = parts(sea(bottom=6.0)[0])
+    request, tiles = parts(sparkle_over_bottom(bottom=6.0)[0])
     assert more_references(request, tiles) == ()
 
 
 def test_further_references_lessen_what_is_left_and_are_saved():
-    block, water = sea()
+    block, water = sparkle_over_bottom()
     request, tiles = parts(block)
     left = {}
     for more in ((), (2,)):
@@ -53,7 +53,7 @@ def test_further_references_lessen_what_is_left_and_are_saved():
 
 
 def test_a_plume_survives_a_fit_with_it():
-    block, _ = sea()
+    block, _ = sparkle_over_bottom()
     row, column = np.mgrid[:192, :192]
     plume = np.exp(-((row - 96) ** 2 + (column - 96) ** 2) / (2 * 40.0**2)) * np.array([8, 20, 5, 0.5])[:, None, None]
     results = []
@@ -67,7 +67,7 @@ def test_a_plume_survives_a_fit_with_it():
 
 @pytest.mark.parametrize("options", [{"more": (2,)}, {"more": (2,), "faint": True}, {"level_percentile": 30.0}])
 def test_a_tile_with_its_halo_is_the_whole_to_the_bit(options):
-    block, _ = sea()
+    block, _ = sparkle_over_bottom()
     request, tiles = parts(block)
     model = wiener.fit(replace(request, **options), tiles)
     whole, h = remove.apply(block, model), model.halo
@@ -76,7 +76,7 @@ def test_a_tile_with_its_halo_is_the_whole_to_the_bit(options):
 
 
 def test_faint_glint_is_followed_better_than_strong():
-    block, water = sea()
+    block, water = sparkle_over_bottom()
     block[:3] += 0.002 * (block[3] - 2) ** 2  # strong glint is not linear
     request, tiles = parts(block)
     faint = (block[3] > 10) & (block[3] < 40)
@@ -85,7 +85,7 @@ def test_faint_glint_is_followed_better_than_strong():
 
 
 def test_a_level_of_replaced_glint_is_a_percentile_and_glint_may_be_negative():
-    block, _ = sea()
+    block, _ = sparkle_over_bottom()
     request, tiles = parts(block)
     model = wiener.fit(replace(request, level_percentile=30.0), tiles)
     taken, _ = glint(block, model, np.ones(block.shape[1:], bool))

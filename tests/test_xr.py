@@ -51,8 +51,12 @@ def by_file(source, tmp_path, recipe, **options):
         return dataset.read()
 
 
-@pytest.mark.parametrize("recipe", [Recipe(), HEDLEY, CHAIN], ids=["auto", "hedley", "chain"])
-@pytest.mark.parametrize(("dtype", "nodata"), [("uint16", 0), ("float32", None), ("float64", -9999.0)])
+@pytest.mark.parametrize(
+    ("recipe", "dtype", "nodata"),
+    [(Recipe(), "uint16", 0), (HEDLEY, "float32", None), (HEDLEY, "float64", -9999.0), (CHAIN, "uint16", 0),
+     (CHAIN, "float32", None)],
+    ids=["auto", "hedley", "hedley, nodata", "chain", "chain, float32"],
+)  # fmt: skip
 def test_the_numbers_of_the_tile_engine(scene, tmp_path, recipe, dtype, nodata):
     source = scene(dtype, nodata=nodata)
     expected = by_file(source, tmp_path, recipe)

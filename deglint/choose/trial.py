@@ -267,7 +267,7 @@ def without_ships(sample: Sample) -> Sample:
 
 
 def _around(mask: Mask) -> Mask:
-    """A mask, and the pixels beside it."""
+    """The mask, widened by `NOT_JUDGED` pixels on every side."""
     import cv2
 
     return np.asarray(cv2.dilate(mask.view(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8))).view(np.bool_)

@@ -34,7 +34,7 @@ class FileName(click.ParamType):
         self._words, self._presets = words, presets
 
     def shell_complete(self, _ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Words that begin so, then files."""
+        """The words of the option that start with what was typed, then files."""
         words = self._words
         if self._presets:
             from ..sensors import names as presets

@@ -20,7 +20,7 @@ Given = dict[str, Any]
 
 @dataclass(frozen=True)
 class Mode:
-    """One thing to ask for.
+    """One question to the planner.
 
     Attributes
     ----------

@@ -125,7 +125,7 @@ def _explained(error: BaseException) -> tuple[int, str]:
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return 1, "Error: too many open files. Use fewer --threads or inputs, or raise the limit (ulimit -n)."
     if isinstance(error, OSError) and error.errno in _NO_ROOM and not error.filename:
-        return 1, f"Error: cannot write to standard output: {error.strerror}."  # a file's trouble is told by who wrote
+        return 1, f"Error: cannot write to standard output: {error.strerror}."  # who writes a file reports its errors
     if isinstance(error, FileNotFoundError) and "temporary directory" in str(error):
         return 1, "Error: there is no directory for temporary files. Set TMPDIR to one that can be written to."
     line = (str(error).splitlines() or [""])[0]

@@ -177,8 +177,8 @@ def _number(name: str, text: str) -> float:
     except ValueError:
         raise InputError(f"stage '{name}:{text}': {text!r} is not a number.") from None
     if not kind.low <= number <= kind.high or (kind.whole and number % 1):
-        whole = "whole " * kind.whole
-        raise InputError(f"{name} takes a {whole}number from {kind.low:g} to {kind.high:g}, got {text}.")
+        noun = "an integer" if kind.whole else "a number"
+        raise InputError(f"{name} takes {noun} from {kind.low:g} to {kind.high:g}, got {text}.")
     if kind.odd and not number % 2:
         raise InputError(f"{name}:{text}: the size must be odd, so that it has a middle.")
     return number

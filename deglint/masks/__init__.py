@@ -10,10 +10,10 @@ room reads no files, keeps no state, and never changes a pixel.
 """
 
 from .find import fit_water
-from .sample import SampleRule, away_from_shore, deep_water, describe, fit_sample, sample_halo
+from .sample import SampleRule, away_from_shore, deep_water, fit_sample, sample_halo
 from .surface import Roles, WaterRule, brightness, opened, valid_for, water
 
 __all__ = [
-    "Roles", "SampleRule", "WaterRule", "away_from_shore", "brightness", "deep_water", "describe", "fit_sample",
+    "Roles", "SampleRule", "WaterRule", "away_from_shore", "brightness", "deep_water", "fit_sample",
     "fit_water", "opened", "sample_halo", "valid_for", "water",
 ]  # fmt: skip

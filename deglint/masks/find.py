@@ -27,7 +27,7 @@ WIDEST, RARE = 13, 2e-3
 are boats and piers at coarse pixels and not glint, which is everywhere in the sea."""
 TAIL, LEAST_TAIL = 3.0, 0.5
 """The NIR of water ends within 3 times the distance from its median to its 99th percentile: brightness of glint falls
-off exponentially, and four in a million pixels lie beyond. Water without glint, or rounded to whole numbers, is given
+off exponentially, and four in a million pixels lie beyond. Water without glint, or rounded to integers, is given
 half of the difference between its visible and its NIR."""
 DARKEST, MAX_SHEET = 10, 8.0
 """Glint and haze lift whole areas above the darkest tenth of the water by up to 8 times the difference between its
@@ -39,7 +39,7 @@ PLAIN, SUN = (1.0, 1.0), (0.85, 0.57)
 """Red and NIR over green of what is white, in reflectance and in radiance: the sun's irradiance at 660, 840, 560 nm."""
 COARSE = 1.0
 """Where pixels are smaller, or their size is not known, dense glint may be brighter than all else, and is not white in
-bands of different instants [m]."""
+bands that are not simultaneous [m]."""
 WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
 """How red and NIR of what is white may compare to its green where the bands are radiances."""
 LEAST_WATER = 25

@@ -165,7 +165,7 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     Raises
     ------
     FitError
-        No water in the look, none far enough from other things, or the NIR does not vary over it.
+        No water in the look, none far enough from what is not water, or the NIR does not vary over it.
 
     Notes
     -----
@@ -217,34 +217,6 @@ def deep_water(block: FloatArray, rule: SampleRule) -> BoolArray:
     if not mask.any():
         return mask
     return _select(block, mask, _local(block, mask, rule), rule)
-
-
-def describe(mask: BoolArray, valid: int | None = None) -> dict[str, Any]:
-    """Where a mask lies: how many pixels, their bounding box, their share.
-
-    Parameters
-    ----------
-    mask : (row, column) ndarray of bool
-    valid : int, optional
-        Number of valid pixels of the scene; all pixels by default.
-
-    Returns
-    -------
-    dict
-        "pixels", "share" (0..1), and "rows", "cols" as (first, one past the last), or None where empty.
-
-    Examples
-    --------
-    >>> describe(np.eye(4, dtype=bool))["rows"]
-    (0, 4)
-    """
-    pixels = int(np.count_nonzero(mask))
-    total = mask.size if valid is None else valid
-    numbers: dict[str, Any] = {"pixels": pixels, "share": pixels / total if total else 0.0}
-    for name, axis in (("rows", 1), ("cols", 0)):
-        hits = np.flatnonzero(mask.any(axis=axis))
-        numbers[name] = (int(hits[0]), int(hits[-1]) + 1) if hits.size else None
-    return numbers
 
 
 def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> Float64Array:
@@ -314,8 +286,7 @@ def _far(other: BoolArray, distance: int) -> BoolArray:
         return ~other
     import cv2
 
-    near: BoolArray = cv2.dilate(other.view(np.uint8), _square(2 * distance + 1)).view(np.bool_)
-    return ~near
+    return ~np.asarray(cv2.dilate(other.view(np.uint8), _square(2 * distance + 1))).view(np.bool_)
 
 
 def _gather(local: Sequence[_Local], masks: Sequence[BoolArray]) -> _Local:
@@ -365,8 +336,7 @@ def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRul
 def _even(local: _Local, rule: SampleRule) -> BoolArray:
     """Squares where the visible varies no more than usual; more glint may bring more."""
     usual = rule.residual * np.maximum(local.variance / rule.variance, 1.0)
-    even: BoolArray = local.residual <= MAX_RESIDUAL * usual
-    return even
+    return np.asarray(local.residual <= MAX_RESIDUAL * usual)
 
 
 def _darker_kind(level: Float64Array) -> BoolArray:

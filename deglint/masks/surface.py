@@ -1,4 +1,4 @@
-"""Water or not: what a rule that was found for a scene says of a block of it."""
+"""Apply a rule, fitted to a scene, to a block: which of its pixels are water."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Roles:
 
 @dataclass(frozen=True, slots=True)
 class WaterRule:
-    """How water is told from the rest: plain numbers, in the unit of the bands.
+    """How water is distinguished from the rest: plain numbers, in the unit of the bands.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class WaterRule:
         wide = f" over {self.window} x {self.window} pixels" if self.window > 1 else ""
         return (
             f"{100 * self.water_fraction:.2f} % of {self.pixels} pixels looked at are water; the rest (land, ships, "
-            f"clouds, surf: NIR above {self.threshold:.6g}{wide}) is left as it is"
+            f"clouds, surf: NIR above {self.threshold:.6g}{wide}) is copied"
         )
 
     def numbers(self) -> dict[str, Any]:

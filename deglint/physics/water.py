@@ -330,7 +330,7 @@ def absorption_only_reflectance(
 
     Notes
     -----
-    Against the Monte Carlo of `submerged_reflectance` the object stands out from the water 27 % too much in the
+    Against the Monte Carlo of `submerged_reflectance` the contrast of the object with the water is 27 % too high in the
     mean, and the more the deeper it lies.
     """
     depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")

@@ -47,7 +47,7 @@ def over_tiles(
     """
     scene, values = opened.scene, opened.values
     if hasattr(values, "dask"):
-        return _lazily(replace(scene, source=Nothing()), opened, work, reach, like, step)
+        return _lazily(replace(scene, source=DetachedSource()), opened, work, reach, like, step)
     block = max(step, tiling.COMPACT) // step * step
     out = np.empty((like[0], scene.height, scene.width), like[1])
     every = tiling.tiles(scene.height, scene.width, (block, block))
@@ -58,8 +58,8 @@ def over_tiles(
     return out
 
 
-class Nothing:
-    """Stands where a source was, so that a task does not carry the whole array with it."""
+class DetachedSource:
+    """Replaces the source of a scene in a Dask task, so that the task does not carry the whole array."""
 
     def read(self, *_: Any) -> Any:
         """Never called."""

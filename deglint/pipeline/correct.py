@@ -21,7 +21,7 @@ from ..remove.predict import glint
 from ..scene import Scene
 from ..tiles import Tile
 from .flags import CLIPPED, CORRECTED, NEGATIVE, NODATA, NOT_WATER, PROTECTED, REPLACED, SATURATED, glint_classes
-from .outputs import Tally
+from .outputs import PixelCounts
 from .overview import place_in, raster_of
 
 CELL = tiling.COMPACT
@@ -35,7 +35,7 @@ class Corrected:
     """One corrected tile."""
 
     raw: npt.NDArray[Any]
-    tally: Tally
+    tally: PixelCounts
     valid: Mask | None = None
     flags: npt.NDArray[np.uint8] | None = None
     amount: npt.NDArray[np.float32] | None = None
@@ -59,7 +59,7 @@ class Errors:
 
     @property
     def halo(self) -> int:
-        """Pixels around a tile that they look at."""
+        """Pixels around a tile that the stages and the removal need."""
         return span_halo(self.replaced) + (0 if self.left is None else self.left.halo)
 
 
@@ -179,7 +179,7 @@ class Correction:
         raw, valid = raster_of(self.scene).read_raw(tile.window)
         file_valid = self._file_valid(raw, valid)
         raw, lost = relaid(raw, valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
-        tally = Tally(len(self.scene.bands), total=tile.shape[0] * tile.shape[1], copied=True)
+        tally = PixelCounts(len(self.scene.bands), total=tile.shape[0] * tile.shape[1], copied=True)
         if lost is not None:
             tally.clipped = np.count_nonzero(lost, axis=(1, 2))
         return Corrected(raw, tally, file_valid)
@@ -307,8 +307,8 @@ class Correction:
         state = state if self.errors.left is None else self.errors.left.apply(state)
         return stderr(state, self.model, self.errors.replaced)
 
-    def _tally(self, block: _Block, done: list[tuple[list[int], Mask | None]]) -> Tally:
-        tally = Tally(len(self.scene.bands), total=block.tile.shape[0] * block.tile.shape[1])
+    def _tally(self, block: _Block, done: list[tuple[list[int], Mask | None]]) -> PixelCounts:
+        tally = PixelCounts(len(self.scene.bands), total=block.tile.shape[0] * block.tile.shape[1])
         tally.usable = tally.total if block.where is None else int(np.count_nonzero(block.where))
         tally.nodata = 0 if block.known is None else tally.total - int(np.count_nonzero(block.known))
         tally.not_water = tally.total - tally.usable - tally.nodata
@@ -335,7 +335,9 @@ class Correction:
             flags[~block.known] = NODATA
         return flags
 
-    def _encoded(self, block: _Block, physical: Any, done: list[Any], flags: Any, tally: Tally) -> npt.NDArray[Any]:
+    def _encoded(
+        self, block: _Block, physical: Any, done: list[Any], flags: Any, tally: PixelCounts
+    ) -> npt.NDArray[Any]:
         """The tile as it stands in the file; what was negative and clipped is counted."""
         info = raster_of(self.scene).info
         raw = np.ascontiguousarray(block.raw)

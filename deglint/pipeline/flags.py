@@ -21,7 +21,7 @@ from ..scene import FloatArray
 
 if TYPE_CHECKING:
     from .correct import Correction
-    from .outputs import Outputs, Tally
+    from .outputs import Outputs, PixelCounts
 
 FLAGS = {
     1: "nodata: not valid, copied",
@@ -72,7 +72,7 @@ def glint_classes(
     return np.where(water, out, np.uint8(NOT_ASSESSED))
 
 
-def glint_numbers(work: Correction, tally: Tally) -> dict[str, Any]:
+def glint_numbers(work: Correction, tally: PixelCounts) -> dict[str, Any]:
     """What the sidecar says of the classes."""
     noise = {work.scene.names[b]: n for b, n in zip(work.changed, work.noise, strict=True)}
     pixels = dict(zip(GLINT_CLASSES.values(), tally.glint, strict=True))

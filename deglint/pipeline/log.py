@@ -17,7 +17,7 @@ from ..scene import Scene
 if TYPE_CHECKING:
     from ..choose import Choice
     from ..remove import GlintModel
-    from .outputs import Tally
+    from .outputs import PixelCounts
 
 log = logging.getLogger("deglint.pipeline")
 
@@ -87,7 +87,7 @@ def log_model(model: GlintModel, notes: Sequence[str]) -> None:
         log.warning("%s", warning)
 
 
-def log_result(scene: Scene, model: GlintModel, image: Path, tally: Tally, said: Mapping[str, Any]) -> None:
+def log_result(scene: Scene, model: GlintModel, image: Path, tally: PixelCounts, said: Mapping[str, Any]) -> None:
     """What became of each band and of the pixels; `said` is the sidecar."""
     changed = said["pixels"]["changed"]
     copied = [n for n in scene.names if n not in changed]

@@ -1,4 +1,4 @@
-"""What a run writes, and what it gives back: the names of the outputs, and the result."""
+"""What a run writes, and what it returns: the names of the outputs, and the result."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Outputs:
 
 
 @dataclass
-class Tally:
+class PixelCounts:
     """Pixels of the whole run; bands in scene order. What was `copied` was not computed: only its total is known;
     `rewritten` counts pixels of bands without a removal that compensation changed."""
 
@@ -100,7 +100,7 @@ class Tally:
             setattr(self, name, np.zeros(self.bands, np.int64))
         self.glint = np.zeros(len(GLINT_CLASSES), np.int64)
 
-    def add(self, other: Tally) -> None:
+    def add(self, other: PixelCounts) -> None:
         """Add a tile's counts."""
         counts = ("total", "nodata", "not_water", "usable", "corrected", "protected", "glint")
         self.copied |= other.copied
@@ -115,14 +115,14 @@ class Result:
     Attributes
     ----------
     fitted : Fitted
-    tally : Tally
+    tally : PixelCounts
     sidecar : dict
         Everything that the sidecar says.
     warnings : tuple of str
     """
 
     fitted: Fitted
-    tally: Tally
+    tally: PixelCounts
     sidecar: dict[str, Any]
     warnings: tuple[str, ...]
 

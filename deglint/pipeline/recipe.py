@@ -49,7 +49,7 @@ class Recipe:
         "auto" (with method "auto", the candidate with the least expected error on the scene; else none), "thesis",
         "off", or a chain such as "identify-level:13, replace-level, remove"; see `deglint.compensate.STAGES`.
     smallest_object : str
-        Width of the smallest thing to keep, such as "4m" or "16px"; 4 m where empty, or 16 pixels of unknown size.
+        Width of the smallest object to keep, such as "4m" or "16px"; 4 m where empty, or 16 pixels of unknown size.
     tolerance : float
         Relative standard error of the slopes at which enough of the sample is read; 0 (off): all that the sample
         names is read, or the usual share of a scene. See `deglint.pipeline.tolerance`.

@@ -34,7 +34,7 @@ from .correct import CELL, Correction
 from .fit import Fitted, Progress, fit_scene
 from .flags import beside, glint_numbers
 from .log import log_model, log_result, log_scene, log_water
-from .outputs import Outputs, Result, Tally
+from .outputs import Outputs, PixelCounts, Result
 from .overview import block_of, overview_of, raster_of, role_bands, tile_shape_of
 from .recipe import Recipe
 from .sidecar import saved, sidecar
@@ -243,11 +243,11 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 def _write_tiles(
     scratch: Scratch, work: Correction, targets: Outputs, threads: int, progress: Progress | None,
     cluster: Cluster | None, sky: Mapping[str, Any] | None,
-) -> Tally:  # fmt: skip
+) -> PixelCounts:  # fmt: skip
     scene, image = work.scene, work.layout
     everything = tiling.tiles(scene.height, scene.width, image.tile)
     at_once = tiling.affordable(threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
-    tally = Tally(len(scene.bands))
+    tally = PixelCounts(len(scene.bands))
     note = (lambda done, total: progress("correct", done, total)) if progress else None
     images = {"raw": (targets.image, image)} | beside(work, targets, sky)
     opened = writing_images(scratch, targets.image, images, cluster)

@@ -19,13 +19,13 @@ from ..scene import Scene
 if TYPE_CHECKING:
     from ..checksum import Checksum
     from .fit import Fitted
-    from .outputs import Outputs, Tally
+    from .outputs import Outputs, PixelCounts
 
 COPIED = "no band needs a correction: copied as they are, and not counted by kind"
 
 
 def sidecar(
-    scene: Scene, fitted: Fitted, targets: Outputs, tally: Tally, checksum: Checksum, seconds: float
+    scene: Scene, fitted: Fitted, targets: Outputs, tally: PixelCounts, checksum: Checksum, seconds: float
 ) -> dict[str, Any]:
     """Everything about a run, as plain numbers and words."""
     names = scene.names
@@ -71,14 +71,14 @@ def resolved(fitted: Fitted) -> dict[str, Any]:
     return recipe
 
 
-def changed(fitted: Fitted, names: Sequence[str], tally: Tally) -> dict[str, int]:
+def changed(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, int]:
     """Pixels of each band that differ from the input, at most; bands that are copied are not named."""
     removed = {f.band for f in fitted.model.fits}
     counts = [tally.corrected if i in removed else int(tally.rewritten[i]) for i in range(len(names))]
     return {name: n for name, n in zip(names, counts, strict=True) if n}
 
 
-def skipped(fitted: Fitted, names: Sequence[str], tally: Tally) -> dict[str, str]:
+def skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
     """What was not done, and why."""
     out = {"pixels": COPIED} if tally.copied else {}
     if fitted.recipe.mask == "none":
@@ -110,7 +110,7 @@ def versions() -> dict[str, str]:
     }
 
 
-def _losses(names: Sequence[str], tally: Tally) -> list[str]:
+def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
     said = []
     for what, counts in (
         ("below zero after correction", tally.negative),

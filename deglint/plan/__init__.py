@@ -6,7 +6,7 @@
     plan.combined  # contrast over noise from every viewing geometry, 0 where glint, sky or noise exclude it
 
 For every look at an object under water - where the sensor stands in the sky above it - the room works out how
-much of the sea mirrors the sun, how bright glint and sky are against the water, and how the object stands out.
+much of the sea mirrors the sun, how bright glint and sky are against the water, and how the object contrasts with them.
 It opens no files.
 """
 

@@ -101,7 +101,7 @@ def page(
 
 
 def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], list[tuple[Any, str, draw.Colour]]]:
-    """Contrast to colour (glint or not), and what to hatch, by its excess: too faint, under sky, in glint."""
+    """The contrast that is coloured, and what is hatched: too little contrast, mirrored sky, sun glint."""
     limits = plan.mission.limits
     with np.errstate(divide="ignore"):
         faint = np.clip(-np.log(plan.snr / max(limits.snr, 1e-9)), -5.0, 5.0)

@@ -51,7 +51,7 @@ class Skylight:
     brighter: Array
 
     def share_above(self, level: Array) -> Array:
-        """Share of the sea, (band, zenith, azimuth), whose facets mirror more than a level of that shape [1/sr]."""
+        """Share of the sea whose facets mirror more than `level` [1/sr]; both (band, zenith, azimuth)."""
         step = np.log(LEVELS[1] / LEVELS[0])
         with np.errstate(divide="ignore"):
             place = np.log(level / LEVELS[0]) / step

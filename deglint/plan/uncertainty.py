@@ -48,7 +48,7 @@ class WindEnsemble:
 
     @property
     def best(self) -> ViewingGeometry | None:
-        """The one with the highest contrast under the worst of the winds; None where none is always good."""
+        """The viewing geometry with the highest contrast under the worst wind; None if none suits all winds."""
         return best_geometry(self.middle, self.contrast[0])
 
     def at(self, geometry: ViewingGeometry) -> dict[str, tuple[float, float]]:

@@ -192,7 +192,7 @@ def one_line(error: BaseException) -> str:
 def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterInfo:
     """Gather what is known of an open dataset; no pixel is read.
 
-    GDAL calls the last of 2 or 4 bytes "alpha" unless it was told otherwise. A band so called is a scene
+    GDAL calls the last of 2 or 4 bands of bytes "alpha" unless the writer said otherwise. A band so called is a scene
     band where it has a name, or where `alpha_is_band`.
     """
     from rasterio._err import CPLE_BaseError

@@ -59,5 +59,5 @@ def _limit(name: str, usual: int) -> int:
     except (ValueError, OverflowError):
         value = 0
     if value < 1:
-        raise InputError(f"the environment variable {name} is {text[:40]!r}; it must be a whole number above 0.")
+        raise InputError(f"the environment variable {name} is {text[:40]!r}; it must be an integer above 0.")
     return value

@@ -83,7 +83,7 @@ class Layout:
         return given.get("overviews", "auto") != "none" and bool(levels(self.info.height, self.info.width))
 
     @property
-    def codes(self) -> bool:
+    def holds_flags(self) -> bool:
         """Whether the output holds flags, which get a colour table and are not averaged: bytes that measure nothing."""
         return not self.scaled and np.dtype(self.dtype) == np.uint8
 
@@ -149,7 +149,7 @@ class RasterWriter:
         with write_errors(self.target):
             self._dataset.close()
             if self.layout.overviews:
-                add_overviews(self.path, self._options, average=not self.layout.codes)
+                add_overviews(self.path, self._options, average=not self.layout.holds_flags)
         check_whole(self.path, self.target)
 
     def abort(self) -> None:
@@ -267,7 +267,7 @@ def _describe(dataset: Any, layout: Layout) -> None:
         colours = [info.colorinterp[b] if info.colorinterp[b] in known else "undefined" for b in bands]
         if len(bands) == info.count and "palette" not in colours:
             dataset.colorinterp = [ColorInterp[c] for c in colours]
-    if layout.codes:
+    if layout.holds_flags:
         dataset.write_colormap(1, {v: (255, 255, 255) if not v else _COLOURS[v.bit_length() - 1] for v in range(256)})
         _tag(dataset, {f"FLAG_{bit}": meaning for bit, meaning in layout.flags.items()}, "", 1)
     for namespace, tags in info.tags.items():

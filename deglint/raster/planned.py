@@ -1,6 +1,6 @@
 """Writes a plan: a picture (.png), numbers (.json), NetCDF (.nc) or a GeoTIFF in polar coordinates (.tif).
 
-The files of a plan come into being together, or not at all.
+All files of a plan are written, or none.
 """
 
 from __future__ import annotations

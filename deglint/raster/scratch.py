@@ -114,7 +114,7 @@ class _Move:
             if not isinstance(error, OSError):
                 raise
             said = f"{error.strerror or error}: {error.filename2 or error.filename or self._files[-1][1]}"
-            after = "Nothing was changed" if not left else "Not put back: " + "; ".join(left)
+            after = "Nothing was changed" if not left else "Not restored: " + "; ".join(left)
             raise WriteError(f"cannot move the result into place: {said}. {after}.") from error
         for _scratch, target in self._files:  # companions of old files do not hold for the new ones
             for ending in COMPANIONS:

@@ -1,6 +1,6 @@
 """The sources of VRTs, at any depth: read from their XML before GDAL opens them, for GDAL 3.10 has no setting for it.
 
-A VRT from somebody else must read nothing outside its own folder, nothing on a server, and not the same thing without
+A VRT from somebody else must read nothing outside its own folder, nothing on a server, and not the same file without
 end.
 """
 

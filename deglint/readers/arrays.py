@@ -186,7 +186,7 @@ def _worded(values: Sequence[Any] | None) -> bool:
 
 
 def _nodatas(array: Any, lists: Mapping[Any, list[Any]], count: int) -> tuple[float | None, ...]:
-    """What says "not valid": attributes; for whole numbers the encoding, too (real ones were decoded to NaN)."""
+    """What says "not valid": attributes; for integers the encoding, too (real numbers were decoded to NaN)."""
     places: list[Mapping[Any, Any]] = [{**array.attrs, **lists}] + (
         [array.encoding] if array.dtype.kind in "iu" else []
     )

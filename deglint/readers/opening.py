@@ -124,7 +124,7 @@ def open_scene(
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
 
 
-def _opened(asset: stac.Asset, describe_one: Callable[[str], RasterInfo]) -> products.Opened:
+def _opened(asset: stac.Asset, describe_one: Callable[[str], RasterInfo]) -> products.OpenedFiles:
     """What a file is, with what a STAC Item says of it."""
     opened = products.opened(asset.path, describe_one)
     return replace(opened, infos=[asset.put_on(info) for info in opened.infos])
@@ -194,7 +194,7 @@ def _holds(dtype: str, nodata: float) -> bool:
 
 
 def _range(dtype: str) -> str:
-    return f"a whole number {np.iinfo(dtype).min} to {np.iinfo(dtype).max}"
+    return f"an integer {np.iinfo(dtype).min} to {np.iinfo(dtype).max}"
 
 
 def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:

@@ -1,6 +1,6 @@
 """Which band is which: the near infrared that shows glint, and blue, green, red and shortwave infrared.
 
-Bands are told by wavelength, or by name where there is none. Pure: no file is read. A band is never taken
+Bands are determined from the wavelength, or by name where there is none. Pure: no file is read. A band is never taken
 for the near infrared because of its place in the file.
 """
 

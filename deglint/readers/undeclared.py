@@ -172,7 +172,7 @@ def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
 
 
 def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
-    """Whether the bands are Sentinel-2's in whole numbers, with no offset declared."""
+    """Whether the bands are Sentinel-2's in integers, with no offset declared."""
     known = {sensors.normalise(b.name) for b in sensors.load("sentinel2").bands}
     named = all(sensors.normalise(name) in known for name in scene.names)
     scaled = all(s in (1.0, 1.0 / S2_QUANTIFICATION) for s in info.scales)

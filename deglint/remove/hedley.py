@@ -1,7 +1,7 @@
 """Hedley, Harborne and Mumby (2005): slope on the NIR, level at its minimum.
 
 Assumes that glint adds to every band in proportion to the NIR, that water is dark in the NIR, and that at least one
-pixel of the sample is free of glint. Fails where bands see the sea at different instants, and where the darkest NIR
+pixel of the sample is free of glint. Fails where bands are not simultaneous, and where the darkest NIR
 pixel is an outlier (a shadow, a dead detector): then use `floor_percentile`. Costs one pass over the sample.
 
 References

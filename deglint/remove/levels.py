@@ -45,8 +45,8 @@ def mode(sample: npt.NDArray[np.floating], *, ordered: bool = False) -> float:
     h = (4/5)^(1/7) s n^(-1/7) (Silverman 1986, for derivatives): the density's own would find a ragged top. The scale s
     is 1.4826 times the median distance of the values below the mode from it, found together with the mode by iteration,
     so that glint, which lies above, does not widen it. The density is computed on a histogram of bins h/8 wide and the
-    peak refined by a parabola. Where values come in whole steps (integers, or integers times a scale), a bin is a whole
-    number of steps and centred on them, so that no comb arises.
+    peak refined by a parabola. Where values come in steps (integers, or integers times a scale), a bin holds an exact
+    number of steps and is centred on them, so that no comb arises.
 
     Parameters
     ----------

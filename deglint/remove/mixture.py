@@ -108,7 +108,7 @@ def _with_levels(model: GlintModel, tiles: Sequence[SampleTile], percentile: flo
 
 
 def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
-    """What is left of a plume of turbid water in the band that loses most of it, when it was in the sample."""
+    """Gain of a turbid plume in the sample: the least share of its brightness that removal leaves in a band."""
     bands = range(len(request.bands))
     level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), WATER) for b in bands]
     waves = np.array([b.wavelength or 0.0 for b in request.bands])

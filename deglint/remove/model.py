@@ -99,7 +99,7 @@ class GlintModel:
         Key of `deglint.remove.METHODS`.
     indexes : tuple of GlintIndex
     fits : tuple of BandFit
-        One for each band that is corrected; other bands pass unchanged.
+        One for each band that is corrected; other bands are copied.
     band_names : tuple of str
         All bands of the scene it was fitted on.
     regression : str or None

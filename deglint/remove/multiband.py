@@ -11,7 +11,7 @@ percentile 0 it is Hedley's method.
 
 Assumes that deep water is black, or even, in the references; over shoals the red ones see the bottom, and bright
 bottoms are darkened. The ridge keeps collinear references from cancelling each other. Fails, like all linear methods,
-where bands see the sea at different instants. Costs one pass over the sample and one multiplication a pixel, band and
+where bands are not simultaneous. Costs one pass over the sample and one multiplication a pixel, band and
 reference.
 
 References

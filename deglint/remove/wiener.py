@@ -200,7 +200,7 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
-    """The squares of each kind of strip; all together where one kind has too few."""
+    """Group the squares of the sample by the kind of their strip; one group where some kind has too few."""
     second = strips.of_cells(grams[0])
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES:
         return [list(grams)]

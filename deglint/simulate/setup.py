@@ -126,7 +126,7 @@ class Setup:
         for name in ("wind", "wind_from", "sun_azimuth", "view_azimuth", "fetch", "patch", "chlorophyll"):
             if not np.isfinite(getattr(self, name)):
                 raise InputError(f"{name} must be a finite number, got {getattr(self, name)}; give one")
-        within("seed", self.seed, 0, 2**63, "", "Any whole number that is not negative will do.")
+        within("seed", self.seed, 0, 2**63, "", "Any integer that is not negative will do.")
         choice("slopes", self.slopes, ("cox-munk", "cox-munk-gaussian"))
         choice("sky", self.sky, SKIES)
         within("size", self.size, 8, 16384, "pixels", "Simulate several scenes rather than one huge one.")

@@ -126,7 +126,7 @@ class Recipe:
             if not self.false_per_km2 > 0:
                 raise InputError(f"false-per-km2: allowed is above 0, got {self.false_per_km2}.")
             if self.pfa is not None:
-                raise InputError("pfa and false-per-km2 are two ways to say one thing: give one of them.")
+                raise InputError("pfa and false-per-km2 both state the false-alarm rate: give one of them.")
             if self.method not in ("auto", "sea"):
                 raise InputError(f"false-per-km2 needs --method sea, got {self.method}. Give --pfa.")
         if self.method == "sea" and self.threshold in ("chi2", "f"):

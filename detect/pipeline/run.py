@@ -38,7 +38,7 @@ from .mark import CANDIDATES, Marker, Places, joined
 from .motion import delayed_bands
 from .plan import Plan, Progress, both, make_plan
 from .recipe import NO_LAW, Outputs, Recipe
-from .scoring import Highest, Law, Scoring, Tally
+from .scoring import Highest, Law, PixelCounts, Scoring
 from .sea_plan import fit_sea
 from .sidecar import describe, notes_on, warnings_of
 from .vectors import check_vector
@@ -52,7 +52,7 @@ class Result:
 
     Attributes
     ----------
-    tally : Tally
+    tally : PixelCounts
     background : Background or None
     threshold : Threshold or None
     objects : int or None
@@ -61,7 +61,7 @@ class Result:
         Everything that the sidecar says.
     """
 
-    tally: Tally
+    tally: PixelCounts
     background: Background | None
     threshold: Threshold | None
     objects: int | None
@@ -236,7 +236,7 @@ def _run(
 
 
 def _log_result(
-    targets: Outputs, tally: Tally, threshold: Threshold | None, found: int | None, said: dict[str, Any]
+    targets: Outputs, tally: PixelCounts, threshold: Threshold | None, found: int | None, said: dict[str, Any]
 ) -> None:
     if threshold is not None:
         log.info("%s", threshold)
@@ -286,7 +286,7 @@ def _law(recipe: Recipe, ready: Detector | None, background: Background | None, 
     return Law(bands, outer * outer - inner * inner)
 
 
-def _threshold(recipe: Recipe, tail: Tail, law: Law | None, tally: Tally) -> Threshold:
+def _threshold(recipe: Recipe, tail: Tail, law: Law | None, tally: PixelCounts) -> Threshold:
     """The threshold for the wanted rate, with the rate that it gave."""
     pfa = float(recipe.pfa or 0)
     if recipe.threshold == "chi2" and law:
@@ -312,8 +312,8 @@ def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: Law | No
 
 def _write_tiles(
     scratch: Scratch, work: Scoring, targets: Outputs, cluster: Cluster | None, progress: Progress | None
-) -> tuple[Tally, Tail | None, Places]:
-    plan, highest, tally = replace(work.plan, progress=progress), work.highest, Tally()
+) -> tuple[PixelCounts, Tail | None, Places]:
+    plan, highest, tally = replace(work.plan, progress=progress), work.highest, PixelCounts()
     info = raster_of(plan.scene).info
     info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
     beside: list[Places] = []
@@ -342,7 +342,7 @@ def _write_tiles(
     return tally, highest.total() if highest else None, joined(beside)
 
 
-def _why_nothing(tally: Tally) -> str:
+def _why_nothing(tally: PixelCounts) -> str:
     if tally.too_few:
         return "no ring holds two valid pixels"
     return "every pixel is nodata" if tally.masked_out < tally.total else "no pixel lies inside the mask"

@@ -24,7 +24,7 @@ from .sea_plan import read_nir, read_sea
 
 
 @dataclass
-class Tally:
+class PixelCounts:
     """Pixels of the whole run."""
 
     total: int = 0
@@ -34,7 +34,7 @@ class Tally:
     deficient: int = 0
     too_few: int = 0
 
-    def add(self, other: Tally) -> None:
+    def add(self, other: PixelCounts) -> None:
         """Add a tile's counts."""
         for name in vars(self):
             setattr(self, name, getattr(self, name) + getattr(other, name))
@@ -45,7 +45,7 @@ class Scored:
     """One scored tile."""
 
     scores: npt.NDArray[np.float32]
-    tally: Tally
+    tally: PixelCounts
     tail: Tail | None = None
     p_values: npt.NDArray[np.float32] | None = None
     flags: Flags | None = None
@@ -159,7 +159,7 @@ class Scoring:
         if self.highest is not None:
             tail = self.highest.of(np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores))
         flags = flags_of_sea(valid, classes) if self.want_flags else None
-        tally = Tally(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
+        tally = PixelCounts(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
         tally.not_valid = int(np.count_nonzero(~valid))
         tally.masked_out = tally.total - tally.scored - tally.not_valid
         rows, columns = np.nonzero((classes == sea.ALONGSIDE) & np.isfinite(scores))
@@ -167,8 +167,8 @@ class Scoring:
         return Scored(scores, tally, tail, None, flags, beside)
 
 
-def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> Tally:
-    tally = Tally(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
+def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> PixelCounts:
+    tally = PixelCounts(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
     tally.masked_out = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
     if states is not None:
         tally.deficient = int(np.count_nonzero(states == DEFICIENT))

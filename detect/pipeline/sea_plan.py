@@ -124,7 +124,7 @@ def water_of_removal(scene: Scene, nir: int) -> tuple[WaterRule, tuple[int, ...]
 
 
 def read_sea(plan: Plan, tile: Tile, bands: Any) -> tuple[npt.NDArray[Any], npt.NDArray[np.uint8]]:
-    """Pixels and classes of a tile."""
+    """The pixels of a tile, and the class of each pixel (`detect.sea.region`)."""
     assert plan.sea is not None
     block = plan.scene.source.read(tile.window, list(bands))
     valid = np.asarray(np.isfinite(block).all(axis=0))

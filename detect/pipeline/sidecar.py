@@ -20,7 +20,7 @@ from .recipe import Outputs
 from .sea_plan import explain
 
 if TYPE_CHECKING:
-    from .scoring import Tally
+    from .scoring import PixelCounts
 
 AFFINE = ("hedley", "lyzenga", "joyce", "nir-subtraction")
 """Glint removals that subtract a multiple of the NIR from each band."""
@@ -33,7 +33,7 @@ _FEW = 10
 
 
 def describe(
-    plan: Plan, targets: Outputs, background: Background | None, threshold: Threshold | None, tally: Tally,
+    plan: Plan, targets: Outputs, background: Background | None, threshold: Threshold | None, tally: PixelCounts,
     checksum: Checksum,
 ) -> dict[str, Any]:  # fmt: skip
     """Everything about a run that is a number or was asked for."""
@@ -77,7 +77,9 @@ def notes_on(plan: Plan, background: Background | None) -> list[str]:
     return notes
 
 
-def warnings_of(plan: Plan, background: Background | None, threshold: Threshold | None, tally: Tally) -> list[str]:
+def warnings_of(
+    plan: Plan, background: Background | None, threshold: Threshold | None, tally: PixelCounts
+) -> list[str]:
     """What the analyst should know before trusting the scores."""
     said = []
     if background is not None:

@@ -80,7 +80,7 @@ def read_inputs(
 
 
 def _note_parts(objects: npt.NDArray[np.int32], truth: str, notes: list[str]) -> None:
-    """Say where a number stands for several separate things: it may be a class."""
+    """Warn of a number that stands for several separate objects: it may be a class."""
     inside = objects != 0
     parts = int(label(inside).max(initial=0))
     many = len(np.unique(objects[inside]))

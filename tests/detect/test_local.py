@@ -71,6 +71,7 @@ def ring_of(r, c, rows, columns, inner, outer, border):
                 yield i, j
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 @pytest.mark.skipif(not SCENES.is_dir(), reason="the labelled scenes do not lie beside the project")
 @pytest.mark.parametrize(

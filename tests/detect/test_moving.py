@@ -16,7 +16,7 @@ DELAYS = np.array([0.0, 0.13, 0.27, 0.4])
 SWELL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real" / "swell"
 
 
-def sea(speed=0.0, heading=0.0, *, pixel=1.2, seed=0, waves=True):
+def moving_scene(speed=0.0, heading=0.0, *, pixel=1.2, seed=0, waves=True):
     """Four bands of waves that move with their phase speed, a boat of 6 m x 3 m, and a buoy at rest."""
     rng = np.random.default_rng(seed)
     rows, columns = np.mgrid[:200, :220].astype(float)
@@ -35,7 +35,7 @@ def sea(speed=0.0, heading=0.0, *, pixel=1.2, seed=0, waves=True):
 @pytest.mark.parametrize("speed", [2.0, 5.0, 10.0, 15.0])
 @pytest.mark.parametrize("heading", [0.0, 75.0, 230.0])
 def test_speed_and_heading_of_a_boat(speed, heading):
-    found = find_moving(sea(speed, heading), DELAYS, pixel=1.2)
+    found = find_moving(moving_scene(speed, heading), DELAYS, pixel=1.2)
     assert len(found) == 1  # neither the buoy nor a wave
     assert found[0].speed == pytest.approx(speed, abs=0.6)
     assert (found[0].heading - heading + 180) % 360 - 180 == pytest.approx(0, abs=12)
@@ -44,7 +44,7 @@ def test_speed_and_heading_of_a_boat(speed, heading):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_waves_are_no_boats(seed):
-    assert not find_moving(sea(seed=seed), DELAYS, pixel=1.2)
+    assert not find_moving(moving_scene(seed=seed), DELAYS, pixel=1.2)
 
 
 def real_swell():
@@ -93,7 +93,7 @@ def test_refusals():
 
 
 def test_objects_of_a_scene_get_speed_and_heading(tmp_path, write, rxdetect):
-    image = sea(10.0, 75.0)
+    image = moving_scene(10.0, 75.0)
 
     def describe(dataset):
         for i, time in enumerate(DELAYS, start=1):

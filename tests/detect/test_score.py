@@ -237,7 +237,7 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
     scene, out = write(tmp_path / "scene.tif", pixels), tmp_path / "out.tif"
     assert "1 of 4 bands do not vary" in rxdetect("score", scene, out, "--method", "rx").err
     ran = rxdetect("score", scene, out, "--overwrite", "--method", "local")
-    assert "3600 of 3600 pixels: the ring's covariance has not full rank" in ran.err
+    assert "3600 of 3600 pixels: the ring's covariance" in ran.err
     small = write(tmp_path / "small.tif", sea(height=5, width=5))
     assert "scores follow F" in rxdetect("score", small, out, "--overwrite", "--method", "rx").err
 

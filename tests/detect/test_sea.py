@@ -260,6 +260,7 @@ def test_a_tail_without_a_mean_gives_its_quantile():
 PORT = Path(__file__).parents[2].parent / "shared" / "data" / "real"
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 @pytest.mark.skipif(not PORT.is_dir(), reason="the scenes of ports are not beside the project")
 @pytest.mark.parametrize("name", ["gdynia", "klang"])

@@ -125,7 +125,7 @@ def test_names_in_metadata_do_not_leave_the_folder(vendor, sea, tmp_path, name):
     assert "\n" not in str(caught.value)
     til = next(vendor.maxar(tmp_path / "m", sea()).rglob("*M2AS*.TIL"))
     til.write_text(vendor.til([(name, (0, 50), (0, 80)), ("17JUL.TIF", (50, 100), (0, 80))], 100, 80))
-    with pytest.raises(InputError, match="not every tile that it names lies beside it"):
+    with pytest.raises(InputError, match="not every tile"):
         deglint.open_scene(til)
 
 

@@ -22,7 +22,7 @@ from .product import Product, ProductBand, described
 __all__ = [
     "PRODUCTS",
     "Footprints",
-    "Opened",
+    "OpenedFiles",
     "Product",
     "ProductBand",
     "files_of",
@@ -62,7 +62,7 @@ PRODUCTS: dict[str, Family] = {
 
 
 @dataclass(frozen=True)
-class Opened:
+class OpenedFiles:
     """What a name that a user gave stands for: its rasters, described, and its product if it is of one."""
 
     infos: list[RasterInfo]
@@ -82,12 +82,12 @@ class Opened:
         ]
 
 
-def opened(path: str, describe: Callable[[str], RasterInfo]) -> Opened:
+def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
     """Describe what a name stands for: the files of a product, else a raster as `describe` does."""
     product = find(path)
     if product is not None:
         infos, notes = described(product)
-        return Opened(infos, product, notes)
+        return OpenedFiles(infos, product, notes)
     try:
         info, notes = drone.with_xmp(describe(path))
     except ReadError as error:
@@ -101,10 +101,10 @@ def opened(path: str, describe: Callable[[str], RasterInfo]) -> Opened:
             f"{path} is not a raster GDAL can read, and holds no product that is known with its images ({known}). Name "
             "the raster files in it."
         ) from error
-    return Opened([info], None, notes)
+    return OpenedFiles([info], None, notes)
 
 
-def notes_of(found: Sequence[Opened]) -> list[str]:
+def notes_of(found: Sequence[OpenedFiles]) -> list[str]:
     """What to say of what was opened: each product by its kind, name and bands, then what was noted, once each."""
     products: dict[tuple[str, str], list[str]] = {}
     for product in (o.product for o in found):
@@ -118,13 +118,13 @@ def notes_of(found: Sequence[Opened]) -> list[str]:
     return list(dict.fromkeys(notes))
 
 
-def named(found: Sequence[Opened]) -> str | None:
+def named(found: Sequence[OpenedFiles]) -> str | None:
     """Kind and name of the products among what was opened, or None."""
     every = dict.fromkeys(f"{o.product.kind} {o.product.name}" for o in found if o.product is not None)
     return "; ".join(every) or None
 
 
-def footprints(found: Sequence[Opened], grid: RasterInfo) -> Footprints | None:
+def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> Footprints | None:
     """Detector numbers of the bands that were opened, on the grid of their scene; None where no band has any."""
     paths = [None if band is None else band.footprint for o in found for band in o.bands]
     return Footprints(paths, grid) if any(paths) else None
