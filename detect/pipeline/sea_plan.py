@@ -182,7 +182,7 @@ def explain(plan: Plan) -> list[str]:
     floats = f"{found.rule.length:g} m by {found.rule.width:g} m"
     return [
         f"sea: water closed over what is up to {floats}; pixels {size}",
-        f"sea: {what} than the water within {found.model.window} pixels, at scales of {scales} pixels{even}",
+        f"sea: {what} than the water within {sea.WINDOW} pixels, at scales of {scales} pixels{even}",
     ]
 
 

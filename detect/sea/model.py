@@ -66,7 +66,7 @@ class SeaModel:
         Median and 99.9 % quantile of the distance at each scale.
     q90 : float
         90 % quantile of the score over water.
-    scales, window, side
+    scales, side
         As used.
     glint : GlintScale, optional
         How scores grow with the NIR, where that is given.
@@ -80,19 +80,18 @@ class SeaModel:
     rare: npt.NDArray[np.float64]
     q90: float
     scales: tuple[int, ...] = SCALES
-    window: int = WINDOW
     side: str = "bright"
     glint: GlintScale | None = None
 
     @property
     def halo(self) -> int:
         """Pixels around a block that its scores depend on."""
-        return _ROUNDS * (self.window // 2 + self.scales[-1] // 2 + 2)
+        return _ROUNDS * (WINDOW // 2 + self.scales[-1] // 2 + 2)
 
     def numbers(self) -> dict[str, Any]:
         """For a sidecar."""
         return {
-            "centre": self.centre.tolist(), "spread": self.spread.tolist(), "window": self.window,
+            "centre": self.centre.tolist(), "spread": self.spread.tolist(), "window": WINDOW,
             "scales": list(self.scales), "side": self.side, "q90": self.q90,
         }  # fmt: skip
 
@@ -184,14 +183,14 @@ class _State:
         self.x = x
         count = {s: np.maximum(_sums(self.sea.astype(np.float32), s), 1) for s in model.scales}
         self.means = [x if s == 1 else np.stack([_sums(b, s) for b in x]) / count[s] for s in model.scales]
-        self.water, self.window = water, model.window
+        self.water = water
         # before there are any statistics: what is as bright as land
         self.used = water & (np.abs(self.means[-1]) < 30).all(axis=0)
 
     def local(self) -> tuple[Array, Array]:
         """Mean of the water in use within the window, and its pixels."""
-        count = _sums(self.used.astype(np.float32), self.window)
-        total = np.stack([_sums(np.where(self.used, b, 0), self.window) for b in self.x])
+        count = _sums(self.used.astype(np.float32), WINDOW)
+        total = np.stack([_sums(np.where(self.used, b, 0), WINDOW) for b in self.x])
         return total / (count + 1), count  # one pixel at the median of the scene, where there is no water
 
     def standardised(self, variance: npt.NDArray[np.float64]) -> list[Array]:
@@ -200,7 +199,7 @@ class _State:
         out = []
         for means, whole in zip(self.means, variance, strict=True):
             d = means - mean
-            share = np.stack([_sums(np.where(self.used, b * b, 0), self.window) for b in d])
+            share = np.stack([_sums(np.where(self.used, b * b, 0), WINDOW) for b in d])
             v = (share + _PRIOR * whole[:, None, None]) / (count + _PRIOR)
             out.append(d / np.sqrt(np.maximum(v, _FLOOR * whole[:, None, None])))
         return out
