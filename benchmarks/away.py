@@ -17,7 +17,7 @@ from deglint import open_scene
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, SimulatedScene, simulate, simulate_together
-from detect.bench.measure import VISIBLE
+from detect.bench.measure import VISIBLE_BANDS
 
 from .error import DEEP
 from .scenes import SIDE, deglinted, objects
@@ -64,7 +64,7 @@ def measure(place: Path, scene: SimulatedScene, glint: int = SIDE) -> tuple[np.n
 
 def visible(found: Sequence[np.ndarray]) -> str:
     """Mean error of the visible bands over scenes, of deep water and of the whole, as text."""
-    each = np.sqrt((np.array(found)[:, :, :VISIBLE] ** 2).mean(axis=2)).mean(axis=0)
+    each = np.sqrt((np.array(found)[:, :, :VISIBLE_BANDS] ** 2).mean(axis=2)).mean(axis=0)
     return f"{each[0]:.2f} / {each[1]:.2f}"
 
 

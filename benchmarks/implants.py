@@ -25,7 +25,7 @@ from deglint.physics.sensor import Sensor, mtf
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate, thesis_array
 from deglint.simulate.light import light
-from detect.bench.measure import VISIBLE
+from detect.bench.measure import VISIBLE_BANDS
 
 from .error import DATA
 
@@ -139,8 +139,8 @@ def contrast(clean: Array, without: Array, truth: Array, targets: Sequence[Targe
     """Share of each target's contrast that is left."""
     out = []
     for t in targets:
-        place = slice(VISIBLE), slice(t.row - 5, t.row + 7), slice(t.column - 5, t.column + 7)
-        lit = white(sensor)[:VISIBLE, None, None]
+        place = slice(VISIBLE_BANDS), slice(t.row - 5, t.row + 7), slice(t.column - 5, t.column + 7)
+        lit = white(sensor)[:VISIBLE_BANDS, None, None]
         wanted, is_left = (truth[place] - without[place]) / lit, (clean[place] - without[place]) / lit
         counts = np.abs(wanted) > 0.25 * np.abs(wanted).max()
         out.append((is_left * wanted)[counts].sum() / (wanted[counts] ** 2).sum())

@@ -13,7 +13,7 @@ import numpy as np
 
 import deglint.physics.surface as surface
 from deglint.physics.spectra import dispersion
-from deglint.physics.waves import SHORTEST, Sea, omnidirectional
+from deglint.physics.waves import SHORTEST_WAVE, Sea, omnidirectional
 from deglint.simulate.facets import sparkle_share
 
 SIDE, FINE, COARSE, PIXELS = 2.0, 2048, 32, 8
@@ -70,7 +70,7 @@ def main():
     given = parser.parse_args()
     surface._check_grid = lambda *_: None  # the peak wave is left out on purpose
     sea = Sea(wind=given.wind)
-    k = np.geomspace(np.pi * COARSE / SIDE, 2 * np.pi / SHORTEST, 4001)
+    k = np.geomspace(np.pi * COARSE / SIDE, 2 * np.pi / SHORTEST_WAVE, 4001)
     share = np.cumsum(omnidirectional(k, sea) * k**3)
     frequencies = np.interp((np.arange(4096) + 0.5) / 4096, share / share[-1], dispersion(k))
     for far in (2.2, 1.0):

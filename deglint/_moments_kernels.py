@@ -11,7 +11,7 @@ _FAST = {"reassoc", "contract", "nsz"}
 
 RUN = 512  # pixels reduced at a time: all variables of a run stay in the first-level cache
 LANES = 64  # columns of a run whose range is held side by side
-BESIDE = 128  # values of a row that are gathered before the next row: cells times variables, so that memory streams
+GATHERED = 128  # values of a row that are gathered before the next row: cells times variables, so that memory streams
 
 
 @njit(nogil=True, cache=True, fastmath=_FAST)
@@ -193,7 +193,7 @@ def reduce_cells(block, mask, row0, col0, cell, across, n, mean, comoment, low, 
     A run is some rows of a cell. Runs of cells beside each other are gathered together: memory is read in long pieces.
     """
     variables, rows, columns = block.shape
-    beside, step, filled = max(min(across, BESIDE // variables), 1), max(RUN // cell, 1), -(-variables // 4) * 4
+    beside, step, filled = max(min(across, GATHERED // variables), 1), max(RUN // cell, 1), -(-variables // 4) * 4
     values, x = np.empty((beside, variables, step * cell), block.dtype), np.zeros((filled, step * cell))
     run_mean, run_rest, run_comoment = np.empty(variables), np.empty(variables), np.empty((filled, filled))
     least = np.empty((beside, variables, LANES), block.dtype)

@@ -17,9 +17,9 @@ from .errors import ReadError
 
 _CHUNK = 4 << 20
 """Bytes read at a time: a piece should take as long as Python lets another thread work before it asks."""
-_AHEAD: dict[str, _Ahead] = {}
+_CHECKSUMS_AHEAD: dict[str, _Ahead] = {}
 """Begun by a command, and not yet asked for."""
-_ASIDE = (".aux.xml", ".ovr")
+_VIEWER_FILES = (".aux.xml", ".ovr")
 """Endings of files that viewers write beside a raster when they show it: what is read of them is read at the start."""
 Stamp = tuple[int, int, int, int]
 
@@ -57,7 +57,7 @@ class Checksum:
     def __init__(self, names: Sequence[str], aside: Sequence[str] = ()) -> None:
         self._names, self._aside = tuple(names), tuple(aside)
         self._found: list[dict[str, Any]] = []
-        ahead = {name: known for name in self._names if (known := _AHEAD.pop(name, None)) is not None}
+        ahead = {name: known for name in self._names if (known := _CHECKSUMS_AHEAD.pop(name, None)) is not None}
         self._listed = behind(self._names)
         self._before = {path: _stamp(path) for path in (*self._listed, *behind(self._aside))}
         self._ahead = {name: known for name, known in ahead.items() if known.before == self._before.get(name)}
@@ -87,7 +87,7 @@ class Checksum:
         crcs = {file["path"]: file["crc32"] for file in self._found}
         after = {path: _stamp(path) for path in (*behind(self._names), *behind(self._aside))}
         for path in {**self._before, **after}:
-            if path.endswith(_ASIDE):
+            if path.endswith(_VIEWER_FILES):
                 continue
             one, two = self._before.get(path), after.get(path)
             if one is None or two is None or one[:3] != two[:3]:
@@ -109,7 +109,7 @@ def begin_checksum(paths: Sequence[str]) -> None:
     """Begin on files that are about to be read: a command's modules take a while to load."""
     for path in paths:
         if _stamp(path):
-            _AHEAD[path] = _Ahead(path)
+            _CHECKSUMS_AHEAD[path] = _Ahead(path)
 
 
 def behind(names: Sequence[str]) -> tuple[str, ...]:

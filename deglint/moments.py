@@ -28,7 +28,7 @@ from .errors import InputError
 Float64 = npt.NDArray[np.float64]
 Places = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
-_NEAR = 0.9
+_NEAR_MEAN = 0.9
 """Share of the sum of squares about a typical pixel that may be due to its distance from the mean: costs three bits."""
 _ROOM = 1 << 18
 """Values worked on at a time, at most, if a cell has fewer."""
@@ -105,7 +105,7 @@ class CellMoments:
     @classmethod
     def from_moments(cls, m: Moments) -> CellMoments:
         """One cell, at the origin."""
-        return cls(np.zeros((1, 2), np.int64), *(np.array([getattr(m, f)], np.float64) for f in _FIELDS[1:]))
+        return cls(np.zeros((1, 2), np.int64), *(np.array([getattr(m, f)], np.float64) for f in _CELL_FIELDS[1:]))
 
     @classmethod
     def without_pixels(cls, keys: Places, variables: int) -> CellMoments:
@@ -121,7 +121,7 @@ class CellMoments:
             raise InputError("no moments to merge: give at least one part.")
         if len({p.mean.shape[1] for p in parts}) > 1:
             raise InputError("moments of different numbers of variables cannot be merged.")
-        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in _FIELDS))
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in _CELL_FIELDS))
 
     def by_place(self) -> CellMoments:
         """The same cells in row-major order."""
@@ -157,7 +157,7 @@ class CellMoments:
 
     def where(self, chosen: npt.NDArray[Any]) -> CellMoments:
         """Some of the cells, by index or by mask."""
-        return CellMoments(*(getattr(self, name)[chosen] for name in _FIELDS))
+        return CellMoments(*(getattr(self, name)[chosen] for name in _CELL_FIELDS))
 
     def total(self) -> Moments:
         """Merge all cells, neighbours in their present order first."""
@@ -171,7 +171,7 @@ class CellMoments:
         return Moments(int(n[0]), mean[0], comoment[0], low, high, rest[0])
 
 
-_FIELDS = ("keys", "n", "mean", "comoment", "minimum", "maximum", "rest")
+_CELL_FIELDS = ("keys", "n", "mean", "comoment", "minimum", "maximum", "rest")
 
 
 def cell_moments(
@@ -225,7 +225,9 @@ def cell_moments(
         reduce = _reduce_cells
         if compiled:
             from ._moments_kernels import reduce_cells as reduce
-        reduce(block, np.ascontiguousarray(mask), *start, cell, shape[1], *(getattr(cells, f) for f in _FIELDS[1:]))
+        reduce(
+            block, np.ascontiguousarray(mask), *start, cell, shape[1], *(getattr(cells, f) for f in _CELL_FIELDS[1:])
+        )
     used = cells.n > 0
     return cells if used.all() else cells.where(used)
 
@@ -331,7 +333,7 @@ def _reduce_quickly(block: npt.NDArray[Any], ends: Places, cells: Places, result
         np.matmul(x, x.transpose(0, 2, 1), out=comoment[some])
     centre = total / n[:, None]
     squares = np.diagonal(comoment, axis1=1, axis2=2)
-    bad = ~np.isfinite(high - low) | ~(total * centre <= _NEAR * squares)
+    bad = ~np.isfinite(high - low) | ~(total * centre <= _NEAR_MEAN * squares)
     comoment -= total[:, :, None] * centre[:, None, :]
     centre, rest = _two_sum(shift, centre)
     for whole, part in zip(results, (n, centre, comoment, low, high, rest), strict=True):

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-SIDE = 192
+PICTURE_SIDE = 192
 """Longest side of a picture [pixel]."""
-MOST_BYTES = 64 << 10
+MOST_PNG_BYTES = 64 << 10
 """A picture is made smaller until its PNG, as it stands in the page, has at most this size [byte]."""
 MOST_ROWS = 40
 """Rows of a table; hyperspectral scenes have hundreds of bands."""
@@ -36,13 +36,13 @@ def shown(title: str, rows: Sequence[tuple[str, str]], picture: npt.NDArray[np.u
 
 
 def data_uri(picture: npt.NDArray[np.uint8]) -> str:
-    """The picture as a PNG in a data URI of at most `MOST_BYTES`."""
+    """The picture as a PNG in a data URI of at most `MOST_PNG_BYTES`."""
     import cv2
 
     while True:
         _ok, png = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
         uri = "data:image/png;base64," + b64encode(png.tobytes()).decode()
-        if len(uri) <= MOST_BYTES:
+        if len(uri) <= MOST_PNG_BYTES:
             return uri
         picture = picture[::2, ::2]
 
@@ -59,7 +59,7 @@ def stretched(images: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
     span = np.where(high > low, high - low, 1)
     parts = []
     for image in images:
-        step = -(-max(image.shape[1:]) // SIDE)
+        step = -(-max(image.shape[1:]) // PICTURE_SIDE)
         unit = np.clip(np.nan_to_num((image[:, ::step, ::step] - low) / span, nan=0.0), 0, 1) ** (1 / GAMMA)
         parts += [(unit * 255).astype(np.uint8).transpose(1, 2, 0), np.full((unit.shape[1], 4, 3), 255, np.uint8)]
     return np.hstack(parts[:-1])
@@ -67,8 +67,8 @@ def stretched(images: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
 
 def bars(shares: Sequence[float]) -> npt.NDArray[np.uint8]:
     """A bar for each share from 0 to 1, from the left to the right."""
-    width = max(SIDE // max(len(shares), 1), 2)
-    picture = np.full((SIDE // 2, width * len(shares), 3), 255, np.uint8)
+    width = max(PICTURE_SIDE // max(len(shares), 1), 2)
+    picture = np.full((PICTURE_SIDE // 2, width * len(shares), 3), 255, np.uint8)
     for i, share in enumerate(shares):
         top = round((1 - min(max(share, 0.0), 1.0)) * len(picture))
         picture[top:, i * width : (i + 1) * width - 1] = (70, 110, 160)

@@ -14,7 +14,7 @@ from .remove import GlintModel
 from .scene import Scene
 from .tiles import tile_shape, tiles
 
-MOST_PIXELS = 900
+LONGEST_PICTURE = 900
 """Longest side of each picture [pixel]."""
 GAMMA = 1.8
 
@@ -54,7 +54,7 @@ def _rgb(scene: Scene, model: GlintModel) -> list[int]:
 
 def _thinned(source: RasterSource, scene: Scene, bands: list[int]) -> npt.NDArray[np.float32]:
     """Some bands as physical values, every n-th pixel of every n-th row, read by tiles."""
-    step = max(1, -(-max(scene.height, scene.width) // MOST_PIXELS))
+    step = max(1, -(-max(scene.height, scene.width) // LONGEST_PICTURE))
     shape = (-(-scene.height // step), -(-scene.width // step))
     out = np.empty((len(bands), *shape), np.float32)
     side = tile_shape(scene.height, scene.width, len(bands), source.info.block_shapes[0])

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from urllib.parse import quote
 
-_HIDDEN = re.compile(
+_HIDDEN_CHARACTERS = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u0600-\u0605\u061c\u06dd\u070f\u115f\u1160\u180e\u200b-\u200f\u2028-\u202e"
     "\u2060-\u206f\u3164\ufeff\ufff9-\ufffb\U000e0000-\U000e0fff\ud800-\udfff]"
 )
@@ -24,7 +24,7 @@ def shown(text: str) -> str:
     >>> shown("blue\\x1b[2J")
     'blue\\\\x1b[2J'
     """
-    return text if text.isprintable() else _HIDDEN.sub(_spelled, text)
+    return text if text.isprintable() else _HIDDEN_CHARACTERS.sub(_spelled, text)
 
 
 def in_file_name(text: str) -> str:
@@ -35,7 +35,7 @@ def in_file_name(text: str) -> str:
     >>> in_file_name("a\\u202eb")
     'a%E2%80%AEb'
     """
-    return _HIDDEN.sub(lambda found: quote(found[0], errors="surrogateescape"), text)
+    return _HIDDEN_CHARACTERS.sub(lambda found: quote(found[0], errors="surrogateescape"), text)
 
 
 def _spelled(found: re.Match[str]) -> str:

@@ -28,16 +28,16 @@ SAMPLES = 4 << 20
 """Values (pixels times bands) that a tile aims at."""
 MOST_SAMPLES = 32 << 20
 """Values that a tile may have where the file's blocks ask for it."""
-AT_ONCE = 32 << 20
+SAMPLES_AT_ONCE = 32 << 20
 """Values that may be worked on at the same time; large tiles get fewer threads."""
 COMPACT = 512
 """Side of the tiles of work that needs a halo and many copies [pixel]."""
-HELD = 5 << 20
+MOST_WITH_HALO = 5 << 20
 """Values of such a tile with its halo, where a side of `COMPACT` leaves the choice."""
 HELD_ALONE = 3 << 20
 """The same for removal without compensation, which holds a prediction for every band: 225 MB in place of 310 on two
 threads, in the same time."""
-LARGEST = 1024
+LONGEST_SIDE = 1024
 """Longest side of a tile [pixel], unless the file is in strips."""
 
 
@@ -82,7 +82,7 @@ class Tile:
 def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> tuple[int, int]:
     """Rows and columns of the tiles for a scene stored in blocks of (rows, columns)."""
     side = int(math.sqrt(SAMPLES / bands)) // CELL * CELL
-    side = min(max(side, CELL), LARGEST)
+    side = min(max(side, CELL), LONGEST_SIDE)
     if block[1] >= width and block[0] < height:  # strips: whole rows, so that none is read twice
         rows = max(SAMPLES // (width * bands) // CELL * CELL, CELL)
         if rows * width * bands <= MOST_SAMPLES:
@@ -91,7 +91,7 @@ def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> t
 
 
 def compact(
-    shape: tuple[int, int], block: tuple[int, int], bands: int, halo: int, *, held: int = HELD
+    shape: tuple[int, int], block: tuple[int, int], bands: int, halo: int, *, held: int = MOST_WITH_HALO
 ) -> tuple[int, int]:
     """Tiles for work that needs a halo and many copies: wide and not low, for the halo's sake, but small with it.
 
@@ -107,7 +107,7 @@ def _side(side: int, block: int, bands: int) -> int:
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step
-    return step if step <= LARGEST and step * step * bands <= MOST_SAMPLES else side
+    return step if step <= LONGEST_SIDE and step * step * bands <= MOST_SAMPLES else side
 
 
 def tiles(height: int, width: int, shape: tuple[int, int]) -> list[Tile]:
@@ -150,7 +150,7 @@ def default_threads() -> int:
 
 def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:
     """As many of the threads as can work at once on tiles of this size in bounded memory; at least one."""
-    return max(1, min(threads, AT_ONCE // (tile[0] * tile[1] * bands)))
+    return max(1, min(threads, SAMPLES_AT_ONCE // (tile[0] * tile[1] * bands)))
 
 
 def rows_of(everything: Sequence[Tile]) -> list[list[Tile]]:

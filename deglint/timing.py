@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 
-EVERY = 30.0
+LOG_EVERY = 30.0
 """Least time between two log lines on progress [s]: a stage that takes less needs none."""
 log = logging.getLogger(__name__)
 
@@ -34,7 +34,7 @@ class TimeLeft:
 
 
 class Reporter:
-    """A progress function that logs at most every `EVERY` seconds, the first time that long after a stage began."""
+    """A progress function that logs at most every `LOG_EVERY` seconds, the first time that long after a stage began."""
 
     def __init__(self) -> None:
         self._left = TimeLeft()
@@ -45,7 +45,7 @@ class Reporter:
         now, left = time.monotonic(), self._left(stage, done, total)
         if stage != self._stage or done == total:
             self._stage, self._said = stage, now
-        elif left is not None and now - self._said >= EVERY:
+        elif left is not None and now - self._said >= LOG_EVERY:
             self._said = now
             log.info("%s: %d %%, %s left", stage, 100 * done // total, duration(left))
 

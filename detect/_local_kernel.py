@@ -138,8 +138,8 @@ def _distances(sums, x, ddof, ridge, root, z, total, state):  # type: ignore[no-
 def distances(sums, x, ddof, ridge, total, state):  # type: ignore[no-untyped-def]
     """Squared Mahalanobis distances of pixels from their rings, and how each was found.
 
-    DONE; DEFICIENT: without bands that follow from others in the ring, as they do in x; ASIDE: not to be told from
-    these sums.
+    DONE; DEFICIENT: without bands that follow from others in the ring, as they do in x; ASIDE: not to be determined
+    from these sums.
 
     sums : (products, pixels), as `ring_moments` fills them; x : (bands, pixels); total, state : (pixels,)
     """

@@ -34,7 +34,7 @@ COVARIANCES = {
 """How the covariance is estimated."""
 RIDGE = 1e-3
 """Share of each band's variance that `ridge` adds, unless it is said."""
-SAMPLE = 1 << 17
+ROBUST_SAMPLE = 1 << 17
 """Pixels that the robust estimate and Ledoit and Wolf's shrinkage look at, at most about."""
 COMPILED_PIXELS = 10_000_000
 """Pixels above which the compiled statistics kernel pays for its loading."""
@@ -271,7 +271,7 @@ def estimate(
 
 def sample_share(covariance: str, pixels: int) -> int:
     """One pixel in how many to keep for this rule; 0: none."""
-    return max(1, -(-pixels // SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
+    return max(1, -(-pixels // ROBUST_SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
 
 
 def check_rule(covariance: str, ridge: float) -> None:

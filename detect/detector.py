@@ -19,7 +19,7 @@ from deglint.errors import FitError, InputError
 from .background import Background, Float64, Mask, Scores
 from .covariance import TOLERANCE, whitener
 
-METHODS = {
+GLOBAL_METHODS = {
     "rx": "squared Mahalanobis distance",
     "utd": "uniform target detector: likeness to a spectrum of ones",
     "rx-utd": "rx less utd",
@@ -31,9 +31,9 @@ _CHUNK = 1024
 """Least pixels scored at a time: their whitened values stay in the cache."""
 _PRODUCTS = 1 << 18
 """Multiplications of a matrix product that are made at a time: OpenBLAS does not wake its threads for them."""
-_STRIP = 1 << 19
+_STRIP_PIXELS = 1 << 19
 """Pixels that a thread scores at a time."""
-_SMALL = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
+_NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 """Standard deviations by which a mean may be off, by the type of the scores."""
 
 
@@ -44,7 +44,7 @@ class Detector:
     Attributes
     ----------
     method : str
-        A key of `METHODS`.
+        A key of `GLOBAL_METHODS`.
     mean, rest : (bands,) ndarray
         The mean is mean + rest.
     whiten : (rank, bands) ndarray
@@ -69,7 +69,7 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
     Parameters
     ----------
     method : str
-        A key of `METHODS`.
+        A key of `GLOBAL_METHODS`.
     background : Background
     drop : int
         For "subspace": leading eigenvectors to leave out.
@@ -83,8 +83,8 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
     FitError
         No band of the background varies.
     """
-    if method not in METHODS:
-        raise InputError(f"method {method!r} is not one of {', '.join(METHODS)}.")
+    if method not in GLOBAL_METHODS:
+        raise InputError(f"method {method!r} is not one of {', '.join(GLOBAL_METHODS)}.")
     whiten = whitener(background.covariance)
     if not len(whiten):
         raise FitError("no band of the background varies, so no pixel can exceed it. Check bands and nodata.")
@@ -135,10 +135,10 @@ def score(
 
     def work(first: int) -> None:
         with np.errstate(invalid="ignore", over="ignore"):
-            _fill(flat[:, first : first + _STRIP], detector, matrix, out[first : first + _STRIP])
+            _fill(flat[:, first : first + _STRIP_PIXELS], detector, matrix, out[first : first + _STRIP_PIXELS])
 
     with ThreadPoolExecutor(max(threads, 1)) as pool:
-        list((pool.map if threads > 1 else map)(work, range(0, len(out), _STRIP)))
+        list((pool.map if threads > 1 else map)(work, range(0, len(out), _STRIP_PIXELS)))
     with np.errstate(invalid="ignore", over="ignore"):
         # what is finite but too large for the output's type stays the largest of all; the rest is not valid
         bad = ~np.isfinite(out)
@@ -154,7 +154,7 @@ def score(
 def _fill(flat: npt.NDArray[Any], detector: Detector, matrix: Float64, out: Scores) -> None:
     """Fill `out` with the scores of pixels."""
     rank, moved = len(detector.whiten), (matrix @ detector.rest)[:, None]
-    shifted = bool(np.abs(moved).max(initial=0) > _SMALL[out.dtype])
+    shifted = bool(np.abs(moved).max(initial=0) > _NEGLIGIBLE[out.dtype])
     # always the same width: BLAS may add in another order at the end of a shorter one
     width = min(max(_PRODUCTS // max(matrix.size, 1), _CHUNK), 8 * _CHUNK)
     centred = np.zeros((len(flat), width))

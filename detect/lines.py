@@ -22,7 +22,7 @@ _FIRST = 4
 """Pixels per band before statistics are taken for known: with fewer the first lines are scored against themselves."""
 _OUT = 5.0
 """Times the number of bands: squared distances above it leave the statistics; of normal pixels of 4 bands 5e-4 do."""
-_RIDGE = 1e-6
+_LINE_RIDGE = 1e-6
 """Share of each band's variance that is added: collinear bands have a covariance that can be inverted."""
 
 
@@ -85,7 +85,7 @@ class LineScorer:
         taken = values if valid.all() else values[:, valid]
         if self._mean is not None and self._weight >= _FIRST * len(values):
             away = taken - self._mean[:, None]
-            white = whitener(ridged(self._second, _RIDGE)) @ away
+            white = whitener(ridged(self._second, _LINE_RIDGE)) @ away
             found = np.einsum("ij,ij->j", white, white)
             out[valid] = found
             inside = found <= _OUT * len(values)

@@ -34,7 +34,7 @@ CELL = 256
 """Tiles that start at multiples of it give bit-identical scores; as much is worked on at a time [pixel]."""
 BORDERS = ("shrink", "mirror", "shift")
 """What the window does where it reaches beyond the image: lose what is outside, mirror it, or move inside."""
-KERNEL_BANDS = 24
+SUMS_BANDS = 24
 """Most bands for which sums over windows are faster than the ring's pixels one by one."""
 MOST_SUMS = 1 << 30
 """Memory for sums over windows, a thread [byte]."""
@@ -202,7 +202,7 @@ def _check_memory(bands: int, rule: WindowRule) -> None:
     """Refuse a window whose sums take a machine's memory."""
     sums = 1 + bands + bands * (bands + 1) // 2
     need = 8 * (sums * CELL**2 + bands * (rule.outer + CELL) ** 2)
-    if bands <= KERNEL_BANDS and need > MOST_SUMS:
+    if bands <= SUMS_BANDS and need > MOST_SUMS:
         raise InputError(
             f"window: {rule.outer} pixels of {bands} bands take {need / 2**30:.1f} GiB a thread, allowed is "
             f"{MOST_SUMS >> 30}. Take a smaller window, fewer bands, or rx."
@@ -226,7 +226,7 @@ def _score_cell(
     inside = good[own]
     if not inside.any():
         return scores, states
-    if len(block) <= KERNEL_BANDS:
+    if len(block) <= SUMS_BANDS:
         _by_sums(_padded(block, good, origin, cell, rule), rule, inside, scores, states)
         if rule.border == "shift":
             states[inside & _near_edge(cell, rule)] = _DIRECT
@@ -333,7 +333,7 @@ def _places(at: int, size: int, side: int, border: str) -> npt.NDArray[np.int64]
 def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
     """d^T (R^T R)^+ d for the ring R, less its mean and weighted by `root`; and whether R has full rank."""
     bands = ring.shape[1]
-    if bands > KERNEL_BANDS:
+    if bands > SUMS_BANDS:
         return _by_cholesky(ring, away, root, ridge)
     ring = np.concatenate([ring, np.diag(np.sqrt(ridge * (ring**2).sum(axis=0)))])
     length = np.sqrt((ring**2).sum(axis=0))

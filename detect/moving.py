@@ -19,7 +19,7 @@ from deglint.errors import InputError
 
 FASTEST = 20.0
 """Greatest speed that is sought [m/s]."""
-_WINDOW = 31
+_WATER_WINDOW = 31
 """Side of the window of water that contrast is taken from [pixel]."""
 _SIGMA = 6.0
 """Robust standard deviations that each copy must exceed: a boat is in all bands, noise and sparkle in one."""
@@ -62,7 +62,7 @@ def contrast(band: npt.NDArray[np.float32], water: npt.NDArray[np.bool_]) -> npt
     import cv2
 
     def mean(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        return np.asarray(cv2.boxFilter(values, cv2.CV_32F, (_WINDOW, _WINDOW), normalize=False,
+        return np.asarray(cv2.boxFilter(values, cv2.CV_32F, (_WATER_WINDOW, _WATER_WINDOW), normalize=False,
                                         borderType=cv2.BORDER_CONSTANT))  # fmt: skip
 
     known = water & np.isfinite(band)

@@ -32,9 +32,9 @@ import numpy.typing as npt
 from deglint.checks import checked_keywords
 
 from .background import RIDGE, Background, Mask, Scores, as_image, as_mask, default_threads, fit
-from .detector import METHODS, Detector, detector, score
+from .detector import GLOBAL_METHODS, Detector, detector, score
 
-__all__ = ["METHODS", "Detector", "detector", "residual_rx", "rx", "rx_utd", "score", "subspace_rx", "utd"]
+__all__ = ["GLOBAL_METHODS", "Detector", "detector", "residual_rx", "rx", "rx_utd", "score", "subspace_rx", "utd"]
 
 
 @checked_keywords()

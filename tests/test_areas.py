@@ -192,7 +192,7 @@ def test_nesting_that_json_can_hold_is_followed(scene, tmp_path):
 
 
 def test_a_file_that_is_too_large_is_not_read(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr("deglint.readers.text.MOST_BYTES", 1000)
+    monkeypatch.setattr("deglint.readers.text.MOST_TEXT_BYTES", 1000)
     (tmp_path / "a.geojson").write_text(" " * 2000)
     with pytest.raises(InputError, match="larger than"):
         area_of(scene, tmp_path / "a.geojson")

@@ -76,7 +76,7 @@ def test_scenes_hold_what_they_should(tmp_path):
     sensors = [preset("thesis").delayed(delay) for delay in (0.0, 0.06)]
     for scene in scenes.simulated(tmp_path, sensors, 3.0, 0, SMALL):
         assert sorted(set(scene.kinds[:, SMALL // 2 :].ravel())) == [-1, 0, 1, 2, 3, 4]
-        assert not scene.kinds[:, : SMALL // 2 - scenes.BLUR].any()
+        assert not scene.kinds[:, : SMALL // 2 - scenes.BLURRED_EDGE].any()
         assert scene.sample.mean() == 0.5
         np.testing.assert_array_equal(scene.made.objects > 0, scene.kinds > 0)
         np.testing.assert_allclose(scene.scene.read(), scene.raw, rtol=1e-6)

@@ -11,7 +11,7 @@ from deglint.choose import candidates
 from deglint.choose.candidates import windows
 from deglint.choose.implants import gains, implants
 from deglint.choose.score import SCALES, expected_errors, least_glint, powers
-from deglint.choose.trial import BESIDE, without_ships
+from deglint.choose.trial import NOT_JUDGED, without_ships
 from deglint.compensate import Sample, Setting, State
 from deglint.scene import Band
 
@@ -80,8 +80,8 @@ def test_expected_errors_distinguish_the_scene_from_what_is_left_of_glint(scene,
     glint = cv2.GaussianBlur(rng.standard_normal((128, 128)), (0, 0), 8).clip(0)
     glint /= glint.std()
     image = (scene * rng.standard_normal(glint.shape) + left * glint * rng.standard_normal(glint.shape))[None]
-    calm = least_glint([glint[None].astype(np.float32)], [INSIDE])
-    found = [powers([image.astype(np.float32)], [INSIDE], np.ones(1, np.float32), c) for c in ((), calm)]
+    clear = least_glint([glint[None].astype(np.float32)], [INSIDE])
+    found = [powers([image.astype(np.float32)], [INSIDE], np.ones(1, np.float32), c) for c in ((), clear)]
     error = expected_errors(found[0][None], found[1][None], np.ones((1, len(SCALES))), np.ones(1))
     assert error == pytest.approx(left * np.sqrt((glint**2).mean()), rel=0.25, abs=0.04)
 
@@ -105,7 +105,7 @@ def test_ships_do_not_judge_and_the_sea_does():
     state = State.of(image)
     (inside,) = without_ships(Sample((state,), (state.water,))).inside
     assert not inside[38:45, 38:45].any()
-    assert inside.sum() == 80 * 80 - (3 + 2 * BESIDE) ** 2
+    assert inside.sum() == 80 * 80 - (3 + 2 * NOT_JUDGED) ** 2
 
 
 def test_a_sea_without_glint_is_copied(write, tmp_path):

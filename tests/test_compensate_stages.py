@@ -8,7 +8,7 @@ import pytest
 from deglint.compensate.psf import system_psf
 from deglint.compensate.stages import (
     STAGES,
-    THESIS,
+    THESIS_CHAIN,
     Chain,
     Step,
     apply_stages,
@@ -27,7 +27,7 @@ PSFS = tuple(system_psf(w, f_number=10, pitch=8e-6) for w in WAVES)
 SETTING = Setting(BANDS, (3,), PSFS)
 WATER = np.array([50.0, 40.0, 30.0, 10.0])
 CHAINS = (
-    THESIS,
+    THESIS_CHAIN,
     "identify-level:5, replace-level",
     "psf:2, identify-level:13, replace-level",
     "psf:1, identify-level:7, replace-level, identify-level:5, replace-level",
@@ -61,7 +61,7 @@ def test_reading_a_chain():
     )  # fmt: skip
     assert parse("remove") == (Step("remove"),)
     assert [s.name for s in parse("identify-median:0, median")] == ["identify-median", "median", "remove"]
-    assert parse(THESIS)[1] == Step("identify-median", 5.0)
+    assert parse(THESIS_CHAIN)[1] == Step("identify-median", 5.0)
     assert all(kind.help for kind in STAGES.values())
 
 

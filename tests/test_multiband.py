@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from deglint import remove
 from deglint.errors import FitError
 from deglint.remove.model import GlintIndex
-from deglint.remove.multiband import RIDGE, references
+from deglint.remove.multiband import REFERENCE_RIDGE, references
 from deglint.remove.request import FitRequest
 from deglint.scene import Band
 
@@ -56,7 +56,7 @@ def test_weights_are_those_of_ridge_regression(noise):
         y = block[fit.band].ravel()
         x, y = x - x.mean(axis=1, keepdims=True), y - y.mean()
         scale = np.sqrt((x**2).sum(axis=1, keepdims=True))
-        theirs = Ridge(alpha=RIDGE, fit_intercept=False).fit((x / scale).T, y).coef_ / scale[:, 0]
+        theirs = Ridge(alpha=REFERENCE_RIDGE, fit_intercept=False).fit((x / scale).T, y).coef_ / scale[:, 0]
         np.testing.assert_allclose(index.weights, theirs, rtol=1e-8)
         if noise == 5.0:  # the ridge is next to nothing where references are not collinear
             np.testing.assert_allclose(index.weights, np.linalg.lstsq(x.T, y, rcond=None)[0], rtol=0.01, atol=2e-3)
@@ -92,10 +92,10 @@ def test_one_reference_and_the_lowest_percentile_is_hedley_but_for_the_ridge():
     ours = fitted(block, bands, 2, floor_percentile=1e-9)
     theirs = remove.fit("hedley", block, nir=2, bands=bands)
     for a, b in zip(ours.fits, theirs.fits, strict=True):
-        assert ours.indexes[a.index].weights[0] * (1 + RIDGE) == pytest.approx(b.slope, rel=1e-9)
+        assert ours.indexes[a.index].weights[0] * (1 + REFERENCE_RIDGE) == pytest.approx(b.slope, rel=1e-9)
         assert a.r2 == pytest.approx(b.r2, abs=1e-6)
     np.testing.assert_allclose(
-        remove.apply(block, ours), remove.apply(block, theirs), atol=2 * RIDGE * 1.1 * np.ptp(block[2])
+        remove.apply(block, ours), remove.apply(block, theirs), atol=2 * REFERENCE_RIDGE * 1.1 * np.ptp(block[2])
     )
 
 

@@ -22,7 +22,7 @@ WIND = ("--wind", "7@310")
 
 def test_names_in_help_are_those_there_are():
     assert tuple(PRESETS) == command.SENSOR_NAMES
-    assert sky.MODELS == command.SKY_NAMES
+    assert sky.SKY_MODELS == command.SKY_NAMES
     assert tuple(slopes.MODELS) == command.SLOPE_NAMES
     assert WATERS == command.WATER_NAMES
 

@@ -93,7 +93,7 @@ def test_the_facet_grid_of_the_thesis_does_not_resolve_the_sun_but_converges():
     assert wrong[4] < 0.01
 
 
-@pytest.mark.parametrize("model", sky.MODELS)
+@pytest.mark.parametrize("model", sky.SKY_MODELS)
 @pytest.mark.parametrize(
     ("wind", "sun_at", "tolerance"),
     [(9.0, (20.5, 270.2), 0.01), (2.0, (45.0, 100.0), 0.01), (14.0, (70.0, 30.0), 0.025)],

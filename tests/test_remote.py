@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deglint.errors import InputError, ReadError
-from deglint.raster.environment import PATIENCE, environment
+from deglint.raster.environment import HTTP_PATIENCE, environment
 from deglint.readers import open_scene
 
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
@@ -135,8 +135,8 @@ def test_patience_is_bounded_and_the_environment_decides(monkeypatch):
 
     with environment():
         found = getenv()
-    assert {name: found[name] for name in PATIENCE} == PATIENCE
-    assert all(float(value) > 0 for value in PATIENCE.values())
+    assert {name: found[name] for name in HTTP_PATIENCE} == HTTP_PATIENCE
+    assert all(float(value) > 0 for value in HTTP_PATIENCE.values())
     monkeypatch.setenv("GDAL_HTTP_MAX_RETRY", "7")
     with environment():
         assert "GDAL_HTTP_MAX_RETRY" not in getenv()

@@ -447,7 +447,7 @@ def test_help_names_what_there_is():
 
     command = import_module("deglint.cli.simulate")
     assert tuple(PRESETS) == command.PRESET_NAMES
-    assert sky.MODELS == command.SKY_NAMES
+    assert sky.SKY_MODELS == command.SKY_NAMES
     assert KERNELS == command.KERNEL_NAMES
     assert get_args(SlopeModel) == command.SIMULATED_SLOPES
     assert get_args(waves.Spectrum) == command.SPECTRUM_NAMES

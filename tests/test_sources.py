@@ -10,7 +10,7 @@ import pytest
 from deglint.errors import InputError, ReadError
 from deglint.raster.info import open_dataset
 from deglint.raster.local import TRUST
-from deglint.raster.vrt import MOST_DEPTH
+from deglint.raster.vrt import MOST_NESTED
 from deglint.readers.text import read_text
 
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none", "--nir", "4")
@@ -192,7 +192,7 @@ def test_mosaics_of_mosaics_are_counted(deglint, folders):
     ran = deglint("info", theirs / source)
     assert ran.code == 1
     assert "reads 743,008,370,688 sources for a band" in ran.err
-    for i in range(MOST_DEPTH + 2):
+    for i in range(MOST_NESTED + 2):
         source = vrt(theirs / f"d{i}.vrt", source if i else "in.tif", relative=1).name
     assert "deep" in deglint("info", theirs / source).err
 

@@ -53,7 +53,7 @@ def test_tiles_with_a_halo_hold_no_more_than_they_may(height, width, bands, bloc
     assert columns % CELL == 0 or columns >= width
     held = (rows + 2 * halo) * (min(columns, width) + 2 * halo) * bands
     blocks = math.lcm(own[1], CELL)  # the file's blocks may ask for more
-    assert held <= tiles.HELD or columns <= max(tiles.COMPACT, blocks) or columns >= width
+    assert held <= tiles.MOST_WITH_HALO or columns <= max(tiles.COMPACT, blocks) or columns >= width
     other = tiles.compact(shape, own, bands, halo // 2)
     assert other[0] == rows
     assert other[1] >= columns
@@ -193,7 +193,7 @@ def small_tiles(monkeypatch):
     """Make tiles small, so that small scenes have many."""
     monkeypatch.setattr(tiles, "SAMPLES", 4 * 128 * 128)
     monkeypatch.setattr(tiles, "MOST_SAMPLES", 4 * 256 * 512)
-    monkeypatch.setattr(tiles, "LARGEST", 256)
+    monkeypatch.setattr(tiles, "LONGEST_SIDE", 256)
     monkeypatch.setattr("deglint.pipeline.overview.TILE_SIDE", 128)
 
 

@@ -75,7 +75,7 @@ def test_what_is_declared_is_not_asked_for(sea, write, tmp_path):
 
 def test_only_a_part_of_a_large_scene_is_looked_at(sea, write, tmp_path, monkeypatch):
     monkeypatch.setattr("deglint.readers.undeclared.LOOKED_AT", 3000)
-    monkeypatch.setattr("deglint.readers.undeclared.SIDE", 16)
+    monkeypatch.setattr("deglint.readers.undeclared.SAMPLED_SIDE", 16)
     scene = open_scene(write(tmp_path / "in.tif", bordered(sea, 0, "uint16")))
     asked = []
     read_raw = scene.source.read_raw

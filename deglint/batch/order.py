@@ -18,7 +18,7 @@ from ..pipeline.recipe import Recipe
 from ..readers.scenes import checked_name
 from ..readers.text import read_text
 
-MOST_BYTES = 1 << 20
+MOST_RECIPE_BYTES = 1 << 20
 """Largest recipe file that is read [byte]."""
 EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
 """Outputs beside the image that a recipe may ask for, and how their names end."""
@@ -111,7 +111,7 @@ def read_order(path: str, directory: str | None = None) -> Order:
     InputError
         Not TOML, or a name or value that is not allowed, such as a directory above the one that the batch runs in.
     """
-    text = read_text(path, "recipe", MOST_BYTES)
+    text = read_text(path, "recipe", MOST_RECIPE_BYTES)
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # numbers of thousands of digits are no TOMLDecodeError

@@ -23,9 +23,9 @@ from .jobs import DONE, FAILED, NO_WATER, Job, Outcome, Say, outcome
 from .order import Order
 
 log = logging.getLogger(__name__)
-PATIENCE = 10.0
+STOP_PATIENCE = 10.0
 """How long a worker may take to clean up when it is stopped [s]."""
-_EVERY = 0.2
+_REPORT_EVERY = 0.2
 """Least time between two words on progress [s]."""
 
 
@@ -117,7 +117,7 @@ def _stop(workers: list[_Worker]) -> None:
                 worker.line.send(None)
         else:
             worker.process.terminate()
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + STOP_PATIENCE
     for worker in workers:
         worker.process.join(max(until - time.monotonic(), 0.1))
         if worker.process.is_alive():
@@ -172,7 +172,7 @@ def _do(job: Job, again: bool, order: Order, request: str, threads: int, line: A
 
     def progress(stage: str, done: int, total: int) -> None:
         now = time.perf_counter()
-        if now - last[0] > _EVERY:
+        if now - last[0] > _REPORT_EVERY:
             last[0] = now
             line.send(("progress", (stage, done, total)))
 

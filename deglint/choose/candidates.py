@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ..compensate import Setting
 from ..compensate.targets import LEAST_DELAY
 
-SMALLEST, LARGEST = 5, 13
+SMALLEST_OPENING, LARGEST_OPENING = 5, 13
 """Windows of an opening [pixel]: a smaller one leaves clumps of sparkle, a larger one meets two waves at a time."""
 OF_OBJECT = 0.85
 """Of the width of the smallest object: a window that leaves its corners alone."""
@@ -49,7 +49,7 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
     targets = "targets, " if delayed else ""
     found.append(Candidate("wiener, posterior mean", "wiener", f"{targets}remove, posterior"))
     sharpen = "psf:2, " if setting.psfs is not None else ""
-    for window in windows(width, clump) if width >= SMALLEST / 2 else ():
+    for window in windows(width, clump) if width >= SMALLEST_OPENING / 2 else ():
         stages = f"{sharpen}identify-level:{window}, {targets}replace-level, remove"
         found.append(Candidate(f"opening of {window} pixels, wiener", "wiener", stages))
     return found
@@ -63,8 +63,8 @@ def windows(width: float, clump: int) -> list[int]:
     >>> windows(16.0, 4), windows(16.0, 20), windows(3.2, 4)
     ([13, 7], [13], [5])
     """
-    largest = _odd(min(max(OF_OBJECT * width, SMALLEST), LARGEST))
-    needed = _odd(min(max(LONG * clump + 1, SMALLEST), largest))
+    largest = _odd(min(max(OF_OBJECT * width, SMALLEST_OPENING), LARGEST_OPENING))
+    needed = _odd(min(max(LONG * clump + 1, SMALLEST_OPENING), largest))
     return [largest] if needed >= largest - 2 else [largest, needed]
 
 

@@ -26,7 +26,7 @@ SCALES = (1, 3, 9, 27)
 the swell."""
 DEPTH = 3.0
 """Depth of textures and discs [m]: an object that is dimmed in the red, and gone in the NIR."""
-TEXTURE, BRIGHT, DARK, WHITE = 0.1, 0.5, -0.25, 0.3
+TEXTURE_CONTRAST, BRIGHT, DARK_DISC, WHITE_DISC = 0.1, 0.5, -0.25, 0.3
 """Contrasts with the water: of textures (standard deviation), discs; radiance of white targets
 relative to the water's blue. An analyst would not miss any of them in an image without glint."""
 SEED = 1
@@ -78,7 +78,7 @@ def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, widt
     seen = case1(np.clip(wavelengths, *WAVELENGTH_RANGE), CHLOROPHYLL).absorption
     through = np.exp(-DEPTH * seen).astype(np.float32) * level
     turbid = np.interp(wavelengths, *TURBID.T).astype(np.float32) * level
-    white = np.full(len(bands), WHITE * float(level.max()), np.float32)
+    white = np.full(len(bands), WHITE_DISC * float(level.max()), np.float32)
     patterns = {f"texture of {a} to {b} pixels": (_texture(shape, a, b, rng), through) for a, b in _pairs()}
     patterns["discs"] = _discs(shape, width, rng), through
     patterns["plumes"] = _plume(shape, rng), turbid
@@ -125,7 +125,7 @@ def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Gene
 
     noise = rng.standard_normal(shape).astype(np.float32)
     band = cv2.blur(noise, (fine, fine)) - cv2.blur(noise, (coarse, coarse))
-    return np.asarray(band * np.float32(TEXTURE / band.std()), np.float32)
+    return np.asarray(band * np.float32(TEXTURE_CONTRAST / band.std()), np.float32)
 
 
 def _discs(shape: tuple[int, int], width: float, rng: np.random.Generator) -> Float32:
@@ -136,7 +136,7 @@ def _discs(shape: tuple[int, int], width: float, rng: np.random.Generator) -> Fl
     places = [(r, c) for r in range(pitch // 2, shape[0], pitch) for c in range(pitch // 2, shape[1], pitch)]
     for n, (row, column) in enumerate(places):
         centre = int(column + rng.integers(-2, 3)), int(row + rng.integers(-2, 3))
-        cv2.circle(out, centre, max(round((width - 1) / 2), 0), BRIGHT if n % 2 else DARK, -1)
+        cv2.circle(out, centre, max(round((width - 1) / 2), 0), BRIGHT if n % 2 else DARK_DISC, -1)
     return out
 
 

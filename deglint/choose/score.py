@@ -36,20 +36,20 @@ SHARE = 0.01
 SIGNAL = 0.05
 """Signal that a scene is taken to hold at every scale beside what the tiles show, relative to the water: the least that
 an analyst sees in an image without glint. Tiles are few, and what is looked for is rare."""
-LEAST_GAIN = 0.05
+ZERO_GAIN = 0.05
 """A gain below this is 0, within the error of its estimate from some tiles."""
-CALM = 10.0
+LEAST_GLINT_PERCENT = 10.0
 """Percent of the pixels that have the least glint: few, so that it is little, and a thousand in eight tiles of each
 band, so that the power of their texture is known to a few percent [%]."""
 HALF = 0.5
 """The same for plumes: there is one in a tile."""
 
 
-def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, calm: Sequence[Mask] = ()) -> Float64:
+def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, clear: Sequence[Mask] = ()) -> Float64:
     """Mean square of the texture at each scale: between the scales, and what is coarser than the last, about the mean.
 
     unit : (band,) by which bands are divided; infinite for those that do not count
-    calm : (band, scale, row, column) of each image, the pixels that count, from `least_glint`; none, all inside
+    clear : (band, scale, row, column) of each image, the pixels that count, from `least_glint`; none, all inside
     """
     import cv2
 
@@ -60,7 +60,7 @@ def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, cal
             finer = values = np.where(mask, image[b] / unit[b], np.float32(0))
             for i, (side, share) in enumerate(zip(SCALES[1:], shares, strict=True)):
                 coarser = cv2.blur(values, (side, side)) / share  # means of the mask's pixels alone
-                counted = calm[n][b, i] if calm else mask
+                counted = clear[n][b, i] if clear else mask
                 total[i] += float(np.square((finer - coarser)[counted], dtype=np.float64).sum())
                 pixels[i] += int(counted.sum())
                 finer = coarser
@@ -76,12 +76,14 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
 
     out = []
     for planes, mask in zip(glint, inside, strict=True):
-        calm = np.zeros((len(planes), len(SCALES) - 1, *mask.shape), np.bool_)
+        clear = np.zeros((len(planes), len(SCALES) - 1, *mask.shape), np.bool_)
         for b, plane in enumerate(planes):
             for i, (side, share) in enumerate(zip(SCALES[1:], _shares(mask), strict=True)):
                 around = cv2.blur(np.where(mask, plane, np.float32(0)), (side, side)) / share
-                calm[b, i] = mask & (around <= np.percentile(around[mask], CALM)) if mask.any() else mask
-        out.append(calm)
+                clear[b, i] = (
+                    mask & (around <= np.percentile(around[mask], LEAST_GLINT_PERCENT)) if mask.any() else mask
+                )
+        out.append(clear)
     return out
 
 
@@ -93,20 +95,20 @@ def _shares(mask: Mask) -> list[Float32]:
     return [np.maximum(cv2.blur(known, (side, side)), np.float32(1e-6)) for side in SCALES[1:]]
 
 
-def expected_errors(power: Float64, calm: Float64, gain: Float64, objects: Float64) -> Float64:
+def expected_errors(power: Float64, clear: Float64, gain: Float64, objects: Float64) -> Float64:
     """Expected error of each recipe, relative to the water.
 
     Parameters
     ----------
-    power, calm, gain : (recipe, scale) ndarray
+    power, clear, gain : (recipe, scale) ndarray
         From `powers`, over all pixels and over those with the least glint; and of the textures and, for the coarsest
         scale, of plumes.
     objects : (recipe,) ndarray
         Gain of discs.
     """
-    kept = np.clip(gain, [LEAST_GAIN] * (gain.shape[1] - 1) + [HALF], 1) ** 2
-    bound, calm_bound = ((p / kept).min(axis=0) for p in (power, calm))
-    signal = np.sqrt(bound * np.minimum(bound, calm_bound))
+    kept = np.clip(gain, [ZERO_GAIN] * (gain.shape[1] - 1) + [HALF], 1) ** 2
+    bound, clear_bound = ((p / kept).min(axis=0) for p in (power, clear))
+    signal = np.sqrt(bound * np.minimum(bound, clear_bound))
     error = np.maximum(power + (1 - 2 * gain) * signal, 0)[:, :-1].sum(axis=1)
     lost = np.square(1 - gain[:, -1])
     error += lost * (signal[-1] + SHARE * PLUME**2) + SHARE * np.square(BRIGHT * (1 - objects))

@@ -19,20 +19,20 @@ from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
 from .score import expected_errors, least_glint, powers
 
-WATER = 10.0
+WATER_PERCENTILE = 10.0
 """Percentile of a band over the sample that is taken for the water without glint, as the unit of contrasts [%]."""
-ALIKE = 1.05
+EQUAL_ERRORS = 1.05
 """Of candidates whose expected errors are no larger than this times the least the first is taken, which is plainest."""
-WORTH = 0.85
+WORTH_REMOVING = 0.85
 """Share of the error of a copy that the best candidate must stay below, else the scene is copied: a copy alters
 nothing, so what replaces it must be expected to leave a sixth less."""
 LARGEST_DISC = 16.0
 """Width of the widest disc that is implanted [pixel]: wider ones outlast every window that is tried."""
-BESIDE = 5
+NOT_JUDGED = 5
 """Pixels around targets and ships by which candidates are not judged: blur, wakes, and what textures' windows reach."""
 FAR_OUT = 8.0
 """How far a ship exceeds its surroundings at least [robust standard deviations]."""
-LEAST_PIXELS = 2000
+LEAST_TRIED = 2000
 """Pixels of water below which nothing is tried: texture is not known."""
 
 
@@ -105,8 +105,8 @@ class Choice:
         own = float("nan") if trial is None else trial.error
         return (
             f"the expected error of the best candidate ({least.candidate.name}, {least.error:.1%} of the water) is not "
-            f"below {WORTH:.0%} of that of an uncorrected image ({own:.1%}): the bands share no glint that is worth "
-            "removing"
+            f"below {WORTH_REMOVING:.0%} of that of an uncorrected image ({own:.1%}): "
+            "the bands share no glint that is worth removing"
         )
 
     @property
@@ -174,7 +174,7 @@ def choose(
     -------
     Choice
     """
-    if sum(int(m.sum()) for m in sample.inside) < LEAST_PIXELS:
+    if sum(int(m.sum()) for m in sample.inside) < LEAST_TRIED:
         return Choice(Candidate("wiener", "wiener"), width=width)
     sample = without_ships(sample) if coarse else sample
     unit = _unit(sample, correct, len(setting.bands))
@@ -197,14 +197,14 @@ def choose(
         failed["hedley"] = "the bands share no glint"
     runs = {c: r for c, r in zip(todo, done, strict=True) if isinstance(r, _Run) and c.name not in failed}
     inside = _without_targets(sample, list(runs.values()))
-    calm = _calm(runs, inside)
+    clear = _clear(runs, inside)
     trials = [
         Trial(c, tuple(powers(r.images, inside, unit).tolist()), gains(r.responses, added, inside, unit))
         for c, r in runs.items()
     ]
     errors = expected_errors(
         np.array([t.power for t in trials]),
-        np.array([powers(runs[t.candidate].images, inside, unit, calm) for t in trials]),
+        np.array([powers(runs[t.candidate].images, inside, unit, clear) for t in trials]),
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
     )
@@ -212,9 +212,9 @@ def choose(
     if not np.isfinite(errors[0]):  # numbers beyond float32: not even a copy can be judged
         return Choice(Candidate("wiener", "wiener"), failed=failed, width=disc)
     trials = [replace(t, error=float(e)) for t, e in zip(trials, errors, strict=True)]
-    best = next(t for t in trials if t.error <= ALIKE * errors.min())
+    best = next(t for t in trials if t.error <= EQUAL_ERRORS * errors.min())
     copy = trials[0]
-    best = best if best.error < WORTH * copy.error else copy
+    best = best if best.error < WORTH_REMOVING * copy.error else copy
     return Choice(best.candidate, tuple(trials), failed, disc)
 
 
@@ -270,7 +270,7 @@ def _around(mask: Mask) -> Mask:
     """The mask, widened by `NOT_JUDGED` pixels on every side."""
     import cv2
 
-    return np.asarray(cv2.dilate(mask.view(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8))).view(np.bool_)
+    return np.asarray(cv2.dilate(mask.view(np.uint8), np.ones((2 * NOT_JUDGED + 1,) * 2, np.uint8))).view(np.bool_)
 
 
 def _targets(state: State) -> Mask:
@@ -286,7 +286,7 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
     return tuple(inside)
 
 
-def _calm(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
+def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
     """Where the linear removal takes least of each band; none where it could not be fitted."""
     by_name = {c.name: r.images for c, r in runs.items()}
     if not {"copy", "wiener"} <= by_name.keys():
@@ -313,7 +313,7 @@ def _levels(sample: Sample, bands: int) -> npt.NDArray[np.float64]:
     """The water without glint in each band, positive."""
     values = [sample.values([s.image[b] for s in sample.states]) for b in range(bands)]
     noises = [noise([s.image[b] for s in sample.states], sample.inside) for b in range(bands)]
-    return np.maximum([float(np.percentile(v, WATER)) for v in values], noises)
+    return np.maximum([float(np.percentile(v, WATER_PERCENTILE)) for v in values], noises)
 
 
 def _unit(sample: Sample, correct: Sequence[int], bands: int) -> Float32:

@@ -19,7 +19,7 @@ from .running import printable
 LOGGERS = ("deglint", "detect")
 LEVEL_NAMES = {logging.WARNING: ("warning: ", "yellow"), logging.ERROR: ("Error: ", "red")}
 """What a line of these levels begins with, and in which colour on a terminal."""
-WIDEST = 110
+WIDEST_LINE = 110
 """Longest progress line [character]."""
 
 
@@ -80,7 +80,7 @@ class Console(logging.Handler):
     def draw(self, line: str) -> None:
         """Draw a progress line, where stderr is a terminal."""
         if self._bar:
-            sys.stderr.write(f"\r\x1b[K{line[:WIDEST]}")
+            sys.stderr.write(f"\r\x1b[K{line[:WIDEST_LINE]}")
             sys.stderr.flush()
             self._drawn = True
 

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import click
 
-GROUPS = {
+OPTION_GROUPS = {
     "What to do": (
         "method", "window", "border", "covariance", "ridge", "drop", "sample", "compensate", "smallest_object", "mask",
         "bands", "background", "pfa", "false_per_km2", "threshold", "largest_object", "moving", "min_size",
@@ -41,7 +41,7 @@ class Grouped(click.Command):
     """Lists options under headings; a subclass may have its own `groups`, and names all of its options there."""
 
     context_class = BoldContext
-    groups: ClassVar[dict[str, tuple[str, ...]]] = GROUPS
+    groups: ClassVar[dict[str, tuple[str, ...]]] = OPTION_GROUPS
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, group by group."""
@@ -67,5 +67,5 @@ class Judging(Grouped):
             "fail_on",
         ),
         "Output": ("report", "json_file", "overwrite"),
-        "Messages": GROUPS["Messages"],
+        "Messages": OPTION_GROUPS["Messages"],
     }  # fmt: skip

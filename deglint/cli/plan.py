@@ -51,7 +51,7 @@ def duration(_ctx: click.Context, _param: click.Parameter, value: str | None) ->
     return minutes
 
 
-NUMBERS = (  # option, unit, what it says
+NUMBER_OPTIONS = (  # option, unit, what it says
     ("--lat", "DEG", "Latitude, north positive."),
     ("--lon", "DEG", "Longitude, east positive."),
     ("--wind-height", "M", "Height of the wind; 10 by default."),
@@ -78,7 +78,7 @@ NUMBERS = (  # option, unit, what it says
 
 def _options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Options that describe a mission, and what to write."""
-    numbers = [click.option(name, type=float, metavar=unit, help=said) for name, unit, said in NUMBERS]
+    numbers = [click.option(name, type=float, metavar=unit, help=said) for name, unit, said in NUMBER_OPTIONS]
     words = [
         click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE",
                      help="Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; repeat."),

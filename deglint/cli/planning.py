@@ -48,7 +48,7 @@ def mode_of(given: Given) -> Mode:
     """What the options ask for."""
     asked = {
         "--from": SWEEP if given["start"] or given["end"] or given["every"] else None,
-        "--wind-within": WINDS if given["wind_within"] else None,
+        "--wind-within": WIND_MODE if given["wind_within"] else None,
         "--fov": LINE if given["fov"] else None,
         "--serve": SERVE if given["serve"] else None,
     }
@@ -202,6 +202,6 @@ def _print(numbers: Mapping[str, Any]) -> None:
 
 RETICLE = Mode((".png", ".json", ".nc", ".tif"), _reticle)
 SWEEP = Mode((".png", ".json"), _sweep, _day)
-WINDS = Mode((".png", ".json"), _winds)
+WIND_MODE = Mode((".png", ".json"), _winds)
 LINE = Mode((".png", ".json"), _line)
 SERVE = Mode((), _serve, _daylight)

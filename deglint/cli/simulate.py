@@ -21,7 +21,7 @@ SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 BYTES = 2 + 4 + 4 + 2 + 4 + 1 + 1
 """Of a pixel of one band: image, both truths, noisy truth, glint, its mask, and cover."""
 LEAST_SIDE, MOST_SIDE = 8, 16384
-SLOPE_NAMES = ("cox-munk", "cox-munk-gaussian")
+SIMULATED_SLOPES = ("cox-munk", "cox-munk-gaussian")
 SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
 
 
@@ -104,7 +104,7 @@ class _Simulate(Grouped):
 @click.option("--chlorophyll", type=float, default=0.5, metavar="MG/M3")
 @click.option("--sky", type=click.Choice(SKY_NAMES), default="cardioidal", help="Its radiance.")
 @click.option("--spectrum", type=click.Choice(SPECTRUM_NAMES), default="elfouhaily", help="Of the waves.")
-@click.option("--slopes", type=click.Choice(SLOPE_NAMES), default="cox-munk", help="What the mean glint follows.")
+@click.option("--slopes", type=click.Choice(SIMULATED_SLOPES), default="cox-munk", help="What the mean glint follows.")
 @click.option("--fetch", type=float, default=100e3, metavar="M", help="For JONSWAP.")
 @click.option("--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water.")
 @click.option("--depth", type=float, default=5.0, metavar="M", help="Of the objects.")

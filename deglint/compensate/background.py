@@ -25,14 +25,14 @@ from ..remove.noise import noise, spread
 from .sharpen import blurred
 from .state import Float32, Sample, Setting, State
 
-WINDOW = 13
+OPENING_WINDOW = 13
 """Where no number is given: the largest square within a disc of 4 m at 0.25 m is 12 pixels wide, and optics blur it."""
-SMALLEST = 7
+SMALLEST_OUTLINE = 7
 """Smallest window whose octagon and diamond differ from a square [pixel]."""
 MOST = 2.0
 """How many times as bright, against glint, an outline may be in one band as in the brighter of its neighbours in time:
 a metre of water more or less in the path makes that difference between bands of the visible."""
-RARE = 0.99
+RARE_SPARKLE = 0.99
 """Share of the NIR's pixels whose sparkle shares less than the limit of outlines: about one clump in ten windows."""
 ABOVE = 1.5
 """The limit is so many times that quantile: at 1, sparkle adds 10 % to the error at 9 m/s; at 4, faint discs go."""
@@ -232,7 +232,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     FitError
         The sample is too small.
     """
-    size, states = int(number or WINDOW), sample.states
+    size, states = int(number or OPENING_WINDOW), sample.states
     bands = range(len(setting.bands))
     sample.values([s.image[0] for s in states])  # refuses what is too small
     sigma = np.array([noise([s.image[b] for s in states], sample.inside) for b in bands])
@@ -241,7 +241,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     reach = max((p.radius for p in states[0].psfs or ()), default=0)
     caps = ringing(sample, sigma)
     stage = Background(size, setting.order, tuple(map(float, colour)), (), (), 0.0, None, caps, reach)
-    if setting.offsets is not None and size >= SMALLEST and setting.nir and len(bands) > 2:
+    if setting.offsets is not None and size >= SMALLEST_OUTLINE and setting.nir and len(bands) > 2:
         stage = replace(stage, limit=_limit(stage, sample, setting.nir))
     levels = [stage.level(s) for s in states]
     found = []
@@ -257,7 +257,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
     """Detail that sparkle does not share: of the NIR, which sees what glint does and no object under water."""
     details = [stage.details(s)[1] for s in sample.states]
-    return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE) for b in nir]))
+    return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 
 
 def ringing(sample: Sample, sigma: npt.NDArray[np.float64]) -> tuple[tuple[float, float], ...]:

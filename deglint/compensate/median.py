@@ -12,11 +12,11 @@ from ..errors import InputError
 from .replace_glint import put
 from .state import Float32, Mask, State
 
-LARGEST = 25
+LARGEST_MEDIAN = 25
 """Side of the largest window where none is given [pixel]: twice the usual window of the opening."""
 CLEAN = 5
 """Clean neighbours that are enough: the median of fewer is hardly less noisy than one pixel."""
-AT_ONCE = 1 << 22
+VALUES_AT_ONCE = 1 << 22
 """Values gathered at a time: 16 MB."""
 
 
@@ -31,7 +31,7 @@ class Median:
     """
 
     name: ClassVar[str] = "median"
-    largest: int = LARGEST
+    largest: int = LARGEST_MEDIAN
 
     @property
     def halo(self) -> int:
@@ -49,7 +49,7 @@ class Median:
         return put(state, filled, values, glint=None, background=None, sharp=None, psfs=None)
 
 
-def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARGEST) -> tuple[Float32, Mask]:
+def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARGEST_MEDIAN) -> tuple[Float32, Mask]:
     """Median of the clean pixels around each pixel of glint.
 
     Parameters
@@ -84,7 +84,7 @@ def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARG
             break
         side = 2 * reach + 1
         windows, left = sliding_window_view(padded, (side, side)), []
-        for part in np.array_split(np.arange(rows.size), rows.size * side**2 // AT_ONCE + 1):
+        for part in np.array_split(np.arange(rows.size), rows.size * side**2 // VALUES_AT_ONCE + 1):
             r, c = rows[part], columns[part]
             values = windows[r + half - reach, c + half - reach].reshape(r.size, -1)
             count = np.isfinite(values).sum(axis=1)

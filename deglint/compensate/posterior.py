@@ -35,18 +35,18 @@ from ..errors import InputError
 from ..remove.noise import noise, spread
 from .state import FEWEST, Float32, Sample, Setting, State
 
-GROUPS = (*np.linspace(0.0, 0.95, 20), 0.97, 0.985, 0.993, 0.998, 1.0)
+GLINT_QUANTILES = (*np.linspace(0.0, 0.95, 20), 0.97, 0.985, 0.993, 0.998, 1.0)
 """Quantiles of the glint taken between which left-over glint is measured: most of it is in the last few."""
-REACH = 0.9
+CLUMP_REACH = 0.9
 """Half of the window's side, in clumps: glint is uncorrelated there. Results change by less than 5 % from .6 to 1.6."""
-NARROWEST = 3
+NARROWEST_CLUMP = 3
 """Least width of a clump that is used [pixel]: the mean of fewer pixels is too uncertain."""
-RESOLVED, STRONG = 3.0, 0.993
+RESOLVED, STRONG_QUANTILE = 3.0, 0.993
 """Where glint is strong (from this quantile on) it must leave so many times the spread of calm water, in the mean over
 bands; else the image stays. Pixels of 10 m have 1.1 to 2.7, from texture that grows with the waves; .25 m 6 to 50."""
 WIDEST_CLUMP = 32
 """Longest distance at which glint is correlated that is looked for [pixel]."""
-TABLE = 2048
+TABLE_ENTRIES = 2048
 """Entries of the table of variances, at squares of even steps: interpolation by the pixel takes ten times as long."""
 LEAST_VARIANCE = np.float32(0.01)
 """Variance of the water relative to that of noise where none is seen: a tenth of the noise's standard deviation."""
@@ -81,10 +81,10 @@ class LeftOver:
         if not any(self.variance):
             return np.zeros_like(glint)
         part = glint * np.float32(1 / self.glint[-1])
-        root = np.linspace(0.0, 1.0, TABLE)
+        root = np.linspace(0.0, 1.0, TABLE_ENTRIES)
         table = np.interp(self.glint[-1] * root**2, self.glint, self.variance).astype(np.float32)
         place = np.sqrt(np.clip(part, 0, 1))
-        place *= TABLE - 1
+        place *= TABLE_ENTRIES - 1
         return table[place.astype(np.int16)] * np.square(np.maximum(part, 1))
 
 
@@ -96,7 +96,7 @@ def left_over(band: int, sample: Sample) -> LeftOver:
     rest = sample.values([i - np.asarray(cv2.medianBlur(i, 5), np.float32) for i in images])
     taken = sample.values([_taken(s)[band] for s in sample.states])
     sigma = min(noise([s.raw[band] for s in sample.states], sample.inside), noise(images, sample.inside))
-    limits = np.unique(np.quantile(taken, GROUPS))
+    limits = np.unique(np.quantile(taken, GLINT_QUANTILES))
     if limits.size < 3:
         return LeftOver(band, sigma, (0.0,), (0.0,))
     group = np.searchsorted(limits[1:-1], taken)
@@ -105,7 +105,7 @@ def left_over(band: int, sample: Sample) -> LeftOver:
     calm = max(sigma, float(spreads[0]))
     middles = (limits[1:] + limits[:-1]) / 2
     variance = np.maximum(spreads**2 - calm**2, 0.0)
-    ratio = float(np.interp(np.quantile(taken, STRONG), middles, spreads)) / calm
+    ratio = float(np.interp(np.quantile(taken, STRONG_QUANTILE), middles, spreads)) / calm
     return LeftOver(band, sigma, tuple(map(float, middles)), tuple(map(float, variance)), ratio)
 
 
@@ -140,7 +140,7 @@ class Posterior:
     @property
     def side(self) -> int:
         """Side of the window of the water around [pixel]."""
-        return 2 * round(REACH * max(self.width, NARROWEST)) + 1
+        return 2 * round(CLUMP_REACH * max(self.width, NARROWEST_CLUMP)) + 1
 
     @property
     def halo(self) -> int:

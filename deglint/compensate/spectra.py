@@ -16,19 +16,19 @@ from .state import Float32
 Float64 = npt.NDArray[np.float64]
 Model = tuple[Float32, Float32, Float32]
 
-DEPTHS = 0.0, 1.5, 5.0
+TARGET_DEPTHS = 0.0, 1.5, 5.0
 """Of grey targets [m]: at the surface, as deep as a swimmer, and where red is nearly gone."""
 RISES, FALLS = (470, 500, 530, 560, 590, 605, 620, 650, 690, 720, 750), (470, 490, 510, 530, 560, 590, 620)
 DYES = tuple((fall, rise) for fall in (490, 510, 540, 580) for rise in (690, 730))
 GREENS = (450, 510), (480, 530), (500, 560), (510, 590)
 """Edges of paint [nm], as far apart as eight bands can tell: yellow to red; blue to cyan; dark between two (dyes that
 are clear in the NIR); bright between two."""
-EDGE, SHIFT, DIM = 15.0, 8.0, 0.07
+EDGE, EDGE_SHIFT, DIM = 15.0, 8.0, 0.07
 """Softness of edges and standard deviation of their place [nm]; how bright paint is beyond them."""
 SLOPE, BEND, ROUGH = 0.25, 0.15, 0.03
 """Standard deviations of the linear and quadratic part of a grey spectrum over 250 nm (paint: half), and of what is not
 smooth, per brightness."""
-TEXTURE, HIDDEN = 0.05, 0.5
+TEXTURE_DEVIATION, HIDDEN_CONTRAST = 0.05, 0.5
 """Standard deviations of the background itself and of the water that a target hides, per radiance of water."""
 
 
@@ -42,7 +42,7 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
     factors : (spectrum, 5, band) ndarray
         One standard deviation of brightness, slope, bend and the places of two edges.
     weight : (spectrum,) ndarray
-        Prior: a half is grey, at one of `DEPTHS`, a half has one of the colours.
+        Prior: a half is grey, at one of `TARGET_DEPTHS`, a half has one of the colours.
     """
     from ..physics.iops import case1
 
@@ -55,9 +55,10 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
     dark = [(-np.inf, a) for a in RISES] + [(a, np.inf) for a in FALLS] + list(DYES)
     paint = [1 - between(*p) for p in dark] + [between(*p) for p in GREENS]
     moved = [
-        [between(a + SHIFT, b) - between(a, b), between(a, b + SHIFT) - between(a, b)] for a, b in (*dark, *GREENS)
+        [between(a + EDGE_SHIFT, b) - between(a, b), between(a, b + EDGE_SHIFT) - between(a, b)]
+        for a, b in (*dark, *GREENS)
     ]
-    grey = np.exp(-2 * np.outer(DEPTHS, case1(wavelengths, 0.1).absorption))
+    grey = np.exp(-2 * np.outer(TARGET_DEPTHS, case1(wavelengths, 0.1).absorption))
     values = np.concatenate([grey, DIM + (1 - DIM) * np.array(paint)])
     u = (wavelengths - 650) / 250
     factors = np.zeros((len(values), 5, len(u)))
@@ -76,8 +77,8 @@ def models(
     values, factors, weight = reflectances(np.array(wavelengths), np.array(widths))
     unit, out, (row, column) = factors.swapaxes(1, 2) @ factors, [], np.triu_indices(len(s))
     for A in 2.0 ** np.arange(17):  # 16-bit data hold no more
-        K = A * A * unit + HIDDEN**2 * np.outer(water, water)
-        V = np.square(s) + (ROUGH * A) ** 2 * values + (TEXTURE * np.array(water)) ** 2
+        K = A * A * unit + HIDDEN_CONTRAST**2 * np.outer(water, water)
+        V = np.square(s) + (ROUGH * A) ** 2 * values + (TEXTURE_DEVIATION * np.array(water)) ** 2
         C = K + V[:, :, None] * np.eye(len(s))
         constant = np.log(weight) - 0.5 * np.linalg.slogdet(2 * np.pi * C)[1]
         inverse = np.linalg.inv(C)

@@ -77,7 +77,7 @@ STAGES: dict[str, Kind] = {
     ),
     "median": Kind(
         "adaptive median up to N pixels where glint is left",
-        lambda _sample, _setting, n: median.Median(int(n or median.LARGEST)), median.Median,
+        lambda _sample, _setting, n: median.Median(int(n or median.LARGEST_MEDIAN)), median.Median,
         3, 255, whole=True, odd=True,
     ),
     "targets": Kind(
@@ -90,7 +90,7 @@ STAGES: dict[str, Kind] = {
         whole=True,
     ),
 }  # fmt: skip
-THESIS = "normalise, identify-median:5, replace-bands, median:25, remove"
+THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
 """Fink (2014), section 6.3, as far as it can be reconstructed."""
 
 

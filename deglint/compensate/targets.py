@@ -36,29 +36,29 @@ Kinds = npt.NDArray[np.uint8]
 RATE, TOGETHER = 1e-5, 2.8
 """False-alarm rate where none is given, and how often evidence counts: blurred light of a facet covers three pixels.
 Independent pixels of sparkle would reach ln(1 / rate) with a chance of `rate` at most."""
-ALIKE, LIT_TOGETHER = 10.0, 4.0
+SPECTRA_ALIKE, LIT_TOGETHER = 10.0, 4.0
 """Of pixels that sparkle lights through all instants one in ten has a target's spectrum; where they are common, each of
 the some four that one flash lights within 3 x 3 pixels is likelier by as much."""
 LEAST_DELAY, FEWEST_BANDS = 0.01, 4
 """Spread of instants [s] in which ripples turn; three bands always meet the three parameters of a smooth spectrum."""
 COMMON = 0.1
 """Share of the water above which what is found is texture of the bottom (14 to 32 %); dense boats cover 6 %."""
-WINDOW = 15
+MEAN_WINDOW = 15
 """Side of the local mean where no background was determined [pixel]: three times a target of 5 pixels."""
-ASIDE = 37, 53
+DISPLACEMENTS = 37, 53
 """Displacement of later bands [pixel]: farther than a clump of glint, oblique to waves along or across."""
 EXCEEDS, FEWEST_LIT, LONE = 3.0, 3, 2.0
 """Standard deviations of noise by which a band is lit (one pixel of water in 700); fewest bands that a target lights;
 least S of a target's pixel (7 to 1)."""
-SAME, REACH = 0.7, 2
+SAME_PEAK, OUTLINE_REACH = 0.7, 2
 """Bands of one outline peak at one pixel: each within 0.7 of its brightest of 3 x 3, for noise and blur. The edge of a
 target, blurred or hidden in one band by sparkle, reaches two pixels."""
 BLUR, VARIED = 0.012, 0.15
 """Share of the power of 3 x 3 pixels that is not one outline times one spectrum: of a point, whose blur differs between
 bands (0.7 to 2 % at f/10; flat targets have less), and of sparkle."""
-DARK = 700.0
+DARK_FROM = 700.0
 """Wavelength from which bands show sparkle and little of the water [nm]."""
-BINS, LOW = 40, -3.0
+EXCESS_BINS, LOW = 40, -3.0
 """Histograms of asinh(excess / noise): bins of a factor of 1.3, as noise and blur make of steady light, from -10 on."""
 
 
@@ -98,7 +98,7 @@ class Targets:
     @property
     def halo(self) -> int:
         """Pixels around a block: local mean, peaks, neighbours of those, surroundings, sums twice, outline, reach."""
-        return 0 if self.reason else WINDOW // 2 + 1 + 1 + 1 + 3 + 1 + 1 + REACH + 1
+        return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
         """Find targets; where no background was determined, the image is left without them."""
@@ -119,17 +119,17 @@ class Targets:
 
     @cached_property
     def _steps(self) -> Float32:
-        return np.array(self.following, np.float32).reshape(-1, BINS, BINS)
+        return np.array(self.following, np.float32).reshape(-1, EXCESS_BINS, EXCESS_BINS)
 
     def binned(self, e: Float32) -> Places:
         """Bins of excesses."""
-        return np.clip((np.arcsinh(e) - LOW) * (BINS / (self.top - LOW)), 0, BINS - 1).astype(np.intp)
+        return np.clip((np.arcsinh(e) - LOW) * (EXCESS_BINS / (self.top - LOW)), 0, EXCESS_BINS - 1).astype(np.intp)
 
     def sparkle(self, e: Float32) -> Float32:
         """Log density of pixels as sparkle; e : (band, pixel)."""
         q = self.binned(e)
         chain = [self._steps[k, a, b] for k, (a, b) in zip(self.tables, pairwise(q), strict=True)]
-        each = np.float32(np.log(BINS / (self.top - LOW))) - np.log1p(e * e) / 2
+        each = np.float32(np.log(EXCESS_BINS / (self.top - LOW))) - np.log1p(e * e) / 2
         return np.asarray(each.sum(axis=0) + np.array(self.first, np.float32)[q[0]] + np.sum(chain, axis=0), np.float32)
 
     def score(self, e: Float32) -> tuple[Float32, Places, Places]:
@@ -173,7 +173,7 @@ class Excess:
 
         planes = [raw[b] for b in stage.bands]
         below = (
-            [cv2.blur(p, (WINDOW, WINDOW)) for p in planes]
+            [cv2.blur(p, (MEAN_WINDOW, MEAN_WINDOW)) for p in planes]
             if background is None
             else [background[b] for b in stage.bands]
         )
@@ -197,7 +197,7 @@ class Excess:
             for i, (raw, below, light, s) in enumerate(planes):
                 cv2.subtract(raw[first:last], below[first:last], dst=e[:n])
                 cv2.dilate(e[:n], square, dst=limit[:n])
-                np.multiply(limit[:n], np.float32(SAME), out=limit[:n])
+                np.multiply(limit[:n], np.float32(SAME_PEAK), out=limit[:n])
                 np.maximum(limit[:n], np.float32(EXCEEDS * s * light), out=limit[:n])
                 count[2 * i // len(self.raw)] += (e[:n] >= limit[:n]).view(np.uint8)
             lit = (count > 0).all(axis=0) & (count.sum(axis=0) >= FEWEST_LIT)
@@ -266,7 +266,7 @@ class Excess:
         )
         number = np.zeros(int(label.max()) + 1, np.intp)
         number[label.flat[places]] = np.arange(places.size)
-        beside = np.flatnonzero((away > 0) & (away < REACH + 0.5))
+        beside = np.flatnonzero((away > 0) & (away < OUTLINE_REACH + 0.5))
         spectrum = full[:, number[label.flat[beside]]]
         share = np.clip(np.sort(self.at(beside) / np.maximum(spectrum, s), axis=0)[1], 0, 1)
         own = np.minimum(full, np.maximum(e + EXCEEDS * s, 0))
@@ -310,10 +310,10 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
 
     stage = histograms(stage, q := pixels(), t)
     for plane in bins:  # later bands moved aside: what is steady then is so by chance
-        plane[np.diff(t).argmax() + 1 :] = np.roll(plane[np.diff(t).argmax() + 1 :], ASIDE, (1, 2))
+        plane[np.diff(t).argmax() + 1 :] = np.roll(plane[np.diff(t).argmax() + 1 :], DISPLACEMENTS, (1, 2))
     lasting = max(extrapolated(steady(q, stage)), steady(pixels(), stage)[-1])
     rate = RATE if number is None else number
-    threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (ALIKE * rate), 1))
+    threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (SPECTRA_ALIKE * rate), 1))
     stage = replace(stage, threshold=float(threshold))
     found = [np.asarray(stage.apply(s).targets, np.float32).max(axis=0) for s in sample.states]
     share = float(np.mean(sample.values(found) > 0))
@@ -343,11 +343,11 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     """What sparkle does from one instant to the next: pairs of dark bands of the nearest delay; q : (band, pixel)."""
     import cv2
 
-    dark = [b for b, w in enumerate(stage.wavelengths) if w >= DARK]
+    dark = [b for b, w in enumerate(stage.wavelengths) if w >= DARK_FROM]
     dark = dark if len(dark) > 1 else list(range(len(t)))
     pairs = np.array([(i, j) for i in dark for j in dark if i != j])
     smooth, made = cv2.getGaussianKernel(7, 1.5), {}
-    counts = np.bincount(q[dark].ravel(), minlength=BINS).astype(np.float64)
+    counts = np.bincount(q[dark].ravel(), minlength=EXCESS_BINS).astype(np.float64)
     single = cv2.sepFilter2D(counts[:, None], -1, np.ones(1), smooth).ravel() + 0.5
     single /= single.sum()
     for delay in np.diff(t):
@@ -356,7 +356,11 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     following = {}
     for same in made.values():
         i, j = (np.concatenate(q[pairs[list(same), k]]) for k in (0, 1))
-        both = np.bincount(i * BINS + j, minlength=BINS * BINS).astype(np.float64).reshape(BINS, BINS)
+        both = (
+            np.bincount(i * EXCESS_BINS + j, minlength=EXCESS_BINS * EXCESS_BINS)
+            .astype(np.float64)
+            .reshape(EXCESS_BINS, EXCESS_BINS)
+        )
         both = cv2.sepFilter2D(both, -1, smooth, smooth, borderType=cv2.BORDER_REPLICATE) + 5 * single
         following[same] = tuple(np.round(np.log(both / both.sum(axis=1, keepdims=True)), 3).ravel().tolist())
     tables = tuple(list(following).index(made[delay]) for delay in np.diff(t))
@@ -365,7 +369,7 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 def steady(q: Places, stage: Targets) -> Float64:
     """Share of the pixels that are lit and steady, to a bin, for 1, 2, ... steps from the first instant on."""
-    lit = int((np.arcsinh(EXCEEDS) - LOW) * BINS / (stage.top - LOW))
+    lit = int((np.arcsinh(EXCEEDS) - LOW) * EXCESS_BINS / (stage.top - LOW))
     like = [(np.abs(b - a) <= 1) & (b > lit) for a, b in pairwise(q)]
     return np.logical_and.accumulate(like).mean(axis=1)
 

@@ -30,7 +30,7 @@ from .state import FEWEST, Float32, Sample, State
 SPAN = 7
 """Side of the window in which a background's relief is looked at [pixel]: errors lie at edges."""
 
-LEAST = 0.25
+LEAST_BACKGROUND_VARIANCE = 0.25
 """Least variance of a background, relative to that of noise: it is made of a few of the window's darkest pixels."""
 
 
@@ -86,7 +86,7 @@ def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -
         relief = np.concatenate(spans).astype(np.float64) ** 2
         square = away.astype(np.float64) ** 2 - s2
         flat = relief <= np.median(relief)
-        even = max(float(square[flat].mean()), LEAST * s2)
+        even = max(float(square[flat].mean()), LEAST_BACKGROUND_VARIANCE * s2)
         steep = max(float(square[~flat].mean()) - even, 0.0) / max(float(relief[~flat].mean()), 1e-30)
         out.append(ReplacedError(b, s2, even, steep))
     return tuple(out)

@@ -22,7 +22,7 @@ GLINT_SIZE = 5.0
 """Width of the widest patches that glint makes in the image of a fine sensor [m]: facets of waves, blurred."""
 WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)
 """Sides of the opening that are tried, smallest first [pixel]."""
-WIDEST, RARE = 13, 2e-3
+WIDEST_WINDOW, RARE_BRIGHT = 13, 2e-3
 """The same where the size of a pixel is not known [pixel], and the share of isolated bright pixels below which they
 are boats and piers at coarse pixels and not glint, which is everywhere in the sea."""
 TAIL, LEAST_TAIL = 3.0, 0.5
@@ -32,26 +32,26 @@ half of the difference between its visible and its NIR."""
 DARKEST, MAX_SHEET = 10, 8.0
 """Glint and haze lift whole areas above the darkest tenth of the water by up to 8 times the difference between its
 visible and its NIR; clouds are brighter."""
-WHITEST, WHITE = 0.2, 2.0
+WHITEST, WHITE_SHARE = 0.2, 2.0
 """Share of the pixels that may show what is white [%], and how many times as bright as the darkest they are: turbid
 water is not."""
-PLAIN, SUN = (1.0, 1.0), (0.85, 0.57)
+PLAIN_WHITE, SUN = (1.0, 1.0), (0.85, 0.57)
 """Red and NIR over green of what is white, in reflectance and in radiance: the sun's irradiance at 660, 840, 560 nm."""
-COARSE = 1.0
+COARSE_PIXEL = 1.0
 """Where pixels are smaller, or their size is not known, dense glint may be brighter than all else, and is not white in
 bands that are not simultaneous [m]."""
 WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
 """How red and NIR of what is white may compare to its green where the bands are radiances."""
-LEAST_WATER = 25
+LEAST_BODY = 25
 """Water has at least this many pixels, in squares of 5 x 5 [pixel]: less is shadow or a dark roof."""
-COMPACT = 0.7
+COMPACTNESS = 0.7
 """Brown water has the colours of a town in units of radiance, but of a town less than this lies in such squares."""
 BEYOND = 1.4
 """The gap between water and land is sought up to this many times the distance from the median of the water's NIR to
 where as many pixels have the colour of water as have not."""
 INTO_GAP = 0.25
 """The threshold lies in the gap, nearer to the water: ships, piers and mixed pixels fill the rest."""
-BINS = 64
+GAP_BINS = 64
 """Bins of the histogram in which the gap between water and land is sought."""
 
 
@@ -114,7 +114,7 @@ def fit_water(
     nothing = WaterRule(roles, pixels=view.pixels, whole=whole)
     if not view.pixels:
         return nothing
-    white = PLAIN if reflectance or pixel is None or pixel < COARSE else view.white
+    white = PLAIN_WHITE if reflectance or pixel is None or pixel < COARSE_PIXEL else view.white
     for brown in (False, True):
         fitted = _fit(view, white, pixel, brown=brown)
         if fitted is not None:
@@ -128,7 +128,7 @@ def _fit(
     view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool
 ) -> tuple[_Found, int, list[BoolArray]] | None:
     """Threshold, window and what is not water, where there is water under these assumptions."""
-    widest = WIDEST if pixel is None else _widest(pixel)
+    widest = WIDEST_WINDOW if pixel is None else _widest(pixel)
     for window in [w for w in WINDOWS if w <= widest]:
         votes = view.votes(window, light, brown=brown)
         found = _threshold(view.nir(window), view.contrast, view.flat(votes), sparkle=window > 1)
@@ -137,11 +137,11 @@ def _fit(
         left = 0.0
         if window < widest:
             left = view.sparkle(found.threshold, window, widest, votes if pixel is None else None)
-        if left <= (RARE if pixel is None else 0.0):
+        if left <= (RARE_BRIGHT if pixel is None else 0.0):
             break
     assert found is not None
     solid = view.brighter(found.threshold, window)
-    return (found, window, solid) if view.is_water(solid, votes, COMPACT if brown else 0.0) else None
+    return (found, window, solid) if view.is_water(solid, votes, COMPACTNESS if brown else 0.0) else None
 
 
 def _widest(pixel: float) -> int:
@@ -211,17 +211,17 @@ class _View:
         """
         roles = self.roles
         if roles.green is None or roles.red is None:
-            return PLAIN
+            return PLAIN_WHITE
         green, red, nir = (self.flat([b[i] for b in self.blocks]) for i in (roles.green, roles.red, roles.nir))
         both, dark = green + nir, float(np.percentile(green, 1))
         chosen = both >= np.percentile(both, 100 - WHITEST)  # in both: sparkle may be in one of them alone
         bright = float(np.median(green[chosen]))
-        if not bright > WHITE * dark > 0:
-            return PLAIN
+        if not bright > WHITE_SHARE * dark > 0:
+            return PLAIN_WHITE
         up = bright - dark
         red_of, nir_of = ((float(np.median(x[chosen])) - float(np.percentile(x, 1))) / up for x in (red, nir))
         radiance = WHITE_RED[0] < red_of < WHITE_RED[1] and WHITE_NIR[0] < nir_of < WHITE_NIR[1]
-        return SUN if radiance else PLAIN
+        return SUN if radiance else PLAIN_WHITE
 
     def brighter(self, threshold: float, window: int) -> list[BoolArray]:
         """Where the NIR is above a threshold all over a window."""
@@ -250,7 +250,7 @@ class _View:
             like = v & ~o & (vote > 0)
             found, alike = found + int((v & ~o).sum()), alike + int(like.sum())
             together += int(opened(like, ~v, side).sum())
-        enough = 2 * alike > found and together >= max(min(LEAST_WATER, side * side), compact * found)
+        enough = 2 * alike > found and together >= max(min(LEAST_BODY, side * side), compact * found)
         return enough and (not compact or any((o & (a < 0)).any() for o, a in zip(solid, votes, strict=True)))
 
 
@@ -309,9 +309,9 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
     if not high > level:
         return high
     between = nir[np.searchsorted(nir, level) : np.searchsorted(nir, high, "right")]
-    bins = min(BINS, 1 + int(np.count_nonzero(np.diff(between))))  # no more than there are numbers
+    bins = min(GAP_BINS, 1 + int(np.count_nonzero(np.diff(between))))  # no more than there are numbers
     counts, edges = np.histogram(between, bins, (level, high))
-    kernel = np.exp(-0.5 * (np.arange(-4, 5) / (2 * bins / BINS)) ** 2)
+    kernel = np.exp(-0.5 * (np.arange(-4, 5) / (2 * bins / GAP_BINS)) ** 2)
     density = np.log(np.convolve(np.pad(counts, 4, "edge"), kernel / kernel.sum(), "valid") + 0.5)
     peak = int(np.argmax(density))
     line = np.linspace(density[peak], density[-1], bins - peak)

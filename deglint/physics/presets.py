@@ -44,13 +44,13 @@ def _bands(rows: tuple[tuple[str, float, float, float, float], ...]) -> tuple[Se
     )
 
 
-_THESIS = Sensor(name="thesis", bands=_bands(_WORLDVIEW_BANDS), gsd=0.25, f_number=10.0, pitch=8e-6, smear=0.5).delayed(
-    0.060
-)
+_THESIS_SENSOR = Sensor(
+    name="thesis", bands=_bands(_WORLDVIEW_BANDS), gsd=0.25, f_number=10.0, pitch=8e-6, smear=0.5
+).delayed(0.060)
 
 PRESETS: dict[str, Sensor] = {
-    "thesis": _THESIS,
-    "thesis-f30": replace(_THESIS, name="thesis-f30", f_number=30.0),
+    "thesis": _THESIS_SENSOR,
+    "thesis-f30": replace(_THESIS_SENSOR, name="thesis-f30", f_number=30.0),
     "worldview3": Sensor(
         name="worldview3",
         bands=tuple(replace(b, full_scale=2 * b.full_scale) for b in _bands(_WORLDVIEW_BANDS)),

@@ -23,7 +23,7 @@ from numpy.polynomial import chebyshev
 from . import fresnel, slopes
 from ._checks import Array, choice, within
 
-MODELS = ("uniform", "cardioidal", "harrison-coombes")
+SKY_MODELS = ("uniform", "cardioidal", "harrison-coombes")
 """The skies by name."""
 
 
@@ -53,7 +53,7 @@ def radiance(
     diffuse : array_like
         Diffuse irradiance E of a level plane [W m-2 nm-1].
     model : str
-        One of `MODELS`.
+        One of `SKY_MODELS`.
     contrast : float
         C of the cardioidal sky [1]: 0 is uniform, 1.25 a heavy overcast, 2 the usual.
 
@@ -72,7 +72,7 @@ def radiance(
     >>> float(radiance(0, 0, 30, 180, model="harrison-coombes").round(4))
     0.2694
     """
-    choice("model", model, MODELS)
+    choice("model", model, SKY_MODELS)
     zenith = within("zenith", zenith, 0.0, 90.0, "degrees", "Directions below the horizon see no sky.")
     cosine = np.cos(np.radians(zenith))
     diffuse = np.asarray(diffuse, dtype=np.float64)

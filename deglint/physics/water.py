@@ -31,7 +31,7 @@ from .iops import Iops, case1, particle_absorption
 from .tables import load
 
 __all__ = [
-    "MODELS",
+    "WATER_MODELS",
     "Iops",
     "absorption_only_reflectance",
     "case1",
@@ -46,9 +46,9 @@ __all__ = [
     "submerged_reflectance",
 ]
 
-MODELS = ("auto", "lee-2011", "lee-1999")
+WATER_MODELS = ("auto", "lee-2011", "lee-1999")
 """Models of deep water; "auto" is Lee et al. (2011) inside its table and Lee et al. (1999) outside."""
-SUN_LIMIT, VIEW_LIMIT = 75.0, 70.0
+LEE_SUN_LIMIT, LEE_VIEW_LIMIT = 75.0, 70.0
 """Zenith angles at which the table of Lee et al. (2011) ends [degree]."""
 _SKY_REFLECTANCE = 0.066  # of a calm sea for diffuse light
 _TURNED_BACK = 0.48  # share of upwelling light that the surface throws back
@@ -76,7 +76,7 @@ def remote_sensing_reflectance(
     relative_azimuth : array_like
         Azimuth of the sensor less that of the sun, from the target [degree].
     model : str
-        One of `MODELS`.
+        One of `WATER_MODELS`.
 
     Returns
     -------
@@ -170,15 +170,15 @@ def deep_reflectance(
     InputError
         A value is out of range, or there is no such model.
     """
-    choice("model", model, MODELS)
+    choice("model", model, WATER_MODELS)
     sun = within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
     view = within("view_zenith", view_zenith, 0.0, 90.0, "degrees", "A sensor above the sea has 0 to 90.")
     if model == "lee-1999":
         return lee_1999(water) + 0.0 * (sun + view + np.asarray(relative_azimuth, dtype=np.float64))
     if model == "lee-2011":
         return lee_2011(water, sun, view, relative_azimuth)
-    inside = ~((sun > SUN_LIMIT) | (view > VIEW_LIMIT))
-    angular = lee_2011(water, np.minimum(sun, SUN_LIMIT), np.minimum(view, VIEW_LIMIT), relative_azimuth)
+    inside = ~((sun > LEE_SUN_LIMIT) | (view > LEE_VIEW_LIMIT))
+    angular = lee_2011(water, np.minimum(sun, LEE_SUN_LIMIT), np.minimum(view, LEE_VIEW_LIMIT), relative_azimuth)
     return angular if inside.all() else np.where(inside, angular, lee_1999(water))
 
 
@@ -203,8 +203,8 @@ def lee_2011(
         An angle is outside the table.
     """
     remedy = "Beyond the table of Lee et al. (2011) use model lee-1999."
-    sun = within("sun_zenith", sun_zenith, 0.0, SUN_LIMIT, "degrees", remedy)
-    view = within("view_zenith", view_zenith, 0.0, VIEW_LIMIT, "degrees", remedy)
+    sun = within("sun_zenith", sun_zenith, 0.0, LEE_SUN_LIMIT, "degrees", remedy)
+    view = within("view_zenith", view_zenith, 0.0, LEE_VIEW_LIMIT, "degrees", remedy)
     turn = np.asarray(relative_azimuth, dtype=np.float64)
     g = _coefficients(sun, view, np.abs((turn + 180.0) % 360.0 - 180.0))
     u, u2, v, v2 = lee_2011_terms(water)
@@ -236,8 +236,8 @@ def lee_2011_grid(sun_zenith: float, view_zenith: npt.ArrayLike, relative_azimut
         Gw0, Gw1, Gp0, Gp1 [1/sr]; times `lee_2011_terms` and summed they are the reflectance of deep water.
     """
     turn = np.abs((np.asarray(relative_azimuth, dtype=np.float64) + 180.0) % 360.0 - 180.0)
-    view = np.minimum(np.asarray(view_zenith, dtype=np.float64), VIEW_LIMIT)
-    return _coefficients(np.asarray(min(sun_zenith, SUN_LIMIT)), view[:, None], turn)
+    view = np.minimum(np.asarray(view_zenith, dtype=np.float64), LEE_VIEW_LIMIT)
+    return _coefficients(np.asarray(min(sun_zenith, LEE_SUN_LIMIT)), view[:, None], turn)
 
 
 def lee_1999(water: Iops) -> Array:

@@ -34,9 +34,9 @@ from .spectra import (
 Spectrum = Literal["elfouhaily", "jonswap", "pierson-moskowitz"]
 Spreading = Literal["elfouhaily", "half-angle", "full-angle"]
 
-WIND_RANGE = (1.0, 20.0)
+SPECTRA_WIND_RANGE = (1.0, 20.0)
 """10 m winds for which the spectra have been fitted [m/s]."""
-SHORTEST = 0.003
+SHORTEST_WAVE = 0.003
 """Shortest wave that slope integrals count by default [m]; Elfouhaily has nothing left beyond it."""
 SHORT_WAVES = 10.0
 """Waves are 'short' beyond this many peak wavenumbers (see `Sea.short_gain`)."""
@@ -85,7 +85,7 @@ class Sea:
     def __post_init__(self) -> None:
         choice("spectrum", self.spectrum, get_args(Spectrum))
         choice("spreading", self.spreading, (None, *get_args(Spreading)))
-        within("wind", self.wind, *WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
+        within("wind", self.wind, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
         within("fetch", self.fetch, 1e3, 2e6, "m", "Give the fetch in metres.")
         within("exponent", self.exponent, 0.5, 100.0, "", "It is the s of cos-2s; 2 fits Cox and Munk.")
         within("age", self.age, 0.84, 5.0, "", "0.84 is fully developed, larger is younger.")
@@ -151,13 +151,13 @@ def _wavenumbers(sea: Sea, longest: float | None, shortest: float) -> Array:
     return np.geomspace(low, 2 * np.pi / shortest, 4001)
 
 
-def height_variance(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST) -> float:
+def height_variance(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> float:
     """Variance of the height between two wavelengths [m2]; the significant height is 4 times its root."""
     k = _wavenumbers(sea, longest, shortest)
     return float(np.trapezoid(omnidirectional(k, sea) * k, np.log(k)))
 
 
-def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST) -> tuple[float, float]:
+def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> tuple[float, float]:
     """Variance of the slope along the wind and across it, of the waves between two wavelengths.
 
     Parameters
@@ -185,7 +185,7 @@ def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = 
     return 0.5 * (total + excess), 0.5 * (total - excess)
 
 
-def slope_correlation(lag: Array, sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST) -> Array:
+def slope_correlation(lag: Array, sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> Array:
     """Correlation of the slope at a fixed point with itself after a time.
 
     ``R(t) = int k**2 S cos(w t) dk / int k**2 S dk``

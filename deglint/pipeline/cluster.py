@@ -30,9 +30,9 @@ from ..raster.scratch import beside
 from ..tiles import Combine, Run, Tile, hull, rows_of
 from ..tiles import run as run_on_threads
 
-AHEAD = 3
+TILES_AHEAD = 3
 """Tiles that each thread of a worker has been given, or has done and not been asked for."""
-PATIENCE = 60.0
+WORKER_PATIENCE = 60.0
 """How long a run waits for a worker when there is none [s]."""
 _POLL = 5.0
 _RECOUNT = 16
@@ -82,7 +82,7 @@ class Cluster:
             for _ in rows:
                 if done - counted >= _RECOUNT:
                     with _scheduler():
-                        counted, most = done, AHEAD * max(sum(self.client.nthreads().values()), 1)
+                        counted, most = done, TILES_AHEAD * max(sum(self.client.nthreads().values()), 1)
                 while given - done < most and (row := next(todo, None)) is not None:
                     waiting.append((row, self._submit(shipped, row, combine)))
                     given += len(row)
@@ -145,8 +145,10 @@ class Cluster:
                     raise DeglintError(_LOST) from lost
                 if threads:
                     without = time.monotonic()
-                elif time.monotonic() - without > PATIENCE:
-                    raise DeglintError(f"the cluster has had no worker for {PATIENCE:g} s. Start some.") from error
+                elif time.monotonic() - without > WORKER_PATIENCE:
+                    raise DeglintError(
+                        f"the cluster has had no worker for {WORKER_PATIENCE:g} s. Start some."
+                    ) from error
             except KilledWorker as error:
                 raise DeglintError(
                     "a tile has brought down several workers, most likely for want of memory. Give each worker more "

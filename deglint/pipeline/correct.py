@@ -24,7 +24,7 @@ from .flags import CLIPPED, CORRECTED, NEGATIVE, NODATA, NOT_WATER, PROTECTED, R
 from .outputs import PixelCounts
 from .overview import place_in, raster_of
 
-CELL = tiling.COMPACT
+CHAIN_CELL = tiling.COMPACT
 """Side of the cells that a chain is applied to, from the first pixel of the scene on [pixel]: the same cells however
 the scene is stored and read, so that the result is the same to the bit."""
 Mask = npt.NDArray[np.bool_]
@@ -123,7 +123,7 @@ class Correction:
     @property
     def step(self) -> int:
         """Tiles start at multiples of this [pixel]."""
-        return CELL if self.by_cells else 1
+        return CHAIN_CELL if self.by_cells else 1
 
     @property
     def by_cells(self) -> bool:
@@ -277,9 +277,9 @@ class Correction:
     def _states(self, block: _Block) -> Iterator[tuple[State, Any, Any]]:
         """What the chain makes of each cell with its halo; where the cell lies in that, and where in the tile."""
         tile, outer = block.tile, block.outer
-        for row in range(tile.row0, tile.row1, CELL):
-            for column in range(tile.col0, tile.col1, CELL):
-                cell = Tile(row, min(row + CELL, tile.row1), column, min(column + CELL, tile.col1))
+        for row in range(tile.row0, tile.row1, CHAIN_CELL):
+            for column in range(tile.col0, tile.col1, CHAIN_CELL):
+                cell = Tile(row, min(row + CHAIN_CELL, tile.row1), column, min(column + CHAIN_CELL, tile.col1))
                 if block.where is not None and not block.where[place_in(cell, tile)[1:]].any():
                     continue
                 wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)

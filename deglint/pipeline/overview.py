@@ -22,7 +22,7 @@ from ..scene import Scene
 from ..tiles import Tile
 from .recipe import Recipe
 
-LEAST_PIXELS = 256
+SMALLEST_SCENE = 256
 """Pixels of the smallest scene in which a sample is looked for."""
 OVERVIEW_PIXELS = 300_000
 """Pixels of a first overview."""
@@ -30,7 +30,7 @@ SMALL_PIXELS = 600_000
 """Pixels of a scene that is read as a whole from the start."""
 TILE_SIDE = SAMPLE_SIDE
 """Side of the tiles of an overview [pixel]: the same for every file, so that its blocks do not matter."""
-MOST_PIXELS = 16 << 20
+MOST_OVERVIEW = 16 << 20
 """Pixels that are held of the last overview: of larger scenes it reads all, and keeps some tiles of what is valid."""
 MOST_TILES = 1 << 18
 """Tiles of an overview that are listed."""
@@ -72,7 +72,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
                 read_overview(scene, chosen, roles, threads),
                 _compact(roles),
                 pixel=pixel_size(scene),
-                whole=last and total <= MOST_PIXELS,
+                whole=last and total <= MOST_OVERVIEW,
                 reflectance=_reflectance(scene),
             )
         elif not chosen:
@@ -98,7 +98,7 @@ def _lattice(scene: Scene, pixels: int) -> list[Tile]:
 def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
     """All tiles of a scene; of one too large to hold, so many as can be held of those with valid pixels."""
     total = scene.height * scene.width
-    if total <= MOST_PIXELS:
+    if total <= MOST_OVERVIEW:
         return tiling.tiles(scene.height, scene.width, (TILE_SIDE, TILE_SIDE))
     shape = tile_shape_of(scene)
 
@@ -113,7 +113,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
     # a tile in so many is kept from the start: the list itself must not grow with the scene
     share = max(1, total // (TILE_SIDE**2 * MOST_TILES))
     found = [t for _t, part in tiling.run(everything, work, threads=at_once, start=enter_thread) for t in part[::share]]
-    return found[:: max(1, -(-len(found) * TILE_SIDE**2 // MOST_PIXELS))]
+    return found[:: max(1, -(-len(found) * TILE_SIDE**2 // MOST_OVERVIEW))]
 
 
 def _moved(inner: Tile, outer: Tile) -> tuple[int, int, int, int]:
@@ -130,10 +130,10 @@ def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overvi
 
 def check_size(scene: Scene, recipe: Recipe) -> None:
     """Refuse to seek a sample in a scene in which there is too little to fit anything to."""
-    if recipe.sample == "auto" and scene.height * scene.width < LEAST_PIXELS:
+    if recipe.sample == "auto" and scene.height * scene.width < SMALLEST_SCENE:
         raise NoWaterError(
             f"{scene.path}: {scene.height} x {scene.width} pixels are too few to fit a correction to (at least "
-            f"{LEAST_PIXELS}). Give a larger piece, apply a model fitted to one (--model), or pass --sample all."
+            f"{SMALLEST_SCENE}). Give a larger piece, apply a model fitted to one (--model), or pass --sample all."
         )
 
 

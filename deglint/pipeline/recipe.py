@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..checks import check_choice, check_kind, check_number, checked_keywords, described, nearest
-from ..compensate import THESIS, parse
+from ..compensate import THESIS_CHAIN, parse
 from ..errors import InputError
 from ..readers.roles import explain_nir, find_band, find_nir, split_wanted
 from ..remove import METHODS, REGRESSIONS, FitRequest, nir_request
@@ -104,7 +104,7 @@ class Recipe:
         """Stages of compensation: "auto" where a recipe is to be chosen, "off" for none."""
         if self.compensate == "auto":
             return "auto" if self.method == "auto" else "off"
-        return THESIS if self.compensate == "thesis" else self.compensate
+        return THESIS_CHAIN if self.compensate == "thesis" else self.compensate
 
     def _check_tolerance(self) -> None:
         if not self.tolerance:

@@ -30,7 +30,7 @@ from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from ..timing import Reporter
 from .cluster import Cluster, writing_images
-from .correct import CELL, Correction
+from .correct import CHAIN_CELL, Correction
 from .fit import Fitted, Progress, fit_scene
 from .flags import beside, glint_numbers
 from .log import log_model, log_result, log_scene, log_water
@@ -233,8 +233,12 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
     scene, bands = work.scene, len(work.scene.bands)
     shape = tile_shape_of(scene)
     if work.by_cells:
-        wide = CELL if shape[1] < scene.width else max(STRIP // (CELL * bands) // CELL * CELL, CELL)
-        return CELL, wide
+        wide = (
+            CHAIN_CELL
+            if shape[1] < scene.width
+            else max(STRIP // (CHAIN_CELL * bands) // CHAIN_CELL * CHAIN_CELL, CHAIN_CELL)
+        )
+        return CHAIN_CELL, wide
     if work.halo:
         return tiling.compact(shape, block_of(scene), bands, work.halo, held=tiling.HELD_ALONE)
     return shape

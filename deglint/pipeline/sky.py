@@ -23,7 +23,7 @@ log = logging.getLogger("deglint.pipeline")
 
 MODEL = "harrison-coombes"
 """The sky of the value: clear, as the irradiance is, and as it is where sun glint is seen."""
-WINDS = (5.0, 1.0, 15.0)
+SKY_WINDS = (5.0, 1.0, 15.0)
 """Wind of the value and of the range [m/s]: the default of simulations, calm and strong; where it is not stated."""
 VISIBILITIES = (40.0, 15.0, 80.0)
 """Visibility of the value and of the range [km]: the default of plans and simulations, haze and hardly any."""
@@ -48,7 +48,8 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
     -------
     dict or None
         `reflectance` of each band of 300 to 1000 nm by name [1]; `range`, the lowest and the highest over three skies,
-        `VISIBILITIES` and `WINDS`; and from what they follow. None where the scene does not state it, as the log says.
+        `VISIBILITIES` and `SKY_WINDS`; and from what they follow. None where the scene does not state it; the log then
+        says so.
     """
     tags = {k.casefold(): v for part in raster_of(scene).info.tags.values() for k, v in part.items()}
     stated = {name: _angle(tags, *names, zenith="zenith" in name) for name, names in _TAGS.items()}
@@ -61,11 +62,12 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
         log.info("sky glint: not modelled, the scene does not state: %s", ", ".join(missing))
         return None
     wind, blows_from = number(tags.get("wind_m_s")) or 0.0, number(tags.get("wind_from_deg")) or 0.0
-    winds = (wind,) if 0.0 < wind <= max(WINDS) else WINDS
+    winds = (wind,) if 0.0 < wind <= max(SKY_WINDS) else SKY_WINDS
     sun, sun_azimuth, view, view_azimuth = angles.values()
     place = view, view_azimuth, sun, sun_azimuth
     mirrored = {
-        model: np.pi * sky.reflectance(*place, wind=winds, wind_from=blows_from, model=model) for model in sky.MODELS
+        model: np.pi * sky.reflectance(*place, wind=winds, wind_from=blows_from, model=model)
+        for model in sky.SKY_MODELS
     }
     air = Air(humidity=80.0, water_vapour=2.5, wind=winds[0], wind_mean=winds[0])  # as plans and simulations have it
     light = [irradiance(list(known.values()), sun, air, visibility=v) for v in VISIBILITIES]
@@ -80,7 +82,7 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
         "removed": False,
         "angles": angles,
         "wind": winds[0],
-        "wind_stated": winds is not WINDS,
+        "wind_stated": winds is not SKY_WINDS,
         "visibility": VISIBILITIES[0],
         "sky": MODEL,
     }

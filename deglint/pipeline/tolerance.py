@@ -35,7 +35,7 @@ LEAST_CELLS = 40
 of sparkle hold most of the glint, real errors were up to 24 times the claimed ones; with more than 40, 1.3 times."""
 GROWTH = 1.25, 4.0
 """How many times as much is read at the next batch, at least and at most."""
-MARGIN = 1.1
+READ_MARGIN = 1.1
 """How much more is read than the error so far asks for, as the square root of the pixels would have it."""
 
 
@@ -100,7 +100,7 @@ class Sampling:
                 worst = self._worst()
                 if worst <= self.tolerance:
                     return
-                grows = MARGIN * (worst / self.tolerance) ** 2 if math.isfinite(worst) else GROWTH[1]
+                grows = READ_MARGIN * (worst / self.tolerance) ** 2 if math.isfinite(worst) else GROWTH[1]
                 wanted = int(self.taken * min(max(grows, GROWTH[0]), GROWTH[1]))
             else:
                 wanted = int(wanted * GROWTH[0])

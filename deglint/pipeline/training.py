@@ -13,7 +13,7 @@ import numpy as np
 from .. import tiles as tiling
 from ..choose import Choice, choose
 from ..compensate import Background, Chain, FitRemoval, Sample, Setting, State, system_psf, typical_psf
-from ..masks.find import COARSE
+from ..masks.find import COARSE_PIXEL
 from ..raster.environment import enter_thread
 from ..readers.optics import optics_of, pixel_size
 from ..remove import METHODS, FitRequest, GlintModel, fit_pointwise, mixture, wiener
@@ -112,7 +112,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
         return choose(
             sample_of(parts), setting(job), job.request.correct, removal,
             width=smallest_object(job.recipe.smallest_object, pixel),
-            fine=pixel is not None and pixel < COARSE,
+            fine=pixel is not None and pixel < COARSE_PIXEL,
             coarse=rule is not None and rule.window == 1,
             each=pool.map,
         )  # fmt: skip

@@ -17,7 +17,7 @@ from .overview import core_of, raster_of
 
 TILES = 8
 """Tiles that are learnt from: spread over the scene, and few, as each is corrected twice more."""
-SIDE = 192
+TRIAL_SIDE = 192
 """Their side [pixel]: a trial lays glint half a tile away."""
 
 
@@ -34,7 +34,7 @@ def with_stderr(work: Correction, threads: int) -> Correction:
     if replaces and not opens:
         raise InputError("--stderr needs a compensation with identify-level, or --compensate off.")
     scene = work.scene
-    every = tiling.tiles(scene.height, scene.width, (SIDE, SIDE))
+    every = tiling.tiles(scene.height, scene.width, (TRIAL_SIDE, TRIAL_SIDE))
 
     def read(tile: Tile) -> tuple[State, np.ndarray]:
         outer = tile.grown(work.halo, scene.height, scene.width)
@@ -44,7 +44,7 @@ def with_stderr(work: Correction, threads: int) -> Correction:
         inside[core_of(tile.crop_of(outer), outer.shape)] = True
         return state, inside & state.water
 
-    some = tiling.spread(every, TILES * SIDE**2)
+    some = tiling.spread(every, TILES * TRIAL_SIDE**2)
     chosen = [part for _t, part in tiling.run(some, read, threads=threads, start=enter_thread) if part[1].any()]
     if not chosen:
         raise FitError("no pixel is corrected in the tiles that were read, so --stderr has nothing to learn from.")
@@ -64,8 +64,8 @@ def with_stderr(work: Correction, threads: int) -> Correction:
 def with_noise(work: Correction, threads: int) -> Correction:
     """The same correction, with the noise of the corrected bands: that of the pixels, and of rounding in the file."""
     scene, info = work.scene, raster_of(work.scene).info
-    every = tiling.tiles(scene.height, scene.width, (SIDE, SIDE))
-    some = tiling.spread(every, TILES * SIDE**2)
+    every = tiling.tiles(scene.height, scene.width, (TRIAL_SIDE, TRIAL_SIDE))
+    some = tiling.spread(every, TILES * TRIAL_SIDE**2)
     done = [part for _t, part in tiling.run(some, work.changed_water, threads=threads, start=enter_thread)]
     inside = [where for _p, where in done]
     steps = [info.scales[b] if np.dtype(work.layout.dtype).kind in "iu" else 0.0 for b in work.changed]

@@ -15,7 +15,7 @@ from .swath import FREE, FieldOfView, Line, flight_line
 
 HEADINGS = np.arange(0.0, 360.0, 15.0)
 """Headings that alternatives are tried with [degree]."""
-EVERY = 30
+TIME_STEP = 30
 """Step between the times that are tried [minute]."""
 TILTS = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
 """Pitch and roll that are tried, to either side [degree]."""
@@ -94,7 +94,7 @@ def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
     if mission.latitude is None or mission.longitude is None or mission.sun_zenith is not None:
         return
     assert mission.moment is not None
-    steps = np.arange(EVERY, 12 * 60 + 1, EVERY)
+    steps = np.arange(TIME_STEP, 12 * 60 + 1, TIME_STEP)
     when = mission.moment + np.stack([steps, -steps], axis=1).ravel() * np.timedelta64(60, "s")
     for time, zenith in zip(when, sun.position(mission.latitude, mission.longitude, when).zenith, strict=True):
         if zenith <= SUN_LIMIT:

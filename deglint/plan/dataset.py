@@ -12,7 +12,7 @@ from .advice import ViewingGeometry, best_geometry, quality, sentence
 from .missionfile import tables_of
 from .reticle import Reticle
 
-RADIANCE = "W m-2 sr-1 nm-1"
+RADIANCE_UNIT = "W m-2 sr-1 nm-1"
 LAYERS = {  # name: attribute, unit, meaning
     "glint_probability": ("1", "share of the sea that mirrors the sun"),
     "glint_strength": ("sr-1", "glint radiance per irradiance of a plane facing the sun"),
@@ -21,10 +21,10 @@ LAYERS = {  # name: attribute, unit, meaning
     "excluded": ("1", "1 where no band is usable"),
 }
 BAND_LAYERS = {
-    "glint_radiance": (RADIANCE, "sun glint"),
-    "sky_radiance": (RADIANCE, "mirrored skylight"),
-    "background_radiance": (RADIANCE, "out of the deep water"),
-    "object_radiance": (RADIANCE, "out of the water over the object"),
+    "glint_radiance": (RADIANCE_UNIT, "sun glint"),
+    "sky_radiance": (RADIANCE_UNIT, "mirrored skylight"),
+    "background_radiance": (RADIANCE_UNIT, "out of the deep water"),
+    "object_radiance": (RADIANCE_UNIT, "out of the water over the object"),
     "sky_probability": ("1", "share of the sea that mirrors more sky than the limit"),
     "weber": ("1", "Weber contrast of object and deep water"),
     "snr": ("1", "contrast over noise"),
@@ -35,7 +35,7 @@ BAND_LAYERS = {
 
 
 _MASKS = ("clear_of_sky", "detectable", "by_band")
-_NUMBERS = tuple(name for name in BAND_LAYERS if name not in _MASKS)
+_NUMBER_LAYERS = tuple(name for name in BAND_LAYERS if name not in _MASKS)
 
 
 def layer(plan: Reticle, name: str) -> npt.NDArray[Any]:
@@ -99,7 +99,7 @@ def geometry_numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]
         {
             "band": name,
             "usable": bool(plan.by_band[k, i, j] > 0),
-            **{n: float(layer(plan, n)[k, i, j]) for n in _NUMBERS},
+            **{n: float(layer(plan, n)[k, i, j]) for n in _NUMBER_LAYERS},
             "electrons": {part: float(values[k, i, j]) for part, values in counts.items()},
         }
         for k, name in enumerate(plan.bands)

@@ -22,9 +22,9 @@ ORANGE: Colour = (213, 94, 0)
 BLUE: Colour = (0, 114, 178)
 YELLOW: Colour = (255, 200, 20)
 MAGENTA: Colour = (204, 20, 120)
-_FINE = 2  # discs are drawn at this multiple and averaged down
+_OVERSAMPLING = 2  # discs are drawn at this multiple and averaged down
 _SHADES = 248  # of a scale of colours in a disc, below those of hatchings
-_SHIFT = 4  # cv2 takes coordinates in 1/16 pixel
+_SUBPIXEL_BITS = 4  # cv2 takes coordinates in 1/16 pixel
 
 
 class Canvas:
@@ -44,21 +44,21 @@ class Canvas:
         """Draw a line through points."""
         import cv2
 
-        cv2.polylines(self.image, [_fixed(points)], closed, colour, width, cv2.LINE_AA, _SHIFT)
+        cv2.polylines(self.image, [_fixed(points)], closed, colour, width, cv2.LINE_AA, _SUBPIXEL_BITS)
 
     def area(self, points: Sequence[Point], colour: Colour) -> None:
         """Fill a polygon."""
         import cv2
 
-        cv2.fillPoly(self.image, [_fixed(points)], colour, cv2.LINE_AA, _SHIFT)
+        cv2.fillPoly(self.image, [_fixed(points)], colour, cv2.LINE_AA, _SUBPIXEL_BITS)
 
     def circle(self, centre: Point, radius: float, colour: Colour = INK, width: int = 1) -> None:
         """Draw a circle; a width of -1 fills it."""
         import cv2
 
         (at,) = _fixed([centre])
-        size = round(radius * 2**_SHIFT)
-        cv2.circle(self.image, (int(at[0]), int(at[1])), size, colour, width, cv2.LINE_AA, _SHIFT)
+        size = round(radius * 2**_SUBPIXEL_BITS)
+        cv2.circle(self.image, (int(at[0]), int(at[1])), size, colour, width, cv2.LINE_AA, _SUBPIXEL_BITS)
 
     def box(self, left: float, top: float, width: float, height: float, colour: Colour) -> None:
         """Fill a rectangle."""
@@ -175,7 +175,7 @@ def disc(
         edge = cv2.morphologyEx((ground & inside).view(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
         level[edge.view(bool)] = 255
     fine = cv2.LUT(cv2.merge([level] * 3), table[None])
-    small = cv2.resize(fine, None, fx=1 / _FINE, fy=1 / _FINE, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(fine, None, fx=1 / _OVERSAMPLING, fy=1 / _OVERSAMPLING, interpolation=cv2.INTER_AREA)
     left, top = round(centre[0] - radius), round(centre[1] - radius)
     place = canvas.image[top : top + len(small), left : left + len(small)]
     np.copyto(place, small, where=coverage)
@@ -212,7 +212,9 @@ def _pattern(pattern: str, side: int) -> npt.NDArray[np.bool_]:
 @lru_cache(maxsize=8)
 def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Which fine pixels of a disc lie inside, and which pixels (row, column, 1)."""
-    fine, coarse = (np.hypot(a[None, :], a[:, None]) <= radius for a in (_axis(radius, _FINE), _axis(radius, 1)))
+    fine, coarse = (
+        np.hypot(a[None, :], a[:, None]) <= radius for a in (_axis(radius, _OVERSAMPLING), _axis(radius, 1))
+    )
     return fine, coarse[..., None]
 
 
@@ -221,7 +223,7 @@ def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
     """Where the fine pixels of a disc lie among the viewing geometries, as cv2.remap wants it."""
     import cv2
 
-    axis = _axis(radius, _FINE)
+    axis = _axis(radius, _OVERSAMPLING)
     x, y = axis[None, :], -axis[:, None]
     column = np.mod(np.arctan2(x, y) / np.float32(2 * np.pi), 1.0) * (around - 1)
     row = np.minimum(np.hypot(x, y) * np.float32((down - 1) / radius), down - 1)
@@ -248,4 +250,4 @@ def _font(size: float) -> Any:
 
 
 def _fixed(points: Sequence[Point]) -> npt.NDArray[np.int32]:
-    return np.rint(np.asarray(points, np.float64) * 2**_SHIFT).astype(np.int32)
+    return np.rint(np.asarray(points, np.float64) * 2**_SUBPIXEL_BITS).astype(np.int32)

@@ -18,7 +18,7 @@ from ..physics._checks import choice, within
 from ..physics.atmosphere import STANDARD_PRESSURE, Air, ozone
 from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
-from ..physics.sky import MODELS as SKIES
+from ..physics.sky import SKY_MODELS as SKIES
 from .skylight import Wind
 
 WATERS = ("scattering", "absorption")
@@ -103,7 +103,7 @@ class Mission:
     slopes : str
         One of `deglint.physics.slopes.MODELS`.
     sky : str
-        One of `deglint.physics.sky.MODELS`.
+        One of `deglint.physics.sky.SKY_MODELS`.
     water : {"scattering", "absorption"}
         The object by path lengths in water that scatters (Lee et al. 1999), or in water that only absorbs.
     limits : Limits

@@ -26,7 +26,7 @@ from .mission import Limits, Mission
 
 Tables = Mapping[str, Mapping[str, Any]]
 
-_FIELDS = {  # table, key: field of the mission
+_MISSION_FIELDS = {  # table, key: field of the mission
     "place": {"latitude": "latitude", "longitude": "longitude", "time": "time"},
     "sun": {"zenith": "sun_zenith", "azimuth": "sun_azimuth"},
     "wind": {"speed": "wind", "from": "wind_from", "height": "wind_height", "mean": ""},
@@ -38,9 +38,9 @@ _FIELDS = {  # table, key: field of the mission
     "view": {"step": "step", "widest": "widest"},
     "models": {"slopes": "slopes", "sky": "sky"},
 }
-_WORDS = ("time", "model", "slopes", "sky")
+_WORD_FIELDS = ("time", "model", "slopes", "sky")
 _HECTOPASCALS = {"hpa": 1.0, "mbar": 1.0, "mb": 1.0, "kpa": 10.0, "pa": 0.01, "mmhg": 1.333224, "inhg": 33.86389}
-_SENSOR = ("preset", "bands", "band", "name", *(f.name for f in fields(Sensor) if f.name not in ("name", "bands")))
+_SENSOR_KEYS = ("preset", "bands", "band", "name", *(f.name for f in fields(Sensor) if f.name not in ("name", "bands")))
 
 
 def mission_from(tables: Tables, name: str = "the mission") -> Mission:
@@ -68,9 +68,9 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
     for table, values in tables.items():
         _check(table, values, name)
         for key, value in values.items():
-            target = _FIELDS[table].get(key)
+            target = _MISSION_FIELDS[table].get(key)
             if target:
-                given[target] = value if key in _WORDS else _number(table, key, value, name)
+                given[target] = value if key in _WORD_FIELDS else _number(table, key, value, name)
     if "sensor" in tables:
         given["sensor"], given["bands"] = _sensor(tables["sensor"], name)
     limits = {k: _number("limits", k, v, name) for k, v in tables.get("limits", {}).items()}
@@ -88,7 +88,7 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
 def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
     """Everything a mission holds, resolved, as tables that `mission_from` reads again."""
     out: dict[str, dict[str, Any]] = {}
-    for table, keys in _FIELDS.items():
+    for table, keys in _MISSION_FIELDS.items():
         found = {key: getattr(mission, field) for key, field in keys.items() if field}
         out[table] = {key: value for key, value in found.items() if value is not None}
     if mission.moment is not None:
@@ -143,11 +143,11 @@ def pressure(value: Any) -> float:
 
 
 def _check(table: str, values: Any, name: str) -> None:
-    if table not in _FIELDS:
-        raise InputError(f"{name} has no table [{table}]; it knows {', '.join(f'[{t}]' for t in _FIELDS)}.")
+    if table not in _MISSION_FIELDS:
+        raise InputError(f"{name} has no table [{table}]; it knows {', '.join(f'[{t}]' for t in _MISSION_FIELDS)}.")
     if not isinstance(values, Mapping):
         raise InputError(f"{name}: {table} must be a table; write [{table}] with its values below.")
-    known = _SENSOR if table == "sensor" else tuple(_FIELDS[table])
+    known = _SENSOR_KEYS if table == "sensor" else tuple(_MISSION_FIELDS[table])
     for key in values:
         if key not in known:
             raise InputError(f"{name}: [{table}] has no {key}; it knows {', '.join(known)}.")

@@ -31,7 +31,7 @@ from .picture import _CENTRE, _RADIUS, HEIGHT, WIDTH, picture
 from .reticle import Reticle, reticle
 
 ADDRESS = "127.0.0.1"
-_NUMBERS = {  # name in the page: table and key of the mission
+_PAGE_NUMBERS = {  # name in the page: table and key of the mission
     "latitude": ("place", "latitude"),
     "longitude": ("place", "longitude"),
     "sun_zenith": ("sun", "zenith"),
@@ -44,7 +44,7 @@ _NUMBERS = {  # name in the page: table and key of the mission
     "visibility": ("air", "visibility"),
     "glint": ("limits", "glint"),
 }
-AT_ONCE = 2
+PLANS_AT_ONCE = 2
 """Plans that are drawn at the same time; each takes some 15 MB and a processor."""
 WAIT = 5.0
 """Time that a further request waits for its turn [s]; browsers and proxies wait for 30 s and more."""
@@ -97,7 +97,7 @@ def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
 
     class Handler(_Handler):
         base = mission
-        drawing = threading.BoundedSemaphore(AT_ONCE)
+        drawing = threading.BoundedSemaphore(PLANS_AT_ONCE)
 
     try:
         return _Server((ADDRESS, port), Handler)
@@ -168,7 +168,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _plan(self, asked: Mapping[str, str]) -> None:
         if not self.drawing.acquire(timeout=WAIT):
             self.close_connection = True
-            busy = json.dumps({"error": f"busy: {AT_ONCE} plans are drawn at a time. Try again."}).encode()
+            busy = json.dumps({"error": f"busy: {PLANS_AT_ONCE} plans are drawn at a time. Try again."}).encode()
             self._send(HTTPStatus.SERVICE_UNAVAILABLE, "application/json", busy, {"Retry-After": f"{WAIT:.0f}"})
             return
         try:
@@ -209,8 +209,8 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
     """
     tables: dict[str, dict[str, Any]] = {}
     for name, text in asked.items():
-        if name in _NUMBERS:
-            table, key = _NUMBERS[name]
+        if name in _PAGE_NUMBERS:
+            table, key = _PAGE_NUMBERS[name]
             try:
                 tables.setdefault(table, {})[key] = float(text)
             except ValueError:
@@ -218,7 +218,9 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
         elif name == "time":
             tables.setdefault("place", {})["time"] = text
         elif name not in ("sensor", "band"):
-            raise InputError(f"there is no {name[:40]!r} to set; there are {', '.join(_NUMBERS)}, time, sensor, band.")
+            raise InputError(
+                f"there is no {name[:40]!r} to set; there are {', '.join(_PAGE_NUMBERS)}, time, sensor, band."
+            )
     mission = mission_from(merged(_given(base), tables), "the page")
     if asked.get("sensor", base.sensor.name) != base.sensor.name:
         mission = _with_sensor(mission, asked["sensor"])
@@ -251,7 +253,7 @@ def _with_sensor(mission: Mission, name: str) -> Mission:
 def _start(base: Mission) -> dict[str, Any]:
     """Where the page starts."""
     tables = tables_of(base)
-    values = {name: tables.get(table, {}).get(key) for name, (table, key) in _NUMBERS.items()}
+    values = {name: tables.get(table, {}).get(key) for name, (table, key) in _PAGE_NUMBERS.items()}
     time = None if base.sun_zenith is not None else f"{base.moment}"[:16]
     sensors = [base.sensor.name, *(name for name in PRESETS if name != base.sensor.name)]
     frame = {"width": WIDTH, "height": HEIGHT, "x": _CENTRE[0], "y": _CENTRE[1], "radius": _RADIUS}

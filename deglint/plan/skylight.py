@@ -20,7 +20,7 @@ Array = npt.NDArray[np.floating[Any]]
 
 ZENITHS, AZIMUTHS = 21, 36
 """Viewing geometries at which the facets are summed, in zenith angle and around."""
-FACETS, REACH = 40, 4.5
+FACETS, FACET_REACH = 40, 4.5
 """Facets along each axis of the wind, and how far out they go [standard deviation of slope]."""
 LEVELS = np.geomspace(2e-3, 2.0, 120)
 """Levels of mirrored radiance per diffuse irradiance for which the share of brighter facets is tabulated [1/sr]."""
@@ -77,7 +77,7 @@ def skylight(
         Zenith angle and azimuth of the sun [degree].
     wind : Wind
     model : str
-        One of `deglint.physics.sky.MODELS`.
+        One of `deglint.physics.sky.SKY_MODELS`.
 
     Returns
     -------
@@ -166,7 +166,7 @@ class _Facets:
 
     @classmethod
     def of(cls, wind: Wind, variances: list[float]) -> _Facets:
-        axis = (np.arange(FACETS) + 0.5) * (2.0 * REACH / FACETS) - REACH
+        axis = (np.arange(FACETS) + 0.5) * (2.0 * FACET_REACH / FACETS) - FACET_REACH
         along, across = (axis * np.sqrt(v) for v in variances)
         upwind, crosswind = (a.ravel() for a in np.meshgrid(along, across, indexing="ij"))
         area = (along[1] - along[0]) * (across[1] - across[0])

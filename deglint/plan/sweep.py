@@ -16,9 +16,9 @@ from .mission import SUN_LIMIT, Mission
 from .missionfile import tables_of
 from .reticle import Reticle, reticle
 
-MOST = 500
+MOST_TIMES = 500
 """Times in a sweep."""
-COARSE = 2.0
+COARSE_STEP = 2.0
 """Step between viewing geometries in a sweep, where the mission has a finer one [degree]."""
 DAYLIGHT = 15.0
 """Height of the sun from which on there is light under water to plan with [degree]."""
@@ -53,15 +53,17 @@ def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
     Raises
     ------
     InputError
-        The end lies before the start, or there are more than `MOST`.
+        The end lies before the start, or there are more than `MOST_TIMES`.
     """
     first, last = sun.moment(start), sun.moment(end)
     if last < first:
         raise InputError(f"--to must not lie before --from, got {first}Z to {last}Z.")
     step = np.timedelta64(round(60 * minutes), "s")
     count = int((last - first) / step) + 1
-    if count > MOST:
-        raise InputError(f"a sweep has at most {MOST} times, got {count}: give a longer --every, or a shorter span.")
+    if count > MOST_TIMES:
+        raise InputError(
+            f"a sweep has at most {MOST_TIMES} times, got {count}: give a longer --every, or a shorter span."
+        )
     return [first + k * step for k in range(count)]
 
 
@@ -100,7 +102,7 @@ def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment,
     mission : Mission
         With a place; its own time does not matter.
     when : list of numpy.datetime64
-        UTC. Viewing geometries are `COARSE` apart at least.
+        UTC. Viewing geometries are `COARSE_STEP` apart at least.
 
     Raises
     ------
@@ -114,7 +116,7 @@ def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment,
         if zenith > SUN_LIMIT:
             yield Moment(time, float(zenith), float(azimuth), None, 1.0), None
             continue
-        plan = reticle(replace(mission, time=time, step=max(mission.step, COARSE)))
+        plan = reticle(replace(mission, time=time, step=max(mission.step, COARSE_STEP)))
         yield Moment(time, float(zenith), float(azimuth), best_geometry(plan), excluded_share(plan)), plan
 
 

@@ -19,7 +19,7 @@ Array = npt.NDArray[np.floating[Any]]
 
 SPEEDS, TURNS = 5, 7
 """Number of speeds and of directions that sample the interval, ends included."""
-COARSE = 2.0
+COARSE_STEP = 2.0
 """Step between viewing geometries, where the mission has a finer one [degree]."""
 
 
@@ -83,7 +83,7 @@ def wind_ensemble(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -
     low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
     speeds = np.unique(np.append(np.linspace(low, high, SPEEDS), mission.wind)) if speed else np.array([mission.wind])
     turns = mission.wind_from + (np.linspace(-turn, turn, TURNS) if turn else np.zeros(1))
-    middle = reticle(replace(mission, step=max(mission.step, COARSE)))
+    middle = reticle(replace(mission, step=max(mission.step, COARSE_STEP)))
     layers: list[list[Array]] = [[], [], [], []]
     for one in speeds:
         for azimuth in turns:

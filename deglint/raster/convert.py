@@ -17,7 +17,7 @@ FORGOTTEN = (3.4028e38, 3.40283e38)
 float64, and there its own largest number, too."""
 
 
-_SLAB = 1 << 16
+_CONVERTED_AT_ONCE = 1 << 16
 """Values of a band worked on at a time: a correction takes a tenth longer where whole tiles pass through memory."""
 
 
@@ -62,7 +62,7 @@ def to_physical(
 def slabs(shape: tuple[int, ...]) -> Iterator[tuple[int, slice]]:
     """Band and rows of parts of a (band, row, column) array that stay in the processor's cache."""
     bands, rows, columns = shape
-    step = max(1, _SLAB // max(1, columns))
+    step = max(1, _CONVERTED_AT_ONCE // max(1, columns))
     for band in range(bands):
         for start in range(0, rows, step):
             yield band, slice(start, start + step)

@@ -13,7 +13,7 @@ CACHE = 48 << 20
 """GDAL's block cache [byte]; tiles are read once, so more of it would serve nothing."""
 
 
-PATIENCE = {
+HTTP_PATIENCE = {
     "GDAL_HTTP_CONNECTTIMEOUT": "10",
     "GDAL_HTTP_LOW_SPEED_LIMIT": "1000",
     "GDAL_HTTP_LOW_SPEED_TIME": "30",
@@ -29,7 +29,7 @@ def environment() -> Any:
     """A rasterio environment with deglint's settings, for one thread."""
     import rasterio
 
-    waiting = {name: value for name, value in PATIENCE.items() if name not in os.environ}
+    waiting = {name: value for name, value in HTTP_PATIENCE.items() if name not in os.environ}
     return rasterio.Env(
         GDAL_CACHEMAX=CACHE,
         GDAL_PAM_ENABLED="YES",

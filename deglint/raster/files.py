@@ -39,9 +39,9 @@ def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
 
 def _of_raster(name: str) -> Iterator[str]:
     """What GDAL says it reads, and the sources of VRTs."""
-    from .info import REMOTE, open_dataset
+    from .info import REMOTE_NAME, open_dataset
 
-    if REMOTE.match(name):
+    if REMOTE_NAME.match(name):
         return  # all of it lies there
     try:
         with open_dataset(name) as dataset:

@@ -28,7 +28,7 @@ Tags = Mapping[str, Mapping[str, str]]
 """Tags by namespace; the default namespace is ""."""
 
 _DERIVED_NAMESPACES = frozenset({"IMAGE_STRUCTURE", "DERIVED_SUBDATASETS", "SUBDATASETS", "COLOR_PROFILE"})
-REMOTE = re.compile(
+REMOTE_NAME = re.compile(
     r"(https?|ftp|s3|gs|az|oss|swift|hdfs)://|/vsi(curl|s3|gs|az|adls|oss|swift|webhdfs)", re.IGNORECASE
 )
 _opening = threading.Lock()  # warnings.catch_warnings is not safe for threads
@@ -175,7 +175,7 @@ def _why_not_opened(path: str, error: Exception) -> str:
 
 def remedy(path: str) -> str:
     """What may be wrong with a file that cannot be read, and what to do."""
-    if REMOTE.match(path):
+    if REMOTE_NAME.match(path):
         return (
             "The server cannot be reached or is too slow, or the file is damaged: try again, or wait longer for it "
             "(GDAL_HTTP_LOW_SPEED_TIME, GDAL_HTTP_MAX_RETRY in the environment)."

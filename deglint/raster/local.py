@@ -13,7 +13,7 @@ TRUST = "DEGLINT_VRT_SOURCES"
 """Environment variable: folders, or "any", that VRTs may read from beside their own folder."""
 COMPANIONS = (".aux.xml", ".msk", ".ovr")
 """What GDAL may put beside a raster, and reads with it."""
-_PREFIX = re.compile(r"[A-Za-z][\w+.-]+:")
+_DRIVER_PREFIX = re.compile(r"[A-Za-z][\w+.-]+:")
 _ODD = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
 
 
@@ -61,7 +61,7 @@ def identity(path: str | Path) -> tuple[int, int] | str:
 
 def is_odd(name: str) -> bool:
     """Whether a GDAL name is more than the name of a file."""
-    return name.startswith("/vsi") or "://" in name or bool(_PREFIX.match(name)) or name.lstrip().startswith("<")
+    return name.startswith("/vsi") or "://" in name or bool(_DRIVER_PREFIX.match(name)) or name.lstrip().startswith("<")
 
 
 def local(name: str) -> list[str]:

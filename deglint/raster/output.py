@@ -27,7 +27,7 @@ from .scratch import Scratch
 BLOCK = 512
 """Side of the output's blocks [pixel] where the input's do not serve."""
 _SIDES = (64, 128, 256, BLOCK)
-_COLOURS = (
+_FLAG_COLOURS = (
     (0, 0, 0), (190, 190, 190), (86, 180, 233), (204, 121, 167), (240, 228, 66), (230, 159, 0), (0, 158, 115),
     (213, 94, 0),
 )  # fmt: skip
@@ -268,7 +268,9 @@ def _describe(dataset: Any, layout: Layout) -> None:
         if len(bands) == info.count and "palette" not in colours:
             dataset.colorinterp = [ColorInterp[c] for c in colours]
     if layout.holds_flags:
-        dataset.write_colormap(1, {v: (255, 255, 255) if not v else _COLOURS[v.bit_length() - 1] for v in range(256)})
+        dataset.write_colormap(
+            1, {v: (255, 255, 255) if not v else _FLAG_COLOURS[v.bit_length() - 1] for v in range(256)}
+        )
         _tag(dataset, {f"FLAG_{bit}": meaning for bit, meaning in layout.flags.items()}, "", 1)
     for namespace, tags in info.tags.items():
         _tag(dataset, tags, namespace)

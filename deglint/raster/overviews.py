@@ -11,18 +11,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-LEAST = 1024
+OVERVIEWS_FROM = 1024
 """Longer side from which on an image has overviews [pixel], as the field's validators want it."""
-_SMALLEST = 512
+_SMALLEST_OVERVIEW = 512
 """Longer side of the smallest overview, at most [pixel]: one request of a viewer, as in GDAL's COG driver."""
 
 
 def levels(height: int, width: int) -> list[int]:
     """Factors of the overviews of an image, such as [2, 4]."""
     side, found = max(height, width), [2]
-    while side > _SMALLEST * found[-1]:
+    while side > _SMALLEST_OVERVIEW * found[-1]:
         found.append(2 * found[-1])
-    return found if side >= LEAST else []
+    return found if side >= OVERVIEWS_FROM else []
 
 
 def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> None:

@@ -18,11 +18,15 @@ from .targets import Reads, check_targets
 
 Plan = Any
 """What `deglint.plan.reticle` returns; that room is not imported before it is needed here."""
-KINDS = (".png", ".json", ".nc", ".tif")
+PLANNED_ENDINGS = (".png", ".json", ".nc", ".tif")
 
 
 def check_plan(
-    targets: Sequence[Path], kinds: Sequence[str] = KINDS, reads: Reads | None = None, *, overwrite: bool = False
+    targets: Sequence[Path],
+    kinds: Sequence[str] = PLANNED_ENDINGS,
+    reads: Reads | None = None,
+    *,
+    overwrite: bool = False,
 ) -> None:
     """Refuse names that could not be written, before the work is done; what is read is as in `check_targets`."""
     for target in targets:

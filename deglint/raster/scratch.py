@@ -26,7 +26,7 @@ from .local import COMPANIONS, real
 
 MOVED: list[Path] = []
 """Outputs that this process has moved into place: what a command that is interrupted later has written all the same."""
-_HELD = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGXCPU")
+_HELD_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGXCPU")
 """Signals that wait while files are moved."""
 _LONGEST = 180
 """Bytes of an output's name that its scratch keeps: what is added has to fit into the 255 that systems allow."""
@@ -172,7 +172,7 @@ def signals_held() -> Iterator[None]:
     came: list[int] = []
     before: dict[int, Any] = {}
     try:
-        for name in _HELD:
+        for name in _HELD_SIGNALS:
             number = getattr(signal, name, None)
             if number is not None and signal.getsignal(number) not in (signal.SIG_IGN, None):
                 before[number] = signal.signal(number, lambda which, _frame: came.append(which))

@@ -20,7 +20,7 @@ from ..errors import WriteError
 CRS = "EPSG:32610"
 CORNER = 600_000.0, 4_070_000.0
 """Upper left corner of every scene [m]: a place at sea off California."""
-UNIT = "W m-2 sr-1 nm-1"
+SIMULATED_UNIT = "W m-2 sr-1 nm-1"
 
 
 Simulated = Any
@@ -91,8 +91,8 @@ def layers_of(scene: Simulated) -> dict[str, Layer]:
     names = tuple(b.name for b in sensor.bands)
     tags = tuple({"wavelength": f"{b.wavelength:g}", "time_offset_s": f"{b.time_offset:.3f}"} for b in sensor.bands)
     scales = tuple(sensor.scale(b) for b in sensor.bands)
-    numbers: dict[str, Any] = {"scales": scales, "unit": UNIT, "band_tags": tags, "tags": _tags(setup)}
-    radiance: dict[str, Any] = {"unit": UNIT, "band_tags": tags}
+    numbers: dict[str, Any] = {"scales": scales, "unit": SIMULATED_UNIT, "band_tags": tags, "tags": _tags(setup)}
+    radiance: dict[str, Any] = {"unit": SIMULATED_UNIT, "band_tags": tags}
     out = {
         "": Layer(scene.image, "what the sensor gives", names, **numbers),
         "_truth": Layer(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 _HEAD = 512
 """Bytes of a file that are looked at."""
-_KINDS = (
+_FILE_KINDS = (
     (rb"\s*(?:<!doctype html|<html)", "is a web page. Log in where the image lies, and download the file again"),
     (rb"version https://git-lfs", "is a pointer of Git LFS, not the image itself. Fetch it: git lfs pull"),
     (rb"ENVI\s", "is the header of an ENVI file. Name the image beside it"),
@@ -41,7 +41,7 @@ def what_instead(path: str) -> str:
         return "is empty: copying or downloading it has failed. Do that again"
     if not head.strip(b"\0"):
         return "holds zeros where its header should be: copying or downloading it has failed. Do that again"
-    for pattern, said in _KINDS:
+    for pattern, said in _FILE_KINDS:
         if re.match(pattern, head, re.IGNORECASE):
             return said.format(path=path)
     text = not re.search(rb"[^\t\n\r\x20-\x7e\x80-\xff]", head)

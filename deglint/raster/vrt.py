@@ -20,13 +20,13 @@ from .local import check_kind, check_place, is_odd, local, refuse, trusted
 MOST_READS = 100_000
 """Sources that may be read for one band, where that is more than four times the files there are: nested mosaics
 multiply."""
-MOST_DEPTH = 32
+MOST_NESTED = 32
 """VRTs in VRTs."""
 MOST_VRT_BYTES = 64 << 20
 _IN_ARCHIVES = re.compile(r"/vsi(zip|tar|gzip|7z|rar)/", re.IGNORECASE)
 _ANYWHERE = {"sourcefilename", "sourcedataset", "dempath"}
 _NESTED = "<vrtdataset"
-_TOO_DEEP = f"VRTs lie in VRTs more than {MOST_DEPTH} deep. Make one raster of it: gdal_translate."
+_TOO_DEEP = f"VRTs lie in VRTs more than {MOST_NESTED} deep. Make one raster of it: gdal_translate."
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Walk:
 
     def follow(self, references: tuple[_Reference, ...], depth: int) -> None:
         """Check sources, and those of the VRTs among them."""
-        if depth > MOST_DEPTH:
+        if depth > MOST_NESTED:
             raise InputError(_TOO_DEEP)
         for reference in references:
             name = reference.name
@@ -101,7 +101,7 @@ class Walk:
             elif _key(reference.name) in self._open:
                 return 0  # it holds itself; GDAL stops there
             else:
-                if len(self._open) > MOST_DEPTH:
+                if len(self._open) > MOST_NESTED:
                     raise InputError(_TOO_DEEP)
                 self._open.append(_key(reference.name))
                 self._reads[key] = sum(self._count(inner, reference.band) for inner in nested)

@@ -28,9 +28,9 @@ _WGS84 = "OGC:CRS84"
 _CRS_NAME = re.compile(
     r"(?:urn:(?:x-)?ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?([A-Za-z]+)[:/](?:[\w.]*[:/])?(\w+)"
 )
-_CELL = 512
+_POLYGON_CELL = 512
 """Side of the squares in which polygons are drawn [pixel]."""
-WORDS = {"--sample": ("auto", "all"), "--mask": ("auto", "none")}
+OPTION_WORDS = {"--sample": ("auto", "all"), "--mask": ("auto", "none")}
 """Words that an option takes beside names of files, for those who misspell them."""
 _FAR = 1e9
 """A corner further from the scene than this is a mistake [pixel]."""
@@ -81,9 +81,9 @@ class PolygonArea:
         out = np.zeros((bottom - top, right - left), np.bool_)
         for row, column in self._cells(window):
             moved = _moved(self.transform, column, row)
-            cell = geometry_mask(self.shapes, (_CELL, _CELL), moved, invert=True)
-            rows = slice(max(top, row), min(bottom, row + _CELL))
-            columns = slice(max(left, column), min(right, column + _CELL))
+            cell = geometry_mask(self.shapes, (_POLYGON_CELL, _POLYGON_CELL), moved, invert=True)
+            rows = slice(max(top, row), min(bottom, row + _POLYGON_CELL))
+            columns = slice(max(left, column), min(right, column + _POLYGON_CELL))
             inside = cell[rows.start - row : rows.stop - row, columns.start - column : columns.stop - column]
             out[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = inside
         return out
@@ -96,8 +96,8 @@ class PolygonArea:
         (top, bottom), (left, right) = (
             (max(a, b), min(c, d)) for (a, c), (b, d) in zip(window, self.bounds, strict=True)
         )
-        for row in range(top // _CELL * _CELL, bottom, _CELL):
-            for column in range(left // _CELL * _CELL, right, _CELL):
+        for row in range(top // _POLYGON_CELL * _POLYGON_CELL, bottom, _POLYGON_CELL):
+            for column in range(left // _POLYGON_CELL * _POLYGON_CELL, right, _POLYGON_CELL):
                 if top < bottom and left < right:
                     yield row, column
 
@@ -126,7 +126,7 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
     if Path(text).suffix.lower() in (".geojson", ".json"):
         return _inside(polygons(read_json(text, option), scene, text), scene, text, option)
     if Path(text).name == text and not Path(text).exists():
-        hint = nearest(text, list(WORDS.get(option, ())))
+        hint = nearest(text, list(OPTION_WORDS.get(option, ())))
         if hint:
             raise ReadError(f"no such file: {text} ({option}){hint}")
     return _raster_area(text, scene, option)

@@ -26,7 +26,7 @@ from .spectral import said_of_wavelength, saturation, spectral_of, time_offset
 
 _NOT_NAMES = ("gray", "undefined", "palette", "alpha")
 _SENTINEL2 = re.compile(r"b0\d|b0?8a")
-_TITLES = {"sentinel2": "Sentinel-2", "landsat8": "Landsat 8 or 9"}
+_PRESET_TITLES = {"sentinel2": "Sentinel-2", "landsat8": "Landsat 8 or 9"}
 
 
 def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
@@ -102,7 +102,7 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
         filled.append(band if band.wavelength is not None else replace(band, wavelength=nominal))
     changed = [b.name for b, old in zip(filled, bands, strict=True) if b is not old and b.wavelength]
     if changed and sensor:
-        notes.append(f"the names are {_TITLES[sensor.name]}'s; their wavelengths are assumed")
+        notes.append(f"the names are {_PRESET_TITLES[sensor.name]}'s; their wavelengths are assumed")
     elif changed:
         notes.append(f"wavelengths of {', '.join(changed)} are nominal, from the names")
     return filled, notes

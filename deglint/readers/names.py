@@ -72,21 +72,21 @@ _LETTERS = {"c": 440.0, "b": 485.0, "g": 555.0, "y": 605.0, "r": 660.0, "re": 72
 _WITH_UNIT = re.compile(
     r"(?<![\d.])(\d+(?:\.\d+)?)\s*(nm|nanomet(?:er|re)s?|um|[µμ]m|micromet(?:er|re)s?|microns?)(?![a-z])"
 )
-_PREFIX = (
+_NAME_PREFIX = (
     r"(?:(?:nbart|nbar|sr|toa|boa|refl|reflectance|srefl|surface|lambertian|l1c|l2a|adjusted|radiance|rad|rho[a-z]{0,3}|"
     r"rrs|image)[\s_\-.]+)*"
 )
 """Words for what a value is, which distributors put before the name of a band."""
 _BARE = re.compile(
-    _PREFIX + r"(band|b|wl|wavelength|lambda|r|rrs|rho[a-z]{0,3})?[\s_\-]*(\d{3,4}(?:\.\d+)?|[0-2]\.\d{2,})"
+    _NAME_PREFIX + r"(band|b|wl|wavelength|lambda|r|rrs|rho[a-z]{0,3})?[\s_\-]*(\d{3,4}(?:\.\d+)?|[0-2]\.\d{2,})"
 )
-_CODE = re.compile(_PREFIX + r"(?:band|b)[\s_\-]*0*(\d{1,2}a?)(?:[\s_\-]*\d{2}m)?")
+_CODE = re.compile(_NAME_PREFIX + r"(?:band|b)[\s_\-]*0*(\d{1,2}a?)(?:[\s_\-]*\d{2}m)?")
 _PLACE = re.compile(r"(?:band|layer|channel)[\s_\-]*0*(\d+)")
 _RANGE = (380.0, 2500.0)
 """[nm] A number in a name that can be a wavelength."""
 _YEARS = (1970.0, 2100.0)
 """A number alone inside this is a year as likely as a wavelength."""
-_COLOURS = {
+_COLOUR_RANGES = {
     "violet": (380, 450), "coastal": (400, 460), "aerosol": (400, 460), "ultrablue": (400, 460), "blue": (420, 520),
     "green": (490, 600), "yellow": (560, 630), "orange": (585, 650), "red": (590, 710), "rededge": (670, 800),
     "rededge4": (840, 890), "nir": (720, 1400), "nearinfrared": (720, 1400), "nearir": (720, 1400),
@@ -131,7 +131,7 @@ def _colour_limits(text: str) -> tuple[float, float] | None:
     words = re.findall(r"[a-z]+", text)
     for length in (2, 1):
         joined = ["".join(words[i : i + length]) for i in range(len(words) - length + 1)]
-        found = {_COLOURS[w] for w in joined if w in _COLOURS}
+        found = {_COLOUR_RANGES[w] for w in joined if w in _COLOUR_RANGES}
         if found:
             return found.pop() if len(found) == 1 else None
     return None
@@ -183,7 +183,7 @@ def plain_name(name: str) -> str:
     ('red_edge_1', 'b2', 'red')
     """
     text = name.strip().lower()
-    rest = re.sub("^" + _PREFIX, "", text)
+    rest = re.sub("^" + _NAME_PREFIX, "", text)
     return rest or text
 
 

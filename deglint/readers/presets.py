@@ -15,8 +15,8 @@ from ..scene import Band
 from ..sensors import Sensor, SensorBand
 from .names import band_code, example_names, plain_name
 
-_NEAR = 30.0  # [nm] a band this near to a preset's band may be that band
-_SAME = 60.0  # [nm] a band farther off than this is not the one that its place in the order says
+_NEAR_BAND = 30.0  # [nm] a band this near to a preset's band may be that band
+_SAME_BAND = 60.0  # [nm] a band farther off than this is not the one that its place in the order says
 _SENSOR_TAGS = ("sensor", "sensor_type", "sensor type", "satelliteid", "satellite", "platform", "instrument")
 
 
@@ -69,7 +69,7 @@ def match(
     far = [
         b
         for b, own in zip(bands, product or (), strict=False)
-        if abs((b.wavelength or own.wavelength) - own.wavelength) > _SAME
+        if abs((b.wavelength or own.wavelength) - own.wavelength) > _SAME_BAND
     ]
     if not product or far:
         raise BandError(_why_not(bands, sensor, product))
@@ -111,7 +111,7 @@ def named_in(name: str, sensor: Sensor) -> SensorBand | None:
 
 def _nearest(wavelength: float, sensor: Sensor) -> SensorBand | None:
     best = min(sensor.bands, key=lambda b: abs(b.wavelength - wavelength))
-    return best if abs(best.wavelength - wavelength) <= _NEAR else None
+    return best if abs(best.wavelength - wavelength) <= _NEAR_BAND else None
 
 
 def _unique(found: list[SensorBand | None]) -> list[SensorBand | None]:

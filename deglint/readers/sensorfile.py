@@ -10,9 +10,9 @@ from ..errors import InputError
 from ..sensors import Sensor
 from .text import read_text
 
-MOST_BYTES = 1 << 20
+MOST_SENSOR_BYTES = 1 << 20
 """Largest file that is read [byte]."""
-_TEXT, _NUMBER, _NAMES, _LIST, _TABLE, _YES_NO = (
+_TEXT, _NUMBER, _TEXTS, _LIST, _TABLE, _YES_NO = (
     "a text",
     "a number",
     "a list of texts",
@@ -20,20 +20,20 @@ _TEXT, _NUMBER, _NAMES, _LIST, _TABLE, _YES_NO = (
     "a table",
     "true or false",
 )
-_SENSOR = {
-    "title": _TEXT, "bands": _LIST, "aliases": _NAMES, "ordered": _YES_NO, "products": _LIST, "optics": _TABLE,
-    "sources": _NAMES, "wavelength_status": _TEXT, "width_status": _TEXT, "time_status": _TEXT, "group_status": _TEXT,
+_SENSOR_FIELDS = {
+    "title": _TEXT, "bands": _LIST, "aliases": _TEXTS, "ordered": _YES_NO, "products": _LIST, "optics": _TABLE,
+    "sources": _TEXTS, "wavelength_status": _TEXT, "width_status": _TEXT, "time_status": _TEXT, "group_status": _TEXT,
 }  # fmt: skip
 _BAND = {
-    "name": _TEXT, "wavelength": _NUMBER, "width": _NUMBER, "aliases": _NAMES, "time_offset": _NUMBER,
+    "name": _TEXT, "wavelength": _NUMBER, "width": _NUMBER, "aliases": _TEXTS, "time_offset": _NUMBER,
     "time_status": _TEXT, "group": _TEXT,
 }  # fmt: skip
 _OPTICS = {
     "aperture": _NUMBER, "focal_length": _NUMBER, "pixel_pitch": _NUMBER, "f_number": _NUMBER, "status": _TEXT,
 }  # fmt: skip
-_WIDTH = 50.0
+_USUAL_WIDTH = 50.0
 """[nm] Width of a band whose width is not said: that of most bands of multispectral sensors."""
-_WAVELENGTHS = (300.0, 20_000.0)
+_CENTRE_RANGE = (300.0, 20_000.0)
 """[nm] Centres that are allowed."""
 _STATUS = (sensors.VERIFIED, sensors.UNVERIFIED, "defined")
 
@@ -45,7 +45,7 @@ def sensor_of(name: str) -> Sensor:
     import tomllib
 
     try:
-        document = tomllib.loads(read_text(name, "--sensor", MOST_BYTES))
+        document = tomllib.loads(read_text(name, "--sensor", MOST_SENSOR_BYTES))
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
@@ -58,7 +58,7 @@ def sensor_of(name: str) -> Sensor:
     ((key, entry),) = document.items()
     where = f"{name} (--sensor): [{key}]"
     checked: dict[str, Any] = {"wavelength_status": "defined", "time_status": "defined", "title": key} | dict(entry)
-    _check(where, entry, _SENSOR, ("bands",))
+    _check(where, entry, _SENSOR_FIELDS, ("bands",))
     checked["bands"] = [_band(f"{where} bands, entry {i}", band) for i, band in enumerate(entry["bands"], start=1)]
     _check_names(where, checked)
     if "optics" in entry:
@@ -71,10 +71,10 @@ def _band(where: str, band: Any) -> dict[str, Any]:
     if not isinstance(band, Mapping):
         raise InputError(f'{where}: want a table such as {{ name = "NIR", wavelength = 842 }}, got {str(band)[:60]!r}.')
     _check(where, band, _BAND, ("name", "wavelength"))
-    if not _WAVELENGTHS[0] <= band["wavelength"] <= _WAVELENGTHS[1]:
-        low, high = _WAVELENGTHS
+    if not _CENTRE_RANGE[0] <= band["wavelength"] <= _CENTRE_RANGE[1]:
+        low, high = _CENTRE_RANGE
         raise InputError(f"{where}: wavelength: allowed is {low:g} to {high:g} nm, got {band['wavelength']}.")
-    return {"width": _WIDTH} | dict(band)
+    return {"width": _USUAL_WIDTH} | dict(band)
 
 
 def _check_names(where: str, entry: Mapping[str, Any]) -> None:

@@ -16,9 +16,9 @@ import numpy as np
 from ..raster import RasterInfo
 
 _WAVELENGTH = re.compile(r"(?:cent(?:er|re|ral)_?)?wave_?lengths?(?:_(nm|um))?|wl(?:_(nm|um))?")
-_WIDTH = re.compile(r"(?:fwhm|bandwidth|band_width)(?:_(nm|um))?")
-_UNIT = re.compile(r"wave_?lengths?_units?")
-_NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
+_WIDTH_TAG = re.compile(r"(?:fwhm|bandwidth|band_width)(?:_(nm|um))?")
+_UNIT_TAG = re.compile(r"wave_?lengths?_units?")
+_NUMBER_PATTERN = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
 _LARGEST_MICROMETRE = 30.0  # a bare wavelength up to this is micrometres
 _WIDEST_MICROMETRE = 1.0  # a bare width below this is micrometres
 SPECTRAL_RANGE = (100.0, 20000.0)
@@ -37,17 +37,17 @@ class Spectral:
 
 def spectral_of(info: RasterInfo) -> list[Spectral]:
     """Wavelength and width of every band, from its own tags or from a list in the dataset's tags."""
-    unit = _first(info.tags, _UNIT, "")
-    wavelengths, widths = _listed(info, _WAVELENGTH), _listed(info, _WIDTH)
+    unit = _first(info.tags, _UNIT_TAG, "")
+    wavelengths, widths = _listed(info, _WAVELENGTH), _listed(info, _WIDTH_TAG)
     found = []
     for i, tags in enumerate(info.band_tags):
-        own_unit = _first(tags, _UNIT, unit)
+        own_unit = _first(tags, _UNIT_TAG, unit)
         value, stated = _single(tags, _WAVELENGTH) or (wavelengths[i] if wavelengths else (None, ""))
         wavelength, assumed = (None, False) if value is None else nanometres(value, stated or own_unit)
         if wavelength is None or not SPECTRAL_RANGE[0] <= wavelength <= SPECTRAL_RANGE[1]:
             found.append(Spectral())
             continue
-        value, stated = _single(tags, _WIDTH) or (widths[i] if widths else (None, ""))
+        value, stated = _single(tags, _WIDTH_TAG) or (widths[i] if widths else (None, ""))
         found.append(Spectral(wavelength, _width(value, stated or own_unit), assumed))
     return found
 
@@ -57,7 +57,10 @@ def said_of_wavelength(
 ) -> dict[str, Mapping[str, str]]:
     """Tags of a band that say this wavelength and width [nm], in place of others they held; None leaves them."""
     done: dict[str, Mapping[str, str]] = dict(tags)
-    for keys, value, name in (((_WAVELENGTH, _UNIT), wavelength, "wavelength_nm"), ((_WIDTH,), width, "fwhm_nm")):
+    for keys, value, name in (
+        ((_WAVELENGTH, _UNIT_TAG), wavelength, "wavelength_nm"),
+        ((_WIDTH_TAG,), width, "fwhm_nm"),
+    ):
         if value is None:
             continue
         done = {
@@ -103,7 +106,7 @@ def saturation(info: RasterInfo, band: int) -> float | None:
     """
     full = re.compile("full_scale")
     text = _first(info.band_tags[band], full, _first(info.tags, full, ""))
-    number = _NUMBER.fullmatch(text.strip())
+    number = _NUMBER_PATTERN.fullmatch(text.strip())
     stored = float(number[0]) if number else _largest(info.dtypes[band])
     scale, offset = info.scales[band], info.offsets[band]
     if stored is None or stored == info.nodatas[band] or scale <= 0:
@@ -135,7 +138,7 @@ def _key(name: str) -> str:
 def _single(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> tuple[float, str] | None:
     """The first tag that fits and holds one number, and the unit that it states, if any."""
     for value, match in _matching(tags, key):
-        numbers = _NUMBER.findall(value)
+        numbers = _NUMBER_PATTERN.findall(value)
         if len(numbers) == 1:
             rest = value.replace(numbers[0], "").strip(" {}[]()")
             return float(numbers[0]), rest or _unit_in_key(match)
@@ -145,7 +148,7 @@ def _single(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> tupl
 def _listed(info: RasterInfo, key: re.Pattern[str]) -> list[tuple[float, str]]:
     """The first tag of the dataset that fits and holds one number a band, with the unit it states."""
     for value, match in _matching(info.tags, key):
-        numbers = _NUMBER.findall(value)
+        numbers = _NUMBER_PATTERN.findall(value)
         if len(numbers) == info.count:
             return [(float(n), _unit_in_key(match)) for n in numbers]
     return []

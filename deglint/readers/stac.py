@@ -20,9 +20,9 @@ from ..raster import RasterInfo
 from . import products
 from .names import nominal_wavelength
 from .spectral import nanometres, said_of_wavelength
-from .text import MOST_BYTES, read_json
+from .text import MOST_TEXT_BYTES, read_json
 
-_REMOTE = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
+_REMOTE_ITEM = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
 _SCHEME = re.compile(r"[A-Za-z][\w+.-]*:")
 _RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf|application/(?:x-)?(?:zip|tar)", re.IGNORECASE)
 _NAME = re.compile(r"(.+\.(?:geo)?json|https?://[^#]+/items/[^#]+)(?:#([^#]*))?(?:#([^#]*))?", re.IGNORECASE)
@@ -30,7 +30,7 @@ _NO_DATA = {"thumbnail", "overview", "visual", "metadata", "rendered_preview", "
 """Roles and keys of assets that are pictures or words, not bands."""
 _NOT_BANDS = {"pan", "lwir", "lwir11", "lwir12"}
 """Common names of bands that are no part of a scene: panchromatic (its finer grid would be all bands') and thermal."""
-_PATIENCE = 60.0
+_STAC_PATIENCE = 60.0
 """[s] How long a server of Items may say nothing."""
 
 
@@ -71,7 +71,7 @@ def assets_of(name: str) -> list[Asset]:
     if found is None:
         return [Asset(name)]
     path, wanted, keys = found[1], found[2] or "", tuple(k for k in (found[3] or "").split(",") if k)
-    if not _REMOTE.match(path) and (_SCHEME.match(path) or path.startswith("/vsi")):
+    if not _REMOTE_ITEM.match(path) and (_SCHEME.match(path) or path.startswith("/vsi")):
         return [Asset(name)]
     document = read_document(path)
     items = items_of(document, path)
@@ -112,16 +112,16 @@ def _fetched(path: str) -> Mapping[str, Any]:
     from urllib.request import Request, urlopen
 
     try:
-        with urlopen(Request(path, headers={"Accept": "application/json"}), timeout=_PATIENCE) as answer:
-            data = answer.read(MOST_BYTES + 1)
+        with urlopen(Request(path, headers={"Accept": "application/json"}), timeout=_STAC_PATIENCE) as answer:
+            data = answer.read(MOST_TEXT_BYTES + 1)
         document = json.loads(data)
     except (URLError, OSError, ValueError, RecursionError) as error:
         why = getattr(error, "reason", None) or error
         raise ReadError(
             f"cannot read the STAC Item {path}: {why}. Check the address, or save the Item as a file."
         ) from error
-    if len(data) > MOST_BYTES or not isinstance(document, Mapping):
-        raise InputError(f"{path} is not a STAC Item: it is no JSON object of at most {MOST_BYTES >> 20} MB.")
+    if len(data) > MOST_TEXT_BYTES or not isinstance(document, Mapping):
+        raise InputError(f"{path} is not a STAC Item: it is no JSON object of at most {MOST_TEXT_BYTES >> 20} MB.")
     return document
 
 
@@ -227,9 +227,9 @@ def href(asset: Any, path: str) -> str:
     given = asset.get("href") if isinstance(asset, Mapping) else None
     if not isinstance(given, str) or not given:
         raise InputError(f"{path}: an asset has no href.")
-    if _REMOTE.match(given):
+    if _REMOTE_ITEM.match(given):
         return given
-    if given.lower().startswith("file://") and _REMOTE.match(path):
+    if given.lower().startswith("file://") and _REMOTE_ITEM.match(path):
         raise InputError(
             f"{path}: an Item on a server names a file of this machine, {given[:80]!r}. Name the file itself."
         )
@@ -240,6 +240,6 @@ def href(asset: Any, path: str) -> str:
             f"{path}: an asset lies at {given[:80]!r}; allowed are files, http(s), s3, gs and az. Name such a scene on "
             "the command line."
         )
-    if _REMOTE.match(path):
+    if _REMOTE_ITEM.match(path):
         return urljoin(path, given)
     return str(Path(path).parent / given)

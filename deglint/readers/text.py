@@ -10,13 +10,13 @@ from typing import Any
 from ..errors import InputError, ReadError
 from ..raster.local import check_kind
 
-MOST_BYTES = 64 << 20
+MOST_TEXT_BYTES = 64 << 20
 """Largest file that is read [byte]."""
 
 
 def read_text(path: str, option: str, most: int | None = None) -> str:
-    """Text of a file that an option names, of at most so many bytes (`MOST_BYTES` by default)."""
-    most = MOST_BYTES if most is None else most
+    """Text of a file that an option names, of at most so many bytes (`MOST_TEXT_BYTES` by default)."""
+    most = MOST_TEXT_BYTES if most is None else most
     check_kind(path)
     try:
         with Path(path).open("rb") as file:

@@ -24,7 +24,7 @@ from ..tiles import Tile
 log = logging.getLogger("deglint")
 LOOKED_AT = 400_000
 """Pixels of a scene that are looked at; a smaller one is looked at as a whole."""
-SIDE = 128
+SAMPLED_SIDE = 128
 """Side of the tiles that are looked at [pixel]."""
 MOST_TILES = 1 << 18
 """Tiles that are listed."""
@@ -98,20 +98,24 @@ def undeclared(scene: Scene) -> Undeclared:
 def _tiles(scene: Scene) -> list[Tile]:
     """All of a small scene; of a larger one some tiles, the corners and the middles of the edges among them."""
     if scene.height * scene.width <= LOOKED_AT:
-        return tiling.tiles(scene.height, scene.width, (SIDE, SIDE))
-    pitch = SIDE * max(1, math.isqrt(scene.height * scene.width // (SIDE * SIDE * MOST_TILES)))
+        return tiling.tiles(scene.height, scene.width, (SAMPLED_SIDE, SAMPLED_SIDE))
+    pitch = SAMPLED_SIDE * max(1, math.isqrt(scene.height * scene.width // (SAMPLED_SIDE * SAMPLED_SIDE * MOST_TILES)))
     corners = tiling.tiles(scene.height, scene.width, (pitch, pitch))
-    spread = [_cut(t) for t in tiling.spread(corners, LOOKED_AT * (pitch // SIDE) ** 2)]
-    rows, columns = (sorted({0, max(n // 2 - SIDE, 0), max(n - SIDE, 0)}) for n in (scene.height, scene.width))
+    spread = [_cut(t) for t in tiling.spread(corners, LOOKED_AT * (pitch // SAMPLED_SIDE) ** 2)]
+    rows, columns = (
+        sorted({0, max(n // 2 - SAMPLED_SIDE, 0), max(n - SAMPLED_SIDE, 0)}) for n in (scene.height, scene.width)
+    )
     edge = [
-        Tile(r, min(r + SIDE, scene.height), c, min(c + SIDE, scene.width))
+        Tile(r, min(r + SAMPLED_SIDE, scene.height), c, min(c + SAMPLED_SIDE, scene.width))
         for r in rows for c in columns if r in (rows[0], rows[-1]) or c in (columns[0], columns[-1])
     ]  # fmt: skip
     return [*edge, *spread]
 
 
 def _cut(tile: Tile) -> Tile:
-    return Tile(tile.row0, min(tile.row0 + SIDE, tile.row1), tile.col0, min(tile.col0 + SIDE, tile.col1))
+    return Tile(
+        tile.row0, min(tile.row0 + SAMPLED_SIDE, tile.row1), tile.col0, min(tile.col0 + SAMPLED_SIDE, tile.col1)
+    )
 
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:

@@ -18,7 +18,7 @@ SIZE = 15
 """Side of the square over which the mean is taken, by default [pixel]."""
 
 
-_SPLIT = 2.0**27 + 1
+_VELTKAMP = 2.0**27 + 1
 
 
 def detrend_halo(size: int = SIZE) -> int:
@@ -95,7 +95,7 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
 def _lower_bits(values: Float64Array) -> Float64Array:
     """Take the lower half of the bits off values, which keep 26 of them (Veltkamp's split), and return it."""
     with np.errstate(over="ignore", invalid="ignore"):
-        apart = values * _SPLIT
+        apart = values * _VELTKAMP
         upper = apart - (apart - values)
     low = values - upper
     values[...] = upper

@@ -13,7 +13,7 @@ from .predict import glint
 from .request import FitRequest
 from .wiener import SampleTile, fit
 
-RED_EDGE = 680.0
+FURTHER_FROM = 680.0
 """Shortest wavelength of further references [nm]: from there on water takes half of the light within .7 m. Red bands
 show objects and plumes: with them a fifth of the objects in simulated scenes lost their contrast."""
 TEST_TILES = 4
@@ -43,7 +43,7 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
         0-based bands for `FitRequest.more`; empty where there are none, or all show the water.
     """
     waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
-    more = sorted((b for b, w in waves.items() if w >= RED_EDGE), key=waves.__getitem__)
+    more = sorted((b for b, w in waves.items() if w >= FURTHER_FROM), key=waves.__getitem__)
     while more:
         if _taken_from_water(request, tiles, tuple(more)) <= MOST_TAKEN:
             return tuple(more)

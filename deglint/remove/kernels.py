@@ -24,7 +24,7 @@ WITH_SWIR = ((1, 1), (3, 1), (3, 3), (5, 3))
 shows, and that does not show in the noise by which supports are compared."""
 WORTH = 0.01
 """Relative noise that a wider kernel, a second reference, or any removal at all must save."""
-GROUPS = 16
+FOLDS = 16
 """Groups of squares that are left out in turn: an error estimated from 16 is itself known to 18 %."""
 
 
@@ -52,7 +52,7 @@ class KernelFit:
 def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int, ...]]) -> list[KernelFit]:
     """The kernels of a set of bands, for each support that suits some of them best."""
     outputs = [grams.band(i) for i in range(len(band_set.bands))]
-    count = min(GROUPS, len(grams.grams))
+    count = min(FOLDS, len(grams.grams))
     groups = [grams.grams[i * len(grams.grams) // count : (i + 1) * len(grams.grams) // count].sum(axis=0)
               for i in range(count)]  # fmt: skip
     total = np.sum(groups, axis=0)

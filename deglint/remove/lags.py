@@ -15,15 +15,15 @@ import numpy.typing as npt
 from ..moments import CELL
 from ..scene import FloatArray
 from .detrend import detrend
-from .reference import LEAST_WATER
+from .reference import LEAST_OPEN
 
 Float64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 SIDE = 5
 """Side of the largest kernel [pixel]; kernels of 7 pixels were no better on any scene."""
-REACH = SIDE // 2
-RIDGE = 1e-6
+KERNEL_REACH = SIDE // 2
+KERNEL_RIDGE = 1e-6
 """Added to the diagonal, in units of its mean, against singular sums; results do not change from 1e-6 to 1e-2."""
 
 
@@ -103,18 +103,18 @@ def gather(
     stack = np.stack([*references, *bands])
     values = detrend(stack, sample, size) if size else stack.astype(np.float64)
     values[:, ~sample] = 0.0
-    padded = np.pad(values[: len(references)], ((0, 0), (REACH, REACH), (REACH, REACH)))
+    padded = np.pad(values[: len(references)], ((0, 0), (KERNEL_REACH, KERNEL_REACH), (KERNEL_REACH, KERNEL_REACH)))
     square = np.ones((SIDE, SIDE), np.uint8)
     inner = cv2.erode(sample.view(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0).view(np.bool_)
     grams, pixels, places = [], [], []
     for top in range(0, sample.shape[0], CELL):
         for left in range(0, sample.shape[1], CELL):
             mask = inner[top : top + CELL, left : left + CELL]
-            if mask.sum() < LEAST_WATER * CELL**2:
+            if mask.sum() < LEAST_OPEN * CELL**2:
                 continue
             height, width = mask.shape
             shifted = [
-                plane[top + REACH + row :, left + REACH + column :][:height, :width][mask]
+                plane[top + KERNEL_REACH + row :, left + KERNEL_REACH + column :][:height, :width][mask]
                 for plane in padded
                 for row, column in offsets(SIDE)
             ]
@@ -149,7 +149,7 @@ def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float
     power, cross = gram[np.ix_(inputs, inputs)], gram[np.ix_(inputs, outputs)]
     if len(inputs) == 1:
         return np.asarray(cross / power, np.float64) if power[0, 0] > 0 else np.zeros_like(cross)
-    ridge = RIDGE * np.trace(power) / len(power) or 1.0
+    ridge = KERNEL_RIDGE * np.trace(power) / len(power) or 1.0
     return np.asarray(np.linalg.solve(power + ridge * np.eye(len(power)), cross), np.float64)
 
 

@@ -15,11 +15,11 @@ import numpy.typing as npt
 from ..errors import FitError
 from ..moments import Float64
 from ..scene import FloatArray
-from .kernels import GROUPS
+from .kernels import FOLDS
 
-_FINE = 8
+_BINS_PER_BANDWIDTH = 8
 """Bins in which a bandwidth is resolved."""
-_REACH = 4
+_BANDWIDTH_REACH = 4
 """Bandwidths after which the kernel is cut off."""
 _MOST_BINS = 1 << 20
 LEAST_GLINT = 0.2
@@ -28,7 +28,7 @@ MOSTLY_CLEAR, LEAST_CLEAR = 0.05, 40.0
 """Where the lower half of the predictions spans less than this share of what strong glint spans (from the median to the
 99th percentile), most pixels have no glint and differ by noise, whose lowest is no level: more percent are taken [%].
 Pixels that resolve sparkle have .007 to .02, pixels of 1.2 m .07, of 10 m .4."""
-STRONG, PIT = 98.0, 7
+STRONG_PERCENTILE, PIT = 98.0, 7
 """Glint above this percentile [%], and the width of the pits around it [pixel]: two lobes of a Lanczos kernel and the
 kernel of the removal. A third of the pixels stay where glint has the size of a pixel."""
 NEGATIVE = 0.1
@@ -130,7 +130,7 @@ def _median(ordered: Float64) -> float:
 def _density_peak(values: Float64, scale: float, step: float) -> float:
     """Place of the highest density of sorted values, smoothed for this scale."""
     bandwidth = 0.8 ** (1 / 7) * scale * values.size ** (-1 / 7)
-    fine = bandwidth / _FINE
+    fine = bandwidth / _BINS_PER_BANDWIDTH
     if step > 0:
         fine = max(1.0, round(fine / step)) * step
     last = max(quantile(values, 0.99), float(values[0]) + 1000 * fine)
@@ -140,7 +140,7 @@ def _density_peak(values: Float64, scale: float, step: float) -> float:
         middle = middle[: np.searchsorted(middle, middle[0] + _MOST_BINS * fine)]
     low = middle[0] - fine / 2
     counts = np.bincount(((middle - low) / fine).astype(np.int64)).astype(np.float64)
-    reach = max(1, round(_REACH * bandwidth / fine))
+    reach = max(1, round(_BANDWIDTH_REACH * bandwidth / fine))
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * fine / max(bandwidth, fine / 2)) ** 2)
     return float(low + fine * (_peak(np.convolve(counts, kernel)) - reach + 0.5))
 
@@ -194,7 +194,7 @@ def apart_from_sparkle(together: FloatArray, sample: npt.NDArray[np.bool_]) -> n
     """The sample without what lies beside strong glint: resampling digs pits there that are no level."""
     import cv2
 
-    strong = together > np.percentile(together[sample], STRONG)
+    strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
     beside = cv2.dilate(strong.view(np.uint8), np.ones((PIT, PIT), np.uint8))
     return sample & ~np.asarray(beside).view(np.bool_)
 
@@ -241,7 +241,7 @@ def shared_level_error(
     every = max(prediction.shape[1] // LEVEL_PIXELS, 1)
     prediction, value = prediction[:, ::every], value[:, ::every]
     apart = np.ones(prediction.shape[1], np.bool_) if apart is None else apart[::every]
-    group = np.arange(prediction.shape[1]) * GROUPS // prediction.shape[1]
-    others = [group != g for g in range(GROUPS)]
+    group = np.arange(prediction.shape[1]) * FOLDS // prediction.shape[1]
+    others = [group != g for g in range(FOLDS)]
     left_out = [shared_level(prediction[:, o], value[:, o], slopes, apart[o], share)[1][1] for o in others]
-    return float(np.std(left_out) * np.sqrt(GROUPS - 1))
+    return float(np.std(left_out) * np.sqrt(FOLDS - 1))

@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..scene import FloatArray
-from .further import RED_EDGE
+from .further import FURTHER_FROM
 from .lags import gather, merge, offsets, solve, unexplained
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import bordered, predicted
@@ -33,11 +33,11 @@ from .reference import ReferenceRule
 from .request import FitRequest
 from .wiener import SampleTile
 
-SIDE = 3
+MIXTURE_SIDE = 3
 """Side of the kernels [pixel]."""
 TURBID = np.array([(400, 0.3), (490, 0.5), (560, 1.0), (660, 1.0), (710, 0.6), (740, 0.2), (850, 0.1)])
 """Wavelength [nm] and relative brightness of a plume of sediment, bright from the green to the red."""
-PLUME, WATER = 0.5, 10.0
+PLUME, PLUME_PERCENTILE = 0.5, 10.0
 """Brightness of a plume over that of the water, which is this percentile of a band [%]."""
 LEAST_KEPT = 0.75
 """What must be left of a plume in every tile where red edge is followed: rarer ones keep more."""
@@ -61,7 +61,7 @@ def fit(request: FitRequest, tiles: Sequence[SampleTile], percentile: float) -> 
     """
     nir = tuple(dict.fromkeys(b for i in request.indexes for b in i.bands))
     waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
-    longer = sorted((b for b, w in waves.items() if w >= RED_EDGE), key=waves.__getitem__)
+    longer = sorted((b for b, w in waves.items() if w >= FURTHER_FROM), key=waves.__getitem__)
     while longer:
         if _plume_gain(request, tiles, nir, tuple(longer)) >= LEAST_KEPT:
             break
@@ -84,12 +84,12 @@ def _fitted(
     for place, band in enumerate(request.correct):
         own = request.bands[band].wavelength or 0.0
         used = [k for k, r in enumerate(every) if r in nir or (request.bands[r].wavelength or 0.0) > own]
-        inputs, output = [c for k in used for c in grams.columns(k, SIDE)], [grams.band(place)]
+        inputs, output = [c for k in used for c in grams.columns(k, MIXTURE_SIDE)], [grams.band(place)]
         weights = solve(total, inputs, output)
         power = float(total[output[0], output[0]])
         r2 = 1 - float(unexplained(total, inputs, output, weights)[0]) / power if power > 0 else 0.0
-        bands = tuple(every[k] for k in used for _ in offsets(SIDE))
-        index = GlintIndex(bands, tuple(map(float, weights[:, 0])), 0.0, offsets(SIDE) * len(used))
+        bands = tuple(every[k] for k in used for _ in offsets(MIXTURE_SIDE))
+        index = GlintIndex(bands, tuple(map(float, weights[:, 0])), 0.0, offsets(MIXTURE_SIDE) * len(used))
         indexes.append(index)
         fits.append(BandFit(band, request.bands[band].name, place, 1.0, None, r2, int(grams.pixels.sum())))
     rules = tuple(ReferenceRule(r, np.inf, np.inf, 0.0, 1.0) for r in every)
@@ -110,7 +110,7 @@ def _with_levels(model: GlintModel, tiles: Sequence[SampleTile], percentile: flo
 def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
     """Gain of a turbid plume in the sample: the least share of its brightness that removal leaves in a band."""
     bands = range(len(request.bands))
-    level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), WATER) for b in bands]
+    level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), PLUME_PERCENTILE) for b in bands]
     waves = np.array([b.wavelength or 0.0 for b in request.bands])
     plume = PLUME * np.maximum(level, 0) * np.interp(waves, *TURBID.T)
     found = _fitted(request, [_with_plume(t, plume) for t in tiles], nir, more)

@@ -32,11 +32,11 @@ from .model import BandFit, GlintIndex, GlintModel
 from .request import FitRequest, Weighted, check_sample, r2_warning, sample_warnings
 from .statistics import SamplePlan, SampleStatistics
 
-RIDGE = 1e-4
+REFERENCE_RIDGE = 1e-4
 """Share of its own variance that is added to each reference's."""
 PERCENTILE = 5.0
 """Of the mixture, as its level, where the request names none [%]."""
-SHORTEST = 640.0
+SHORTEST_REFERENCE = 640.0
 """Shortest wavelength of a reference [nm]."""
 
 
@@ -49,7 +49,7 @@ def references(request: FitRequest, band: int) -> tuple[int, ...]:
     longest = max(request.bands[b].wavelength or 0.0 for b in nir)
     found = [
         i for i, b in enumerate(request.bands)
-        if b.wavelength and max(own, SHORTEST - 1e-9) < b.wavelength <= max(longest, 1050.0)
+        if b.wavelength and max(own, SHORTEST_REFERENCE - 1e-9) < b.wavelength <= max(longest, 1050.0)
     ]  # fmt: skip
     return tuple(found) or tuple(sorted(nir - {band}))
 
@@ -90,7 +90,7 @@ def _ridge(stats: SampleStatistics, band: int, references: list[int]) -> tuple[F
     power = comoment[np.ix_(references, references)]
     cross, total = comoment[references, band], float(comoment[band, band])
     scale = np.sqrt(np.maximum(np.diag(power), np.finfo(np.float64).tiny))
-    ridged = power / np.outer(scale, scale) + RIDGE * np.eye(len(references))
+    ridged = power / np.outer(scale, scale) + REFERENCE_RIDGE * np.eye(len(references))
     weights = np.linalg.solve(ridged, cross / scale) / scale
     rest = total - 2 * float(weights @ cross) + float(weights @ power @ weights)
     return weights, 1 - rest / total if total > 0 else 0.0

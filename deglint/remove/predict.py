@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scene import FloatArray
-from .lags import REACH
+from .lags import KERNEL_REACH
 from .model import GlintIndex, GlintModel
 from .reference import clean
 
@@ -26,7 +26,9 @@ def bordered(values: FloatArray) -> FloatArray:
     """A reference with what `predicted` looks at around it: mirrored at its edges, and with spare columns."""
     import cv2
 
-    wide = cv2.copyMakeBorder(values, REACH, REACH, REACH, REACH + SPARE, cv2.BORDER_REFLECT_101)
+    wide = cv2.copyMakeBorder(
+        values, KERNEL_REACH, KERNEL_REACH, KERNEL_REACH, KERNEL_REACH + SPARE, cv2.BORDER_REFLECT_101
+    )
     return np.asarray(wide, values.dtype)
 
 
@@ -58,7 +60,7 @@ def _filtered(references: Mapping[int, FloatArray], index: GlintIndex) -> FloatA
     """Weighted sum of the references at the offsets of an index."""
     import cv2
 
-    inner = slice(REACH, -REACH), slice(REACH, -REACH - SPARE)
+    inner = slice(KERNEL_REACH, -KERNEL_REACH), slice(KERNEL_REACH, -KERNEL_REACH - SPARE)
     total: FloatArray | None = None
     for band in dict.fromkeys(index.bands):
         terms = [(o, w) for b, o, w in zip(index.bands, index.offsets, index.weights, strict=True) if b == band]
@@ -112,9 +114,9 @@ def glint(
         Water where a reference exceeds its surroundings by more than glint does, so that the glint around is taken.
     """
     height, width = water.shape
-    top, bottom, left, right = (max(side - REACH, 0) for side in crop)  # what the kernels look at stays
+    top, bottom, left, right = (max(side - KERNEL_REACH, 0) for side in crop)  # what the kernels look at stays
     near = slice(top, height - bottom), slice(left, width - right)
-    rest = tuple(min(side, REACH) for side in crop)
+    rest = tuple(min(side, KERNEL_REACH) for side in crop)
     inner = slice(rest[0], height - top - bottom - rest[1]), slice(rest[2], width - left - right - rest[3])
     references, exceeds = {}, None
     for rule in model.references:

@@ -22,13 +22,13 @@ Mask = npt.NDArray[np.bool_]
 
 SIZE = 15
 """Side of the square that local means are taken over [pixel]: several waves, and less than a plume."""
-LEAST_WATER = 0.15
+LEAST_OPEN = 0.15
 """Share of such a square that must be open water for its largest excess to be that of glint."""
 QUARTILE, FACTOR = 25, 2.5
 """Glint exceeds the water around it by at most so many times the largest excess in the calmest quarter of the squares.
 Ships spoil the busiest squares of a port. A long tail of sparkle is in every square: the largest of a scene is 1.4 to
 2.2 times that of the calmest quarter, for winds of 5 to 12 m/s and pixels of 1 to 10 m."""
-LEAST_PIXELS = 8
+LEAST_LOCAL = 8
 """Pixels of water that a local mean needs, to say that something exceeds it [pixel]."""
 GRAINS = 65535
 """Integers that the values of water are counted in, for exact sums; 225 of them stay below 2^31."""
@@ -95,13 +95,13 @@ def fit_reference(
     for values, sample in looks:
         total, count = _sums(_grains(values, rule), sample)
         mean = _mean(total, count, rule)
-        excess = np.where(sample & (count >= LEAST_PIXELS), values - mean, -np.inf)
+        excess = np.where(sample & (count >= LEAST_LOCAL), values - mean, -np.inf)
         excesses.append(excess[np.isfinite(excess)])
         means.append(float(mean[sample].min(initial=np.inf)))
         for row in range(0, sample.shape[0], CELL):
             for column in range(0, sample.shape[1], CELL):
                 cell = slice(row, row + CELL), slice(column, column + CELL)
-                if sample[cell].mean() >= LEAST_WATER:
+                if sample[cell].mean() >= LEAST_OPEN:
                     tops.append(float(excess[cell].max()))
     if not tops:
         return rule
@@ -187,7 +187,7 @@ def _exceeding(
     """Which of some pixels exceed the mean of the water around them by more than glint does."""
     total, count = (s[among] for s in sums)
     out = np.zeros(values.shape, np.bool_)
-    out[among] = (count >= LEAST_PIXELS) & (values[among] > _mean(total, count, rule) + rule.limit)
+    out[among] = (count >= LEAST_LOCAL) & (values[among] > _mean(total, count, rule) + rule.limit)
     return out
 
 

@@ -19,12 +19,12 @@ from .lags import LagGrams, solve, unexplained
 
 Float64 = npt.NDArray[np.float64]
 
-SPLIT = 0.15
+SPLIT_WORTH = 0.15
 """Relative noise that two kernels must save against one for the image to show strips: 0.27 in a scene of two
 detectors, 0.00 to 0.06 in scenes of one."""
 ROUNDS = 20
 """Rounds in which squares are given to the kernel that suits them; they settle within five."""
-LEAST = 2
+LEAST_SQUARES_OF_KIND = 2
 """Squares that each kind of strip must have in the sample for kernels of its own."""
 
 
@@ -89,12 +89,12 @@ def find_kernels(grams: LagGrams, bands: int) -> tuple[Float64, Float64] | None:
     two = [one, one[::-1]]
     for _ in range(ROUNDS):
         second = second_kind(grams, two)
-        if min(int(second.sum()), int((~second).sum())) < LEAST:
+        if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
             return None
         two = [solve(grams.grams[second == k].sum(axis=0), inputs, outputs) for k in (False, True)]
     left = np.minimum(*(_left(grams, kernel) for kernel in two)).sum()
     saved = 1 - np.sqrt(left / _left(grams, one).sum())
-    return (two[0], two[1]) if saved > SPLIT else None
+    return (two[0], two[1]) if saved > SPLIT_WORTH else None
 
 
 def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> npt.NDArray[np.bool_]:

@@ -47,9 +47,9 @@ from .levels import apart_from_sparkle, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
 from .predict import bordered, predicted
-from .reference import FACTOR, LEAST_WATER, QUARTILE, ReferenceRule, clean, fit_reference
+from .reference import FACTOR, LEAST_OPEN, QUARTILE, ReferenceRule, clean, fit_reference
 from .request import FitRequest
-from .strips import LEAST as LEAST_SQUARES
+from .strips import LEAST_SQUARES_OF_KIND as LEAST_SQUARES
 from .strips import Strips, find_kernels, second_kind
 
 Float64 = npt.NDArray[np.float64]
@@ -292,7 +292,7 @@ def _limits(learnt: Sequence[_Learnt]) -> list[float]:
         for row in range(0, tile.sample.shape[0], CELL):
             for column in range(0, tile.sample.shape[1], CELL):
                 cell = slice(row, row + CELL), slice(column, column + CELL)
-                if tile.sample[cell].mean() >= LEAST_WATER:
+                if tile.sample[cell].mean() >= LEAST_OPEN:
                     tops.append(away[:, *cell].max(axis=(1, 2)))
     return [] if not tops else list(FACTOR * np.percentile(tops, QUARTILE, axis=0))
 

@@ -19,7 +19,7 @@ Numbers = npt.NDArray[np.uint16]
 Kernel = Literal["bilinear", "cubic", "lanczos"]
 
 KERNELS = ("bilinear", "cubic", "lanczos")
-SHIFT = 0.5
+GRID_SHIFT = 0.5
 """How far the grid of the sensor lies off that of the map, down and right [pixel]. A map that is turned against the
 sensor meets all shifts; half a pixel blurs most."""
 
@@ -33,7 +33,7 @@ class Artefacts:
     striping : float
         Standard deviation of the gain of the columns, each band its own [1]; 0.02 is 2 %.
     resampling : {"bilinear", "cubic", "lanczos"}, optional
-        The sensor sees the sea on a grid that lies `SHIFT` pixels off; the image is interpolated back.
+        The sensor sees the sea on a grid that lies `GRID_SHIFT` pixels off; the image is interpolated back.
     jpeg : int, optional
         Quality of a JPEG compression, 1 to 100: square root of the numbers in 8 bits, each band by itself.
     """
@@ -51,7 +51,7 @@ class Artefacts:
     @property
     def shift(self) -> float:
         """Of the grid of the sensor, down and right [pixel]."""
-        return SHIFT if self.resampling else 0.0
+        return GRID_SHIFT if self.resampling else 0.0
 
 
 def stripe(radiance: Array, deviation: float, seed: np.random.SeedSequence) -> Array:
@@ -71,11 +71,11 @@ def stripe(radiance: Array, deviation: float, seed: np.random.SeedSequence) -> A
 
 
 def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
-    """Interpolate a band from the grid of the sensor, `SHIFT` pixels down and right, to that of the map."""
+    """Interpolate a band from the grid of the sensor, `GRID_SHIFT` pixels down and right, to that of the map."""
     import cv2
 
     how = {"bilinear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos": cv2.INTER_LANCZOS4}[kernel]
-    move = np.array([[1.0, 0.0, SHIFT], [0.0, 1.0, SHIFT]])
+    move = np.array([[1.0, 0.0, GRID_SHIFT], [0.0, 1.0, GRID_SHIFT]])
     size = numbers.shape[1], numbers.shape[0]
     moved = cv2.warpAffine(numbers, move, size, flags=how, borderMode=cv2.BORDER_REFLECT)
     return np.minimum(np.asarray(moved, np.uint16), np.uint16(levels))

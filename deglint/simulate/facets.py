@@ -17,12 +17,12 @@ import numpy.typing as npt
 from ..physics import fresnel, glint, sky, slopes
 from ..physics.spectra import dispersion
 from ..physics.surface import Surface, by_rows, normals, realise
-from ..physics.waves import SHORTEST, omnidirectional
+from ..physics.waves import SHORTEST_WAVE, omnidirectional
 from .setup import RESOLVED_AT_MOST, Setup
 
 Array = npt.NDArray[np.floating[Any]]
 
-NARROWEST = 0.01
+LEAST_SLOPE = 0.01
 """Least standard deviation of the slopes about a facet."""
 TABLE_REACH, TABLE_STEP = 1.5, 0.03  # slopes that the table of the mirrored sky covers
 
@@ -120,7 +120,7 @@ def facets(setup: Setup, *, workers: int = 1) -> Facets:
     slope_scale = np.minimum(1.0, np.sqrt(RESOLVED_AT_MOST * measured / resolved))
     unresolved = measured - slope_scale**2 * resolved
     about = (1 - sparkle_share(setup.patch, setup.facet)) * unresolved
-    about = np.maximum(about, np.minimum(unresolved, NARROWEST**2))
+    about = np.maximum(about, np.minimum(unresolved, LEAST_SLOPE**2))
     tilts = _pair(unresolved - about)
     drawn = _draw_sparkle(setup, shape, tilts, sparkle, workers)
     factor, table = _glint_factor(setup), _sky_table(setup, _pair(about))
@@ -171,7 +171,7 @@ def _draw_sparkle(
 
 def _sparkle_frequencies(setup: Setup, count: int = 4096) -> Array:
     """Angular frequencies that carry equal shares of the unresolved slope variance [rad/s]."""
-    shortest = min(SHORTEST, setup.facet)
+    shortest = min(SHORTEST_WAVE, setup.facet)
     k = np.geomspace(np.pi / setup.facet, 2 * np.pi / shortest, 4001)
     share = np.cumsum(omnidirectional(k, setup.sea) * k**3)
     return np.interp((np.arange(count) + 0.5) / count, share / share[-1], dispersion(k))

@@ -17,7 +17,7 @@ from .setup import Setup
 
 Array = npt.NDArray[np.floating[Any]]
 
-DEPTHS = 128
+DEPTH_STEPS = 128
 """Depths at which the light over a bottom is worked out; neighbours differ by 5 %."""
 
 
@@ -73,7 +73,7 @@ def light(setup: Setup) -> Light:
     objects = [kinds[o.depth, o.reflectance] for o in setup.objects]
     depths, bottom = np.zeros(0), []
     if setup.bottom is not None:
-        depths = np.geomspace(LEAST_DEPTH, MOST_DEPTH, DEPTHS)
+        depths = np.geomspace(LEAST_DEPTH, MOST_DEPTH, DEPTH_STEPS)
         bottom = [over(depths, reflectance(name, wavelength)[:, None]).T for name in setup.bottom.materials]
     sun = mean(direct)
     return Light(

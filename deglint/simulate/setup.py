@@ -13,7 +13,7 @@ from ..physics._checks import choice, within
 from ..physics.atmosphere import Air
 from ..physics.presets import preset
 from ..physics.sensor import Sensor
-from ..physics.sky import MODELS as SKIES
+from ..physics.sky import SKY_MODELS as SKIES
 from ..physics.slopes import variances, wind_at_height
 from ..physics.waves import SHORT_WAVES, Sea, Spectrum, Spreading, slope_variance
 from .artefacts import Artefacts
@@ -25,13 +25,13 @@ SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
 
 MOST_FACETS = 1 << 26
 """Facets that a scene may have; at 60 bytes each they take 4 GB."""
-LEAST_GAIN = 0.3
+LEAST_ENERGY = 0.3
 """Short waves keep at least this share of their energy; slopes that are then still too steep are scaled per facet."""
 RESOLVED_AT_MOST = 0.95
 """Share of the measured slope variance that the waves of the grid may carry; short waves are damped to it."""
 
 
-MARGIN = 16
+EDGE_MARGIN = 16
 """Columns beyond an image whose edges differ [pixel]: the grid repeats, and the optics reach over its edges."""
 MOST_TARGETS = 250
 """Floating targets of a scene; their labels are kept in 8 bits."""
@@ -199,7 +199,7 @@ class Setup:
 
         least = self.sea.peak_wavelength if self.domain is None else self.domain
         need = int(np.ceil(least / self.sensor.gsd))
-        margin = MARGIN if self.coast or self.bottom else 0
+        margin = EDGE_MARGIN if self.coast or self.bottom else 0
         rows, columns = (2 * next_fast_len(-(-max(n, need) // 2)) for n in (self.size[0], self.size[1] + margin))
         return rows, columns
 
@@ -234,7 +234,7 @@ class Setup:
         long = slope_variance(sea, shortest=split)
         short = slope_variance(sea, longest=split, shortest=shortest)
         gains = [(RESOLVED_AT_MOST * all_ - a) / b for all_, a, b in zip(self.slope_variance, long, short, strict=True)]
-        return replace(sea, short_gain=min(1.0, max(LEAST_GAIN, min(gains))))
+        return replace(sea, short_gain=min(1.0, max(LEAST_ENERGY, min(gains))))
 
 
 def check_one_sea(setups: Sequence[Setup]) -> None:

@@ -19,7 +19,7 @@ Verdict = Literal["worse", "slower", "better", "faster", "changed", "gone", "new
 ORDER: tuple[Verdict, ...] = ("worse", "slower", "better", "faster", "changed", "gone", "new")
 ROUNDING = 1e-6
 """Relative change below which a number is the same: other processors sum in another order."""
-MARGIN = 0.1
+TIME_CHANGE = 0.1
 """Relative change above which a time is faster or slower."""
 
 
@@ -71,7 +71,7 @@ def judge(old: Number, new: Number, same_machine: bool = True) -> Verdict | None
     if math.isnan(old.value) or math.isnan(new.value):
         return None if math.isnan(old.value) and math.isnan(new.value) else "changed"
     moved = abs(new.value - old.value) / max(abs(old.value), abs(new.value), 1e-300)
-    if moved <= (ROUNDING if new.exact else MARGIN):
+    if moved <= (ROUNDING if new.exact else TIME_CHANGE):
         return None
     if not (new.low > old.high or new.high < old.low):  # intervals overlap, or there are none
         return "changed" if new.exact else None

@@ -15,7 +15,7 @@ from ..rx import detector, score
 Float64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-VISIBLE = 5
+VISIBLE_BANDS = 5
 """COASTAL to RED: the bands whose error counts."""
 
 
@@ -25,7 +25,7 @@ def rms_error(image: npt.NDArray[Any], truth: npt.NDArray[Any], columns: slice =
     Parameters
     ----------
     image, truth : (band, row, column) ndarray
-        In the same unit; the first `VISIBLE` bands count.
+        In the same unit; the first `VISIBLE_BANDS` bands count.
     columns : slice
         Where the error is taken. The water level is that of the whole scene.
 
@@ -35,8 +35,8 @@ def rms_error(image: npt.NDArray[Any], truth: npt.NDArray[Any], columns: slice =
     >>> rms_error(1.1 * level, level).__round__(6)
     10.0
     """
-    truth = np.asarray(truth, np.float64)[:VISIBLE]
-    away = (np.asarray(image, np.float64)[:VISIBLE] - truth)[:, :, columns]
+    truth = np.asarray(truth, np.float64)[:VISIBLE_BANDS]
+    away = (np.asarray(image, np.float64)[:VISIBLE_BANDS] - truth)[:, :, columns]
     level = np.median(truth, axis=(1, 2))
     each = np.sqrt((away**2).mean(axis=(1, 2))) / level
     return float(100 * np.sqrt((each**2).mean()))

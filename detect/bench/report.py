@@ -16,7 +16,7 @@ from .tables import named, tables
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-WIDTH, HEIGHT = 9.0, 4.2
+FIGURE_WIDTH, HEIGHT = 9.0, 4.2
 """Size of a figure [inch]."""
 
 
@@ -35,7 +35,7 @@ def _axes(panels: int) -> tuple[Figure, list[Any]]:
     """A figure with panels side by side; drawn without a window or a global state."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
+    figure = Figure(figsize=(FIGURE_WIDTH, HEIGHT), layout="constrained")
     return figure, list(figure.subplots(1, panels, sharey=True, squeeze=False)[0])
 
 

@@ -17,7 +17,7 @@ from deglint.physics.presets import preset
 from deglint.remove import METHODS
 
 from ..roc import object_curve
-from .measure import VISIBLE, Float64, curves, rms_error, rx_scores
+from .measure import VISIBLE_BANDS, Float64, curves, rms_error, rx_scores
 from .numbers import Number, over_seeds, timed
 from .scenes import REFLECTANCES, TrueScene, simulated
 
@@ -194,7 +194,7 @@ def processor_times(scene: TrueScene, names: Sequence[str], rounds: int) -> dict
 
 def quality(scene: TrueScene, image: Float64) -> Quality:
     """Error, ROC curves and objects found of one image."""
-    scores, kinds = rx_scores(image[:VISIBLE], scene.sample), scene.kinds
+    scores, kinds = rx_scores(image[:VISIBLE_BANDS], scene.sample), scene.kinds
     rocs = curves(scores, kinds, range(1, len(REFLECTANCES) + 1))
     found, drawn = [], []
     for kind, roc in enumerate(rocs, start=1):

@@ -26,7 +26,7 @@ SIDE = 256
 REFLECTANCES = (0.02, 0.05, 0.10, 0.20)
 OBJECT, SPACING, DEPTH = 16, 64, 5.0
 """Side of an object and distance from row to row [pixel], and depth [m]."""
-BLUR = 4
+BLURRED_EDGE = 4
 """Pixels around objects that are neither object nor background: the optics spread light of the object there."""
 SEED = 100
 """Seed of the first sea."""
@@ -91,7 +91,10 @@ class TrueScene:
         import cv2
 
         labels = self.made.objects.astype(np.int64)
-        near = cv2.dilate((labels > 0).astype(np.uint8), np.ones((2 * BLUR + 1, 2 * BLUR + 1), np.uint8)) > 0
+        near = (
+            cv2.dilate((labels > 0).astype(np.uint8), np.ones((2 * BLURRED_EDGE + 1, 2 * BLURRED_EDGE + 1), np.uint8))
+            > 0
+        )
         return np.where(labels > 0, (labels - 1) % len(REFLECTANCES) + 1, np.where(near, -1, 0))
 
 

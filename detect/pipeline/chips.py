@@ -18,9 +18,9 @@ from ..objects import Object
 from .plan import Plan
 from .recipe import Outputs
 
-SIDE = 64
+CHIP_SIDE = 64
 """Least side of a chip [pixel of the scene]."""
-_MARGIN = 12
+_CHIP_MARGIN = 12
 """Pixels around an object."""
 _SIZE = 192
 """Side of a panel [pixel of the picture], at least."""
@@ -64,7 +64,7 @@ def write_chips(
 
 def _around(start: int, stop: int, size: int) -> tuple[int, int]:
     """Range that holds an object and its surroundings."""
-    side = min(max(stop - start + 2 * _MARGIN, SIDE), size)
+    side = min(max(stop - start + 2 * _CHIP_MARGIN, CHIP_SIDE), size)
     low = min(max((start + stop - side) // 2, 0), size - side)
     return low, low + side
 

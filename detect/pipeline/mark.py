@@ -14,7 +14,7 @@ from rasterio.windows import Window
 
 from deglint.raster.output import Scratch
 from deglint.readers.place import ground_area
-from deglint.tiles import LARGEST
+from deglint.tiles import LONGEST_SIDE
 
 from .. import objects as marking
 from .. import sea
@@ -123,8 +123,8 @@ class Marker:
         """Rows, columns and scores above a value, read in strips."""
         found = []
         dataset = self._scores
-        for top in range(0, dataset.height, LARGEST):
-            window = Window(0, top, dataset.width, min(LARGEST, dataset.height - top))
+        for top in range(0, dataset.height, LONGEST_SIDE):
+            window = Window(0, top, dataset.width, min(LONGEST_SIDE, dataset.height - top))
             scores = dataset.read(1, window=window)
             with np.errstate(over="ignore"):
                 rows, columns = np.nonzero(scores > value)

@@ -16,7 +16,7 @@ from ..moving import FASTEST, Mover, find_moving
 from ..objects import Object
 from .ground import distance_and_bearing, to_wgs84
 
-_AROUND = 40
+_SEARCH_MARGIN = 40
 """Water around an object that contrast is taken from [pixel]."""
 
 
@@ -52,7 +52,7 @@ def _motion(
     scene: Scene, found: Object, bands: list[int], times: list[float], pixel: float, reach: int
 ) -> dict[str, Any]:
     rows, columns = (
-        (max(low - _AROUND - reach, 0), min(high + _AROUND + reach, size))
+        (max(low - _SEARCH_MARGIN - reach, 0), min(high + _SEARCH_MARGIN + reach, size))
         for (low, high), size in zip(found.bounds, (scene.height, scene.width), strict=True)
     )
     block = scene.read((rows, columns), bands=bands)

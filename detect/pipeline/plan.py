@@ -27,7 +27,7 @@ Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
 SEA_TILE = 1024
 """Side of the tiles of sea, whose halo is some hundred pixels [pixel]."""
-_STRIP = 64
+_STRIP_LINES = 64
 """Least lines that are read at a time, where lines are scored one after the other."""
 
 
@@ -117,7 +117,7 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, progress: Progress | N
     if of_sea is not None:
         shape = (SEA_TILE, SEA_TILE)
     if recipe.method == "lines":
-        shape, threads = (min(max(block_of(scene)[0], _STRIP), SEA_TILE), scene.width), 1
+        shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
     return Plan(

@@ -11,7 +11,7 @@ from deglint.errors import InputError
 
 from ..background import COVARIANCES, RIDGE, check_rule
 from ..local import BORDERS
-from ..rx import METHODS as GLOBAL_METHODS
+from ..rx import GLOBAL_METHODS
 from ..sea import SIDES
 from ..sea.region import LARGEST
 

@@ -24,7 +24,7 @@ from .recipe import WINDOW, Recipe
 if TYPE_CHECKING:
     from .plan import Plan
 
-_VISIBLE = (400.0, 700.0)
+_VISIBLE_RANGE = (400.0, 700.0)
 """Bands in which water is seen through a removed glint: the NIR is not corrected, and its glint is the clutter [nm]."""
 _NIR = (740.0, 1100.0)
 """Bands that see glint and hardly any water [nm]."""
@@ -32,7 +32,7 @@ _MANY = 16
 """Bands from which on the spectrum alone tells a target, and a global covariance has the pixels to know it."""
 _UNKNOWN = 10.0
 """Side of a pixel where the scene has no CRS [m]."""
-_SAMPLE = 1024
+_SAMPLE_BLOCK = 1024
 """Side of the blocks that the water is learnt from [pixel]."""
 _BLOCKS = 4
 """How many of them hold enough water."""
@@ -98,7 +98,7 @@ def why_not_sea(scene: Scene, recipe: Recipe) -> str:
 
 def visible_bands(scene: Scene) -> tuple[int, ...]:
     """0-based visible bands, at least two; all bands where fewer are known."""
-    low, high = _VISIBLE
+    low, high = _VISIBLE_RANGE
     found = [i for i, b in enumerate(scene.bands) if b.wavelength is not None and low <= b.wavelength <= high]
     if len(found) < 2:
         roles = band_roles(scene)
@@ -149,12 +149,12 @@ def fit_sea(plan: Plan) -> SeaPlan:
     """
     assert plan.sea is not None
     scene, blocks, nir = plan.scene, [], []
-    everything = tiling.tiles(scene.height, scene.width, (2 * _SAMPLE, 2 * _SAMPLE))
+    everything = tiling.tiles(scene.height, scene.width, (2 * _SAMPLE_BLOCK, 2 * _SAMPLE_BLOCK))
     if len(everything) > 1:
-        everything = tiling.tiles(scene.height, scene.width, (_SAMPLE, _SAMPLE))
-    few = _BLOCKS * _SAMPLE**2 // 2
+        everything = tiling.tiles(scene.height, scene.width, (_SAMPLE_BLOCK, _SAMPLE_BLOCK))
+    few = _BLOCKS * _SAMPLE_BLOCK**2 // 2
     held = 0
-    for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE**2):
+    for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
         block, classes = read_sea(plan, tile, plan.bands)
         count = int(np.count_nonzero(classes == sea.WATER))
         if not count:
@@ -182,7 +182,7 @@ def explain(plan: Plan) -> list[str]:
     floats = f"{found.rule.length:g} m by {found.rule.width:g} m"
     return [
         f"sea: water closed over what is up to {floats}; pixels {size}",
-        f"sea: {what} than the water within {sea.WINDOW} pixels, at scales of {scales} pixels{even}",
+        f"sea: {what} than the water within {sea.SEA_WINDOW} pixels, at scales of {scales} pixels{even}",
     ]
 
 

@@ -28,7 +28,7 @@ BLIND = ("rx", "local", "residual")
 """Detectors that such a removal does not change: no invertible affine map of the bands does."""
 _MOST_BANDS = 32
 """Bands up to which the covariance stands in the sidecar."""
-_FEW = 10
+_FEW_PIXELS = 10
 """Pixels per band below which the estimated covariance raises the scores noticeably."""
 
 
@@ -88,7 +88,7 @@ def warnings_of(
                 f"{background.bands - background.rank} of {background.bands} bands do not vary or follow from others: "
                 "scored as if they were not there"
             )
-        if background.n < _FEW * background.bands:
+        if background.n < _FEW_PIXELS * background.bands:
             said.append(
                 f"the background has {background.n} pixels for {background.bands} bands: scores follow F, "
                 "not chi-squared (--threshold f), or take --covariance ledoit-wolf"

@@ -71,7 +71,7 @@ def _points(found: Evaluation) -> list[tuple[str, list[str], list[list[str]]]]:
     """What each detector does at round false-alarm rates."""
     counted = found.request.per_object
     per_area = counted and found.numbers["scene"]["area_km2"] is not None
-    head = ["Pfa allowed", "Pfa achieved", "threshold", "Pd", "bootstrap 95 %"]
+    head = ["Pfa requested", "Pfa observed", "threshold", "Pd", "bootstrap 95 %"]
     head += ["objects found", "false alarms"] * counted + ["per km²"] * per_area
     out = []
     for d in found.detectors:

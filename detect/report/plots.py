@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _LONGEST = 640
 """Longest side of a scene as it is shown [pixel]."""
-_AROUND = 12
+_CUTOUT_MARGIN = 12
 """Pixels around a false alarm."""
 
 
@@ -142,7 +142,7 @@ def chips(d: Judged, found: Evaluation) -> Figure:
     low, high = np.percentile(d.scores[found.inputs.valid], [50, 99.9])
     for number, (alarm, said) in enumerate(zip(d.worst, d.numbers["worst_false_alarms"], strict=True), start=1):
         ax = figure.add_subplot(-(-len(d.worst) // 3), 3, number)
-        around = tuple(slice(max(first - _AROUND, 0), last + _AROUND) for first, last in alarm.bounds)
+        around = tuple(slice(max(first - _CUTOUT_MARGIN, 0), last + _CUTOUT_MARGIN) for first, last in alarm.bounds)
         seen = np.where(found.inputs.valid[around], d.scores[around], np.nan)
         ax.imshow(seen, cmap="cividis", vmin=low, vmax=high, interpolation="nearest")
         ax.set(xticks=[], yticks=[])

@@ -26,7 +26,7 @@ from deglint.errors import InputError
 from .curve import Float64, Mask, Roc, Scores, usable
 
 _LEVELS = 1024
-_FEW = 10
+_FEW_OBJECTS = 10
 _LEVEL = 0.95
 _DRAWS_AT_A_TIME = 100
 _DENSE = 1 << 23
@@ -141,9 +141,9 @@ def _notes(objects: int, blocks: int) -> tuple[str, ...]:
     out = []
     if objects == 1:
         out.append("one object: how much another would differ cannot be known; intervals hold for this object alone")
-    elif objects < _FEW:
+    elif objects < _FEW_OBJECTS:
         out.append(f"only {objects} objects: percentile intervals are too narrow")
-    if blocks < _FEW:
+    if blocks < _FEW_OBJECTS:
         out.append(f"only {blocks} block{'s' * (blocks > 1)} of background: intervals are too narrow")
     return tuple(out)
 

@@ -4,12 +4,26 @@
 around it; `rates` turns scores into thresholds and into expected false objects per square kilometre. Arrays only.
 """
 
-from .model import SIDES, WINDOW, SeaModel, fit, score
+from .model import SEA_WINDOW, SIDES, SeaModel, fit, score
 from .rates import Clutter, clutter_of
 from .region import AFLOAT, ALONGSIDE, NOT_SEA, RIM, WATER, SeaRule, region
 from .search import Search, score_scene
 
 __all__ = [
-    "AFLOAT", "ALONGSIDE", "NOT_SEA", "RIM", "SIDES", "WATER", "WINDOW", "Clutter", "SeaModel", "SeaRule", "Search",
-    "clutter_of", "fit", "region", "score", "score_scene",
+    "AFLOAT",
+    "ALONGSIDE",
+    "NOT_SEA",
+    "RIM",
+    "SEA_WINDOW",
+    "SIDES",
+    "WATER",
+    "Clutter",
+    "SeaModel",
+    "SeaRule",
+    "Search",
+    "clutter_of",
+    "fit",
+    "region",
+    "score",
+    "score_scene",
 ]  # fmt: skip

@@ -19,7 +19,7 @@ _CLASSES = 32
 """Classes of the NIR with equal numbers of pixels: each has 3 % of them, and so hundreds even in a small scene."""
 _USUAL = 0.75
 """Quantile of the scores that stands for a class: above the median, as objects of less than a quarter do not change."""
-_LEVEL = 0.9
+_LAST_FACTOR = 0.9
 """Share of the NIR above which the divisor stays: boats and swimmers are as bright there as glint. With 1 no boat of a
 simulated sea is found at 1.24 m; with 0.75 two objects less under water."""
 _REACH = 3
@@ -79,7 +79,9 @@ class GlintScale:
         found = [(np.median(glint[p]), np.quantile(scored[p], _USUAL) / usual) for p in parts if len(p)]
         middle, factor = np.array(found, np.float64).T
         factor = np.maximum.accumulate(np.maximum(factor, 1e-3))
-        return cls(centre, spread, side, middle, np.minimum(factor, factor[int(_LEVEL * (len(factor) - 1) + 0.5)]))
+        return cls(
+            centre, spread, side, middle, np.minimum(factor, factor[int(_LAST_FACTOR * (len(factor) - 1) + 0.5)])
+        )
 
     def nearby(self, nir: Array) -> npt.NDArray[np.float32]:
         """Largest NIR around each pixel, in standard deviations, averaged as the scores are."""

@@ -28,13 +28,13 @@ from .region import ALONGSIDE, RIM, WATER, Classes
 Array = npt.NDArray[Any]
 SIDES = ("bright", "both")
 """Which anomalies count: what is brighter than the water around, or what is darker, too."""
-WINDOW = 51
+SEA_WINDOW = 51
 """Side of the window of the water around [pixel]: several ships wide; 31 and 101 find fewer ships in real ports."""
 SCALES = (1,)
 """Sides of the squares that are averaged [pixel]: where a pixel is as large as a boat, means over more dilute it."""
 _FINE_SCALES = (1, 3, 5)
 """The same where pixels are finer than an object: sparkle is averaged out."""
-_FINE = 5.0
+_FINE_PIXEL = 5.0
 """Pixels below this see parts of boats, and objects under water that may be darker than it [m]."""
 _ROUNDS = 3
 """How often the statistics are made."""
@@ -86,12 +86,12 @@ class SeaModel:
     @property
     def halo(self) -> int:
         """Pixels around a block that its scores depend on."""
-        return _ROUNDS * (WINDOW // 2 + self.scales[-1] // 2 + 2)
+        return _ROUNDS * (SEA_WINDOW // 2 + self.scales[-1] // 2 + 2)
 
     def numbers(self) -> dict[str, Any]:
         """For a sidecar."""
         return {
-            "centre": self.centre.tolist(), "spread": self.spread.tolist(), "window": WINDOW,
+            "centre": self.centre.tolist(), "spread": self.spread.tolist(), "window": SEA_WINDOW,
             "scales": list(self.scales), "side": self.side, "q90": self.q90,
         }  # fmt: skip
 
@@ -118,7 +118,7 @@ def fit(
     NoWaterError
         The blocks hold too few pixels of water.
     """
-    fine = pixel is not None and pixel < _FINE
+    fine = pixel is not None and pixel < _FINE_PIXEL
     side = side or ("both" if fine else "bright")
     scales = _FINE_SCALES if fine else SCALES
     if side not in SIDES:
@@ -189,8 +189,8 @@ class _State:
 
     def local(self) -> tuple[Array, Array]:
         """Mean of the water in use within the window, and its pixels."""
-        count = _sums(self.used.astype(np.float32), WINDOW)
-        total = np.stack([_sums(np.where(self.used, b, 0), WINDOW) for b in self.x])
+        count = _sums(self.used.astype(np.float32), SEA_WINDOW)
+        total = np.stack([_sums(np.where(self.used, b, 0), SEA_WINDOW) for b in self.x])
         return total / (count + 1), count  # one pixel at the median of the scene, where there is no water
 
     def standardised(self, variance: npt.NDArray[np.float64]) -> list[Array]:
@@ -199,7 +199,7 @@ class _State:
         out = []
         for means, whole in zip(self.means, variance, strict=True):
             d = means - mean
-            share = np.stack([_sums(np.where(self.used, b * b, 0), WINDOW) for b in d])
+            share = np.stack([_sums(np.where(self.used, b * b, 0), SEA_WINDOW) for b in d])
             v = (share + _PRIOR * whole[:, None, None]) / (count + _PRIOR)
             out.append(d / np.sqrt(np.maximum(v, _FLOOR * whole[:, None, None])))
         return out

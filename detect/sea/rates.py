@@ -28,7 +28,7 @@ LOW = 1.5
 _CONFIRMED = (9.0, 3.0)
 """90 % quantiles that a peak must exceed to be no clutter: at coarse pixels, where wakes and clouds reach half of it,
 and at pixels finer than a boat."""
-_LARGE = (40, 12)
+_LARGE_OBJECTS = (40, 12)
 """Least pixels of what is confirmed, likewise: a ship of 100 m by 30 m at 10 m, with its blur; a boat. Waves and
 sparkle are smaller."""
 _BODY = 60
@@ -168,7 +168,7 @@ def clutter_of(
         Whether pixels are finer than a boat.
     """
     peak = _CONFIRMED[fine] * q90
-    sure = [(o.size >= _LARGE[fine] and o.score_max > peak) or (fine and o.size >= _BODY) for o in candidates]
+    sure = [(o.size >= _LARGE_OBJECTS[fine] and o.score_max > peak) or (fine and o.size >= _BODY) for o in candidates]
     taken = [s for s, known in zip(scores, sure, strict=True) if known]
     pixels = sum(len(s) for s in taken)
     if pixels:
@@ -181,9 +181,9 @@ def clutter_of(
         with suppress(FitError):
             if excess[0] < excess[-1]:
                 shape, scale, _moments = pareto.fit(excess)
-    rest = [o.size >= _LARGE[fine] for o, known in zip(candidates, sure, strict=True) if not known]
+    rest = [o.size >= _LARGE_OBJECTS[fine] for o, known in zip(candidates, sure, strict=True) if not known]
     share = (sum(rest) + 1) / (len(rest) + 1)
-    return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale, (_LARGE[fine], peak), share)
+    return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share)
 
 
 def _without(tail: Tail, taken: Scores) -> Tail:

@@ -33,7 +33,7 @@ _ELONGATION = 1.8
 """Least length over width of a ship: ships have 4 to 8, and the blur of a pixel lowers it."""
 _DIRECTIONS = 12
 """Directions in which ships alongside are looked for: a hull 8 times as long as wide lies within 7.5 degrees of one."""
-_BLUR = 1.5
+_HULL_BLUR = 1.5
 """What the point spread function adds to the width of a hull [pixel]."""
 
 
@@ -200,9 +200,9 @@ def _alongside(land: Mask, rule: SeaRule) -> Mask:
     beside = _grown(~land, 3)
     found: list[tuple[float, tuple[slice, slice], Mask]] = []
     for angle in np.arange(0, 180, 180 / _DIRECTIONS):
-        narrow = land & ~_opened(land, _line(width + _BLUR + 1, angle + 90))
+        narrow = land & ~_opened(land, _line(width + _HULL_BLUR + 1, angle + 90))
         straight = _opened(narrow, _line(shortest, angle))
-        labels, stats, parts = _fitting(straight, length, width + _BLUR)
+        labels, stats, parts = _fitting(straight, length, width + _HULL_BLUR)
         for part, long, across in parts:
             x, y, w, h, size = stats[part]
             if long < shortest or not hull(long, across, size):

@@ -103,7 +103,7 @@ def test_blas_has_no_threads_of_its_own_meanwhile_and_gets_them_back(monkeypatch
         seen.append(counts())
         return work(*arguments)
 
-    many = image_of(local.KERNEL_BANDS + 1)
+    many = image_of(local.SUMS_BANDS + 1)
     local_rx(many, inner=1, outer=3)  # loads what has threads
     seen, work = [], local._score_cell
     monkeypatch.setattr(local, "_score_cell", told)
@@ -296,7 +296,7 @@ def test_refusals():
 
 def test_both_ways_agree():
     """Sums over windows, and the ring's pixels one by one."""
-    image = image_of(local.KERNEL_BANDS, 30, 30).astype(np.float32)
+    image = image_of(local.SUMS_BANDS, 30, 30).astype(np.float32)
     direct = local_rx(np.concatenate([image, image_of(1, 30, 30, 9).astype(np.float32) * 0 + 1]), inner=3, outer=13)
     np.testing.assert_allclose(local_rx(image, inner=3, outer=13), direct, rtol=1e-5)
 

@@ -18,7 +18,7 @@ def over_the_sky(model, sun_zenith, **options):
     return np.sum(light * area)
 
 
-@pytest.mark.parametrize("model", sky.MODELS)
+@pytest.mark.parametrize("model", sky.SKY_MODELS)
 @pytest.mark.parametrize("sun_zenith", [0.0, 20.5, 45.0, 63.0, 80.0, 90.0])
 def test_lights_a_level_plane_with_what_was_asked_for(model, sun_zenith):
     assert over_the_sky(model, sun_zenith) == pytest.approx(1, abs=1e-4)
@@ -104,7 +104,7 @@ def by_facets(view_zenith, view_azimuth, wind, wind_from, **options):
 
 
 @pytest.mark.parametrize("view", [(0, 0), (30, 200), (55, 20), (75, 140)])
-@pytest.mark.parametrize("model", sky.MODELS)
+@pytest.mark.parametrize("model", sky.SKY_MODELS)
 def test_mirrored_sky_against_a_sum_over_facets(view, model):
     options = {"sun_zenith": 40.0, "sun_azimuth": 110.0, "model": model}
     found = sky.reflectance(*view, wind=9.0, wind_from=60.0, **options)
@@ -130,7 +130,7 @@ def test_a_calm_sea_mirrors_like_glass():
 
 def test_shapes_and_nan():
     view = np.array([[10.0], [np.nan]])
-    for model in sky.MODELS:
+    for model in sky.SKY_MODELS:
         light = sky.radiance(view, [0.0, 90.0, 180.0], 30, 0, model=model)
         mirrored = sky.reflectance(view, [0.0, 90.0, 180.0], 30, 0, wind=5, wind_from=0, model=model)
         for out in (light, mirrored):

@@ -229,7 +229,7 @@ def test_metadata_are_bounded_and_stay_inside(make, sea, tmp_path, monkeypatch):
     import zipfile
 
     safe = make.sentinel2(tmp_path, sea())
-    monkeypatch.setattr("deglint.readers.products.container.MOST_BYTES", 1000)
+    monkeypatch.setattr("deglint.readers.products.container.MOST_METADATA_BYTES", 1000)
     with pytest.raises(InputError, match="too large for metadata"):
         deglint.open_scene(safe)
     with zipfile.ZipFile(tmp_path / "x.zip", "w") as archive:

@@ -20,7 +20,7 @@ MOST_MEMBERS = 20_000
 """Members of a folder or archive that are listed."""
 DEEPEST = 6
 """Folders below folders that are listed: a SAFE product has four."""
-MOST_BYTES = 32 << 20
+MOST_METADATA_BYTES = 32 << 20
 """Largest metadata file that is read [byte]; those of Sentinel-2 have up to 1 MB."""
 _DAMAGED = (OSError, zipfile.BadZipFile, tarfile.TarError)
 _ZIP, _TAR = re.compile(r"\.zip$", re.IGNORECASE), re.compile(r"\.tar$", re.IGNORECASE)
@@ -74,26 +74,28 @@ class Container:
         return next((n for n in self.names if str(PurePosixPath(n)).casefold() == wanted), None)
 
     def read(self, member: str) -> bytes:
-        """The bytes of a small member, of at most `MOST_BYTES`."""
+        """The bytes of a small member, of at most `MOST_METADATA_BYTES`."""
         try:
             data = self._bytes(member)
         except (*_DAMAGED, RuntimeError, KeyError, EOFError) as error:
             raise ReadError(f"cannot read {member} in {self.path}: {error}. Copy or download it again.") from error
         self.was_read.append(member)
-        if len(data) > MOST_BYTES:
-            raise InputError(f"{member} in {self.path} is larger than {MOST_BYTES >> 20} MB, too large for metadata.")
+        if len(data) > MOST_METADATA_BYTES:
+            raise InputError(
+                f"{member} in {self.path} is larger than {MOST_METADATA_BYTES >> 20} MB, too large for metadata."
+            )
         return data
 
     def _bytes(self, member: str) -> bytes:
         if self.kind == "zip":
             with zipfile.ZipFile(self.path) as archive, archive.open(member) as file:
-                return file.read(MOST_BYTES + 1)
+                return file.read(MOST_METADATA_BYTES + 1)
         if self.kind == "tar":
             with tarfile.open(self.path, "r:") as tar:
                 held = tar.extractfile(member)
-                return held.read(MOST_BYTES + 1) if held else b""
+                return held.read(MOST_METADATA_BYTES + 1) if held else b""
         with (Path(self.path) / member).open("rb") as file:
-            return file.read(MOST_BYTES + 1)
+            return file.read(MOST_METADATA_BYTES + 1)
 
 
 def last(member: str) -> str:

@@ -20,8 +20,8 @@ METADATA = r"(?:DIM|VOL)_.+\.XML"
 IMAGES = r"IMG_.+\.(?:tiff?|jp2)"
 _SHOWN = ("RED_CHANNEL", "GREEN_CHANNEL", "BLUE_CHANNEL")
 _NAMES = {"R": "red", "G": "green", "B": "blue", "NIR": "nir", "RE": "rededge", "DB": "coastal", "P": "pan"}
-_TITLES = {"PHR": "Pleiades", "PNEO": "Pleiades Neo", "SPOT": "SPOT"}
-_RADIANCE = ("BASIC", "")
+_DIMAP_TITLES = {"PHR": "Pleiades", "PNEO": "Pleiades Neo", "SPOT": "SPOT"}
+_RADIANCE_PROCESSING = ("BASIC", "")
 UNIT = "W m-2 sr-1 um-1"
 
 
@@ -75,18 +75,22 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
         bands.append(ProductBand(container.gdal(member), _NAMES.get(band, band), i, centre, width, scale, offset, unit,
                                  special.get("NODATA", 0.0), special.get("SATURATED")))  # fmt: skip
     if any(b.unit is None for b in bands):
-        why = f"made for display ({processing})" if processing not in (*_RADIANCE, "REFLECTANCE") else "without gains"
+        why = (
+            f"made for display ({processing})"
+            if processing not in (*_RADIANCE_PROCESSING, "REFLECTANCE")
+            else "without gains"
+        )
         notes.append(f"the product is {why}: its numbers are taken as they stand")
     mission = (said(root, ".//Strip_Source/MISSION") or said(root, ".//MISSION")).upper()
     index = said(root, ".//Strip_Source/MISSION_INDEX") or said(root, ".//MISSION_INDEX")
     when = f"{said(root, './/IMAGING_DATE')}T{said(root, './/IMAGING_TIME')}"
     tags = tags_of({
-        "satellite": f"{_TITLES.get(mission, mission)} {index}", "acquired": when if len(when) > 1 else None,
+        "satellite": f"{_DIMAP_TITLES.get(mission, mission)} {index}", "acquired": when if len(when) > 1 else None,
         "sun_azimuth": said(root, ".//SUN_AZIMUTH"), "sun_elevation": said(root, ".//SUN_ELEVATION"),
         "view_angle": said(root, ".//INCIDENCE_ANGLE"),
     })  # fmt: skip
     name = said(root, ".//DATASET_NAME") or PurePosixPath(member).stem.removeprefix("DIM_")
-    kind = f"{_TITLES.get(mission, 'DIMAP')} {index}".strip()
+    kind = f"{_DIMAP_TITLES.get(mission, 'DIMAP')} {index}".strip()
     return Product(
         kind, name, container.asked, tuple(bands), "pleiades" if mission == "PHR" else None, tags, tuple(notes)
     )
@@ -131,7 +135,7 @@ def _factors(root: ET.Element, band: str, processing: str) -> tuple[float, float
     kind, unit = ("Band_Reflectance", "reflectance") if processing == "REFLECTANCE" else ("Band_Radiance", UNIT)
     node = _of_band(root, kind, band)
     gain, bias = positive(said(node, "GAIN")), number(said(node, "BIAS"))
-    if gain is None or bias is None or processing not in (*_RADIANCE, "REFLECTANCE"):
+    if gain is None or bias is None or processing not in (*_RADIANCE_PROCESSING, "REFLECTANCE"):
         return 1.0, 0.0, None
     return 1 / gain, bias, unit
 

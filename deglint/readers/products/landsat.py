@@ -18,7 +18,7 @@ from .product import Product, ProductBand
 
 METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
-_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"),
+_MTL_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"),
            "2": ("LEVEL2_SURFACE_REFLECTANCE_PARAMETERS", "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS")}  # fmt: skip
 SURFACE = (2.75e-05, -0.2)
 """Scale and offset of every Level-2 product of Collection 2 (USGS), where the MTL file is missing or damaged."""
@@ -94,13 +94,13 @@ def _read(data: bytes, name: str) -> Mapping[str, Mapping[str, Any]]:
     else:
         found = groups_of(text_of(data, name))
     groups = {k: v for k, v in found.items() if isinstance(v, Mapping)} if isinstance(found, Mapping) else {}
-    if not any(g in groups for pair in _GROUPS.values() for g in pair):
+    if not any(g in groups for pair in _MTL_GROUPS.values() for g in pair):
         raise MetadataError(f"{name} is damaged: it has no factors of reflectance")
     return groups
 
 
 def _band(path: str, name: str, digit: str, level: str, groups: Mapping[str, Mapping[str, Any]]) -> ProductBand:
-    factors, limits = (groups.get(g, {}) for g in _GROUPS[level])
+    factors, limits = (groups.get(g, {}) for g in _MTL_GROUPS[level])
     scale = positive(factors.get(f"REFLECTANCE_MULT_BAND_{digit}"))
     offset = number(factors.get(f"REFLECTANCE_ADD_BAND_{digit}"))
     if (scale is None or offset is None) and level == "2":

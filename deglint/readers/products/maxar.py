@@ -19,10 +19,10 @@ from .product import Product, ProductBand
 METADATA = r".+\.(?:IMD|TIL)|\d\d[A-Z]{3}\d{8}-.+\.XML"
 IMAGES = r"\d\d[A-Z]{3}\d{8}[-_].+\.(?:tiff?|ntf)"
 _SENSORS = {"WV02": "worldview2", "WV03": "worldview3", "GE01": "geoeye1", "QB02": "quickbird"}
-_NAMES = {"C": "COASTAL", "B": "BLUE", "G": "GREEN", "Y": "YELLOW", "R": "RED", "RE": "REDEDGE", "N": "NIR1",
+_MAXAR_NAMES = {"C": "COASTAL", "B": "BLUE", "G": "GREEN", "Y": "YELLOW", "R": "RED", "RE": "REDEDGE", "N": "NIR1",
           "N2": "NIR2", "P": "PAN"}  # fmt: skip
 _TITLES = {"WV02": "WorldView-2", "WV03": "WorldView-3", "WV04": "WorldView-4", "GE01": "GeoEye-1", "QB02": "QuickBird"}
-_PLAIN = ("", "OFF", "NONE")
+_NO_PANSHARPENING = ("", "OFF", "NONE")
 UNIT = "W m-2 sr-1 um-1"
 
 Groups = Mapping[str, Mapping[str, str]]
@@ -61,18 +61,18 @@ def _product(
     satellite = every.get("satId", "")
     preset = sensors.find(_SENSORS.get(satellite, ""))
     enhanced = every.get("radiometricEnhancement", "").upper()
-    if enhanced not in _PLAIN:
+    if enhanced not in _NO_PANSHARPENING:
         notes.append(f"the image is enhanced ({enhanced}): its numbers are no radiance, and are taken as they stand")
     bands = []
     for i, letter in enumerate(letters, start=1):
         own = next((b for b in preset.bands if b.answers_to(f"BAND_{letter}")), None) if preset else None
         values = groups[f"BAND_{letter}"]
         factor, width = positive(values.get("absCalFactor")), positive(values.get("effectiveBandwidth"))
-        known = factor is not None and width is not None and enhanced in _PLAIN
+        known = factor is not None and width is not None and enhanced in _NO_PANSHARPENING
         scale = factor / width if known and factor and width else 1.0
-        name = own.name if own else _NAMES.get(letter, letter)
+        name = own.name if own else _MAXAR_NAMES.get(letter, letter)
         bands.append(ProductBand(container.gdal(image), name, i, scale=scale, unit=UNIT if known else None, nodata=0.0))
-    if any(b.unit is None for b in bands) and enhanced in _PLAIN:
+    if any(b.unit is None for b in bands) and enhanced in _NO_PANSHARPENING:
         notes.append(f"{stem}: absCalFactor or effectiveBandwidth is missing: the numbers are taken as they stand")
     tags = tags_of({
         "satellite": _TITLES.get(satellite, satellite), "acquired": every.get("firstLineTime") or every.get("TLCTime"),

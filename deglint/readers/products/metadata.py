@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 from ...errors import InputError
 
-MOST_NUMBERS = 10_000
+MOST_LISTED = 10_000
 """Numbers of a list that are read: a spectral response has some hundred."""
 
 
@@ -101,7 +101,7 @@ def positive(value: Any) -> float | None:
 def numbers(text: str | None) -> list[float]:
     """The numbers in a text with blanks or commas between them; empty where some is none, or they are too many."""
     parts = (text or "").replace(",", " ").split()
-    found = [n for n in map(number, parts[:MOST_NUMBERS]) if n is not None]
+    found = [n for n in map(number, parts[:MOST_LISTED]) if n is not None]
     return found if len(found) == len(parts) else []
 
 
