@@ -393,9 +393,8 @@ def _checked(
     block = np.asarray(block)
     if block.ndim != 3:
         raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
-    _, rows, columns = block.shape
     if mask is None:
         mask = np.ones((0, 0), np.bool_)
-    elif mask.shape != (rows, columns):
-        raise InputError(f"mask has shape {mask.shape}, but the block has {rows} rows and {columns} columns.")
-    return block, mask, part or (0, rows)
+    elif mask.shape != block.shape[1:]:
+        raise InputError(f"mask has shape {mask.shape}, but rows and columns of the block are {block.shape[1:]}.")
+    return block, mask, part or (0, block.shape[1])

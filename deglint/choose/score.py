@@ -12,9 +12,8 @@ is left of glint and noise. The error, against the scene without glint and noise
 S is not known, but no larger than :math:`P_{cs} / g_{cs}^2` of any recipe. The least of these is taken over all pixels,
 and over those with the least glint, where recipes leave less of it. The first includes what all recipes leave of glint;
 the second misses shallow bottoms, which the NIR sees as glint. S is their geometric mean. Recipes that erase signals
-have a small P, and a small g too, and gain nothing by it.
-Tiles are few: what signals they may lack counts with a least power, and objects as if they had a usual contrast and
-covered a hundredth of the scene.
+have a small P, and a small g too, and gain nothing by it. Tiles are few: what signals they may lack counts with a least
+power, and objects as if they had a usual contrast and covered a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: what is left of glint there is its level, which all
 pixels share, and which no texture tells.
@@ -39,8 +38,8 @@ an analyst sees in an image without glint. Tiles are few, and what is looked for
 ZERO_GAIN = 0.05
 """A gain below this is 0, within the error of its estimate from some tiles."""
 LEAST_GLINT_PERCENT = 10.0
-"""Percent of the pixels that have the least glint: few, so that it is little, and a thousand in eight tiles of each
-band, so that the power of their texture is known to a few percent [%]."""
+"""Percent of the pixels that have the least glint: few, so that it is little, and ten thousand in eight tiles of
+each band, so that the power of their texture is known to a few percent [%]."""
 HALF = 0.5
 """The same for plumes: there is one in a tile."""
 
@@ -80,9 +79,8 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
         for b, plane in enumerate(planes):
             for i, (side, share) in enumerate(zip(SCALES[1:], _shares(mask), strict=True)):
                 around = cv2.blur(np.where(mask, plane, np.float32(0)), (side, side)) / share
-                clear[b, i] = (
-                    mask & (around <= np.percentile(around[mask], LEAST_GLINT_PERCENT)) if mask.any() else mask
-                )
+                if mask.any():
+                    clear[b, i] = mask & (around <= np.percentile(around[mask], LEAST_GLINT_PERCENT))
         out.append(clear)
     return out
 

@@ -233,12 +233,8 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
     scene, bands = work.scene, len(work.scene.bands)
     shape = tile_shape_of(scene)
     if work.by_cells:
-        wide = (
-            CHAIN_CELL
-            if shape[1] < scene.width
-            else max(STRIP // (CHAIN_CELL * bands) // CHAIN_CELL * CHAIN_CELL, CHAIN_CELL)
-        )
-        return CHAIN_CELL, wide
+        cells = max(STRIP // (CHAIN_CELL * bands) // CHAIN_CELL, 1) if shape[1] >= scene.width else 1
+        return CHAIN_CELL, cells * CHAIN_CELL
     if work.halo:
         return tiling.compact(shape, block_of(scene), bands, work.halo, held=tiling.HELD_ALONE)
     return shape

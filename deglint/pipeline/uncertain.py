@@ -11,6 +11,7 @@ from ..compensate import Background, Posterior, Sample, Setting, State, apply_ch
 from ..errors import FitError, InputError
 from ..raster.environment import enter_thread
 from ..remove.noise import noise
+from ..scene import Scene
 from ..tiles import Tile
 from .correct import Correction, Errors
 from .overview import core_of, raster_of
@@ -34,7 +35,6 @@ def with_stderr(work: Correction, threads: int) -> Correction:
     if replaces and not opens:
         raise InputError("--stderr needs a compensation with identify-level, or --compensate off.")
     scene = work.scene
-    every = tiling.tiles(scene.height, scene.width, (TRIAL_SIDE, TRIAL_SIDE))
 
     def read(tile: Tile) -> tuple[State, np.ndarray]:
         outer = tile.grown(work.halo, scene.height, scene.width)
@@ -44,7 +44,7 @@ def with_stderr(work: Correction, threads: int) -> Correction:
         inside[core_of(tile.crop_of(outer), outer.shape)] = True
         return state, inside & state.water
 
-    some = tiling.spread(every, TILES * TRIAL_SIDE**2)
+    some = _tiles_of(scene)
     chosen = [part for _t, part in tiling.run(some, read, threads=threads, start=enter_thread) if part[1].any()]
     if not chosen:
         raise FitError("no pixel is corrected in the tiles that were read, so --stderr has nothing to learn from.")
@@ -64,10 +64,14 @@ def with_stderr(work: Correction, threads: int) -> Correction:
 def with_noise(work: Correction, threads: int) -> Correction:
     """The same correction, with the noise of the corrected bands: that of the pixels, and of rounding in the file."""
     scene, info = work.scene, raster_of(work.scene).info
-    every = tiling.tiles(scene.height, scene.width, (TRIAL_SIDE, TRIAL_SIDE))
-    some = tiling.spread(every, TILES * TRIAL_SIDE**2)
+    some = _tiles_of(scene)
     done = [part for _t, part in tiling.run(some, work.changed_water, threads=threads, start=enter_thread)]
     inside = [where for _p, where in done]
     steps = [info.scales[b] if np.dtype(work.layout.dtype).kind in "iu" else 0.0 for b in work.changed]
     found = [noise([np.nan_to_num(p[i]) for p, _w in done], inside) for i in range(len(work.changed))]
     return replace(work, noise=tuple(float(np.hypot(n, s / 12**0.5)) for n, s in zip(found, steps, strict=True)))
+
+
+def _tiles_of(scene: Scene) -> list[Tile]:
+    """Tiles that are learnt from."""
+    return tiling.spread(tiling.tiles(scene.height, scene.width, (TRIAL_SIDE, TRIAL_SIDE)), TILES * TRIAL_SIDE**2)
