@@ -37,11 +37,11 @@ SIGNAL = 0.05
 an analyst sees in an image without glint. Tiles are few, and what is looked for is rare."""
 ZERO_GAIN = 0.05
 """A gain below this is 0, within the error of its estimate from some tiles."""
+HALF = 0.5
+"""The same for plumes: there is one in a tile."""
 LEAST_GLINT_PERCENT = 10.0
 """Percent of the pixels that have the least glint: few, so that it is little, and ten thousand in eight tiles of
 each band, so that the power of their texture is known to a few percent [%]."""
-HALF = 0.5
-"""The same for plumes: there is one in a tile."""
 
 
 def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, clear: Sequence[Mask] = ()) -> Float64:
