@@ -17,11 +17,10 @@ from PIL import Image
 
 from deglint.physics import glint, slopes
 from deglint.plan import Limits, Mission, reticle
-from deglint.plan.alternatives import alternatives, words
 from deglint.plan.charts import day_picture, line_picture, selected, wind_picture
-from deglint.plan.draw import GREY, INK, ORANGE, Canvas, disc, palette
-from deglint.plan.picture import layers, marks, picture, scale
-from deglint.plan.swath import FieldOfView, flight_line
+from deglint.plan.draw import GREY, INK, ORANGE, Canvas, palette
+from deglint.plan.picture import layers, picture, sky_disc
+from deglint.plan.swath import FieldOfView, alternatives, flight_line, words
 from deglint.plan.sweep import plans, times
 from deglint.plan.uncertainty import wind_ensemble
 
@@ -29,18 +28,16 @@ RADIUS = 150
 THESIS = {"sun_zenith": 20.5, "sun_azimuth": 270.2, "wind": 9.0, "wind_height": 12.5, "depth": 10.0}
 
 
-def panel(canvas, column, plan, values, title, *, patterns=(), low="0", high="", name="viridis"):
+def panel(canvas, column, plan, values, title, *, patterns=(), high=""):
     """One disc with its title above and its colours below; values are 0 to 1."""
     centre = (40 + RADIUS + column * (2 * RADIUS + 70), 76 + RADIUS)
     for k, line in enumerate(title.split("\n")):
         canvas.text((centre[0], 22 + 19 * k), line, 15, INK if k == 0 else GREY, anchor="mm")
-    disc(canvas, centre, RADIUS, values, patterns, name)
-    scale(canvas, centre, RADIUS, plan.mission.widest, small=True)
-    marks(canvas, centre, RADIUS, plan, small=True)
+    sky_disc(canvas, centre, RADIUS, plan, values, patterns, small=True)
     left, top = round(centre[0] - 100), round(centre[1] + RADIUS + 24)
     if high:
-        canvas.image[top : top + 12, left : left + 200] = palette(np.linspace(0, 1, 200), name)
-        canvas.text((left, top + 16), low, 13, GREY)
+        canvas.image[top : top + 12, left : left + 200] = palette(np.linspace(0, 1, 200))
+        canvas.text((left, top + 16), "0", 13, GREY)
         canvas.text((left + 200, top + 16), high, 13, GREY, anchor="ra")
 
 
@@ -95,25 +92,11 @@ def glint_2_10(plan):
     canvas = sheet(3)
     coarse = facet_sum(plan, 0.01)
     limit = plan.glint_probability.max()
-    panel(
-        canvas,
-        0,
-        plan,
-        coarse / 1e-3,
-        "facet grid, steps of 0.01\nas the thesis: sees the disk or misses it",
-        high="1e-3",
-    )
-    panel(
-        canvas,
-        1,
-        plan,
-        plan.glint_probability / limit,
-        "closed form\nshare of the sea that mirrors the sun",
-        high=f"{limit:.2g}",
-    )
-    contrast, patterns = layers(plan)
-    del contrast
-    mask = [p for p in patterns if p[2] == ORANGE]
+    title = "facet grid, steps of 0.01\nas the thesis: sees the disk or misses it"
+    panel(canvas, 0, plan, coarse / 1e-3, title, high="1e-3")
+    title = "closed form\nshare of the sea that mirrors the sun"
+    panel(canvas, 1, plan, plan.glint_probability / limit, title, high=f"{limit:.2g}")
+    mask = [p for p in layers(plan)[1] if p[2] == ORANGE]
     panel(canvas, 2, plan, np.full_like(coarse, 0.65), "mask\nglint above 1e-3 per sr", patterns=mask)
     return canvas
 
@@ -142,12 +125,8 @@ def maps_2_13(full, absorbing):
     """Fig. 2.13: the combined map of the blue band with water that only absorbs, and with water that scatters."""
     canvas = sheet(2)
     top = max(p.snr[1].max() for p in (full, absorbing))
-    for column, (plan, title) in enumerate(
-        (
-            (absorbing, "water that only absorbs\nthe thesis' fast tool"),
-            (full, "water that scatters\nthe thesis' HydroLight tool"),
-        )
-    ):
+    titles = "water that only absorbs\nthe thesis' fast tool", "water that scatters\nthe thesis' HydroLight tool"
+    for column, (plan, title) in enumerate(zip((absorbing, full), titles, strict=True)):
         contrast, patterns = layers(plan, "BLUE")
         panel(canvas, column, plan, contrast / top, title, patterns=patterns, high=f"{top:.1f} x noise")
     return canvas

@@ -27,7 +27,7 @@ from .advice import best_geometry, quality, sentence
 from .draw import png
 from .mission import Mission
 from .missionfile import merged, mission_from, tables_of
-from .picture import _CENTRE, _RADIUS, HEIGHT, WIDTH, picture
+from .picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, picture
 from .reticle import Reticle, reticle
 
 ADDRESS = "127.0.0.1"
@@ -256,7 +256,7 @@ def _start(base: Mission) -> dict[str, Any]:
     values = {name: tables.get(table, {}).get(key) for name, (table, key) in _PAGE_NUMBERS.items()}
     time = None if base.sun_zenith is not None else f"{base.moment}"[:16]
     sensors = [base.sensor.name, *(name for name in PRESETS if name != base.sensor.name)]
-    frame = {"width": WIDTH, "height": HEIGHT, "x": _CENTRE[0], "y": _CENTRE[1], "radius": _RADIUS}
+    frame = {"width": WIDTH, "height": HEIGHT, "x": DISC_CENTRE[0], "y": DISC_CENTRE[1], "radius": DISC_RADIUS}
     return {"values": values, "time": time, "sensors": sensors, "sensor": base.sensor.name, "frame": frame,
             "strongest": base.strongest_wind}  # fmt: skip
 

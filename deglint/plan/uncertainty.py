@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,6 @@ Array = npt.NDArray[np.floating[Any]]
 
 SPEEDS, TURNS = 5, 7
 """Number of speeds and of directions that sample the interval, ends included."""
-COARSE_STEP = 2.0
-"""Step between viewing geometries, where the mission has a finer one [degree]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +60,8 @@ class WindEnsemble:
 def wind_ensemble(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> WindEnsemble:
     """Work out a mission under all winds of an interval.
 
-    Parameters
-    ----------
-    mission : Mission
-    speed : float
-        The wind's speed is known to plus or minus this [m/s]; cut to what the models hold for.
-    turn : float
-        Its direction is known to plus or minus this [degree]; 180 is not at all.
-
-    Returns
-    -------
-    WindEnsemble
+    The speed is known to plus or minus `speed` [m/s], cut to what the models hold for; the direction is known to plus
+    or minus `turn` [degree], where 180 is not at all.
 
     Raises
     ------
@@ -83,18 +73,13 @@ def wind_ensemble(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -
     low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
     speeds = np.unique(np.append(np.linspace(low, high, SPEEDS), mission.wind)) if speed else np.array([mission.wind])
     turns = mission.wind_from + (np.linspace(-turn, turn, TURNS) if turn else np.zeros(1))
-    middle = reticle(replace(mission, step=max(mission.step, COARSE_STEP)))
-    layers: list[list[Array]] = [[], [], [], []]
-    for one in speeds:
-        for azimuth in turns:
-            plan = reticle(replace(middle.mission, wind=float(one), wind_from=float(azimuth % 360.0)))
-            for held, layer in zip(
-                layers, (plan.glint_strength, plan.glint_probability, plan.combined, plan.excluded), strict=True
-            ):
-                held.append(np.asarray(layer))
-    ends = [np.stack([np.min(held, axis=0), np.max(held, axis=0)]) for held in layers[:3]]
     winds = tuple(float(v) for v in speeds), tuple(float(v) for v in turns % 360.0)
-    return WindEnsemble(middle, winds, ends[0], ends[1], ends[2], np.mean(layers[3], axis=0))
+    coarse = mission.coarse()
+    plans = (reticle(replace(coarse, wind=one, wind_from=azimuth)) for one, azimuth in product(*winds))
+    layers = zip(*((p.glint_strength, p.glint_probability, p.combined, p.excluded) for p in plans), strict=True)
+    *held, excluded = (np.array(layer) for layer in layers)
+    strength, share, contrast = (np.stack([layer.min(axis=0), layer.max(axis=0)]) for layer in held)
+    return WindEnsemble(reticle(coarse), winds, strength, share, contrast, excluded.mean(axis=0))
 
 
 def words(found: WindEnsemble) -> list[str]:
