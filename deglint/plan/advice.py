@@ -56,30 +56,18 @@ class ViewingGeometry:
 def best_geometry(
     plan: Reticle, contrast: npt.NDArray[Any] | None = None, *, band: str | None = None
 ) -> ViewingGeometry | None:
-    """The viewing geometry with the highest contrast, away from the edges of what is excluded.
+    """The viewing geometry with the highest contrast, away from the edges of what is excluded; None if all are.
 
-    Parameters
-    ----------
-    plan : Reticle
-    contrast : (zenith, azimuth) ndarray, optional
-        To judge by, 0 where it is excluded; by default that of `band`, or of all bands.
-    band : str, optional
-        The one band that counts.
-
-    Returns
-    -------
-    ViewingGeometry or None
-        None where every viewing geometry is excluded.
+    It is judged by `contrast` (zenith, azimuth), 0 where excluded; by default by that of the band, or of all bands.
 
     Raises
     ------
     BandError
         There is no such band.
     """
-    by_band = plan.by_band if band is None else plan.by_band[[plan.index(band)]]
-    names = plan.bands if band is None else (plan.bands[plan.index(band)],)
+    bands = list(range(len(plan.bands))) if band is None else [plan.index(band)]
     if contrast is None:
-        contrast = plan.combined if band is None else by_band[0]
+        contrast = plan.combined if band is None else plan.by_band[bands[0]]
     good = contrast > 0
     if not good.any():
         return None
@@ -87,16 +75,21 @@ def best_geometry(
     has_margin = bool(safe.any())
     chosen = np.where(safe if has_margin else good, contrast, -1.0)
     i, j = np.unravel_index(int(np.argmax(chosen)), chosen.shape)
-    order = [k for k in np.argsort(-by_band[:, i, j]) if by_band[k, i, j] > 0]
+    usable = sorted((k for k in bands if plan.by_band[k, i, j] > 0), key=lambda k: -plan.by_band[k, i, j])
     return ViewingGeometry(
         zenith=float(plan.zenith[i]),
         azimuth=float(plan.azimuth[j]) % 360.0 if i else 0.0,
         contrast=float(contrast[i, j]),
-        bands=tuple(names[k] for k in order),
+        bands=tuple(plan.bands[k] for k in usable),
         glint=float(plan.glint_strength[i, j]),
         glint_probability=float(plan.glint_probability[i, j]),
         margin=has_margin,
     )
+
+
+def description(geometry: ViewingGeometry | None) -> str:
+    """A viewing geometry, its contrast and its glint in words."""
+    return sentence(geometry) if geometry is None else f"{sentence(geometry)} {quality(geometry)}"
 
 
 def sentence(geometry: ViewingGeometry | None) -> str:

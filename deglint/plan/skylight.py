@@ -67,23 +67,10 @@ class Skylight:
 def skylight(
     zenith: Array, azimuth: Array, sun: tuple[float, float], wind: Wind, *, model: str = "uniform"
 ) -> Skylight:
-    """Mirrored skylight for all viewing geometries of a grid.
+    """Mirrored skylight for a grid of zenith angles and azimuths of the sensor [degree]; `sun` is a zenith and azimuth.
 
-    Parameters
-    ----------
-    zenith, azimuth : (zenith,) and (azimuth,) ndarray
-        Of the sensor from the target [degree].
-    sun : (float, float)
-        Zenith angle and azimuth of the sun [degree].
-    wind : Wind
-    model : str
-        One of `deglint.physics.sky.SKY_MODELS`.
-
-    Returns
-    -------
-    Skylight
-        The mean within 1 % of `deglint.physics.sky.reflectance`, which sums at each one; 2.5 % under a clear
-        sky in strong wind.
+    The mean lies within 1 % of `deglint.physics.sky.reflectance`, which sums at each one; 2.5 % under a clear sky in
+    strong wind.
     """
     nodes = np.linspace(0.0, max(float(zenith[-1]), 20.0), ZENITHS)
     around = np.arange(AZIMUTHS) * (360.0 / AZIMUTHS)
