@@ -1,4 +1,4 @@
-"""Requested and observed false-alarm rates of scenes: `python -m benchmarks alarms [--directory DATA]`.
+"""Requested and observed false-alarm rates of scenes; a table of `python -m benchmarks detection`.
 
 Every scene is deglinted by default and scored by default. False alarms are counted over the pixels of the sea that have
 a score: of the hand-checked water where there is one, and farther than 7 pixels from labelled ships and other targets.
@@ -24,7 +24,6 @@ from detect.pipeline import Recipe, score_file
 
 from .error import DATA
 from .ships import BANDS, PORTS
-from .timing import say
 
 RATES = (1e-3, 1e-4)
 NEAR = 15
@@ -92,17 +91,8 @@ def _near(targets: Path | None, shape: tuple[int, int]) -> npt.NDArray[np.bool_]
 
 def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[list[str]]]]:
     """Name, head and rows: one row a scene."""
-    found = scenes(directory or DATA)
-    if not found:
-        raise SystemExit("alarms: --directory names the folder that holds real/gdynia/ships.tif and the like.")
     rows = []
-    for scene in found:
+    for scene in scenes(directory or DATA):
         with tempfile.TemporaryDirectory() as scratch:
             rows.append([scene.name, *(f"{s:.2f} ({law}, {n})" for s, law, n in observed(scene, Path(scratch)))])
     yield "alarms", ("scene", *(f"{r:g}" for r in RATES)), rows
-
-
-def main(directory: Path | None) -> None:
-    """Print the table."""
-    for _name, head, rows in tables(directory):
-        say("Observed over requested false-alarm rate (law of the threshold, false alarms expected)", head, rows)

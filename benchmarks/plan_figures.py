@@ -9,7 +9,7 @@ and the object has a reflectance of 15 % at 10 m.
 
 from __future__ import annotations
 
-import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -147,9 +147,7 @@ def examples():
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("directory", type=Path)
-    given = parser.parse_args()
+    directory = Path(sys.argv[1])
     limits = Limits(ner=5e-4, snr=15.0)
     full = reticle(Mission(**THESIS, sky="uniform", limits=limits))
     absorbing = reticle(Mission(**THESIS, sky="uniform", limits=limits, water="absorption"))
@@ -162,13 +160,12 @@ def main():
     }
     images = {name: canvas.finished() for name, canvas in figures.items()} | examples()
     for name, image in images.items():
-        path = given.directory / f"planning_{name}.png"
+        path = directory / f"planning_{name}.png"
         Image.fromarray(image).save(path, optimize=True)
         print(f"{path} {path.stat().st_size / 1e3:.0f} kB")
     ratio = absorbing.snr[1] / full.snr[1]
-    print(
-        f"contrast, absorbing over scattering water, blue: {ratio[0, 0]:.3f} at nadir, {ratio[60, 0]:.3f} at 60 degrees"
-    )
+    said = f"{ratio[0, 0]:.3f} at nadir, {ratio[60, 0]:.3f} at 60 degrees"
+    print(f"contrast, absorbing over scattering water, blue: {said}")
     print(f"facet sum: largest {facet_sum(full, 0.01).max():.2g}, closed form {full.glint_probability.max():.3g}")
 
 
