@@ -15,7 +15,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from .error import DATA
 from .field_features import COLUMNS, ELSEWHERE, yes_no
 from .field_peers import PEERS, Remove, Told
 from .implants import Sea, contrast, implant, scale, shared, survive, write
+from .rates import laid_out
 from .scenes import Known, scenes
 from .timing import ROOT, in_turns, machine, table
 
@@ -173,7 +174,7 @@ def put_targets(sea: Sea, ready: Mapping[str, Run], out: Mapping[str, PixelCount
     """White targets of 2, 3 and 5 pixels in a scene, and what is left of each."""
     there, targets = implant(sea, [("white 30 %", size) for size in (2, 3, 5)], 0)
     told, units = told_of(Known.of(sea.path)), scale(sea.sensor)
-    told = Told(there.image * units, told.full, told.nir, told.visible, told.wavelengths, told.deep)
+    told = replace(told, image=there.image * units)
     with tempfile.TemporaryDirectory() as place:
         write(there, Path(place) / "in.tif")
         for name, run in ready.items():
@@ -182,23 +183,12 @@ def put_targets(sea: Sea, ready: Mapping[str, Run], out: Mapping[str, PixelCount
 
 
 def large(place: Path, side: int) -> tuple[Path, Told]:
-    """A scene continued by its mirror images, as a file and as what the others are told."""
+    """A scene laid side by side, as a file and as what the others are told."""
     source = DATA / "simulated" / "wind09_delay60.tif"
-    told = told_of(Known.of(source))
-
-    def wide(block: Any) -> Any:
-        return np.pad(block, [(0, 0), *((0, side - n) for n in block.shape[1:])], mode="symmetric")
-
-    with rasterio.open(source) as given:
-        profile = given.profile | {"height": side, "width": side}
-        with rasterio.open(place / "large.tif", "w", **profile) as file:
-            file.write(wide(given.read()))
-            file.descriptions, file.scales = given.descriptions, given.scales
-            for band in given.indexes:
-                file.update_tags(band, **given.tags(band))
-            file.update_tags(**given.tags())
-    deep = wide(told.deep[None].astype(np.uint8))[0] > 0
-    return place / "large.tif", Told(wide(told.image), told.full, told.nir, told.visible, told.wavelengths, deep)
+    path, told = laid_out(source, place / "large.tif", side, "uint16"), told_of(Known.of(source))
+    image = open_scene(path).read().astype(np.float64)
+    times = -(-side // len(told.deep))
+    return path, replace(told, image=image, deep=np.tile(told.deep, (times, times))[:side, :side])
 
 
 def times(ready: Mapping[str, Run], quick: bool) -> dict[str, float]:

@@ -52,17 +52,18 @@ def base(place: Path, side: int, wind: float = 9.0, delay: float = 0.06) -> Path
 
 
 def laid_out(small: Path, target: Path, side: int, dtype: str) -> Path:
-    """A scene laid side by side to this size, as counts or in physical values."""
+    """A square scene laid side by side to this size, as counts or in physical values."""
     with rasterio.open(small) as given:
         counts, scales, part = given.read(), np.array(given.scales), given.height
         options = {"driver": "GTiff", "count": len(counts), "height": side, "width": side, "dtype": dtype,
                    "crs": given.crs, "transform": given.transform, "tiled": True, "blockxsize": BLOCK,
                    "blockysize": BLOCK, "interleave": "pixel"}  # fmt: skip
         with rasterio.open(target, "w", **options) as out:
-            row = np.tile(counts, (1, 1, side // part))
+            row = np.tile(counts, (1, 1, -(-side // part)))[:, :, :side]
             row = row if dtype == "uint16" else (row * scales[:, None, None]).astype(dtype)
             for first in range(0, side, part):
-                out.write(row, window=((first, first + part), (0, side)))
+                last = min(first + part, side)
+                out.write(row[:, : last - first], window=((first, last), (0, side)))
             out.update_tags(**{k: v for k, v in given.tags().items() if k != "AREA_OR_POINT"})
             out.descriptions = given.descriptions
             if dtype == "uint16":

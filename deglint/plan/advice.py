@@ -23,29 +23,15 @@ _AROUND = 16
 
 @dataclass(frozen=True)
 class ViewingGeometry:
-    """A viewing geometry: where the sensor stands, and what it sees from there.
+    """A viewing geometry: where the sensor stands as seen from the object, and what it sees from there."""
 
-    Attributes
-    ----------
-    zenith, azimuth : float
-        Where the sensor stands as seen from the object [degree].
-    contrast : float
-        Contrast over noise of all usable bands together [1].
-    bands : tuple of str
-        Bands that are usable, the one with the highest contrast first.
-    glint, glint_probability : float
-        Glint radiance per irradiance of a plane facing the sun [1/sr]; share of the sea that mirrors the sun [1].
-    margin : bool
-        No excluded viewing geometry lies within `MARGIN`.
-    """
-
-    zenith: float
-    azimuth: float
-    contrast: float
-    bands: tuple[str, ...]
-    glint: float
-    glint_probability: float
-    margin: bool
+    zenith: float  # [degree]
+    azimuth: float  # [degree]
+    contrast: float  # over noise, of all usable bands together [1]
+    bands: tuple[str, ...]  # that are usable, the one with the highest contrast first
+    glint: float  # radiance per irradiance of a plane facing the sun [1/sr]
+    glint_probability: float  # share of the sea that mirrors the sun [1]
+    margin: bool  # no excluded viewing geometry lies within `MARGIN`
 
     @property
     def heading(self) -> float:
@@ -138,8 +124,7 @@ def compass(azimuth: float) -> str:
 
 def _with_margin(good: Mask, widest: float) -> Mask:
     """Viewing geometries that have good ones all around them, at `MARGIN`."""
-    i, j = _ring(good.shape, widest)
-    return np.asarray(good[i, j].all(axis=0))
+    return np.asarray(good[_ring(good.shape, widest)].all(axis=0))
 
 
 @lru_cache(maxsize=4)

@@ -37,18 +37,12 @@ class Wind:
 
 @dataclass(frozen=True, eq=False)
 class Skylight:
-    """Mirrored skylight at viewing geometries.
-
-    Attributes
-    ----------
-    mean : (zenith, azimuth) ndarray
-        Mirrored radiance per unit of diffuse irradiance, mean over the sea [1/sr].
-    brighter : (level, zenith, azimuth) ndarray
-        Share of the sea whose facets mirror more than each of `LEVELS` [1].
-    """
+    """Mirrored skylight at viewing geometries."""
 
     mean: Array
+    """Radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]."""
     brighter: Array
+    """Share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]."""
 
     def share_above(self, level: Array) -> Array:
         """Share of the sea whose facets mirror more than `level` [1/sr]; both (band, zenith, azimuth)."""

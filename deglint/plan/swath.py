@@ -38,23 +38,18 @@ GAIN = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class FieldOfView:
-    """What a sensor sees at once, or sweeps over on a line.
-
-    Attributes
-    ----------
-    across, along : float
-        Full angle of the field of view across and along the track [degree]; 0 along is a line scanner.
-    pitch, roll : float
-        How far its middle looks forward, and to the right [degree].
-    altitude : float
-        Above the sea [m]; the Earth is round, which matters to satellites.
-    """
+    """What a sensor sees at once, or sweeps over on a line."""
 
     across: float = 40.0
+    """Full angle across the track [degree]."""
     along: float = 0.0
+    """Full angle along the track; 0 is a line scanner [degree]."""
     pitch: float = 0.0
+    """How far its middle looks forward [degree]."""
     roll: float = 0.0
+    """How far its middle looks to the right [degree]."""
     altitude: float = 300.0
+    """Above the sea [m]; the Earth is round, which matters to satellites."""
 
     def __post_init__(self) -> None:
         within("field of view", [self.across, self.along], 0.0, 160.0, "degrees", "Give the full angle.")
@@ -64,29 +59,18 @@ class FieldOfView:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Glint on flight lines of every heading.
-
-    Attributes
-    ----------
-    view : FieldOfView
-    heading : (heading,) ndarray
-        [degree]
-    fraction : (heading,) ndarray
-        Share of the field of view whose glint exceeds the limit, as seen by the detector [1].
-    mean : (heading,) ndarray
-        Mean glint radiance per irradiance of a plane facing the sun [1/sr].
-    across : (across,) ndarray
-        Angles across the track, right positive [degree].
-    profile : (heading, across) ndarray
-        Largest glint along the track at each angle across [1/sr].
-    """
+    """Glint on flight lines of every heading [degree]."""
 
     view: FieldOfView
     heading: Array
     fraction: Array = field(repr=False)
+    """Share of the field of view whose glint exceeds the limit, as seen by the detector, (heading,) [1]."""
     mean: Array = field(repr=False)
+    """Mean glint radiance per irradiance of a plane facing the sun, (heading,) [1/sr]."""
     across: Array = field(repr=False)
+    """Angles across the track, right positive, (across,) [degree]."""
     profile: Array = field(repr=False)
+    """Largest glint along the track at each angle across, (heading, across) [1/sr]."""
 
     @property
     def best(self) -> int:
@@ -171,24 +155,12 @@ def flight_line(mission: Mission, view: FieldOfView, headings: npt.ArrayLike | N
 
 @dataclass(frozen=True)
 class Alternative:
-    """A flight line with less glint.
+    """A flight line with less glint."""
 
-    Attributes
-    ----------
-    heading : float
-        [degree]
-    fraction : float
-        Share of the field of view in glint [1].
-    time : numpy.datetime64 or None
-        When to fly, UTC; None at the time of the plan.
-    pitch, roll : float
-        Of the sensor [degree].
-    """
-
-    heading: float
-    fraction: float
-    time: np.datetime64 | None
-    pitch: float
+    heading: float  # [degree]
+    fraction: float  # share of the field of view in glint [1]
+    time: np.datetime64 | None  # when to fly, UTC; None at the time of the plan
+    pitch: float  # of the sensor [degree]
     roll: float
 
     def words(self, view: FieldOfView) -> str:

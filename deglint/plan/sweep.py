@@ -24,25 +24,13 @@ DAYLIGHT = 15.0
 
 @dataclass(frozen=True)
 class Moment:
-    """The mission at one time.
+    """The mission at one time."""
 
-    Attributes
-    ----------
-    time : numpy.datetime64
-        UTC.
-    sun_zenith, sun_azimuth : float
-        [degree]
-    geometry : ViewingGeometry or None
-        The best viewing geometry; None where there is none, or the sun is too low.
-    excluded_share : float
-        Share of the sky above the object that is excluded [1].
-    """
-
-    time: np.datetime64
-    sun_zenith: float
-    sun_azimuth: float
-    geometry: ViewingGeometry | None
-    excluded_share: float
+    time: np.datetime64  # UTC
+    sun_zenith: float  # [degree]
+    sun_azimuth: float  # [degree]
+    geometry: ViewingGeometry | None  # the best one; None where there is none, or the sun is too low
+    excluded_share: float  # share of the sky above the object that is excluded [1]
 
 
 def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:

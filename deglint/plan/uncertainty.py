@@ -24,26 +24,20 @@ SPEEDS, TURNS = 5, 7
 
 @dataclass(frozen=True, eq=False)
 class WindEnsemble:
-    """A mission under all winds of an interval. Pairs are (lowest, highest), each (zenith, azimuth).
-
-    Attributes
-    ----------
-    middle : Reticle
-        Under the wind of the mission.
-    winds : (speed, ...) and directions that were looked at
-        [m/s] and [degree].
-    glint, glint_probability, contrast : (2, zenith, azimuth) ndarray
-        Lowest and highest of `Reticle.glint_strength`, `Reticle.glint_probability` and `Reticle.combined`.
-    risk : (zenith, azimuth) ndarray
-        Share of the winds under which the viewing geometry is excluded [1].
-    """
+    """A mission under all winds of an interval. Pairs (2, zenith, azimuth) are the lowest and the highest value."""
 
     middle: Reticle
+    """Under the wind of the mission."""
     winds: tuple[tuple[float, ...], tuple[float, ...]]
+    """Speeds [m/s] and directions [degree] that were looked at."""
     glint: Array = field(repr=False)
+    """Pair of `Reticle.glint_strength`."""
     glint_probability: Array = field(repr=False)
+    """Pair of `Reticle.glint_probability`."""
     contrast: Array = field(repr=False)
+    """Pair of `Reticle.combined`."""
     risk: Array = field(repr=False)
+    """Share of the winds under which a viewing geometry is excluded, (zenith, azimuth) [1]."""
 
     @property
     def best(self) -> ViewingGeometry | None:

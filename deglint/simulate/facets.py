@@ -29,30 +29,19 @@ TABLE_REACH, TABLE_STEP = 1.5, 0.03  # slopes that the table of the mirrored sky
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """The facets of one scene.
-
-    Attributes
-    ----------
-    setup : Setup
-        What they were made for.
-    surface : Surface
-        The resolved waves.
-    slope_scale : (float, float)
-        Factors on the upwind and crosswind slopes of the grid, below 1 where these exceed what is measured.
-    sparkle : (float, float)
-        Variance of the slopes that unresolved waves give facets as a whole, upwind and crosswind.
-    unresolved : (float, float)
-        Variance of the slopes about each facet, upwind and crosswind.
-    glint_factor : float
-        Glint radiance per slope density and irradiance facing the sun [1/sr].
-    """
+    """The facets of one scene. Pairs are upwind and crosswind."""
 
     setup: Setup
     surface: Surface
+    """The resolved waves."""
     slope_scale: tuple[float, float]
+    """Factors on the slopes of the grid, below 1 where these exceed what is measured."""
     sparkle: tuple[float, float]
+    """Variance of the slopes that unresolved waves give facets as a whole."""
     unresolved: tuple[float, float]
+    """Variance of the slopes about each facet."""
     glint_factor: float
+    """Glint radiance per slope density and irradiance facing the sun [1/sr]."""
     _sparkle: tuple[Any, Any, Any] = field(repr=False)
     _sky: Array = field(repr=False)
 
@@ -82,14 +71,12 @@ class Facets:
         azimuth = np.radians(self.setup.wind_from)
         wind = float(np.sin(azimuth)), float(np.cos(azimuth))
         wanted = (*_glinting_slope(self.setup), *self.unresolved)
-        table = self._sky, -TABLE_REACH, TABLE_STEP
-        by_rows(
-            lambda a, b: reflect(
-                packed, self._sparkle, density, mirrored, a, b, time, wind, self.slope_scale, wanted, table
-            ),
-            packed.shape[0],
-            workers,
-        )
+        given = time, wind, self.slope_scale, wanted, (self._sky, -TABLE_REACH, TABLE_STEP)
+
+        def work(first: int, last: int) -> None:
+            reflect(packed, self._sparkle, density, mirrored, first, last, *given)
+
+        by_rows(work, len(packed), workers)
         return density, mirrored
 
 
