@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import rasterio
@@ -23,7 +22,7 @@ from deglint import remove_glint
 from detect.pipeline import Recipe, score_file
 
 from .error import DATA
-from .ships import BANDS, PORTS
+from .ships import BANDS, PORTS, grown
 
 RATES = (1e-3, 1e-4)
 NEAR = 15
@@ -68,7 +67,9 @@ def observed(scene: Labelled, scratch: Path) -> list[tuple[float, str, int]]:
         score_file(clean, scratch / "scores.tif", Recipe(pfa=rate), overwrite=True)
         with rasterio.open(scratch / "scores.tif") as data:
             scores = data.read(1)
-        counted = np.isfinite(scores) & ~_near(scene.targets, scores.shape)
+        counted = np.isfinite(scores)
+        if scene.targets is not None:
+            counted &= ~grown(_read(scene.targets) > 0, NEAR)
         if scene.water is not None:
             counted &= _read(scene.water) > 0
         said: dict[str, Any] = json.loads((scratch / "scores.tif.json").read_text())["threshold"]
@@ -80,13 +81,6 @@ def observed(scene: Labelled, scratch: Path) -> list[tuple[float, str, int]]:
 def _read(path: Path) -> npt.NDArray[Any]:
     with rasterio.open(path) as data:
         return np.asarray(data.read(1))
-
-
-def _near(targets: Path | None, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
-    if targets is None:
-        return np.zeros(shape, np.bool_)
-    grown = cv2.dilate((_read(targets) > 0).astype(np.uint8), np.ones((NEAR, NEAR), np.uint8))
-    return np.asarray(grown > 0)
 
 
 def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[list[str]]]]:

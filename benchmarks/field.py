@@ -30,6 +30,8 @@ from deglint.errors import DeglintError
 from .error import DATA
 from .field_features import COLUMNS, ELSEWHERE, yes_no
 from .field_peers import PEERS, Remove, Told
+from .implants import LEAST as LEAST_KEPT
+from .implants import MOST as MOST_KEPT
 from .implants import Sea, contrast, implant, scale, shared, survive, write
 from .rates import laid_out
 from .scenes import Known, scenes
@@ -45,8 +47,6 @@ ALIKE = 0.1
 """Water is deep where each visible band is as near to the water's level as this share of it."""
 LEAST = 1000
 """Pixels of such water; else all pixels that count are the sample [pixel]."""
-KEPT = (0.8, 1.25)
-"""Share of its contrast with which an object counts as kept, as in the other tables."""
 GROUPS = {
     "0.1-0.5 m": r"wind|p0|discs|w3_|f30",
     "1-3 m": r"p[123]",
@@ -206,8 +206,8 @@ def mean(values: list[float]) -> str:
 
 
 def kept(shares: list[float]) -> str:
-    """Share of objects that keep their contrast."""
-    return f"{np.mean([KEPT[0] <= s <= KEPT[1] for s in shares]):.2f}" if shares else "-"
+    """Share of objects or targets that keep their contrast, as text."""
+    return f"{survive(np.array(shares)):.2f}" if shares else "-"
 
 
 def errors(found: Mapping[str, PixelCounts]) -> str:
@@ -227,8 +227,9 @@ def harm(found: Mapping[str, PixelCounts], seconds: Mapping[str, float]) -> str:
         worse = sum(e > 1.02 * found["raw"].errors[s] for s, e in t.errors.items())
         best = sum(e <= min(o.errors[s] for o in found.values()) for s, e in t.errors.items())
         time_of = f"{seconds[name]:.2f} ({seconds[name] / first:.3f})" if name in seconds else "-"
-        targets = f"{survive(np.array(t.targets)):.2f}" if t.targets else "-"
-        rows.append([name, str(best), str(worse), kept(t.shares), targets, f"{100 * np.mean(t.lost):.1f}", time_of])
+        rows.append(
+            [name, str(best), str(worse), kept(t.shares), kept(t.targets), f"{100 * np.mean(t.lost):.1f}", time_of]
+        )
     return table(("", "best on", "worse than raw on", "objects kept", "white targets kept", "pixels lost [%]",
                   "time [s] (of deglint's)"), rows)  # fmt: skip
 
@@ -277,7 +278,7 @@ COST = """## What is kept, and what it costs
 def page(found: Mapping[str, PixelCounts], seconds: Mapping[str, float], missing: Mapping[str, str], side: int) -> str:
     """The tables with what is to be known beside them."""
     ratios = [seconds[n] / seconds["deglint remove"] for n in seconds if not n.startswith("deglint")] or [np.nan]
-    cost = COST.format(low=100 * KEPT[0], high=100 * KEPT[1], side=side, least=min(ratios), most=max(ratios))
+    cost = COST.format(low=100 * LEAST_KEPT, high=100 * MOST_KEPT, side=side, least=min(ratios), most=max(ratios))
     elsewhere = [[k, *v] for k, v in ELSEWHERE.items()]
     parts = [INTRODUCTION, machine(), ERROR.format(alike=100 * ALIKE), errors(found), cost, harm(found, seconds),
              "## Scenes on which another is better", better(found), "## Features", table(("", *COLUMNS), yes_no()),

@@ -66,13 +66,13 @@ class Port:
         near = {}
         for number in range(1, int(labels.max()) + 1):
             own = labels == number
-            if own.any() and water[_grown(own, 31) & ~_grown(own, 11)].mean() > 0.6:
-                near[number] = _grown(own, 5)
+            if own.any() and water[grown(own, 31) & ~grown(own, 11)].mean() > 0.6:
+                near[number] = grown(own, 5)
         return cls(folder.name, labels, water, searched, near, float(searched.sum() * area / 1e6))
 
     def found(self, objects: list[tuple[float, Mask, tuple[slice, slice]]]) -> list[int]:
         """Ships found at each of `RATES`, from (score, footprint, box) of every object."""
-        labelled, best = _grown(self.labels > 0, 5), [0] * len(RATES)
+        labelled, best = grown(self.labels > 0, 5), [0] * len(RATES)
         seen: set[int] = set()
         false = 0
         for _score, footprint, box in sorted(objects, key=lambda o: -o[0]):
@@ -84,7 +84,8 @@ class Port:
         return best
 
 
-def _grown(mask: Mask, side: int) -> Mask:
+def grown(mask: Mask, side: int) -> Mask:
+    """The mask, grown by a square of a side [pixel]."""
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
 
 
