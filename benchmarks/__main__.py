@@ -4,33 +4,14 @@ from __future__ import annotations
 
 import argparse
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 
-BENCHMARKS = {
-    "ablation": ("ablation", ("quick",)),
-    "alarms": ("alarms", ("directory",)),
-    "away": ("away", ("quick",)),
-    "choice": ("choice", ("quick",)),
-    "detection": ("detection", ("directory", "docs")),
-    "depths": ("depths", ()),
-    "docs": ("docs", ("quick",)),
-    "effects": ("effects", ("quick",)),
-    "error": ("error", ("quick",)),
-    "field": ("field", ("quick", "directory", "docs")),
-    "targets": ("targets", ("quick",)),
-    "uncertainty": ("uncertainty", ("quick",)),
-    "peers": ("peers", ("quick",)),
-    "pictures": ("pictures", ("directory",)),
-    "rates": ("rates", ("quick", "rounds", "directory")),
-    "plan": ("plan_speed", ("quick", "rounds")),
-    "scale": ("scale", ("quick", "directory", "docs")),
-    "ships": ("ships", ("directory",)),
-    "size": ("size", ()),
-    "stress": ("stress", ()),
-    "wiener-pictures": ("wiener_pictures", ("directory",)),
-    "workers": ("workers", ("quick", "directory")),
-}
-"""Module of each benchmark, and the options that its `main` takes."""
+BENCHMARKS = (
+    "ablation", "away", "choice", "depths", "detection", "docs", "error", "field", "peers", "pictures", "plan", "rates",
+    "scale", "size", "stress", "targets", "uncertainty", "workers",
+)  # fmt: skip
+"""Modules with a `main`, which takes the options below that it has parameters for."""
 
 
 def main() -> None:
@@ -40,19 +21,19 @@ def main() -> None:
         description="Measure deglint.",
         epilog="docs: writes docs/benchmark.md. Users compare removal methods by rxdetect bench.",
     )
-    parser.add_argument("what", choices=list(BENCHMARKS))
+    parser.add_argument("what", choices=BENCHMARKS)
     parser.add_argument("--quick", action="store_true", help="less of everything")
     parser.add_argument("--rounds", type=int, help="rates, plan: runs of everything")
     parser.add_argument(
         "--directory",
         type=Path,
-        help="rates, scale, workers: where scratch files go; alarms, detection, ships: where the scenes lie; "
-        "field: where the other programs lie; pictures, wiener-pictures: where they go, docs by default",
+        help="rates, scale, workers: where scratch files go; detection: where the scenes lie; "
+        "field: where the other programs lie; pictures: where they go, docs by default",
     )
-    parser.add_argument("--docs", action="store_true", help="field, scale: write the pages of docs/, too")
-    given = parser.parse_args()
-    module, options = BENCHMARKS[given.what]
-    import_module(f"benchmarks.{module}").main(*(getattr(given, option) for option in options))
+    parser.add_argument("--docs", action="store_true", help="detection, field, scale: write the pages of docs/, too")
+    given = vars(parser.parse_args())
+    run = import_module(f"benchmarks.{given['what']}").main
+    run(**{name: value for name, value in given.items() if name in signature(run).parameters})
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Requested and observed false-alarm rates of scenes: `python -m benchmarks alarms [--directory DATA]`.
+"""Requested and observed false-alarm rates of scenes; a table of `python -m benchmarks detection`.
 
 Every scene is deglinted by default and scored by default. False alarms are counted over the pixels of the sea that have
 a score: of the hand-checked water where there is one, and farther than 7 pixels from labelled ships and other targets.
@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import rasterio
@@ -23,8 +22,7 @@ from deglint import remove_glint
 from detect.pipeline import Recipe, score_file
 
 from .error import DATA
-from .ships import BANDS, PORTS
-from .timing import say
+from .ships import BANDS, PORTS, grown
 
 RATES = (1e-3, 1e-4)
 NEAR = 15
@@ -69,7 +67,9 @@ def observed(scene: Labelled, scratch: Path) -> list[tuple[float, str, int]]:
         score_file(clean, scratch / "scores.tif", Recipe(pfa=rate), overwrite=True)
         with rasterio.open(scratch / "scores.tif") as data:
             scores = data.read(1)
-        counted = np.isfinite(scores) & ~_near(scene.targets, scores.shape)
+        counted = np.isfinite(scores)
+        if scene.targets is not None:
+            counted &= ~grown(_read(scene.targets) > 0, NEAR)
         if scene.water is not None:
             counted &= _read(scene.water) > 0
         said: dict[str, Any] = json.loads((scratch / "scores.tif.json").read_text())["threshold"]
@@ -83,26 +83,10 @@ def _read(path: Path) -> npt.NDArray[Any]:
         return np.asarray(data.read(1))
 
 
-def _near(targets: Path | None, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
-    if targets is None:
-        return np.zeros(shape, np.bool_)
-    grown = cv2.dilate((_read(targets) > 0).astype(np.uint8), np.ones((NEAR, NEAR), np.uint8))
-    return np.asarray(grown > 0)
-
-
 def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[list[str]]]]:
     """Name, head and rows: one row a scene."""
-    found = scenes(directory or DATA)
-    if not found:
-        raise SystemExit("alarms: --directory names the folder that holds real/gdynia/ships.tif and the like.")
     rows = []
-    for scene in found:
+    for scene in scenes(directory or DATA):
         with tempfile.TemporaryDirectory() as scratch:
             rows.append([scene.name, *(f"{s:.2f} ({law}, {n})" for s, law, n in observed(scene, Path(scratch)))])
     yield "alarms", ("scene", *(f"{r:g}" for r in RATES)), rows
-
-
-def main(directory: Path | None) -> None:
-    """Print the table."""
-    for _name, head, rows in tables(directory):
-        say("Observed over requested false-alarm rate (law of the threshold, false alarms expected)", head, rows)

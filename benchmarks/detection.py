@@ -14,7 +14,7 @@ from .timing import ROOT, say, table
 PAGE = ROOT / "docs" / "detection.md"
 
 
-def main(directory: Path | None, docs: bool = False) -> None:
+def main(directory: Path | None, docs: bool) -> None:
     """Print every table, or write all into the page."""
     for make in (ships.tables, alarms.tables, pd.tables):
         for name, head, rows in make(directory):

@@ -1,4 +1,4 @@
-"""Run time against error: every method and regression on scenes whose truth is known, and on a real one.
+"""Error of every method and regression on scenes whose truth is known, and on a real one.
 
 The simulated and real scenes lie beside the project and are no part of it; without them a line says so.
 """
@@ -6,13 +6,12 @@ The simulated and real scenes lie beside the project and are no part of it; with
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from deglint import Recipe, correct, fit_scene, open_scene, remove
+from deglint import Recipe, fit_scene, open_scene, remove
 from deglint.errors import DeglintError
 from deglint.readers.areas import open_area
 from deglint.remove import METHODS, REGRESSIONS
@@ -36,75 +35,49 @@ def combinations(quick: bool) -> list[tuple[str, str]]:
     return [(m, r) for m, method in METHODS.items() for r in (regressions if method.regresses else ("",))]
 
 
-def both(image: np.ndarray, truth: np.ndarray) -> str:
-    """Error of the whole crop and of its deep water, as text."""
-    return f"{rms_error(image, truth, slice(None)):.1f} / {rms_error(image, truth, slice(DEEP)):.1f}"
-
-
 def simulated(quick: bool) -> None:
     """Methods x regressions over the simulated scenes, and beside the errors recorded with them."""
     trial = json.loads((DATA / "simulated" / "trial_errors.json").read_text())
     names = [n for n in trial if not quick or n in QUICK]
     rows: dict[tuple[str, str], list[str]] = {c: [] for c in combinations(quick)}
-    seconds: dict[tuple[str, str], list[float]] = {c: [] for c in rows}
-    raw, by_default, checks = [], [], []
+    raw, checks = [], []
     for name in names:
         scene = open_scene(DATA / "simulated" / f"{name}.tif")
         image = scene.read().astype(np.float64)
         truth = open_scene(DATA / "simulated" / f"{name}_truth.tif").read().astype(np.float64)
-        raw.append(both(image, truth))
-        by_default.append(unaided(scene, truth))
+        raw.append("{:.1f} / {:.1f}".format(*whole_and_deep(image, truth)))
         for method, regression in rows:
             try:
-                clean, took = cleaned(scene, image, method, regression, 1 if quick else 3)
+                whole, deep = whole_and_deep(cleaned(scene, image, method, regression), truth)
             except DeglintError:
                 rows[method, regression].append("-")
                 continue
-            seconds[method, regression].append(took)
-            rows[method, regression].append(both(clean, truth))
+            rows[method, regression].append(f"{whole:.1f} / {deep:.1f}")
             if regression == "ols" and method in trial[name]:
-                checks.append(check(name, method, clean, truth, trial[name][method]))
+                recorded = trial[name][method]
+                checks.append([name, method, *(f"{e:.2f}" for e in (whole, recorded["all"], deep, recorded["deep"]))])
     floor = [f"{trial[n]['floor']['all']:.1f} / {trial[n]['floor']['deep']:.1f}" for n in names]
-    body = [["noise alone", *floor, ""], ["nothing done", *raw, ""]]
-    body.append(["all by default: sample and method found", *by_default, ""])
-    for (method, regression), errors in rows.items():
-        took = f"{1e3 * np.median(seconds[method, regression]):.0f}" if seconds[method, regression] else "-"
-        body.append([f"{method} {regression}".strip(), *errors, took])
+    body = [["noise alone", *floor], ["nothing done", *raw]]
+    body += [[f"{method} {regression}".strip(), *errors] for (method, regression), errors in rows.items()]
     note = ("Whole crop / deep water, in percent of the water level; the sample is the deep water, the NIR is NIR1. "
             "\"-\": the method needs a band that the sensor lacks.")  # fmt: skip
-    say("Error against truth [%], and time of fit and apply", ("", *names, "ms per Mpx-band"), body, note)
+    say("Error against truth [%]", ("", *names), body, note)
     note = "A trial of the same methods on the same crops, made by another program, recorded these."
     head = ("scene", "method", "whole", "recorded", "deep", "recorded")
     say("The same beside recorded errors [%]", head, checks, note)
 
 
-def unaided(scene: Scene, truth: np.ndarray) -> str:
-    """Errors of what `deglint remove` does when it is told nothing, and the method it chose."""
-    try:
-        fitted = fit_scene(scene, Recipe(mask="none"))
-    except DeglintError:
-        return "-"
-    return f"{both(correct(scene, fitted), truth)} ({fitted.model.method})"
+def whole_and_deep(image: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
+    """Error of the whole crop and of its deep water [%]."""
+    return float(rms_error(image, truth, slice(None))), float(rms_error(image, truth, slice(DEEP)))
 
 
-def cleaned(scene: Scene, image: np.ndarray, method: str, regression: str, repeats: int) -> tuple[np.ndarray, float]:
-    """The image without glint, and seconds per Mpx-band (the best of some repeats)."""
+def cleaned(scene: Scene, image: np.ndarray, method: str, regression: str) -> np.ndarray:
+    """The image without glint, fitted to deep water."""
     sample = np.zeros(image.shape[1:], np.bool_)
     sample[:, :DEEP] = True
     options: dict[str, Any] = {"regression": regression} if regression else {}
-    best = np.inf
-    for _ in range(repeats):
-        start = time.perf_counter()
-        model = remove.fit(method, image, nir=NIR, sample=sample, bands=scene.bands, **options)
-        clean = remove.apply(image, model)
-        best = min(best, time.perf_counter() - start)
-    return clean, best / (image.size / 1e6)
-
-
-def check(name: str, method: str, clean: np.ndarray, truth: np.ndarray, recorded: dict[str, float]) -> list[str]:
-    """A row: ours beside what was recorded."""
-    whole, deep = rms_error(clean, truth, slice(None)), rms_error(clean, truth, slice(DEEP))
-    return [name, method, f"{whole:.2f}", f"{recorded['all']:.2f}", f"{deep:.2f}", f"{recorded['deep']:.2f}"]
+    return remove.apply(image, remove.fit(method, image, nir=NIR, sample=sample, bands=scene.bands, **options))
 
 
 def real(quick: bool) -> None:
@@ -121,14 +94,8 @@ def real(quick: bool) -> None:
         found = combinations(quick) if sample == polygon else [c for c in combinations(quick) if c[1]]
         for method, regression in found:
             said = "polygon" if sample == polygon else "auto"
-            recipe = Recipe(
-                method=method,
-                sample=sample,
-                regression=regression or "auto",
-                nir=("B08",),
-                mask="none",
-                compensate="off",
-            )
+            recipe = Recipe(method=method, sample=sample, regression=regression or "auto", nir=("B08",), mask="none",
+                            compensate="off")  # fmt: skip
             label = f"{method} {regression}".strip()
             try:
                 model = fit_scene(scene, recipe).model

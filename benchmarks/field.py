@@ -15,7 +15,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,10 @@ from deglint.errors import DeglintError
 from .error import DATA
 from .field_features import COLUMNS, ELSEWHERE, yes_no
 from .field_peers import PEERS, Remove, Told
+from .implants import LEAST as LEAST_KEPT
+from .implants import MOST as MOST_KEPT
 from .implants import Sea, contrast, implant, scale, shared, survive, write
+from .rates import laid_out
 from .scenes import Known, scenes
 from .timing import ROOT, in_turns, machine, table
 
@@ -44,8 +47,6 @@ ALIKE = 0.1
 """Water is deep where each visible band is as near to the water's level as this share of it."""
 LEAST = 1000
 """Pixels of such water; else all pixels that count are the sample [pixel]."""
-KEPT = (0.8, 1.25)
-"""Share of its contrast with which an object counts as kept, as in the other tables."""
 GROUPS = {
     "0.1-0.5 m": r"wind|p0|discs|w3_|f30",
     "1-3 m": r"p[123]",
@@ -173,7 +174,7 @@ def put_targets(sea: Sea, ready: Mapping[str, Run], out: Mapping[str, PixelCount
     """White targets of 2, 3 and 5 pixels in a scene, and what is left of each."""
     there, targets = implant(sea, [("white 30 %", size) for size in (2, 3, 5)], 0)
     told, units = told_of(Known.of(sea.path)), scale(sea.sensor)
-    told = Told(there.image * units, told.full, told.nir, told.visible, told.wavelengths, told.deep)
+    told = replace(told, image=there.image * units)
     with tempfile.TemporaryDirectory() as place:
         write(there, Path(place) / "in.tif")
         for name, run in ready.items():
@@ -182,23 +183,12 @@ def put_targets(sea: Sea, ready: Mapping[str, Run], out: Mapping[str, PixelCount
 
 
 def large(place: Path, side: int) -> tuple[Path, Told]:
-    """A scene continued by its mirror images, as a file and as what the others are told."""
+    """A scene laid side by side, as a file and as what the others are told."""
     source = DATA / "simulated" / "wind09_delay60.tif"
-    told = told_of(Known.of(source))
-
-    def wide(block: Any) -> Any:
-        return np.pad(block, [(0, 0), *((0, side - n) for n in block.shape[1:])], mode="symmetric")
-
-    with rasterio.open(source) as given:
-        profile = given.profile | {"height": side, "width": side}
-        with rasterio.open(place / "large.tif", "w", **profile) as file:
-            file.write(wide(given.read()))
-            file.descriptions, file.scales = given.descriptions, given.scales
-            for band in given.indexes:
-                file.update_tags(band, **given.tags(band))
-            file.update_tags(**given.tags())
-    deep = wide(told.deep[None].astype(np.uint8))[0] > 0
-    return place / "large.tif", Told(wide(told.image), told.full, told.nir, told.visible, told.wavelengths, deep)
+    path, told = laid_out(source, place / "large.tif", side, "uint16"), told_of(Known.of(source))
+    image = open_scene(path).read().astype(np.float64)
+    times = -(-side // len(told.deep))
+    return path, replace(told, image=image, deep=np.tile(told.deep, (times, times))[:side, :side])
 
 
 def times(ready: Mapping[str, Run], quick: bool) -> dict[str, float]:
@@ -216,8 +206,8 @@ def mean(values: list[float]) -> str:
 
 
 def kept(shares: list[float]) -> str:
-    """Share of objects that keep their contrast."""
-    return f"{np.mean([KEPT[0] <= s <= KEPT[1] for s in shares]):.2f}" if shares else "-"
+    """Share of objects or targets that keep their contrast, as text."""
+    return f"{survive(np.array(shares)):.2f}" if shares else "-"
 
 
 def errors(found: Mapping[str, PixelCounts]) -> str:
@@ -237,8 +227,9 @@ def harm(found: Mapping[str, PixelCounts], seconds: Mapping[str, float]) -> str:
         worse = sum(e > 1.02 * found["raw"].errors[s] for s, e in t.errors.items())
         best = sum(e <= min(o.errors[s] for o in found.values()) for s, e in t.errors.items())
         time_of = f"{seconds[name]:.2f} ({seconds[name] / first:.3f})" if name in seconds else "-"
-        targets = f"{survive(np.array(t.targets)):.2f}" if t.targets else "-"
-        rows.append([name, str(best), str(worse), kept(t.shares), targets, f"{100 * np.mean(t.lost):.1f}", time_of])
+        rows.append(
+            [name, str(best), str(worse), kept(t.shares), kept(t.targets), f"{100 * np.mean(t.lost):.1f}", time_of]
+        )
     return table(("", "best on", "worse than raw on", "objects kept", "white targets kept", "pixels lost [%]",
                   "time [s] (of deglint's)"), rows)  # fmt: skip
 
@@ -287,7 +278,7 @@ COST = """## What is kept, and what it costs
 def page(found: Mapping[str, PixelCounts], seconds: Mapping[str, float], missing: Mapping[str, str], side: int) -> str:
     """The tables with what is to be known beside them."""
     ratios = [seconds[n] / seconds["deglint remove"] for n in seconds if not n.startswith("deglint")] or [np.nan]
-    cost = COST.format(low=100 * KEPT[0], high=100 * KEPT[1], side=side, least=min(ratios), most=max(ratios))
+    cost = COST.format(low=100 * LEAST_KEPT, high=100 * MOST_KEPT, side=side, least=min(ratios), most=max(ratios))
     elsewhere = [[k, *v] for k, v in ELSEWHERE.items()]
     parts = [INTRODUCTION, machine(), ERROR.format(alike=100 * ALIKE), errors(found), cost, harm(found, seconds),
              "## Scenes on which another is better", better(found), "## Features", table(("", *COLUMNS), yes_no()),

@@ -74,15 +74,11 @@ def sungc(folder: Path, name: str) -> Remove:
 
     def remove(told: Told) -> Array:
         nir, sea = told.image[told.nir], np.ones(told.deep.shape, np.bool_)
+        bands = [told.image[b] for b in told.visible]
         if name == "subtract_backend":
-            return told.with_visible(
-                np.stack([algorithms.subtract_backend(told.image[b], nir, sea, np.nan) for b in told.visible])
-            )
-        return told.with_visible(
-            np.stack(
-                [algorithms.hedley_backend(told.image[b], nir, sea, told.deep, np.nan, None)[0] for b in told.visible]
-            )
-        )
+            return told.with_visible(np.stack([algorithms.subtract_backend(b, nir, sea, np.nan) for b in bands]))
+        found = [algorithms.hedley_backend(b, nir, sea, told.deep, np.nan, None)[0] for b in bands]
+        return told.with_visible(np.stack(found))
 
     return remove
 
@@ -117,10 +113,8 @@ def stereo_pipeline(folder: Path, _name: str) -> Remove:
         found = []
         for b in told.visible:
             files["band"] = told.image[b]
-            corrected, _ = tool.apply_hedley_correction(
-                "band", "nir", "mask", "out.tif", deep_water_buffer=0, correct_land=True
-            )
-            found.append(corrected)
+            names = "band", "nir", "mask", "out.tif"
+            found.append(tool.apply_hedley_correction(*names, deep_water_buffer=0, correct_land=True)[0])
         return told.with_visible(np.stack(found))
 
     return remove

@@ -24,8 +24,9 @@ from detect.objects import find
 from detect.pipeline import Recipe as Search
 from detect.pipeline import score_file
 
+from .alarms import NEAR
 from .error import DATA
-from .ships import BANDS, REMOVALS, Port
+from .ships import BANDS, REMOVALS, Port, grown
 
 Mask = npt.NDArray[np.bool_]
 Place = tuple[slice, slice]
@@ -111,7 +112,7 @@ def real(folder: Path, ports: tuple[str, ...] = ("athens", "klang", "cartagena")
     """One row a port and reflectance: probability of detection after every removal."""
     for name in ports:
         port = Port.read(folder / "real" / name)
-        near = cv2.dilate((port.labels > 0).astype(np.uint8), np.ones((15, 15), np.uint8)) > 0
+        near = grown(port.labels > 0, NEAR)
         targets = places(port.water & ~near)
         for reflectance in REFLECTANCES:
             with tempfile.TemporaryDirectory() as place:

@@ -1,24 +1,49 @@
-"""Pictures of simulated scenes for docs/: raw, truth, `--method hedley` and `deglint remove`, in one stretch.
+"""The pictures of simulated scenes in the README and in docs/: `python -m benchmarks pictures [--directory FOLDER]`.
 
-`python -m benchmarks pictures [--directory FOLDER]`. Glint is white. Below each stands the error of the whole scene.
-The scenes lie beside the project, but for one of its samples; those that are not there are left out.
+All have one stretch, in which glint is white; below each image stands its error. Scenes lie beside the project, but for
+its samples and those simulated here; those that are not there are left out.
 """
 
 from __future__ import annotations
 
+import json
 import logging
+import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from deglint import Recipe, correct, fit_scene, open_scene
+import detect
+from deglint import Recipe, correct, fit_scene, open_scene, remove_glint
+from deglint.physics.presets import preset
+from deglint.raster.simulated import write_scene
+from deglint.scene import Scene
+from deglint.simulate import Setup, SubmergedObject, simulate
+from detect.bench.measure import rms_error
 
 from .error import DATA
-from .readme_picture import SAMPLES, beside, stretched, write
-from .scenes import Known
+from .scenes import Known, deglinted
 from .timing import ROOT
+
+Image = npt.NDArray[np.float64]
+Picture = npt.NDArray[np.uint8]
+
+SAMPLES = ROOT / "sample_data"
+RGB = (660.0, 555.0, 480.0)
+"""Wavelengths that are shown as red, green and blue [nm]."""
+GAMMA = 1.5
+"""Of the display: deep water is dark beside glint."""
+BAR = 30
+"""Height of the line of text [pixel]."""
+RATE = 1e-4
+"""Requested false-alarm rate of the anomalies that are marked, per pixel."""
+MARK = (255, 210, 0)
+"""Colour of their circles."""
 
 SIDE = 140
 """Of the part that is shown, drawn twice as large [pixel]: four of them stay below 250 kB."""
@@ -65,10 +90,9 @@ def drawn(view: View, target: Path) -> None:
     images["deglint remove"] = correct(scene, fitted).astype(float)
     part = slice(None), slice(view.row, view.row + SIDE), slice(view.column, view.column + SIDE)
     panels = stretched({name: image[part] for name, image in images.items()}, scene, view.percentile)
-    large = [panel.repeat(2, axis=0).repeat(2, axis=1) for panel in panels]
     errors = {name: known.error(image) for name, image in images.items() if name != "truth"}
     titles = [f"{name}: error {errors[name]:.0f} %" if name in errors else name for name in images]
-    write(target, beside(large, titles))
+    write(target, beside(map(doubled, panels), titles))
     said = ", ".join(f"{name} {error:.1f} %" for name, error in errors.items())
     if view.remedy:
         better = known.error(correct(scene, fit_scene(scene, view.remedy)).astype(float))
@@ -76,11 +100,109 @@ def drawn(view: View, target: Path) -> None:
     print(f"{view.path.stem}: {said}; {fitted.model.method}, {fitted.chain.text or 'no stages'}")
 
 
+def readme(out: Path) -> None:
+    """`before_after.png`, `found.png` with the anomalies in the result, and `simulated.png`."""
+    scene = open_scene(SAMPLES / "sea.tif")
+    with tempfile.TemporaryDirectory() as place:
+        result, objects = Path(place) / "clean.tif", Path(place) / "found.geojson"
+        remove_glint(SAMPLES / "sea.tif", result)
+        clean = values(result)
+        detect.score_file(result, Path(place) / "scores.tif", detect.Recipe(pfa=RATE), objects=objects)
+        found = [f["properties"] for f in json.loads(objects.read_text(encoding="utf-8"))["features"]]
+    truth = values(SAMPLES / "sea_truth.tif")
+    images = {"raw": values(SAMPLES / "sea.tif"), "truth": truth, "deglint remove": clean}
+    panels = stretched(images, scene, 75.0)
+    titles = [n if n == "truth" else f"{n}: error {rms_error(image, truth):.0f} %" for n, image in images.items()]
+    write(out / "before_after.png", beside(panels, titles))
+    write(out / "found.png", marked(panels[-1], [(o["column"], o["row"]) for o in found]))
+    fine = {"raw": values(SAMPLES / "sea_025m.tif"), "truth": values(SAMPLES / "sea_025m_truth.tif")}
+    write(out / "simulated.png", beside(stretched(fine, open_scene(SAMPLES / "sea_025m.tif"), 50.0), list(fine)))
+
+
+def wiener(out: Path) -> None:
+    """Seas with round shoals under 3, 6 and 9 m of water: raw, true, by Hedley's method and by the Wiener filter."""
+    for name, wind, sun_zenith, target in (
+        ("sentinel2", 6.0, 43.0, "wiener_10m.png"),
+        ("worldview3", 8.0, 40.0, "wiener_1m.png"),
+    ):
+        sensor, turns = preset(name), np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        disc = 15 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+        shoals = []
+        for n in range(3):
+            corners = sensor.gsd * (disc + np.array([30 + 40 * n, 40 + 30 * n]))
+            shoals.append(SubmergedObject(corners=tuple(map(tuple, corners)), reflectance=0.06, depth=3.0 * n + 3))
+        setup = Setup(sensor=sensor, size=(384, 384), wind=wind, sun_zenith=sun_zenith, objects=tuple(shoals), seed=5)
+        with tempfile.TemporaryDirectory() as place:
+            write_scene(simulate(setup, workers=2), path := Path(place) / "sea")
+            scene = open_scene(path := path.with_suffix(".tif"))
+            images = {"raw": values(path), "truth": values(path.with_stem("sea_truth"))}
+            for method in ("hedley", "wiener"):
+                images[method] = deglinted(path, Recipe(method=method, mask="none", compensate="off"))[0]
+        bands = rgb(scene)
+        errors = {n: rms_error(i[bands], images["truth"][bands], slice(None)) for n, i in images.items()}
+        titles = [n if n == "truth" else f"{n}: {error:.1f} %" for n, error in errors.items()]
+        panels = stretched({n: i[:, :SIDE, :SIDE] for n, i in images.items()}, scene, 85.0)
+        write(out / target, beside(map(doubled, panels), titles))
+
+
+def values(path: Path) -> Image:
+    """Physical values of a file."""
+    return open_scene(path).read().astype(np.float64)
+
+
+def rgb(scene: Scene) -> list[int]:
+    """The bands nearest to red, green and blue."""
+    return [int(np.argmin([abs((b.wavelength or 0.0) - w) for b in scene.bands])) for w in RGB]
+
+
+def stretched(images: dict[str, Image], scene: Scene, percentile: float) -> list[Picture]:
+    """Pictures in one stretch: white is the 99.9th percentile of the truth, or this one of the raw image [%]."""
+    bands = rgb(scene)
+    truth = images["truth"][bands]
+    glint = (images["raw"][bands] - truth).mean(axis=(1, 2))[:, None, None]  # divides each band, so that glint is white
+    white = max(np.percentile(truth / glint, 99.9), np.percentile(images["raw"][bands] / glint, percentile))
+    units = (np.clip(image[bands] / glint / white, 0, 1) ** (1 / GAMMA) for image in images.values())
+    return [np.ascontiguousarray((unit * 255).astype(np.uint8).transpose(1, 2, 0)) for unit in units]
+
+
+def doubled(panel: Picture) -> Picture:
+    """The picture with every pixel twice as large."""
+    return panel.repeat(2, axis=0).repeat(2, axis=1)
+
+
+def beside(panels: Iterable[Picture], titles: list[str]) -> Picture:
+    """Pictures side by side, each with a line of text below it."""
+    parts = []
+    for panel, title in zip(panels, titles, strict=True):
+        bar = np.full((BAR, panel.shape[1], 3), 255, np.uint8)
+        cv2.putText(bar, title, (4, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
+        column = np.vstack([panel, bar])
+        parts += [column, np.full((column.shape[0], 6, 3), 255, np.uint8)]
+    return np.hstack(parts[:-1])
+
+
+def marked(panel: Picture, places: list[tuple[float, float]]) -> Picture:
+    """A picture with a circle around each place (column, row)."""
+    large: Any = doubled(panel)
+    for column, row in places:
+        cv2.circle(large, (round(2 * column) + 1, round(2 * row) + 1), 18, MARK, 1, cv2.LINE_AA)
+    return np.asarray(large, np.uint8)
+
+
+def write(path: Path, picture: Picture) -> None:
+    """Write a PNG and say how large it is."""
+    cv2.imwrite(str(path), picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
+
+
 def main(directory: Path | None) -> None:
     """Write the pictures."""
     logging.getLogger("deglint").setLevel(logging.ERROR)
+    out = directory or ROOT / "docs"
+    readme(out)
+    wiener(out)
     for view in VIEWS:
         if view.path.exists():
-            drawn(view, (directory or ROOT / "docs") / view.name)
+            drawn(view, out / view.name)
         else:
             print(f"{view.name}: {view.path.name} is not at hand")

@@ -9,7 +9,7 @@ and the object has a reflectance of 15 % at 10 m.
 
 from __future__ import annotations
 
-import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +17,10 @@ from PIL import Image
 
 from deglint.physics import glint, slopes
 from deglint.plan import Limits, Mission, reticle
-from deglint.plan.alternatives import alternatives, words
 from deglint.plan.charts import day_picture, line_picture, selected, wind_picture
-from deglint.plan.draw import GREY, INK, ORANGE, Canvas, disc, palette
-from deglint.plan.picture import layers, marks, picture, scale
-from deglint.plan.swath import FieldOfView, flight_line
+from deglint.plan.draw import GREY, INK, ORANGE, Canvas, palette
+from deglint.plan.picture import layers, picture, sky_disc
+from deglint.plan.swath import FieldOfView, alternatives, flight_line, words
 from deglint.plan.sweep import plans, times
 from deglint.plan.uncertainty import wind_ensemble
 
@@ -29,18 +28,16 @@ RADIUS = 150
 THESIS = {"sun_zenith": 20.5, "sun_azimuth": 270.2, "wind": 9.0, "wind_height": 12.5, "depth": 10.0}
 
 
-def panel(canvas, column, plan, values, title, *, patterns=(), low="0", high="", name="viridis"):
+def panel(canvas, column, plan, values, title, *, patterns=(), high=""):
     """One disc with its title above and its colours below; values are 0 to 1."""
     centre = (40 + RADIUS + column * (2 * RADIUS + 70), 76 + RADIUS)
     for k, line in enumerate(title.split("\n")):
         canvas.text((centre[0], 22 + 19 * k), line, 15, INK if k == 0 else GREY, anchor="mm")
-    disc(canvas, centre, RADIUS, values, patterns, name)
-    scale(canvas, centre, RADIUS, plan.mission.widest, small=True)
-    marks(canvas, centre, RADIUS, plan, small=True)
+    sky_disc(canvas, centre, RADIUS, plan, values, patterns, small=True)
     left, top = round(centre[0] - 100), round(centre[1] + RADIUS + 24)
     if high:
-        canvas.image[top : top + 12, left : left + 200] = palette(np.linspace(0, 1, 200), name)
-        canvas.text((left, top + 16), low, 13, GREY)
+        canvas.image[top : top + 12, left : left + 200] = palette(np.linspace(0, 1, 200))
+        canvas.text((left, top + 16), "0", 13, GREY)
         canvas.text((left + 200, top + 16), high, 13, GREY, anchor="ra")
 
 
@@ -95,25 +92,11 @@ def glint_2_10(plan):
     canvas = sheet(3)
     coarse = facet_sum(plan, 0.01)
     limit = plan.glint_probability.max()
-    panel(
-        canvas,
-        0,
-        plan,
-        coarse / 1e-3,
-        "facet grid, steps of 0.01\nas the thesis: sees the disk or misses it",
-        high="1e-3",
-    )
-    panel(
-        canvas,
-        1,
-        plan,
-        plan.glint_probability / limit,
-        "closed form\nshare of the sea that mirrors the sun",
-        high=f"{limit:.2g}",
-    )
-    contrast, patterns = layers(plan)
-    del contrast
-    mask = [p for p in patterns if p[2] == ORANGE]
+    title = "facet grid, steps of 0.01\nas the thesis: sees the disk or misses it"
+    panel(canvas, 0, plan, coarse / 1e-3, title, high="1e-3")
+    title = "closed form\nshare of the sea that mirrors the sun"
+    panel(canvas, 1, plan, plan.glint_probability / limit, title, high=f"{limit:.2g}")
+    mask = [p for p in layers(plan)[1] if p[2] == ORANGE]
     panel(canvas, 2, plan, np.full_like(coarse, 0.65), "mask\nglint above 1e-3 per sr", patterns=mask)
     return canvas
 
@@ -142,12 +125,8 @@ def maps_2_13(full, absorbing):
     """Fig. 2.13: the combined map of the blue band with water that only absorbs, and with water that scatters."""
     canvas = sheet(2)
     top = max(p.snr[1].max() for p in (full, absorbing))
-    for column, (plan, title) in enumerate(
-        (
-            (absorbing, "water that only absorbs\nthe thesis' fast tool"),
-            (full, "water that scatters\nthe thesis' HydroLight tool"),
-        )
-    ):
+    titles = "water that only absorbs\nthe thesis' fast tool", "water that scatters\nthe thesis' HydroLight tool"
+    for column, (plan, title) in enumerate(zip((absorbing, full), titles, strict=True)):
         contrast, patterns = layers(plan, "BLUE")
         panel(canvas, column, plan, contrast / top, title, patterns=patterns, high=f"{top:.1f} x noise")
     return canvas
@@ -168,9 +147,7 @@ def examples():
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("directory", type=Path)
-    given = parser.parse_args()
+    directory = Path(sys.argv[1])
     limits = Limits(ner=5e-4, snr=15.0)
     full = reticle(Mission(**THESIS, sky="uniform", limits=limits))
     absorbing = reticle(Mission(**THESIS, sky="uniform", limits=limits, water="absorption"))
@@ -183,13 +160,12 @@ def main():
     }
     images = {name: canvas.finished() for name, canvas in figures.items()} | examples()
     for name, image in images.items():
-        path = given.directory / f"planning_{name}.png"
+        path = directory / f"planning_{name}.png"
         Image.fromarray(image).save(path, optimize=True)
         print(f"{path} {path.stat().st_size / 1e3:.0f} kB")
     ratio = absorbing.snr[1] / full.snr[1]
-    print(
-        f"contrast, absorbing over scattering water, blue: {ratio[0, 0]:.3f} at nadir, {ratio[60, 0]:.3f} at 60 degrees"
-    )
+    said = f"{ratio[0, 0]:.3f} at nadir, {ratio[60, 0]:.3f} at 60 degrees"
+    print(f"contrast, absorbing over scattering water, blue: {said}")
     print(f"facet sum: largest {facet_sum(full, 0.01).max():.2g}, closed form {full.glint_probability.max():.3g}")
 
 

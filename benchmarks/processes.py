@@ -31,20 +31,8 @@ def in_turns(
 ) -> dict[str, list[Run] | str]:
     """Run every command once a round, so that all commands see the same machine.
 
-    Parameters
-    ----------
-    commands : mapping of str to sequence of str
-        By name.
-    rounds : int
-    cleanup : sequence of str
-        Patterns of files to remove after every run, outside the measured time.
-    environment : mapping, optional
-        Variables to add.
-
-    Returns
-    -------
-    dict
-        Runs by name; for a command that failed, the last line that it wrote.
+    Files that fit the patterns of `cleanup` are removed after every run, outside the measured time; `environment` adds
+    variables. Gives runs by name; for a command that failed, the last line that it wrote.
     """
     job = {"commands": {k: list(v) for k, v in commands.items()}, "rounds": rounds, "cleanup": list(cleanup)}
     path = os.pathsep.join([str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]).rstrip(os.pathsep)

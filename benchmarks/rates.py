@@ -35,7 +35,8 @@ from deglint.raster.environment import enter_thread, environment
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate
 
-from .processes import Run, in_turns
+from .processes import in_turns
+from .timing import in_turns as jobs_in_turns
 from .timing import machine, say
 
 BLOCK = 512
@@ -51,17 +52,18 @@ def base(place: Path, side: int, wind: float = 9.0, delay: float = 0.06) -> Path
 
 
 def laid_out(small: Path, target: Path, side: int, dtype: str) -> Path:
-    """A scene laid side by side to this size, as counts or in physical values."""
+    """A square scene laid side by side to this size, as counts or in physical values."""
     with rasterio.open(small) as given:
         counts, scales, part = given.read(), np.array(given.scales), given.height
         options = {"driver": "GTiff", "count": len(counts), "height": side, "width": side, "dtype": dtype,
                    "crs": given.crs, "transform": given.transform, "tiled": True, "blockxsize": BLOCK,
                    "blockysize": BLOCK, "interleave": "pixel"}  # fmt: skip
         with rasterio.open(target, "w", **options) as out:
-            row = np.tile(counts, (1, 1, side // part))
+            row = np.tile(counts, (1, 1, -(-side // part)))[:, :, :side]
             row = row if dtype == "uint16" else (row * scales[:, None, None]).astype(dtype)
             for first in range(0, side, part):
-                out.write(row, window=((first, first + part), (0, side)))
+                last = min(first + part, side)
+                out.write(row[:, : last - first], window=((first, last), (0, side)))
             out.update_tags(**{k: v for k, v in given.tags().items() if k != "AREA_OR_POINT"})
             out.descriptions = given.descriptions
             if dtype == "uint16":
@@ -125,21 +127,14 @@ def of_tiles(path: Path, others: dict[str, Path], rounds: int) -> list[list[str]
         for threads in (1, 2):
             key = f"{name}, of {'the array' if memory else 'a file'}", threads
             jobs[key] = lambda w=work, t=tiles, n=threads: passed(w, t, n)
-    walls: dict[tuple[str, int], list[float]] = {key: [] for key in jobs}
-    cpus: dict[tuple[str, int], list[float]] = {key: [] for key in jobs}
-    for turn in range(rounds + 1):
-        for key, job in jobs.items():
-            wall, cpu = time.perf_counter(), time.process_time()
-            job()
-            if turn:  # the first one compiles
-                walls[key].append(time.perf_counter() - wall)
-                cpus[key].append(time.process_time() - cpu)
+    found = jobs_in_turns(jobs, rounds, lambda: np.array([time.perf_counter(), time.process_time()]))
     plain.unlink()
-    once, rows = median(next(iter(walls.values()))), []
-    for (name, threads), seconds in walls.items():
-        rate = f"{values.size / 1e6 / min(seconds):.0f} / {values.size / 1e6 / median(seconds):.0f}"
-        cpu = min(cpus[name, threads])
-        rows.append([name, str(threads), rate, f"{1e9 * cpu / values.size:.2f}", f"{median(seconds) / once:.1f}"])
+    once, rows = None, []
+    for (name, threads), runs in found.items():
+        wall, best = np.median(runs, axis=0)[0], np.min(runs, axis=0)
+        once = once or wall
+        rate = f"{values.size / 1e6 / best[0]:.0f} / {values.size / 1e6 / wall:.0f}"
+        rows.append([name, str(threads), rate, f"{1e9 * best[1] / values.size:.2f}", f"{wall / once:.1f}"])
     return rows
 
 
@@ -159,12 +154,8 @@ def commands(scene: Path, place: Path, rounds: int) -> list[list[str]]:
             continue
         beyond = median(run.wall - copy.wall for run, copy in zip(runs, copies, strict=True))
         rows.append([name, _spread([r.wall for r in runs]), f"{beyond:.2f}", _spread([r.cpu for r in runs]),
-                     f"{max(_peaks(runs)):.0f}"])  # fmt: skip
+                     f"{max(run.peak for run in runs):.0f}"])  # fmt: skip
     return rows
-
-
-def _peaks(runs: list[Run]) -> list[float]:
-    return [run.peak for run in runs]
 
 
 def _spread(values: list[float]) -> str:

@@ -1,12 +1,13 @@
-"""Ships found in real ports, with and without deglinting: `python -m benchmarks ships [--directory DIRECTORY]`.
+"""Ships found in real ports, with and without deglinting; a table of `python -m benchmarks detection`.
 
-DIRECTORY (by default beside the project) holds real/PORT/B02.tiff ... B08.tiff with ships.tif (hand-drawn numbers) and
-water.tif (1 = sea). A ship counts where six tenths of the ring 5 to 15 pixels off it are sea. It is found where an
+Its DIRECTORY (by default beside the project) holds real/PORT/B02.tiff ... B08.tiff with ships.tif (hand-drawn numbers)
+and water.tif (1 = sea). A ship counts where six tenths of the ring 5 to 15 pixels off it are sea. It is found where an
 object lies within 2 pixels. An object in the sea that is near no label is false; some of these are unlabelled boats.
 """
 
 from __future__ import annotations
 
+import json
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ from detect.pipeline import Recipe as Search
 from detect.pipeline import score_file
 from detect.rx import rx
 
-from .timing import say
+from .error import DATA
 
 Mask = npt.NDArray[np.bool_]
 PORTS = ("gdynia", "athens", "klang", "cartagena")
@@ -65,13 +66,13 @@ class Port:
         near = {}
         for number in range(1, int(labels.max()) + 1):
             own = labels == number
-            if own.any() and water[_grown(own, 31) & ~_grown(own, 11)].mean() > 0.6:
-                near[number] = _grown(own, 5)
+            if own.any() and water[grown(own, 31) & ~grown(own, 11)].mean() > 0.6:
+                near[number] = grown(own, 5)
         return cls(folder.name, labels, water, searched, near, float(searched.sum() * area / 1e6))
 
     def found(self, objects: list[tuple[float, Mask, tuple[slice, slice]]]) -> list[int]:
         """Ships found at each of `RATES`, from (score, footprint, box) of every object."""
-        labelled, best = _grown(self.labels > 0, 5), [0] * len(RATES)
+        labelled, best = grown(self.labels > 0, 5), [0] * len(RATES)
         seen: set[int] = set()
         false = 0
         for _score, footprint, box in sorted(objects, key=lambda o: -o[0]):
@@ -83,7 +84,8 @@ class Port:
         return best
 
 
-def _grown(mask: Mask, side: int) -> Mask:
+def grown(mask: Mask, side: int) -> Mask:
+    """The mask, grown by a square of a side [pixel]."""
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
 
 
@@ -119,8 +121,6 @@ def _placed(found: Any, score: float) -> tuple[float, Mask, tuple[slice, slice]]
 
 def ours(port: Port, source: list[Path] | Path, scratch: Path) -> list[int]:
     """Ships found by `rxdetect score` as it comes."""
-    import json
-
     marked = scratch / "found.geojson"
     score_file(source, scratch / "scores.tif", Search(pfa=1e-3), objects=marked, overwrite=True)
     objects = []
@@ -134,11 +134,9 @@ def ours(port: Port, source: list[Path] | Path, scratch: Path) -> list[int]:
 
 def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[list[str]]]]:
     """Name, head and rows: ships found by every detector, raw and after two removals, at each of `RATES`."""
-    from .error import DATA
-
     folder = (directory or DATA) / "real"
     if not (folder / PORTS[0] / "ships.tif").exists():
-        raise SystemExit("ships: --directory names the folder that holds real/gdynia/ships.tif and the like.")
+        raise SystemExit("detection: --directory names the folder that holds real/gdynia/ships.tif and the like.")
     ports = [Port.read(folder / name) for name in PORTS]
     rows = []
     for removal, recipe in REMOVALS.items():
@@ -157,9 +155,3 @@ def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[
         for name, counts in cells.items():
             rows.append([removal, name, *("; ".join(map(str, c)) for c in counts)])
     yield "ships", ("input", "detector", *(f"{p.name} ({len(p.near)})" for p in ports)), rows
-
-
-def main(directory: Path | None) -> None:
-    """Print the table."""
-    for _name, head, rows in tables(directory):
-        say("Ships found at " + "; ".join(f"{r:g}" for r in RATES) + " false objects per km2", head, rows)

@@ -79,10 +79,8 @@ def main():
         report("resolved to 1 mm", [f for f, _ in fine])
         for patch in PATCHES:
             seeds = range(1000, 1000 + 6 * given.seeds)
-            report(
-                f"patch {1000 * patch:g} mm",
-                [faceted(sea, s, far, fine[0][1], patch, frequencies) for s in seeds],
-            )
+            made = [faceted(sea, s, far, fine[0][1], patch, frequencies) for s in seeds]
+            report(f"patch {1000 * patch:g} mm", made)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from detect.bench.machine import load_now, versions
 from detect.bench.machine import machine as machine_now
@@ -14,10 +15,10 @@ __all__ = ["ROOT", "in_turns", "machine", "say", "table"]
 
 
 def in_turns(
-    jobs: Mapping[str, Callable[[], object]], rounds: int, clock: Callable[[], float] = time.perf_counter
-) -> dict[str, list[float]]:
+    jobs: Mapping[Any, Callable[[], object]], rounds: int, clock: Callable[[], Any] = time.perf_counter
+) -> dict[Any, list[Any]]:
     """Time [s] of each job by a clock, run in turns; the first round compiles and does not count."""
-    found: dict[str, list[float]] = {name: [] for name in jobs}
+    found: dict[Any, list[Any]] = {name: [] for name in jobs}
     for turn in range(rounds + 1):
         for name, job in jobs.items():
             start = clock()

@@ -48,21 +48,27 @@ def data_uri(picture: npt.NDArray[np.uint8]) -> str:
 
 
 def stretched(images: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
-    """Images of three bands, in one stretch from the 1st to the 99th percentile of the last, beside each other.
-
-    Parameters
-    ----------
-    images : sequence of (3, row, column) ndarray
-        NaN is black.
-    """
-    low, high = (np.array([_percentile(band, q) for band in images[-1]])[:, None, None] for q in (1, 99))
-    span = np.where(high > low, high - low, 1)
+    """Images (3, row, column) beside each other, in one stretch from the 1st to the 99th percentile of the last."""
+    low, high = level(images[-1], 1), level(images[-1], 99)
     parts = []
     for image in images:
         step = -(-max(image.shape[1:]) // PICTURE_SIDE)
-        unit = np.clip(np.nan_to_num((image[:, ::step, ::step] - low) / span, nan=0.0), 0, 1) ** (1 / GAMMA)
-        parts += [(unit * 255).astype(np.uint8).transpose(1, 2, 0), np.full((unit.shape[1], 4, 3), 255, np.uint8)]
+        part = stretch(image[:, ::step, ::step], low, high)
+        parts += [part, np.full((len(part), 4, 3), 255, np.uint8)]
     return np.hstack(parts[:-1])
+
+
+def level(image: npt.NDArray[Any], percent: float) -> npt.NDArray[np.float64]:
+    """Percentile of the valid pixels of each band; 0 where there is none."""
+    found = [band[np.isfinite(band)] for band in image]
+    return np.array([np.percentile(values, percent) if values.size else 0.0 for values in found])
+
+
+def stretch(image: npt.NDArray[Any], low: npt.NDArray[Any], high: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    """Three bands as a picture (row, column, 3) that is black at `low` and at NaN, white at `high` of each band."""
+    span = np.where(high > low, high - low, 1)[:, None, None]
+    unit = np.clip(np.nan_to_num((image - low[:, None, None]) / span, nan=0.0), 0, 1) ** (1 / GAMMA)
+    return np.ascontiguousarray((unit * 255).astype(np.uint8).transpose(1, 2, 0))
 
 
 def bars(shares: Sequence[float]) -> npt.NDArray[np.uint8]:
@@ -73,8 +79,3 @@ def bars(shares: Sequence[float]) -> npt.NDArray[np.uint8]:
         top = round((1 - min(max(share, 0.0), 1.0)) * len(picture))
         picture[top:, i * width : (i + 1) * width - 1] = (70, 110, 160)
     return picture
-
-
-def _percentile(band: npt.NDArray[Any], percent: float) -> float:
-    valid = band[np.isfinite(band)]
-    return float(np.percentile(valid, percent)) if valid.size else 0.0

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 
+from .notebook import level, stretch
 from .raster import FileBands, RasterSource
 from .raster.info import describe, open_dataset
 from .remove import GlintModel
@@ -16,7 +17,6 @@ from .tiles import tile_shape, tiles
 
 LONGEST_PICTURE = 900
 """Longest side of each picture [pixel]."""
-GAMMA = 1.8
 
 
 def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
@@ -32,14 +32,13 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
         info = describe(dataset, str(result), alpha_is_band=True)
     with RasterSource([FileBands.of(info)], info) as corrected:
         before, after = (_thinned(source, scene, bands) for source in (cast(RasterSource, scene.source), corrected))
-    low = _level(after, 1)
-    high = np.maximum(_level(after, 99.5), _level(before, 90))
-    halves = [_stretch(image, low, high) for image in (before, after)]
+    low = level(after, 1)
+    high = np.maximum(level(after, 99.5), level(before, 90))
     names = ", ".join(scene.bands[b].name for b in bands)
-    titles = [f"before ({names})", f"after {model.method}"]
-    framed = [_titled(half, title, cv2) for half, title in zip(halves, titles, strict=True)]
-    gap = np.full((framed[0].shape[0], 6, 3), 255, np.uint8)
-    _ok, png = cv2.imencode(".png", np.hstack([framed[0], gap, framed[1]])[..., ::-1])
+    left = _titled(stretch(before, low, high), f"before ({names})")
+    right = _titled(stretch(after, low, high), f"after {model.method}")
+    gap = np.full((len(left), 6, 3), 255, np.uint8)
+    _ok, png = cv2.imencode(".png", np.hstack([left, gap, right])[..., ::-1])
     return bytes(png)
 
 
@@ -65,19 +64,9 @@ def _thinned(source: RasterSource, scene: Scene, bands: list[int]) -> npt.NDArra
     return out
 
 
-def _level(image: npt.NDArray[np.float32], percent: float) -> npt.NDArray[np.float64]:
-    """Percentile of the valid pixels of each band; 0 where there is none."""
-    found = [band[np.isfinite(band)] for band in image]
-    return np.array([np.percentile(values, percent) if values.size else 0.0 for values in found])
+def _titled(image: npt.NDArray[np.uint8], title: str) -> npt.NDArray[np.uint8]:
+    import cv2
 
-
-def _stretch(image: npt.NDArray[Any], low: npt.NDArray[Any], high: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    span = np.where(high > low, high - low, 1)[:, None, None]
-    unit = np.clip(np.nan_to_num((image - low[:, None, None]) / span, nan=0.0), 0, 1) ** (1 / GAMMA)
-    return np.ascontiguousarray((unit * 255).astype(np.uint8).transpose(1, 2, 0))
-
-
-def _titled(image: npt.NDArray[np.uint8], title: str, cv2: Any) -> npt.NDArray[np.uint8]:
     scale = max(1, 384 // max(image.shape[:2]))
     image = np.repeat(np.repeat(image, scale, axis=0), scale, axis=1)
     bar = np.full((26, max(image.shape[1], 240), 3), 255, np.uint8)

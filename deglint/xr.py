@@ -180,11 +180,11 @@ def remove(
     given: Mapping[str, Any] = {"sensor": sensor, "nodata": nodata, "threads": threads}
     if isinstance(array, xarray.Dataset):
         return _by_variables(array, partial(remove, recipe=recipe, dtype=dtype, **given))
-    further = [] if not hasattr(array, "dims") else [d for d in array.dims if d not in axes(array)]
+    further = [d for d in array.dims if d not in axes(array)] if hasattr(array, "dims") else []
     for d in further:
         if array.sizes[d] > 1:
-            parts = [_entry(array.isel({d: [i]}), d, partial(remove, recipe=recipe, dtype=dtype, **given))
-                     for i in range(array.sizes[d])]  # fmt: skip
+            work = partial(remove, recipe=recipe, dtype=dtype, **given)
+            parts = [_entry(array.isel({d: [i]}), d, work) for i in range(array.sizes[d])]
             out = array.copy(data=np.concatenate([part.data for part in parts], array.get_axis_num(d)))
             out.encoding = parts[0].encoding
             return out

@@ -14,7 +14,7 @@ from deglint.physics import atmosphere, glint, slopes, sun, water
 from deglint.physics.presets import preset
 from deglint.physics.sensor import SensorBand, electrons, noise_equivalent_radiance
 from deglint.plan import Limits, Mission, reticle
-from deglint.plan.radiance import light
+from deglint.plan.reticle import light
 
 TABLES = Path(__file__).parents[1].parent / "shared" / "tables"
 THESIS = {

@@ -11,13 +11,12 @@ from deglint.errors import BandError, InputError
 from deglint.physics import atmosphere, glint
 from deglint.plan import Limits, Mission, reticle
 from deglint.plan.advice import MARGIN, best_geometry, compass, one_in, quality, sentence
-from deglint.plan.alternatives import alternatives
-from deglint.plan.alternatives import words as sentences
 from deglint.plan.charts import day_picture, line_picture, selected, wind_picture
 from deglint.plan.draw import MAGENTA, png
 from deglint.plan.missionfile import merged, mission_from, pressure, tables_of
-from deglint.plan.picture import _CENTRE, _RADIUS, HEIGHT, WIDTH, layers, picture
-from deglint.plan.swath import FieldOfView, flight_line, viewing_geometries
+from deglint.plan.picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, layers, picture
+from deglint.plan.swath import FieldOfView, alternatives, flight_line, viewing_geometries
+from deglint.plan.swath import words as sentences
 from deglint.plan.sweep import best_moment, next_daylight, plans, table, times
 from deglint.plan.uncertainty import wind_ensemble, words
 
@@ -279,7 +278,7 @@ def test_the_picture_shows_what_the_plan_says():
     from deglint.plan.draw import ORANGE, polar
 
     def near(zenith, azimuth, reach=12):
-        x, y = polar(_CENTRE, _RADIUS, zenith, azimuth, 80.0)
+        x, y = polar(DISC_CENTRE, DISC_RADIUS, zenith, azimuth, 80.0)
         return (
             image[round(y) - reach : round(y) + reach, round(x) - reach : round(x) + reach].reshape(-1, 3).astype(int)
         )

@@ -13,11 +13,10 @@ from deglint.physics.atmosphere import Air
 from deglint.physics.presets import PRESETS, preset
 from deglint.simulate import Setup, SubmergedObject, simulate, square, thesis_array
 from deglint.simulate.artefacts import KERNELS
-from deglint.simulate.experiments import experiments
 from deglint.simulate.facets import facets
 from deglint.simulate.light import light
 from deglint.simulate.objects import label
-from deglint.simulate.setup import SlopeModel
+from deglint.simulate.setup import SlopeModel, experiments
 
 THESIS = preset("thesis")
 STILL = THESIS.delayed(0.0)

@@ -139,8 +139,7 @@ def _winds(given: Given, mission: Any, _console: Console) -> None:
 
 
 def _line(given: Given, mission: Any, _console: Console) -> None:
-    from ..plan.alternatives import alternatives, numbers, words
-    from ..plan.swath import FieldOfView, flight_line
+    from ..plan.swath import FieldOfView, alternatives, flight_line, numbers, words
 
     across, _, along = given["fov"].lower().partition("x")
     try:

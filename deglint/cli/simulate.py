@@ -205,7 +205,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
     from ..physics.presets import preset
     from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array
     from ..simulate import whitecaps as _foam
-    from ..simulate.experiments import DELAYS, WINDS, experiments
+    from ..simulate.setup import DELAYS, WINDS, experiments
 
     sensor = preset(given["preset"])
     objects: tuple[Any, ...] = ()

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from ..jit import njit
 
 ELFOUHAILY, HALF_ANGLE, FULL_ANGLE = 0, 1, 2
+"""Kinds of spreading."""
 
 
 @njit(nogil=True, cache=True)
@@ -46,11 +45,11 @@ def fill_amplitudes(noise, sums, first, last, steps, table, how, along):  # type
             w = x - j
             density = math.exp((1 - w) * log_density[j] + w * log_density[j + 1])
             cosine = (east * along[0] + north * along[1]) / math.sqrt(k2)
-            if kind == 0:
+            if kind == ELFOUHAILY:
                 even = 1 + ((1 - w) * spread[j] + w * spread[j + 1]) * (2 * cosine * cosine - 1)
                 side = 1.0 if cosine == 0 else (2 * (1 - opposing) if cosine > 0 else 2 * opposing)
                 density *= side * even / (2 * math.pi)
-            elif kind == 1:
+            elif kind == HALF_ANGLE:
                 density *= norm * (0.5 * (1 + cosine)) ** exponent
             else:
                 density *= norm * max(cosine, 0.0) ** (2 * exponent)
@@ -95,9 +94,3 @@ def evolve(amplitudes, out, first, last, steps, time, slopes, physics):  # type:
             out[r, c] = z * tilt
             if other != r:  # a row that is its own mirror image comes by its other waves itself
                 out[other, mirror] = z.conjugate() * (-tilt if slopes else tilt)
-
-
-def downwind(wind_from: float) -> tuple[float, float]:
-    """East and north components of the direction that the wind blows to."""
-    a = np.deg2rad(wind_from)
-    return float(-np.sin(a)), float(-np.cos(a))

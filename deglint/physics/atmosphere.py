@@ -24,16 +24,14 @@ import numpy.typing as npt
 
 from . import sun
 from ._checks import Array, within
-from .tables import load
+from .tables import WAVELENGTH_RANGE as WAVELENGTH_RANGE
+from .tables import checked_wavelength, load
 
-WAVELENGTH_RANGE = (300.0, 1000.0)
-"""Wavelengths that the tables reach [nm]."""
 STANDARD_PRESSURE = 1013.25
 """Pressure at sea level [hPa]."""
 _SCALE_HEIGHT = 1.0  # of aerosol [km]
 _RADII = np.array([0.1, 1.0, 10.0])  # where the size distribution is fitted [um]
 _MODES = np.array([0.03, 0.24, 2.0])  # of the three kinds of aerosol [um]
-_AIR_DENSITY = 1200.0  # [g/m3]
 _LIMITS = {
     "air_mass_type": (1.0, 10.0, "", "1 is air of the open ocean, 10 that of a continent."),
     "humidity": (0.0, 100.0, "%", "Give relative humidity."),
@@ -167,7 +165,7 @@ def irradiance(
     (1.04, 0.4)
     """
     air = replace(air or Air(), **params)
-    wavelength = _wavelength(wavelength)
+    wavelength = checked_wavelength(wavelength)
     spectrum = spectrum or table_spectrum(wavelength)
     cosine = _cosine(sun_zenith)
     incoming = spectrum.irradiance * cosine * (1.0 if day is None else sun.distance_factor(day))
@@ -191,7 +189,7 @@ def table_spectrum(wavelength: npt.ArrayLike) -> Spectrum:
     InputError
         A wavelength is below 300 or above 1000 nm.
     """
-    wavelength = _wavelength(wavelength)
+    wavelength = checked_wavelength(wavelength)
     table = load("solar_and_gases")
     names = ("irradiance_W_m-2_nm-1", "ozone_cm-1", "oxygen_cm-1", "water_vapour_cm-1")
     return Spectrum(*(np.asarray(np.interp(wavelength, table["wavelength_nm"], table[n])) for n in names))
@@ -292,10 +290,6 @@ def _gases(spectrum: Spectrum, sun_zenith: npt.ArrayLike, air: Air) -> Array:
 def _rayleigh(wavelength: Array, path: Array) -> Array:
     micrometres = wavelength / 1000.0
     return np.exp(-path / (115.6406 * micrometres**4 - 1.335 * micrometres**2))
-
-
-def _wavelength(wavelength: npt.ArrayLike) -> Array:
-    return within("wavelength", wavelength, *WAVELENGTH_RANGE, "nm", "Give it in nanometres.")
 
 
 def _cosine(sun_zenith: npt.ArrayLike) -> Array:

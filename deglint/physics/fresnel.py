@@ -18,28 +18,15 @@ WATER_INDEX = 1.34
 """Refractive index of sea water in the visible [1], the usual constant of radiative transfer codes."""
 
 
-def polarised(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> tuple[Array, Array]:
-    """Reflectance of the flat surface for light polarised across and along the plane of incidence.
+def polarised(cosine: Array, index: Array | float = WATER_INDEX) -> tuple[Array, Array]:
+    """Reflectance of power [1] for light polarised across and along the plane of incidence.
 
-    Parameters
-    ----------
-    angle : array_like
-        Incidence in air, from the normal [degree], 0 to 90.
-    index : array_like
-        Refractive index of water over that of air [1], 1.01 to 2.
-
-    Returns
-    -------
-    perpendicular, parallel : ndarray
-        Reflectance of power [1].
-
-    Raises
-    ------
-    InputError
-        An angle or index is out of range.
+    From the cosine of the incidence in air, in its own precision and unchecked.
     """
-    index = within("index", index, 1.01, 2.0, "", "Give that of water over that of air, 1.34 for sea water.")
-    return _both(_cosine(angle), index)
+    inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
+    perpendicular = ((cosine - index * inside) / (cosine + index * inside)) ** 2
+    parallel = ((index * cosine - inside) / (index * cosine + inside)) ** 2
+    return perpendicular, parallel
 
 
 def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
@@ -69,7 +56,9 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
     >>> reflectance([0, 60]).round(4).tolist()
     [0.0211, 0.061]
     """
-    perpendicular, parallel = polarised(angle, index)
+    angle = within("angle", angle, 0.0, 90.0, "degrees", "Measure it from the normal of the surface.")
+    index = within("index", index, 1.01, 2.0, "", "Give that of water over that of air, 1.34 for sea water.")
+    perpendicular, parallel = polarised(np.cos(np.radians(angle)), index)
     return 0.5 * (perpendicular + parallel)
 
 
@@ -89,7 +78,7 @@ def reflectance_of_cosine(cosine: Array, index: float = WATER_INDEX) -> Array:
     >>> reflectance_of_cosine(np.array([1.0, 0.5])).round(4).tolist()
     [0.0211, 0.061]
     """
-    perpendicular, parallel = _both(cosine, index)
+    perpendicular, parallel = polarised(cosine, index)
     return 0.5 * (perpendicular + parallel)
 
 
@@ -141,15 +130,3 @@ def radiance_transmittance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_IN
     0.5452
     """
     return (1.0 - reflectance(angle, index)) / np.square(np.asarray(index, dtype=np.float64))
-
-
-def _both(cosine: Array, index: Array | float) -> tuple[Array, Array]:
-    inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
-    perpendicular = ((cosine - index * inside) / (cosine + index * inside)) ** 2
-    parallel = ((index * cosine - inside) / (index * cosine + inside)) ** 2
-    return perpendicular, parallel
-
-
-def _cosine(angle: npt.ArrayLike) -> Array:
-    angle = within("angle", angle, 0.0, 90.0, "degrees", "Measure it from the normal of the surface.")
-    return np.cos(np.radians(angle))

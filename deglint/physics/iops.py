@@ -20,12 +20,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ._checks import Array, within
-from .tables import load
+from .tables import WAVELENGTH_RANGE as WAVELENGTH_RANGE
+from .tables import checked_wavelength, load
 
 CHLOROPHYLL_RANGE = (0.01, 30.0)
 """Chlorophyll that the model of case-1 water accepts [mg m-3]."""
-WAVELENGTH_RANGE = (300.0, 1000.0)
-"""Wavelengths that the tables reach [nm]."""
 
 
 class Iops(NamedTuple):
@@ -86,7 +85,7 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     >>> float(water.absorption.round(5)), float(water.backscattering.round(6))
     (0.04011, 0.003333)
     """
-    wavelength = _wavelength(wavelength)
+    wavelength = checked_wavelength(wavelength)
     chlorophyll = _chlorophyll(chlorophyll)
     absorption = _interpolate("sea_water", "absorption_m-1", wavelength) + particle_absorption(wavelength, chlorophyll)
     yellow = 0.2 * particle_absorption(440.0, chlorophyll) * np.exp(-0.014 * (wavelength - 440.0))
@@ -112,7 +111,7 @@ def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -
     >>> float(particle_absorption(440, 1.0).round(4))
     0.052
     """
-    wavelength, chlorophyll = _wavelength(wavelength), _chlorophyll(chlorophyll)
+    wavelength, chlorophyll = checked_wavelength(wavelength), _chlorophyll(chlorophyll)
     exponent = _interpolate("particle_absorption", "E", wavelength)
     return _interpolate("particle_absorption", "A", wavelength) * chlorophyll**exponent
 
@@ -120,10 +119,6 @@ def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -
 def _interpolate(table: str, column: str, wavelength: Array) -> Array:
     columns = load(table)
     return np.asarray(np.interp(wavelength, columns["wavelength_nm"], columns[column]))
-
-
-def _wavelength(wavelength: npt.ArrayLike) -> Array:
-    return within("wavelength", wavelength, *WAVELENGTH_RANGE, "nm", "Give it in nanometres.")
 
 
 def _chlorophyll(chlorophyll: npt.ArrayLike) -> Array:

@@ -23,11 +23,11 @@ _WORLDVIEW_BANDS = (  # name, edges [nm], full scale [W m-2 sr-1 nm-1], offset [
     ("NIR2", 860, 1040, 0.091, 0.0),
 )
 _MICASENSE_BANDS = (  # full scales as exposed for water
-    ("BLUE", 465, 485, 0.10),
-    ("GREEN", 550, 570, 0.10),
-    ("RED", 663, 673, 0.08),
-    ("NIR", 820, 860, 0.05),
-    ("REDEDGE", 712, 722, 0.07),
+    ("BLUE", 465, 485, 0.10, 0.0),
+    ("GREEN", 550, 570, 0.10, 0.0),
+    ("RED", 663, 673, 0.08, 0.0),
+    ("NIR", 820, 860, 0.05, 0.0),
+    ("REDEDGE", 712, 722, 0.07, 0.0),
 )
 _SENTINEL_BANDS = (  # those of 10 m
     ("B02", 458, 523, 0.615, 0.0),
@@ -62,7 +62,7 @@ PRESETS: dict[str, Sensor] = {
     ),
     "micasense": Sensor(
         name="micasense",
-        bands=tuple(SensorBand(name=n, low=a, high=b, full_scale=full) for n, a, b, full in _MICASENSE_BANDS),
+        bands=_bands(_MICASENSE_BANDS),
         gsd=0.08,
         f_number=2.8,
         pitch=3.75e-6,

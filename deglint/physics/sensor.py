@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ..errors import BandError
 from ._checks import within
+from .tables import WAVELENGTH_RANGE
 
 Array = npt.NDArray[np.floating[Any]]
 
@@ -24,8 +25,6 @@ PLANCK = 6.62607015e-34
 """[J s]"""
 LIGHT_SPEED = 299792458.0
 """[m/s]"""
-TABLES = (300.0, 1000.0)
-"""Wavelengths that the tables of light and water cover [nm]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,7 +168,7 @@ def band_means(bands: Sequence[SensorBand]) -> tuple[Array, Callable[[Array], Ar
     >>> mean(wavelength).tolist()
     [541.0]
     """
-    ranges = [np.arange(max(b.low, TABLES[0]), min(b.high, TABLES[1]) + 0.5) for b in bands]
+    ranges = [np.arange(max(b.low, WAVELENGTH_RANGE[0]), min(b.high, WAVELENGTH_RANGE[1]) + 0.5) for b in bands]
     sizes = np.array([steps.size for steps in ranges])
     starts = np.cumsum(sizes) - sizes
 

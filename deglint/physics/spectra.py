@@ -198,45 +198,16 @@ def elfouhaily_spread(wavenumber: Array, *, wind: float, age: float = 0.84) -> A
     return np.tanh(np.log(2) / 4 + 4 * (speed / long_speed) ** 2.5 + short * (_ECKV_CM / speed) ** 2.5)
 
 
-def spreading(
-    angle: Array, *, exponent: float, convention: Literal["half-angle", "full-angle"] = "half-angle"
-) -> Array:
-    """Normalised cos-2s spreading.
+def spreading_norm(exponent: float, convention: Literal["half-angle", "full-angle"]) -> float:
+    """Value of the normalised cos-2s spreading at angle zero [1/rad], s being the exponent.
 
     Half-angle: ``2**(2s-1)/pi G(s+1)**2/G(2s+1) cos(a/2)**(2s)`` on the full circle. Full-angle:
     ``G(s+1)/(sqrt(pi) G(s+1/2)) cos(a)**(2s)`` within 90 degrees of the wind.
 
-    Parameters
-    ----------
-    angle : ndarray
-        Between wave direction and downwind [deg].
-    exponent : float
-        s
-    convention : {"half-angle", "full-angle"}
-        Which of the two.
-
-    Returns
-    -------
-    ndarray
-        Density [1/rad]; its integral over the circle is 1.
-
     References
     ----------
     Longuet-Higgins, Cartwright and Smith (1963), in Ocean Wave Spectra.
-
-    Examples
-    --------
-    >>> float(spreading(0.0, exponent=1.0, convention="full-angle").round(4))
-    0.6366
     """
-    cosine = np.cos(np.deg2rad(angle))
-    if convention == "half-angle":
-        return spreading_norm(exponent, convention) * ((1 + cosine) / 2) ** exponent
-    return spreading_norm(exponent, convention) * np.maximum(cosine, 0) ** (2 * exponent)
-
-
-def spreading_norm(exponent: float, convention: Literal["half-angle", "full-angle"]) -> float:
-    """Value of the spreading at angle zero [1/rad]."""
     from scipy.special import gammaln
 
     s = exponent

@@ -149,7 +149,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     >>> east.shape
     (128, 128)
     """
-    from ._surface_kernels import downwind, fill_amplitudes
+    from ._surface_kernels import fill_amplitudes
 
     _check_grid(sea, shape, spacing)
     rows, columns = shape
@@ -157,12 +157,9 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     sums = np.empty((rows, 4))
     steps = 2 * np.pi / (rows * spacing), 2 * np.pi / (columns * spacing)
     table, how = _tables(sea, min(steps), np.pi * np.sqrt(2) / spacing)
-    along = downwind(sea.wind_from)
-    by_rows(
-        lambda first, last: fill_amplitudes(noise, sums, first, last, steps, table, how, along),
-        rows,
-        workers,
-    )
+    azimuth = np.deg2rad(sea.wind_from)
+    along = float(-np.sin(azimuth)), float(-np.cos(azimuth))  # east and north, downwind
+    by_rows(lambda first, last: fill_amplitudes(noise, sums, first, last, steps, table, how, along), rows, workers)
     height, east2, north2, both = sums.sum(axis=0)
     up = along[0] ** 2 * east2 + along[1] ** 2 * north2 + 2 * along[0] * along[1] * both
     return Surface(sea, spacing, noise, float(height), (float(up), float(east2 + north2 - up)))
@@ -186,13 +183,15 @@ def _check_grid(sea: Sea, shape: tuple[int, int], spacing: float) -> None:
 
 def _tables(sea: Sea, lowest: float, highest: float) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Spectrum and spreading over even steps of log wavenumber, and how to spread, for the kernel."""
+    from ._surface_kernels import ELFOUHAILY, FULL_ANGLE, HALF_ANGLE
+
     logs = np.linspace(np.log(lowest) - 1e-6, np.log(highest) + 1e-6, 8193)
     k = np.exp(logs)
     density = np.log(np.maximum(omnidirectional(k, sea), 1e-300))
     convention = spread_convention(sea)
     if convention == "elfouhaily":
-        spread, how = elfouhaily_spread(k, wind=sea.wind, age=sea.age), (0, 0.0, 0.0, sea.opposing)
+        spread, how = elfouhaily_spread(k, wind=sea.wind, age=sea.age), (ELFOUHAILY, 0.0, 0.0, sea.opposing)
     else:
-        kind = 1 if convention == "half-angle" else 2
+        kind = HALF_ANGLE if convention == "half-angle" else FULL_ANGLE
         spread, how = np.zeros(1), (kind, float(sea.exponent), spreading_norm(sea.exponent, convention), 0.0)
     return (float(logs[0]), float(logs[1] - logs[0]), density, spread), how

@@ -297,8 +297,7 @@ def submerged_reflectance(
     albedo = within("reflectance", reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
     k = water.absorption + water.backscattering
     u = water.backscattering / k
-    sun_path = 1.0 / np.cos(np.radians(fresnel.refraction_angle(sun_zenith, index)))
-    view_path = 1.0 / np.cos(np.radians(fresnel.refraction_angle(view_zenith, index)))
+    sun_path, view_path = _path(sun_zenith, index), _path(view_zenith, index)
     column = np.exp(-(sun_path + 1.03 * np.sqrt(1.0 + 2.4 * u) * view_path) * k * depth)
     bottom = np.exp(-(sun_path + 1.04 * np.sqrt(1.0 + 5.4 * u) * view_path) * k * depth)
     again = 1.0 - _TURNED_BACK * albedo * np.exp(-2.0 * k * depth)
@@ -335,10 +334,14 @@ def absorption_only_reflectance(
     """
     depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
     albedo = within("reflectance", reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
-    sun_path = 1.0 / np.cos(np.radians(fresnel.refraction_angle(sun_zenith, index)))
-    view_path = 1.0 / np.cos(np.radians(fresnel.refraction_angle(view_zenith, index)))
+    paths = _path(sun_zenith, index) + _path(view_zenith, index)
     surface = _downward(sun_zenith, direct_fraction, index) * fresnel.radiance_transmittance(view_zenith, index)
-    return surface * albedo / np.pi * np.exp(-(sun_path + view_path) * water.absorption * depth)
+    return surface * albedo / np.pi * np.exp(-paths * water.absorption * depth)
+
+
+def _path(zenith: npt.ArrayLike, index: float) -> Array:
+    """Path of a ray under water over the depth, from its zenith angle in air."""
+    return 1.0 / np.cos(np.radians(fresnel.refraction_angle(zenith, index)))
 
 
 def _downward(sun_zenith: npt.ArrayLike, direct_fraction: npt.ArrayLike, index: float) -> Array:

@@ -23,29 +23,15 @@ _AROUND = 16
 
 @dataclass(frozen=True)
 class ViewingGeometry:
-    """A viewing geometry: where the sensor stands, and what it sees from there.
+    """A viewing geometry: where the sensor stands as seen from the object, and what it sees from there."""
 
-    Attributes
-    ----------
-    zenith, azimuth : float
-        Where the sensor stands as seen from the object [degree].
-    contrast : float
-        Contrast over noise of all usable bands together [1].
-    bands : tuple of str
-        Bands that are usable, the one with the highest contrast first.
-    glint, glint_probability : float
-        Glint radiance per irradiance of a plane facing the sun [1/sr]; share of the sea that mirrors the sun [1].
-    margin : bool
-        No excluded viewing geometry lies within `MARGIN`.
-    """
-
-    zenith: float
-    azimuth: float
-    contrast: float
-    bands: tuple[str, ...]
-    glint: float
-    glint_probability: float
-    margin: bool
+    zenith: float  # [degree]
+    azimuth: float  # [degree]
+    contrast: float  # over noise, of all usable bands together [1]
+    bands: tuple[str, ...]  # that are usable, the one with the highest contrast first
+    glint: float  # radiance per irradiance of a plane facing the sun [1/sr]
+    glint_probability: float  # share of the sea that mirrors the sun [1]
+    margin: bool  # no excluded viewing geometry lies within `MARGIN`
 
     @property
     def heading(self) -> float:
@@ -56,30 +42,18 @@ class ViewingGeometry:
 def best_geometry(
     plan: Reticle, contrast: npt.NDArray[Any] | None = None, *, band: str | None = None
 ) -> ViewingGeometry | None:
-    """The viewing geometry with the highest contrast, away from the edges of what is excluded.
+    """The viewing geometry with the highest contrast, away from the edges of what is excluded; None if all are.
 
-    Parameters
-    ----------
-    plan : Reticle
-    contrast : (zenith, azimuth) ndarray, optional
-        To judge by, 0 where it is excluded; by default that of `band`, or of all bands.
-    band : str, optional
-        The one band that counts.
-
-    Returns
-    -------
-    ViewingGeometry or None
-        None where every viewing geometry is excluded.
+    It is judged by `contrast` (zenith, azimuth), 0 where excluded; by default by that of the band, or of all bands.
 
     Raises
     ------
     BandError
         There is no such band.
     """
-    by_band = plan.by_band if band is None else plan.by_band[[plan.index(band)]]
-    names = plan.bands if band is None else (plan.bands[plan.index(band)],)
+    bands = list(range(len(plan.bands))) if band is None else [plan.index(band)]
     if contrast is None:
-        contrast = plan.combined if band is None else by_band[0]
+        contrast = plan.combined if band is None else plan.by_band[bands[0]]
     good = contrast > 0
     if not good.any():
         return None
@@ -87,16 +61,21 @@ def best_geometry(
     has_margin = bool(safe.any())
     chosen = np.where(safe if has_margin else good, contrast, -1.0)
     i, j = np.unravel_index(int(np.argmax(chosen)), chosen.shape)
-    order = [k for k in np.argsort(-by_band[:, i, j]) if by_band[k, i, j] > 0]
+    usable = sorted((k for k in bands if plan.by_band[k, i, j] > 0), key=lambda k: -plan.by_band[k, i, j])
     return ViewingGeometry(
         zenith=float(plan.zenith[i]),
         azimuth=float(plan.azimuth[j]) % 360.0 if i else 0.0,
         contrast=float(contrast[i, j]),
-        bands=tuple(names[k] for k in order),
+        bands=tuple(plan.bands[k] for k in usable),
         glint=float(plan.glint_strength[i, j]),
         glint_probability=float(plan.glint_probability[i, j]),
         margin=has_margin,
     )
+
+
+def description(geometry: ViewingGeometry | None) -> str:
+    """A viewing geometry, its contrast and its glint in words."""
+    return sentence(geometry) if geometry is None else f"{sentence(geometry)} {quality(geometry)}"
 
 
 def sentence(geometry: ViewingGeometry | None) -> str:
@@ -145,8 +124,7 @@ def compass(azimuth: float) -> str:
 
 def _with_margin(good: Mask, widest: float) -> Mask:
     """Viewing geometries that have good ones all around them, at `MARGIN`."""
-    i, j = _ring(good.shape, widest)
-    return np.asarray(good[i, j].all(axis=0))
+    return np.asarray(good[_ring(good.shape, widest)].all(axis=0))
 
 
 @lru_cache(maxsize=4)

@@ -8,9 +8,9 @@ import numpy as np
 
 from . import draw
 from .advice import sentence
-from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, YELLOW, Canvas, Image, Point
+from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, YELLOW, Canvas, Image, Point, around, polar
 from .mission import Mission
-from .picture import Caption, conditions, layers, marks, page, scale, star
+from .picture import Caption, conditions, layers, page, place_words, sky_disc, star
 from .reticle import Reticle
 from .swath import Line
 from .sweep import Moment, best_moment
@@ -18,33 +18,24 @@ from .uncertainty import WindEnsemble, words
 
 WIDTH = 1240
 _SUNNY = (150, 110, 0)
+_DAY_BOX = 96.0, 140.0, 1090.0, 200.0  # left, top, width and height of the diagram of a day
 _SMALL = 88  # radius of the small reticles
 _ROW = 6  # of them beside each other
 
 
 def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Reticle]) -> Image:
-    """Contrast and excluded share over time, with small reticles of some of the times below.
-
-    Parameters
-    ----------
-    mission : Mission
-    moments : sequence of Moment
-    plans : dict of int to Reticle
-        Reticles to show, by their place in `moments`; see `selected`.
-    """
+    """Contrast and excluded share over time; below, small reticles of `selected` times by their place in `moments`."""
     rows = -(-len(plans) // _ROW)
     canvas = Canvas(WIDTH, 440 + rows * (2 * _SMALL + 74))
     best = best_moment(list(moments))
-    place = f"{abs(mission.latitude or 0):.2f}° {'NS'[(mission.latitude or 0) < 0]}"
-    place += f"  {abs(mission.longitude or 0):.2f}° {'EW'[(mission.longitude or 0) < 0]}"
     canvas.text((40, 22), "When to fly", 26)
-    wind = conditions(mission)[-1]
-    canvas.text((40, 60), f"{place}   {str(moments[0].time)[:10]}   {wind}", 15, GREY)
+    said = place_words(mission), str(moments[0].time)[:10], conditions(mission)[-1]
+    canvas.text((40, 60), "   ".join(said), 15, GREY)
     if best is None or best.geometry is None:
         canvas.text((40, 84), "No viewing geometry is good at any of these times.", 20)
     else:
         canvas.text((40, 84), f"Best at {str(best.time)[11:16]} UTC. {sentence(best.geometry)}", 20)
-    _over_time(canvas, moments, best, (96.0, 140.0, 1090.0, 200.0))
+    _over_time(canvas, moments, best)
     for n, (k, plan) in enumerate(plans.items()):
         centre = (40 + _SMALL + 20 + (n % _ROW) * 196.0, 424 + _SMALL + 28 + (n // _ROW) * (2 * _SMALL + 74.0))
         _small(canvas, centre, plan, moments[k], moments[k] is best)
@@ -59,22 +50,24 @@ def selected(moments: Sequence[Moment]) -> list[int]:
     best = best_moment(list(moments))
     picked = {up[round(float(x))] for x in np.linspace(0, len(up) - 1, min(len(up), 2 * _ROW))}
     if best is not None:
-        k = next(i for i, m in enumerate(moments) if m is best)
+        k = _index(moments, best)
         picked = picked if k in picked else (picked - {min(picked, key=lambda i: abs(i - k))}) | {k}
     return sorted(picked)
 
 
-def _over_time(
-    canvas: Canvas, moments: Sequence[Moment], best: Moment | None, box: tuple[float, float, float, float]
-) -> None:
-    left, top, width, height = box
+def _index(moments: Sequence[Moment], wanted: Moment) -> int:
+    return next(k for k, moment in enumerate(moments) if moment is wanted)
+
+
+def _over_time(canvas: Canvas, moments: Sequence[Moment], best: Moment | None) -> None:
+    left, top, width, height = _DAY_BOX
     count = max(len(moments) - 1, 1)
     high = max((m.geometry.contrast for m in moments if m.geometry), default=1.0)
 
     def at(k: int, share: float) -> Point:
         return left + width * k / count, top + height * (1.0 - share)
 
-    _axes(canvas, moments, box, high)
+    _axes(canvas, moments, high)
     sun = [at(k, max(90.0 - m.sun_zenith, 0.0) / 90.0) for k, m in enumerate(moments)]
     canvas.line(sun, YELLOW, 2)
     peak = int(np.argmin([m.sun_zenith for m in moments]))
@@ -90,14 +83,13 @@ def _over_time(
         elif run:
             canvas.circle(run[0], 3, BLUE, -1)
         run = []
-    for k, m in enumerate(moments):
-        if m is best and m.geometry is not None:
-            star(canvas, at(k, m.geometry.contrast / high), 11.0)
+    if best is not None and best.geometry is not None:
+        star(canvas, at(_index(moments, best), best.geometry.contrast / high), 11.0)
 
 
-def _axes(canvas: Canvas, moments: Sequence[Moment], box: tuple[float, float, float, float], high: float) -> None:
+def _axes(canvas: Canvas, moments: Sequence[Moment], high: float) -> None:
     """Scales of contrast and time, and bars of the share of excluded viewing geometries."""
-    left, top, width, height = box
+    left, top, width, height = _DAY_BOX
     count = max(len(moments) - 1, 1)
     half = 0.5 * width / count
     every = max(1, -(-len(moments) // 13))
@@ -121,30 +113,19 @@ def _axes(canvas: Canvas, moments: Sequence[Moment], box: tuple[float, float, fl
 def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best: bool) -> None:
     contrast, patterns = layers(plan)
     good = contrast * np.all([excess <= 0 for excess, _, _ in patterns], axis=0)
-    draw.disc(canvas, centre, _SMALL, contrast / max(float(good.max()), 1e-9), patterns)
-    scale(canvas, centre, _SMALL, plan.mission.widest, small=True)
-    marks(canvas, centre, _SMALL, plan, small=True)
-    if moment.geometry is not None:
-        star(
-            canvas,
-            draw.polar(centre, _SMALL, moment.geometry.zenith, moment.geometry.azimuth, plan.mission.widest),
-            8.0,
-        )
+    sky_disc(canvas, centre, _SMALL, plan, contrast / max(float(good.max()), 1e-9), patterns, small=True)
+    if (best := moment.geometry) is not None:
+        star(canvas, polar(centre, _SMALL, best.zenith, best.azimuth, plan.mission.widest), 8.0)
     colour = MAGENTA if is_best else INK
     canvas.text((centre[0], centre[1] - _SMALL - 30), str(moment.time)[11:16], 16, colour, anchor="mm")
-    what = "none is good" if moment.geometry is None else f"contrast {moment.geometry.contrast:.0f}"
+    what = "none is good" if best is None else f"contrast {best.contrast:.0f}"
     canvas.text((centre[0], centre[1] + _SMALL + 16), what, 13, colour, anchor="mm")
 
 
 def line_picture(mission: Mission, line: Line, words: Sequence[str] = ()) -> Image:
     """Share of the view in glint for every heading, and glint across the track at the best and the worst.
 
-    Parameters
-    ----------
-    mission : Mission
-    line : Line
-    words : sequence of str, optional
-        What to say above; by default the words of the line alone.
+    `words` stand above; by default those of the line alone.
     """
     first, *rest = words or [line.words()]
     lines = [part for text in rest for part in draw.wrapped(text, 17, WIDTH - 80)]
@@ -162,16 +143,14 @@ def line_picture(mission: Mission, line: Line, words: Sequence[str] = ()) -> Ima
         canvas.text(at, f"{100 * share:.0f} %", 13, GREY, anchor="lm", halo=True)
     half = 180.0 / line.heading.size
     for heading, fraction in zip(line.heading, line.fraction, strict=True):
-        tips = [draw.polar(centre, radius, float(fraction), heading + d, 1.0) for d in (-half, 0.0, half)]
+        tips = [around(centre, radius * fraction, heading + d) for d in (-half, 0.0, half)]
         canvas.area([centre, *tips], (240, 190, 150))
     for turn in range(0, 360, 30):
-        name = {0: "N", 90: "E", 180: "S", 270: "W"}.get(turn, f"{turn:03d}")
-        canvas.text(draw.polar(centre, radius + 22, 1.0, turn, 1.0), name, 15, INK, anchor="mm")
-    canvas.text(draw.polar(centre, radius + 52, 1.0, mission.sun[1], 1.0), "sun", 14, _SUNNY, anchor="mm")
+        canvas.text(around(centre, radius + 22, turn), draw.azimuth_name(turn), 15, INK, anchor="mm")
+    canvas.text(around(centre, radius + 52, mission.sun[1]), "sun", 14, _SUNNY, anchor="mm")
     if line.is_recommended:
         best = float(line.heading[line.best])
-        ends = [draw.polar(centre, radius, 1.0, best + turn, 1.0) for turn in (180.0, 0.0)]
-        canvas.arrow(ends[0], ends[1], MAGENTA, 3, 16.0)
+        canvas.arrow(around(centre, radius, best + 180.0), around(centre, radius, best), MAGENTA, 3, 16.0)
     canvas.text((centre[0], centre[1] + radius + 56), "share of the view in glint, by heading", 14, GREY, anchor="mm")
     _profiles(canvas, mission, line, (620.0, 170.0 + down, 560.0, 370.0))
     return canvas.finished()
@@ -213,22 +192,17 @@ def _profiles(canvas: Canvas, mission: Mission, line: Line, box: tuple[float, fl
 
 def wind_picture(found: WindEnsemble, *, speed: float, turn: float) -> Image:
     """The reticle of the worst case: what is good under every wind, under some, under none."""
-    plan, geometry = found.middle, found.best
-    contrast = layers(plan)[0]
     good = found.contrast[0]
     some = np.where((found.risk > 0) & (found.risk < 1), 1.0, -1.0)
     always = np.where(found.risk >= 1, 1.0, -1.0)
     what, *more = words(found)
-    expects = " ".join(more)
     count = len(found.winds[0]) * len(found.winds[1])
     blows = f"Wind ± {speed:g} m/s and ± {turn:g}°: the worst of {count} winds"
-    legend = [
+    legend = (
         ("/", ORANGE, "excluded under every wind"),
         (".", ORANGE, "excluded under some of these winds"),
-    ]
-    top = float(good.max())
-    patterns = [(some, ".", ORANGE), (always, "/", ORANGE)]
-    shades = np.where(good > 0, good, contrast) / max(top, 1e-9)
-    return page(
-        plan, shades, patterns, geometry, Caption("Where to look from", blows, what, expects, tuple(legend), top)
     )
+    top = float(good.max())
+    shades = np.where(good > 0, good, layers(found.middle)[0]) / max(top, 1e-9)
+    caption = Caption("Where to look from", blows, what, " ".join(more), legend, top)
+    return page(found.middle, shades, [(some, ".", ORANGE), (always, "/", ORANGE)], found.best, caption)

@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from .advice import ViewingGeometry, best_geometry, quality, sentence
+from .advice import ViewingGeometry, best_geometry, description
 from .missionfile import tables_of
 from .reticle import Reticle
 
 RADIANCE_UNIT = "W m-2 sr-1 nm-1"
-LAYERS = {  # name: attribute, unit, meaning
+LAYERS = {  # name: unit, meaning
     "glint_probability": ("1", "share of the sea that mirrors the sun"),
     "glint_strength": ("sr-1", "glint radiance per irradiance of a plane facing the sun"),
     "combined": ("1", "contrast over noise of all usable bands, 0 where it is excluded"),
@@ -32,19 +32,13 @@ BAND_LAYERS = {
     "clear_of_sky": ("1", "1 where mirrored sky is within its limit"),
     "detectable": ("1", "1 where contrast is above the noise limit and nothing saturates"),
 }
-
-
-_MASKS = ("clear_of_sky", "detectable", "by_band")
-_NUMBER_LAYERS = tuple(name for name in BAND_LAYERS if name not in _MASKS)
+_NUMBER_LAYERS = tuple(name for name in BAND_LAYERS if name not in ("clear_of_sky", "detectable", "by_band"))
 
 
 def layer(plan: Reticle, name: str) -> npt.NDArray[Any]:
     """A layer of `LAYERS` (zenith, azimuth) or `BAND_LAYERS` (band, zenith, azimuth) by name."""
-    if name == "background_radiance":
-        return plan.light.background
-    if name == "object_radiance":
-        return plan.light.target
-    return np.asarray(getattr(plan, name))
+    out_of_water = {"background_radiance": plan.light.background, "object_radiance": plan.light.target}
+    return np.asarray(out_of_water[name] if name in out_of_water else getattr(plan, name))
 
 
 def dataset(plan: Reticle) -> Any:
@@ -80,7 +74,7 @@ def summary(plan: Reticle) -> dict[str, Any]:
         "sun": dict(zip(("zenith", "azimuth"), plan.mission.sun, strict=True)),
         "excluded_share": excluded_share(plan),
         "best": None if geometry is None else geometry_numbers(plan, geometry),
-        "words": sentence(geometry) + ("" if geometry is None else f" {quality(geometry)}"),
+        "words": description(geometry),
         "cautions": list(plan.mission.cautions),
     }
 
@@ -159,10 +153,8 @@ def _attributes(plan: Reticle) -> dict[str, Any]:
         "chlorophyll": mission.chlorophyll,
         "sensor": mission.sensor.name,
         "glint_limit": limits.glint,
-        "words": summary(plan)["words"],
+        "words": description(best_geometry(plan)),
     }
     if mission.moment is not None:
         out["time"] = f"{mission.moment}Z"
-    if mission.latitude is not None and mission.longitude is not None:
-        out |= {"latitude": mission.latitude, "longitude": mission.longitude}
-    return out
+    return out if mission.place is None else out | dict(zip(("latitude", "longitude"), mission.place, strict=True))

@@ -6,12 +6,17 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
+from PIL import Image as Pictures
+from PIL import ImageDraw, ImageFont
 
 Image = npt.NDArray[np.uint8]
 Colour = tuple[int, int, int]
 Point = tuple[float, float]
+Pattern = tuple[npt.NDArray[Any], str, Colour]
+"""Excess (zenith, azimuth), hatching ("/", "\\" or ".") where it is above 0, and its colour."""
 
 INK: Colour = (25, 28, 34)
 GREY: Colour = (105, 112, 122)
@@ -28,34 +33,22 @@ _SUBPIXEL_BITS = 4  # cv2 takes coordinates in 1/16 pixel
 
 
 class Canvas:
-    """An RGB picture to draw on. Points are (x, y) [pixel] from the upper left corner.
-
-    Parameters
-    ----------
-    width, height : int
-        [pixel]
-    """
+    """An RGB picture to draw on, of a width and height [pixel]. Points are (x, y) from the upper left corner."""
 
     def __init__(self, width: int, height: int) -> None:
         self.image: Image = np.full((height, width, 3), PAPER, np.uint8)
         self._texts: list[tuple[Point, str, float, Colour, str, bool]] = []
 
-    def line(self, points: Sequence[Point], colour: Colour = INK, width: int = 1, *, closed: bool = False) -> None:
+    def line(self, points: Sequence[Point], colour: Colour = INK, width: int = 1) -> None:
         """Draw a line through points."""
-        import cv2
-
-        cv2.polylines(self.image, [_fixed(points)], closed, colour, width, cv2.LINE_AA, _SUBPIXEL_BITS)
+        cv2.polylines(self.image, [_fixed(points)], False, colour, width, cv2.LINE_AA, _SUBPIXEL_BITS)
 
     def area(self, points: Sequence[Point], colour: Colour) -> None:
         """Fill a polygon."""
-        import cv2
-
         cv2.fillPoly(self.image, [_fixed(points)], colour, cv2.LINE_AA, _SUBPIXEL_BITS)
 
     def circle(self, centre: Point, radius: float, colour: Colour = INK, width: int = 1) -> None:
         """Draw a circle; a width of -1 fills it."""
-        import cv2
-
         (at,) = _fixed([centre])
         size = round(radius * 2**_SUBPIXEL_BITS)
         cv2.circle(self.image, (int(at[0]), int(at[1])), size, colour, width, cv2.LINE_AA, _SUBPIXEL_BITS)
@@ -74,23 +67,23 @@ class Canvas:
         self.area([end, tuple(neck + side), tuple(neck - side)], colour)
 
     def text(
-        self,
-        at: Point,
-        text: str,
-        size: float = 15.0,
-        colour: Colour = INK,
-        *,
-        anchor: str = "la",
-        halo: bool = False,
+        self, at: Point, text: str, size: float = 15.0, colour: Colour = INK, *, anchor: str = "la", halo: bool = False
     ) -> None:
         """Write a line when the picture is finished; `anchor` as Pillow has it, `halo` a white rim."""
         self._texts.append((at, text, size, colour, anchor, halo))
 
+    def paragraph(
+        self, at: Point, text: str, size: float, width: float, step: float, colour: Colour = INK, *, anchor: str = "la"
+    ) -> float:
+        """Write a text in lines of at most a width, `step` apart [pixel]; the height of the line after the last."""
+        x, y = at
+        for line in wrapped(text, size, width):
+            self.text((x, y), line, size, colour, anchor=anchor)
+            y += step
+        return y
+
     def finished(self) -> Image:
         """The picture with its texts."""
-        from PIL import Image as Pictures
-        from PIL import ImageDraw
-
         picture = Pictures.fromarray(self.image)
         pen = ImageDraw.Draw(picture)
         for at, text, size, colour, anchor, halo in self._texts:
@@ -99,17 +92,12 @@ class Canvas:
         return np.asarray(picture)
 
 
-def width_of(text: str, size: float) -> float:
-    """How wide a text is [pixel]."""
-    return float(_font(size).getlength(text))
-
-
 def wrapped(text: str, size: float, width: float) -> list[str]:
     """A text broken into lines of a width [pixel]."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
-        if width_of(longer, size) > width and lines[-1]:
+        if _font(size).getlength(longer) > width and lines[-1]:
             lines.append(word)
         else:
             lines[-1] = longer
@@ -118,19 +106,27 @@ def wrapped(text: str, size: float, width: float) -> list[str]:
 
 def polar(centre: Point, radius: float, zenith: float, azimuth: float, widest: float) -> Point:
     """Where a viewing geometry stands on a disc: north up, east right, zenith angle outward."""
-    turn, out = np.radians(azimuth), radius * zenith / widest
-    return centre[0] + out * float(np.sin(turn)), centre[1] - out * float(np.cos(turn))
+    return around(centre, radius * zenith / widest, azimuth)
 
 
-def palette(share: npt.NDArray[Any], name: str = "viridis") -> Image:
-    """Colours (..., 3) of numbers 0 to 1 in a scale that all eyes can read."""
-    return _colours(name)[(np.clip(np.nan_to_num(share), 0.0, 1.0) * 255).astype(np.uint8)]
+def around(centre: Point, distance: float, azimuth: float) -> Point:
+    """The point at a distance [pixel] from the centre in the direction of an azimuth [degree], north up."""
+    turn = np.radians(azimuth)
+    return centre[0] + distance * float(np.sin(turn)), centre[1] - distance * float(np.cos(turn))
+
+
+def azimuth_name(azimuth: int) -> str:
+    """An azimuth [degree] as the rim of a disc names it: N, 030, 060, E, ..."""
+    return {0: "N", 90: "E", 180: "S", 270: "W"}.get(azimuth, f"{azimuth:03d}")
+
+
+def palette(share: npt.NDArray[Any]) -> Image:
+    """Colours (..., 3) of numbers 0 to 1 in viridis, a scale that all eyes can read."""
+    return _colours()[(np.clip(np.nan_to_num(share), 0.0, 1.0) * 255).astype(np.uint8)]
 
 
 def png(image: Image) -> bytes:
     """The picture as a PNG file."""
-    import cv2
-
     _ok, data = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 4])
     return bytes(data)
 
@@ -140,30 +136,17 @@ def disc(
     centre: Point,
     radius: int,
     share: npt.NDArray[Any],
-    patterns: Sequence[tuple[Any, str, Colour]] = (),
-    name: str = "viridis",
+    patterns: Sequence[Pattern] = (),
 ) -> None:
-    """Draw a disc of viewing geometries.
+    """Draw a disc of viewing geometries; the widest lie at `radius` [pixel].
 
-    Parameters
-    ----------
-    canvas : Canvas
-    centre : (float, float)
-    radius : int
-        Of the widest viewing geometry [pixel].
-    share : (zenith, azimuth) ndarray
-        Number 0 to 1 of each viewing geometry, to be coloured; equal steps, azimuth 0 to 360.
-    patterns : sequence of (excess, pattern, colour)
-        Viewing geometries to hatch are those with an excess above 0; patterns are "/", "\\" or ".", over a pale ground.
-    name : str
-        Of the palette.
+    `share` (zenith, azimuth) is the number 0 to 1 to be coloured, on equal steps, azimuth 0 to 360. Where the excess of
+    a pattern is above 0 the disc is hatched over a pale ground.
     """
-    import cv2
-
     inside, coverage = _cover(radius)
     level = cv2.convertScaleAbs(np.clip(_warped(share, radius), 0.0, 1.0), alpha=_SHADES - 1)
     table = np.empty((256, 3), np.uint8)
-    table[:_SHADES] = _colours(name)[np.linspace(0, 255, _SHADES).astype(int)]
+    table[:_SHADES] = _colours()[np.linspace(0, 255, _SHADES).astype(int)]
     table[_SHADES], table[-1] = GROUND, INK
     hatched = [(_warped(excess, radius) > 0, pattern, colour) for excess, pattern, colour in patterns]
     if hatched:
@@ -183,8 +166,6 @@ def disc(
 
 def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour) -> None:
     """A sample of a hatching for a legend, 28 by 18 pixels."""
-    import cv2
-
     fine = np.full((36, 56, 3), GROUND, np.uint8)
     fine[_pattern(pattern, 56)[:36]] = colour
     x, y = round(left), round(top)
@@ -193,8 +174,6 @@ def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour
 
 def _warped(values: npt.NDArray[Any], radius: int) -> npt.NDArray[np.float32]:
     """Viewing geometries (zenith, azimuth) on the fine pixels of a disc, linear between them."""
-    import cv2
-
     places = _places(radius, *values.shape)
     return np.asarray(cv2.remap(np.asarray(values, np.float32), *places, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))
 
@@ -221,8 +200,6 @@ def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
 @lru_cache(maxsize=8)
 def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
     """Where the fine pixels of a disc lie among the viewing geometries, as cv2.remap wants it."""
-    import cv2
-
     axis = _axis(radius, _OVERSAMPLING)
     x, y = axis[None, :], -axis[:, None]
     column = np.mod(np.arctan2(x, y) / np.float32(2 * np.pi), 1.0) * (around - 1)
@@ -234,18 +211,14 @@ def _axis(radius: int, fine: int) -> npt.NDArray[np.float32]:
     return ((np.arange(2 * radius * fine) + 0.5) / fine - radius).astype(np.float32)
 
 
-@lru_cache(maxsize=4)
-def _colours(name: str) -> Image:
-    import cv2
-
-    known = {"viridis": cv2.COLORMAP_VIRIDIS, "cividis": cv2.COLORMAP_CIVIDIS, "magma": cv2.COLORMAP_MAGMA}
-    return np.asarray(cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], known[name])[:, 0, ::-1], np.uint8)
+@lru_cache(maxsize=1)
+def _colours() -> Image:
+    scale = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)
+    return np.asarray(scale[:, 0, ::-1], np.uint8)
 
 
 @lru_cache(maxsize=16)
 def _font(size: float) -> Any:
-    from PIL import ImageFont
-
     return ImageFont.load_default(size)
 
 

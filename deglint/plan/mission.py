@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import InputError
 from ..physics import slopes, sun
 from ..physics._checks import choice, within
-from ..physics.atmosphere import STANDARD_PRESSURE, Air, ozone
+from ..physics.atmosphere import Air, ozone
 from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
 from ..physics.sky import SKY_MODELS as SKIES
@@ -27,6 +27,8 @@ MEASURED_WIND = 14.0
 """Wind up to which Cox and Munk measured slopes [m/s]."""
 SUN_LIMIT = 89.0
 """Zenith angle beyond which the sun is too low to plan with [degree]."""
+COARSE_STEP = 2.0
+"""Step between viewing geometries of plans that need many reticles, where the mission has a finer one [degree]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,24 +162,26 @@ class Mission:
         if self.sun_zenith is not None:
             within("sun_zenith", self.sun_zenith, 0.0, SUN_LIMIT, "degrees", "The sun is down; choose another time.")
             return
-        if self.latitude is None or self.longitude is None:
+        if self.place is None:
             raise InputError("where the sun stands is not known: give latitude and longitude, or the sun's angles.")
-        within("latitude", self.latitude, -90.0, 90.0, "degrees", "North is positive.")
-        within("longitude", self.longitude, -180.0, 360.0, "degrees", "East is positive.")
+        within("latitude", self.place[0], -90.0, 90.0, "degrees", "North is positive.")
+        within("longitude", self.place[1], -180.0, 360.0, "degrees", "East is positive.")
         if self.sun[0] > SUN_LIMIT:
-            raise InputError(f"{self._down()}{self._rises()}")
+            high = 90.0 - self.sun[0]
+            what = (
+                f"below the horizon ({high:.1f} degrees)" if high < 0 else f"too low ({high:.1f} degrees; 1 is needed)"
+            )
+            where = f"{self.moment}Z, latitude {self.latitude:g}, longitude {self.longitude:g}"
+            rise = sun.next_rise(*self.place, self.moment)
+            remedy = f"It rises at {str(rise)[:16]}Z: choose a later time."
+            if np.isnat(rise):
+                remedy = "It does not rise within a day; choose another date."
+            raise InputError(f"the sun is {what} at {where}. {remedy}")
 
-    def _down(self) -> str:
-        high = 90.0 - self.sun[0]
-        where = f"below the horizon ({high:.1f} degrees)" if high < 0 else f"too low ({high:.1f} degrees; 1 is needed)"
-        return f"the sun is {where} at {self.moment}Z, latitude {self.latitude:g}, longitude {self.longitude:g}. "
-
-    def _rises(self) -> str:
-        assert self.latitude is not None and self.longitude is not None  # noqa: PT018
-        rise = sun.next_rise(self.latitude, self.longitude, self.moment)
-        if np.isnat(rise):
-            return "It does not rise within a day; choose another date."
-        return f"It rises at {str(rise)[:16]}Z: choose a later time."
+    @property
+    def place(self) -> tuple[float, float] | None:
+        """Latitude and longitude [degree]; None where one of them is not given."""
+        return None if self.latitude is None or self.longitude is None else (self.latitude, self.longitude)
 
     @property
     def strongest_wind(self) -> float:
@@ -201,8 +205,8 @@ class Mission:
         """Zenith angle and azimuth of the sun [degree]."""
         if self.sun_zenith is not None and self.sun_azimuth is not None:
             return float(self.sun_zenith), float(self.sun_azimuth) % 360.0
-        assert self.latitude is not None and self.longitude is not None  # noqa: PT018
-        zenith, azimuth = sun.position(self.latitude, self.longitude, self.moment)
+        assert self.place is not None
+        zenith, azimuth = sun.position(*self.place, self.moment)
         return float(zenith), float(azimuth)
 
     @property
@@ -217,22 +221,8 @@ class Mission:
         ten = min(ten, 20.0)  # but for rounding it is
         if self.air is not None:
             return replace(self.air, wind=ten)
-        return Air(
-            humidity=80.0,
-            water_vapour=2.5,
-            visibility=40.0,
-            wind=ten,
-            wind_mean=ten,
-            ozone=self.usual_ozone,
-            pressure=STANDARD_PRESSURE,
-        )
-
-    @property
-    def usual_ozone(self) -> float:
-        """Ozone column of the climatology for place and day; 300 where they are not known [DU]."""
-        if self.latitude is None or self.longitude is None or self.day is None:
-            return 300.0
-        return float(ozone(self.latitude, self.longitude, self.day))
+        usual = 300.0 if self.place is None or self.day is None else float(ozone(*self.place, self.day))
+        return Air(water_vapour=2.5, visibility=40.0, wind=ten, wind_mean=ten, ozone=usual)
 
     @property
     def slope_wind(self) -> Wind:
@@ -264,10 +254,14 @@ class Mission:
         """The same mission at another time, with the sun of that time."""
         return replace(self, time=time, sun_zenith=None, sun_azimuth=None)
 
+    def coarse(self) -> Mission:
+        """The same mission with viewing geometries `COARSE_STEP` apart at least."""
+        return replace(self, step=max(self.step, COARSE_STEP))
+
 
 def _finite(mission: Mission) -> None:
     """Refuse NaN, which ranges let pass."""
-    groups: list[Any] = [mission, mission.limits] + ([mission.air] if mission.air is not None else [])
+    groups: list[Any] = [mission, mission.limits] + ([mission.air] if mission.air else [])
     for group in groups:
         for item in fields(group):
             value = getattr(group, item.name)

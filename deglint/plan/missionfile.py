@@ -44,14 +44,7 @@ _SENSOR_KEYS = ("preset", "bands", "band", "name", *(f.name for f in fields(Sens
 
 
 def mission_from(tables: Tables, name: str = "the mission") -> Mission:
-    """A mission from tables.
-
-    Parameters
-    ----------
-    tables : mapping of mappings
-        See above.
-    name : str
-        Of the file, for messages.
+    """A mission from tables as above; `name` stands for the file in messages.
 
     Raises
     ------
@@ -132,13 +125,10 @@ def pressure(value: Any) -> float:
     >>> round(pressure("30 inHg"), 1)
     1015.9
     """
-    found = re.fullmatch(r"\s*([0-9.]+)\s*([A-Za-z]*)\s*", str(value))
+    found = re.fullmatch(r"\s*([0-9]+\.?[0-9]*|\.[0-9]+)\s*([A-Za-z]*)\s*", str(value))
     unit = found[2].lower() or "hpa" if found else ""
-    try:
-        if found and unit in _HECTOPASCALS:
-            return float(found[1]) * _HECTOPASCALS[unit]
-    except ValueError:
-        pass
+    if found and unit in _HECTOPASCALS:
+        return float(found[1]) * _HECTOPASCALS[unit]
     raise InputError(f"pressure must be like 1013 hPa, 29.9 inHg or 760 mmHg, got {value!r}. Name the unit.")
 
 

@@ -10,31 +10,22 @@ import numpy.typing as npt
 
 from . import draw
 from .advice import ViewingGeometry, best_geometry, compass, quality, sentence
-from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, PAPER, YELLOW, Canvas, Image, Point
+from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, PAPER, YELLOW, Canvas, Image, Pattern, Point, around, polar
 from .mission import Mission
 from .reticle import Reticle
 
 WIDTH, HEIGHT = 1240, 860
-_CENTRE, _RADIUS = (418.0, 430.0), 345
+DISC_CENTRE, DISC_RADIUS = (418.0, 430.0), 345
 _LEFT = 860  # of the words beside the disc
+_COLUMN = WIDTH - _LEFT - 34  # and their width
+_PALE_INK = (150, 155, 162)
 _HOW = (
     "The object is in the middle; a point of the disc is where the sensor stands, north up. Rings: degrees off nadir."
 )
 
 
 def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to look from") -> Image:
-    """Draw a plan.
-
-    Parameters
-    ----------
-    plan : Reticle
-    band : str, optional
-        Show this band alone; by default all together.
-    title : str
-
-    Returns
-    -------
-    (row, column, 3) uint8 ndarray
+    """Draw a plan, of all bands together or of one band alone.
 
     Raises
     ------
@@ -47,52 +38,41 @@ def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to lo
     limits = plan.mission.limits
     also = "" if limits.glint_probability is None else f", or on > {limits.glint_probability:.1g} of the sea"
     share = f"{100 * limits.sky_probability:g} %"
-    legend = [
+    legend = (
         ("/", ORANGE, f"excluded: sun glint (above {limits.glint:g} /sr{also})"),
         ("\\", BLUE, f"excluded: sky glint ({limits.sky_ratio:g}x the water on > {share} of the sea)"),
         (".", GREY, f"too faint, or saturated (contrast below {limits.snr:g} x noise)"),
-    ]
+    )
     expects = "" if geometry is None else quality(geometry)
     top = float((plan.combined if band is None else plan.by_band[plan.index(band)]).max())
-    words = Caption(title, f"Map: contrast over noise, {shown}", sentence(geometry), expects, tuple(legend), top)
+    words = Caption(title, f"Map: contrast over noise, {shown}", sentence(geometry), expects, legend, top)
     return page(plan, contrast / max(top, 1e-9), patterns, geometry, words)
 
 
 class Caption(NamedTuple):
-    """Text beside a disc.
-
-    Attributes
-    ----------
-    title, shows, what, expects : str
-        What the page is, what the map shows, the best viewing geometry, and what to expect of it.
-    legend : tuple of (pattern, colour, str)
-        Hatchings and their meaning.
-    top : float
-        Contrast at the top of the scale of colours; 0 for no scale.
-    """
+    """Text beside a disc."""
 
     title: str
-    shows: str
-    what: str
-    expects: str
-    legend: tuple[tuple[str, draw.Colour, str], ...]
-    top: float
+    shows: str  # what the map shows
+    what: str  # the best viewing geometry
+    expects: str  # what to expect of it
+    legend: tuple[tuple[str, draw.Colour, str], ...]  # hatchings and their meaning
+    top: float  # contrast at the top of the scale of colours; 0 for no scale
 
 
 def page(
     plan: Reticle,
     share: npt.NDArray[Any],
-    patterns: Sequence[tuple[Any, str, draw.Colour]],
+    patterns: Sequence[Pattern],
     geometry: ViewingGeometry | None,
     words: Caption,
 ) -> Image:
-    """A disc with its words; `share` is 0 to 1 of the scale of colours, `patterns` as for `draw.disc`."""
+    """A disc with its words; `share` is 0 to 1 of the scale of colours."""
     canvas = Canvas(WIDTH, HEIGHT)
-    draw.disc(canvas, _CENTRE, _RADIUS, share, patterns)
-    scale(canvas, _CENTRE, _RADIUS, plan.mission.widest)
-    marks(canvas, _CENTRE, _RADIUS, plan)
+    sky_disc(canvas, DISC_CENTRE, DISC_RADIUS, plan, share, patterns)
+    _sun_and_wind(canvas, plan.mission)
     if geometry is not None:
-        _best(canvas, _CENTRE, _RADIUS, plan.mission.widest, geometry)
+        _best(canvas, plan.mission.widest, geometry)
     y = _words(canvas, plan, words)
     y = _table(canvas, plan, geometry, y)
     _legend(canvas, words, y)
@@ -100,7 +80,7 @@ def page(
     return canvas.finished()
 
 
-def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], list[tuple[Any, str, draw.Colour]]]:
+def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], list[Pattern]]:
     """The contrast that is coloured, and what is hatched: too little contrast, mirrored sky, sun glint."""
     limits = plan.mission.limits
     with np.errstate(divide="ignore"):
@@ -121,96 +101,89 @@ def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], li
     return contrast, [(faint, ".", GREY), (sky, "\\", BLUE), (np.clip(glint, -5.0, 5.0), "/", ORANGE)]
 
 
-def scale(canvas: Canvas, centre: Point, radius: int, widest: float, *, small: bool = False) -> None:
-    """Rings of zenith angle and a compass rose around a disc."""
+def sky_disc(
+    canvas: Canvas,
+    centre: Point,
+    radius: int,
+    plan: Reticle,
+    share: npt.NDArray[Any],
+    patterns: Sequence[Pattern] = (),
+    *,
+    small: bool = False,
+) -> None:
+    """A disc of viewing geometries with rings of zenith angle, a compass rose, and the sun."""
+    draw.disc(canvas, centre, radius, share, patterns)
+    widest = plan.mission.widest
     every = 20 if widest > 40 else 10
     for ring in np.arange(every, widest + 0.1, every):
         canvas.circle(centre, radius * ring / widest, INK if ring == widest else GREY, 1)
         if not small:
-            at = draw.polar(centre, radius, float(ring), 15.0, widest)
-            canvas.text(at, f"{ring:.0f}°", 14, INK, anchor="mm", halo=True)
+            canvas.text(polar(centre, radius, ring, 15.0, widest), f"{ring:.0f}°", 14, INK, anchor="mm", halo=True)
     canvas.circle(centre, radius, INK, 2)
-    for azimuth in range(0, 360, 10):
-        long = azimuth % 30 == 0
-        start = draw.polar(centre, radius, widest, azimuth, widest)
-        end = draw.polar(centre, radius + (9 if long else 5), widest, azimuth, widest)
-        if not small:
-            canvas.line([start, end], INK, 2 if long else 1)
-        if long and (not small or azimuth == 0):
-            name = {0: "N", 90: "E", 180: "S", 270: "W"}.get(azimuth, f"{azimuth:03d}")
-            at = draw.polar(centre, radius + (11 if small else 26), 1.0, azimuth, 1.0)
-            canvas.text(at, name, (13 if small else 22) if azimuth % 90 == 0 else 15, INK, anchor="mm")
-    if not small:
-        for azimuth in range(0, 360, 30):
-            inner = draw.polar(centre, radius, 4.0, azimuth, widest)
-            canvas.line([inner, draw.polar(centre, radius, widest, azimuth, widest)], (150, 155, 162), 1)
-
-
-def marks(canvas: Canvas, centre: Point, radius: int, plan: Reticle, *, small: bool = False) -> None:
-    """Object, sun, centre of the glint, and wind."""
-    widest, mission = plan.mission.widest, plan.mission
-    zenith, azimuth = mission.sun
-    size = 6.0 if small else 13.0
-    sun = draw.polar(centre, radius, min(zenith, widest * 1.0), azimuth, widest)
-    _sun(canvas, sun, size)
     if small:
-        return
-    canvas.text((sun[0], sun[1] + 24), "sun", 15, INK, anchor="mm", halo=True)
-    if zenith <= widest:
-        glint = draw.polar(centre, radius, zenith, azimuth + 180.0, widest)
-        canvas.circle(glint, 5, PAPER, -1)
-        canvas.circle(glint, 5, ORANGE, 2)
-        canvas.text((glint[0], glint[1] + 16), "mirror point", 14, INK, anchor="mm", halo=True)
-    for colour, width in ((PAPER, 5), (INK, 2)):
-        canvas.line([(centre[0] - 9, centre[1]), (centre[0] + 9, centre[1])], colour, width)
-        canvas.line([(centre[0], centre[1] - 9), (centre[0], centre[1] + 9)], colour, width)
-    _wind(canvas, centre, radius, plan)
+        canvas.text(around(centre, radius + 11, 0.0), "N", 13, INK, anchor="mm")
+    else:
+        _rose(canvas, centre, radius, widest)
+    zenith, azimuth = plan.mission.sun
+    _sun(canvas, polar(centre, radius, min(zenith, widest), azimuth, widest), 6.0 if small else 13.0)
 
 
-def _wind(canvas: Canvas, centre: Point, radius: int, plan: Reticle) -> None:
-    blows = plan.mission.wind_from
-    start = draw.polar(centre, radius + 66, 1.0, blows, 1.0)
-    end = draw.polar(centre, radius + 40, 1.0, blows, 1.0)
-    canvas.arrow(start, end, BLUE, 4, 15.0)
-    speed = f"{plan.mission.wind:g} m/s"
-    if abs(np.sin(np.radians(blows))) > 0.9:  # beside the disc there is room for a short line only
-        at = draw.polar(centre, radius + 46, 1.0, blows, 1.0)
-        for k, line in enumerate(("wind", speed)):
-            canvas.text((at[0], at[1] + 24 + 17 * k), line, 15, BLUE, anchor="mm")
-        return
-    at = draw.polar(centre, radius + 80, 1.0, blows, 1.0)
-    canvas.text((at[0], at[1]), f"wind {speed}", 15, BLUE, anchor="mm")
+def _rose(canvas: Canvas, centre: Point, radius: int, widest: float) -> None:
+    for azimuth in range(0, 360, 10):
+        tick = 5 if azimuth % 30 else 9
+        canvas.line([around(centre, radius + out, azimuth) for out in (0, tick)], INK, 1 if azimuth % 30 else 2)
+    for azimuth in range(0, 360, 30):
+        size = 15 if azimuth % 90 else 22
+        canvas.text(around(centre, radius + 26, azimuth), draw.azimuth_name(azimuth), size, INK, anchor="mm")
+        canvas.line([polar(centre, radius, 4.0, azimuth, widest), around(centre, radius, azimuth)], _PALE_INK, 1)
 
 
 def _sun(canvas: Canvas, at: Point, size: float) -> None:
     for k in range(8):
-        turn = np.radians(45.0 * k)
-        ray = [(at[0] + r * float(np.cos(turn)), at[1] + r * float(np.sin(turn))) for r in (size * 0.7, size * 1.25)]
-        canvas.line(ray, INK, 2 if size > 8 else 1)
+        canvas.line([around(at, size * reach, 45.0 * k) for reach in (0.7, 1.25)], INK, 2 if size > 8 else 1)
     canvas.circle(at, size * 0.72, YELLOW, -1)
     canvas.circle(at, size * 0.72, INK, 1)
 
 
-def _best(canvas: Canvas, centre: Point, radius: int, widest: float, geometry: ViewingGeometry) -> None:
-    at = draw.polar(centre, radius, geometry.zenith, geometry.azimuth, widest)
+def _sun_and_wind(canvas: Canvas, mission: Mission) -> None:
+    """Name the sun; mark the centre of the glint, the object in the middle, and the wind."""
+    (x, y), radius, widest = DISC_CENTRE, DISC_RADIUS, mission.widest
+    zenith, azimuth = mission.sun
+    right, down = polar(DISC_CENTRE, radius, min(zenith, widest), azimuth, widest)
+    canvas.text((right, down + 24), "sun", 15, INK, anchor="mm", halo=True)
+    if zenith <= widest:
+        glint = polar(DISC_CENTRE, radius, zenith, azimuth + 180.0, widest)
+        canvas.circle(glint, 5, PAPER, -1)
+        canvas.circle(glint, 5, ORANGE, 2)
+        canvas.text((glint[0], glint[1] + 16), "mirror point", 14, INK, anchor="mm", halo=True)
+    for colour, width in ((PAPER, 5), (INK, 2)):
+        canvas.line([(x - 9, y), (x + 9, y)], colour, width)
+        canvas.line([(x, y - 9), (x, y + 9)], colour, width)
+    blows, speed = mission.wind_from, f"{mission.wind:g} m/s"
+    canvas.arrow(around(DISC_CENTRE, radius + 66, blows), around(DISC_CENTRE, radius + 40, blows), BLUE, 4, 15.0)
+    if abs(np.sin(np.radians(blows))) > 0.9:  # beside the disc there is room for a short line only
+        right, down = around(DISC_CENTRE, radius + 46, blows)
+        canvas.text((right, down + 24), "wind", 15, BLUE, anchor="mm")
+        canvas.text((right, down + 41), speed, 15, BLUE, anchor="mm")
+    else:
+        canvas.text(around(DISC_CENTRE, radius + 80, blows), f"wind {speed}", 15, BLUE, anchor="mm")
+
+
+def _best(canvas: Canvas, widest: float, geometry: ViewingGeometry) -> None:
+    x, y = at = polar(DISC_CENTRE, DISC_RADIUS, geometry.zenith, geometry.azimuth, widest)
     if geometry.zenith >= 6.0:
-        near = draw.polar(centre, radius, 3.0, geometry.azimuth, widest)
+        near = polar(DISC_CENTRE, DISC_RADIUS, 3.0, geometry.azimuth, widest)
         canvas.arrow(at, near, PAPER, 6, 18.0)
         canvas.arrow(at, near, MAGENTA, 3, 14.0)
     star(canvas, at, 15.0)
-    label = (at[0], at[1] - 26) if at[1] > centre[1] - radius + 60 else (at[0], at[1] + 28)
-    canvas.text(label, "BEST", 17, MAGENTA, anchor="mm", halo=True)
+    label = y - 26 if y > DISC_CENTRE[1] - DISC_RADIUS + 60 else y + 28
+    canvas.text((x, label), "BEST", 17, MAGENTA, anchor="mm", halo=True)
 
 
 def star(canvas: Canvas, at: Point, size: float) -> None:
     """The mark of the best viewing geometry."""
     for reach, colour in ((size * 1.3, PAPER), (size, MAGENTA)):
-        turns = np.radians(np.arange(10) * 36.0 - 90.0)
-        out = np.where(np.arange(10) % 2 == 0, reach, reach * 0.45)
-        canvas.area(
-            [(at[0] + float(r * np.cos(t)), at[1] + float(r * np.sin(t))) for r, t in zip(out, turns, strict=True)],
-            colour,
-        )
+        canvas.area([around(at, reach * (0.45 if k % 2 else 1.0), 36.0 * k) for k in range(10)], colour)
 
 
 def _words(canvas: Canvas, plan: Reticle, words: Caption) -> float:
@@ -219,12 +192,10 @@ def _words(canvas: Canvas, plan: Reticle, words: Caption) -> float:
     for line in [*conditions(plan.mission), words.shows]:
         canvas.text((_LEFT, y), line, 15, GREY)
         y += 21
-    y += 8
-    start = y
-    for text, size, height in ((words.what, 20, 27), (words.expects, 15, 20)):
-        for line in draw.wrapped(text, size, WIDTH - _LEFT - 34) if text else []:
-            canvas.text((_LEFT + 14, y), line, size)
-            y += height
+    start = y = y + 8
+    y = canvas.paragraph((_LEFT + 14, y), words.what, 20, _COLUMN, 27)
+    if words.expects:
+        y = canvas.paragraph((_LEFT + 14, y), words.expects, 15, _COLUMN, 20)
     canvas.box(_LEFT, start, 4, y - start, MAGENTA)
     return y + 16
 
@@ -235,19 +206,17 @@ def conditions(mission: Mission) -> list[str]:
     sun = f"Sun {90 - zenith:.0f}° high in the {compass(azimuth)} ({azimuth:03.0f}°)"
     blows = mission.wind_from % 360
     wind = f"Wind {mission.wind:g} m/s from the {compass(blows)} ({blows:03.0f}°)"
-    return [line for line in (place_and_time(mission), sun, wind) if line]
+    when = "" if mission.moment is None else f"{str(mission.moment)[:16].replace('T', ' ')} UTC"
+    place_and_time = "   ".join(text for text in (place_words(mission), when) if text)
+    return [line for line in (place_and_time, sun, wind) if line]
 
 
-def place_and_time(mission: Mission) -> str:
-    """Place and time in a line; empty where neither is given."""
-    out = []
-    if mission.latitude is not None and mission.longitude is not None:
-        longitude = (mission.longitude + 180.0) % 360.0 - 180.0
-        north, east = "NS"[mission.latitude < 0], "EW"[longitude < 0]
-        out.append(f"{abs(mission.latitude):.2f}° {north}  {abs(longitude):.2f}° {east}")
-    if mission.moment is not None:
-        out.append(f"{str(mission.moment)[:16].replace('T', ' ')} UTC")
-    return "   ".join(out)
+def place_words(mission: Mission) -> str:
+    """Latitude and longitude; empty where they are not given."""
+    if mission.place is None:
+        return ""
+    latitude, longitude = mission.place[0], (mission.place[1] + 180.0) % 360.0 - 180.0
+    return f"{abs(latitude):.2f}° {'NS'[latitude < 0]}  {abs(longitude):.2f}° {'EW'[longitude < 0]}"
 
 
 def _table(canvas: Canvas, plan: Reticle, geometry: ViewingGeometry | None, y: float) -> float:
@@ -260,16 +229,10 @@ def _table(canvas: Canvas, plan: Reticle, geometry: ViewingGeometry | None, y: f
     canvas.text((_LEFT, y), "From there", 13, GREY)
     y += 19
     for k, band in enumerate(plan.mission.channels):
-        good = bool(plan.by_band[k, i, j] > 0)
-        colour = INK if good else (150, 155, 162)
-        weber = plan.weber[k, i, j]
-        cells = (
-            f"{band.wavelength:.0f}",
-            f"{plan.snr[k, i, j]:.1f}",
-            f"{weber:+.2f}",
-            f"{100 * plan.sky_probability[k, i, j]:.0f} %",
-        )
+        colour = INK if plan.by_band[k, i, j] > 0 else _PALE_INK
+        snr, weber, sky = plan.snr[k, i, j], plan.weber[k, i, j], plan.sky_probability[k, i, j]
         canvas.text((_LEFT, y), band.name[:9], 14, colour)
+        cells = (f"{band.wavelength:.0f}", f"{snr:.1f}", f"{weber:+.2f}", f"{100 * sky:.0f} %")
         for x, cell in zip(edges, cells, strict=True):
             canvas.text((x, y), cell, 14, colour, anchor="ra")
         y += 19
@@ -277,26 +240,16 @@ def _table(canvas: Canvas, plan: Reticle, geometry: ViewingGeometry | None, y: f
 
 
 def _legend(canvas: Canvas, words: Caption, y: float) -> None:
-    x, row = _LEFT, round(y)
     if words.top > 0:
-        colour_bar(canvas, x, row, 220)
-        canvas.text((x, row + 18), "0", 13, GREY)
-        canvas.text((x + 220, row + 18), f"{words.top:.3g} x noise", 13, GREY, anchor="ra")
+        row = round(y)
+        canvas.image[row : row + 14, _LEFT : _LEFT + 220] = draw.palette(np.linspace(0.0, 1.0, 220))
+        canvas.text((_LEFT, row + 18), "0", 13, GREY)
+        canvas.text((_LEFT + 220, row + 18), f"{words.top:.3g} x noise", 13, GREY, anchor="ra")
         y = row + 44
     for pattern, colour, text in words.legend:
-        draw.swatch(canvas, x, y, pattern, colour)
-        for line in draw.wrapped(text, 13, WIDTH - _LEFT - 56):
-            canvas.text((x + 38, y + 9), line, 13, INK, anchor="lm")
-            y += 18
-        y += 7
-    for line in draw.wrapped(_HOW, 13, WIDTH - _LEFT - 34):
-        canvas.text((x, y + 8), line, 13, GREY)
-        y += 18
-
-
-def colour_bar(canvas: Canvas, left: int, top: int, width: int, name: str = "viridis") -> None:
-    """The colours of a scale, from 0 to its top."""
-    canvas.image[top : top + 14, left : left + width] = draw.palette(np.linspace(0.0, 1.0, width), name)
+        draw.swatch(canvas, _LEFT, y, pattern, colour)
+        y = canvas.paragraph((_LEFT + 38, y + 9), text, 13, WIDTH - _LEFT - 56, 18, anchor="lm") - 2
+    canvas.paragraph((_LEFT, y + 8), _HOW, 13, _COLUMN, 18, GREY)
 
 
 def _foot(canvas: Canvas, plan: Reticle) -> None:
@@ -304,7 +257,7 @@ def _foot(canvas: Canvas, plan: Reticle) -> None:
     target = f"Object {100 * mission.reflectance:g} % reflectance at {mission.depth:g} m"
     water = f"chlorophyll {mission.chlorophyll:g} mg/m3; visibility {mission.weather.visibility:g} km"
     said = [f"{target}; {water}; sensor {mission.sensor.name}.", *mission.cautions]
-    lines = [line for text in said for line in draw.wrapped(text, 13, WIDTH - _LEFT - 34)]
+    lines = [line for text in said for line in draw.wrapped(text, 13, _COLUMN)]
     y = HEIGHT - 24 - 18 * len(lines)
     for line in lines:
         canvas.text((_LEFT, y), line, 13, GREY)

@@ -1,4 +1,9 @@
-"""The reticle: glint, mirrored sky and contrast for every viewing geometry, and which of them are excluded."""
+"""The reticle: light, glint, mirrored sky and contrast for every viewing geometry, and which of them are excluded.
+
+Light in a band is the exact mean of 1 nm steps: the angular model of the water is linear in a few spectra, so these are
+averaged once and combined for all directions. No sum here is left to the library of linear algebra, whose threads wait
+for each other for seconds where a machine is busy.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +15,34 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import BandError
-from ..physics import glint, sun
-from ..physics.sensor import electrons, noise_equivalent_radiance
+from ..physics import atmosphere, glint, sun, water
+from ..physics.sensor import band_means, electrons, noise_equivalent_radiance
 from .mission import Mission
-from .radiance import Light, light
 from .skylight import skylight
 
 Array = npt.NDArray[np.floating[Any]]
 Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Mean light in each band.
+
+    Attributes
+    ----------
+    direct, diffuse : (band,) ndarray
+        Irradiance of a level plane by the sun and by the sky [W m-2 nm-1].
+    normal : (band,) ndarray
+        Irradiance of a plane that faces the sun, by the sun alone [W m-2 nm-1].
+    background, target : (band, zenith, azimuth) ndarray
+        Radiance out of the deep water, and out of the water over the object [W m-2 sr-1 nm-1].
+    """
+
+    direct: Array
+    diffuse: Array
+    normal: Array
+    background: Array
+    target: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +145,9 @@ class Reticle:
             "sky": self.sky_radiance,
             "glint": self.glint_radiance,
         }
-        sensor = self.mission.sensor
+        sensor, bands = self.mission.sensor, self.mission.channels
         return {
-            name: np.stack([electrons(layer, sensor, b) for layer, b in zip(part, self.mission.channels, strict=True)])
+            name: np.stack([electrons(layer, sensor, band) for layer, band in zip(part, bands, strict=True)])
             for name, part in parts.items()
         }
 
@@ -184,6 +209,39 @@ def reticle(mission: Mission) -> Reticle:
         clear_of_sky=sky_probability <= limits.sky_probability,
         detectable=(snr > limits.snr) & (np.maximum(seen.background, seen.target) + rest < brightest),
     )
+
+
+def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
+    """Light for all viewing geometries of a grid of zenith angles and azimuths of the sensor [degree].
+
+    Deep water after Lee et al. (2011), beyond the table (sun 75, view 70 degrees) with the coefficients of its
+    edge; the object after `water.submerged_reflectance` or `water.absorption_only_reflectance`.
+    """
+    wavelength, mean = band_means(mission.channels)
+    sun_zenith, sun_azimuth = mission.sun
+    direct, diffuse = atmosphere.irradiance(wavelength, sun_zenith, mission.weather, day=mission.day)
+    sea = water.case1(wavelength, mission.chlorophyll)
+    terms = [term * (direct + diffuse) for term in water.lee_2011_terms(sea)]
+    angular = water.lee_2011_grid(sun_zenith, zenith, azimuth - sun_azimuth)
+    background = np.einsum("tb,tza->bza", [mean(term) for term in terms], angular)
+    kept, shine = _through(mission, sea, zenith, direct / (direct + diffuse))
+    target = np.einsum("tbz,tza->bza", [mean(term[:, None] * kept) for term in terms], angular)
+    target += mean(shine * (direct + diffuse)[:, None])[..., None]
+    level = mean(direct)
+    return Light(level, mean(diffuse), level / np.cos(np.radians(sun_zenith)), background, target)
+
+
+def _through(mission: Mission, sea: water.Iops, zenith: Array, direct_fraction: Array) -> tuple[Array, Array]:
+    """Share of the deep water's light that is left over the object, and the object's own (wavelength, zenith)."""
+    column = water.Iops(*(np.asarray(part)[:, None] for part in sea))
+    angles, albedo = (mission.sun[0], zenith), mission.reflectance
+    given: dict[str, Any] = {"depth": mission.depth, "direct_fraction": direct_fraction[:, None]}
+    if mission.water == "absorption":
+        shine = water.absorption_only_reflectance(column, *angles, reflectance=albedo, **given)
+        return np.ones_like(shine), shine
+    # the reflectance over an object is linear in that of the deep water: its two parts, each by itself
+    kept = water.submerged_reflectance(column, 1.0, *angles, reflectance=0.0, **given)
+    return kept, water.submerged_reflectance(column, 0.0, *angles, reflectance=albedo, **given)
 
 
 def viewing_geometries(mission: Mission) -> tuple[Array, Array]:

@@ -23,11 +23,11 @@ import numpy as np
 
 from ..errors import DeglintError, InputError
 from ..physics.presets import PRESETS
-from .advice import best_geometry, quality, sentence
+from .advice import best_geometry, description
 from .draw import png
 from .mission import Mission
 from .missionfile import merged, mission_from, tables_of
-from .picture import _CENTRE, _RADIUS, HEIGHT, WIDTH, picture
+from .picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, picture
 from .reticle import Reticle, reticle
 
 ADDRESS = "127.0.0.1"
@@ -52,18 +52,9 @@ _THIN = 4  # the page gets every fourth viewing geometry, for what it says under
 
 
 def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: bool = True) -> None:
-    """Serve the page until Ctrl-C.
+    """Serve the page until Ctrl-C, and open it in a browser. The sliders start at the mission.
 
-    Parameters
-    ----------
-    mission : Mission
-        Where the sliders start; what they do not show stays as it is.
-    port : int
-        0 takes a free one.
-    say : callable
-        Called with a line to show: the address of the page.
-    browser : bool
-        Open the page in a browser.
+    Port 0 takes a free one; `say` is called with each line to show, such as the address of the page.
 
     Raises
     ------
@@ -196,11 +187,7 @@ class _Handler(BaseHTTPRequestHandler):
 def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
     """The plan for what the page asks: picture, words, and the viewing geometries under the pointer.
 
-    Parameters
-    ----------
-    base : Mission
-    asked : mapping of str to str
-        Values of the sliders by name; those not named stay as in `base`.
+    `asked` holds values of the sliders by name; those not named stay as in `base`.
 
     Raises
     ------
@@ -221,33 +208,23 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
             raise InputError(
                 f"there is no {name[:40]!r} to set; there are {', '.join(_PAGE_NUMBERS)}, time, sensor, band."
             )
-    mission = mission_from(merged(_given(base), tables), "the page")
-    if asked.get("sensor", base.sensor.name) != base.sensor.name:
-        mission = _with_sensor(mission, asked["sensor"])
+    given = tables_of(base)
+    if base.air is None:  # it follows from wind, place and time, so it follows the sliders
+        del given["air"], given["wind"]["mean"]
+    mission = mission_from(merged(given, tables), "the page")
+    sensor = asked.get("sensor", base.sensor.name)
+    if sensor != base.sensor.name:
+        if sensor not in PRESETS:
+            raise InputError(f"sensor must be one of {', '.join(PRESETS)}, got {sensor[:40]!r}. Choose one of these.")
+        mission = replace(mission, sensor=PRESETS[sensor], bands=())
     plan = reticle(mission)
     band = asked.get("band") or None
-    geometry = best_geometry(plan, band=band)
     return {
         "picture": base64.b64encode(png(picture(plan, band=band))).decode(),
-        "words": sentence(geometry) + ("" if geometry is None else f" {quality(geometry)}"),
+        "words": description(best_geometry(plan, band=band)),
         "bands": list(plan.bands),
         "pointer": _pointer(plan),
     }
-
-
-def _given(base: Mission) -> dict[str, dict[str, Any]]:
-    """Tables of a mission without what follows from wind, place and time, so that it follows the sliders."""
-    tables = tables_of(base)
-    if base.air is None:
-        tables.pop("air", None)
-        tables["wind"].pop("mean", None)
-    return tables
-
-
-def _with_sensor(mission: Mission, name: str) -> Mission:
-    if name not in PRESETS:
-        raise InputError(f"sensor must be one of {', '.join(PRESETS)}, got {name[:40]!r}. Choose one of these.")
-    return replace(mission, sensor=PRESETS[name], bands=())
 
 
 def _start(base: Mission) -> dict[str, Any]:
@@ -256,15 +233,15 @@ def _start(base: Mission) -> dict[str, Any]:
     values = {name: tables.get(table, {}).get(key) for name, (table, key) in _PAGE_NUMBERS.items()}
     time = None if base.sun_zenith is not None else f"{base.moment}"[:16]
     sensors = [base.sensor.name, *(name for name in PRESETS if name != base.sensor.name)]
-    frame = {"width": WIDTH, "height": HEIGHT, "x": _CENTRE[0], "y": _CENTRE[1], "radius": _RADIUS}
+    frame = {"width": WIDTH, "height": HEIGHT, "x": DISC_CENTRE[0], "y": DISC_CENTRE[1], "radius": DISC_RADIUS}
     return {"values": values, "time": time, "sensors": sensors, "sensor": base.sensor.name, "frame": frame,
             "strongest": base.strongest_wind}  # fmt: skip
 
 
 def _pointer(plan: Reticle) -> dict[str, Any]:
-    thin = (slice(None, None, _THIN), slice(None, None, _THIN))
+    contrast, glint = (layer[::_THIN, ::_THIN] for layer in (plan.combined, plan.glint_probability))
     return {
         "widest": plan.mission.widest,
-        "contrast": np.rint(plan.combined[thin]).astype(int).tolist(),
-        "glint": np.log10(np.maximum(plan.glint_probability[thin], 1e-12)).round(1).tolist(),
+        "contrast": np.rint(contrast).astype(int).tolist(),
+        "glint": np.log10(np.maximum(glint, 1e-12)).round(1).tolist(),
     }

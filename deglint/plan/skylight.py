@@ -37,18 +37,12 @@ class Wind:
 
 @dataclass(frozen=True, eq=False)
 class Skylight:
-    """Mirrored skylight at viewing geometries.
-
-    Attributes
-    ----------
-    mean : (zenith, azimuth) ndarray
-        Mirrored radiance per unit of diffuse irradiance, mean over the sea [1/sr].
-    brighter : (level, zenith, azimuth) ndarray
-        Share of the sea whose facets mirror more than each of `LEVELS` [1].
-    """
+    """Mirrored skylight at viewing geometries."""
 
     mean: Array
+    """Radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]."""
     brighter: Array
+    """Share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]."""
 
     def share_above(self, level: Array) -> Array:
         """Share of the sea whose facets mirror more than `level` [1/sr]; both (band, zenith, azimuth)."""
@@ -67,23 +61,10 @@ class Skylight:
 def skylight(
     zenith: Array, azimuth: Array, sun: tuple[float, float], wind: Wind, *, model: str = "uniform"
 ) -> Skylight:
-    """Mirrored skylight for all viewing geometries of a grid.
+    """Mirrored skylight for a grid of zenith angles and azimuths of the sensor [degree]; `sun` is a zenith and azimuth.
 
-    Parameters
-    ----------
-    zenith, azimuth : (zenith,) and (azimuth,) ndarray
-        Of the sensor from the target [degree].
-    sun : (float, float)
-        Zenith angle and azimuth of the sun [degree].
-    wind : Wind
-    model : str
-        One of `deglint.physics.sky.SKY_MODELS`.
-
-    Returns
-    -------
-    Skylight
-        The mean within 1 % of `deglint.physics.sky.reflectance`, which sums at each one; 2.5 % under a clear
-        sky in strong wind.
+    The mean lies within 1 % of `deglint.physics.sky.reflectance`, which sums at each one; 2.5 % under a clear sky in
+    strong wind.
     """
     nodes = np.linspace(0.0, max(float(zenith[-1]), 20.0), ZENITHS)
     around = np.arange(AZIMUTHS) * (360.0 / AZIMUTHS)

@@ -1,16 +1,21 @@
-"""A flight line: how much of the sensor's whole field of view lies in glint, and which heading keeps it out."""
+"""A flight line: how much of the sensor's whole field of view lies in glint, and which heading keeps it out.
+
+Where every heading has glint, `alternatives` finds another time to fly, or a tilt of the sensor.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..physics import glint
+from ..physics import glint, sun
 from ..physics._checks import within
-from .mission import Mission
+from .mission import SUN_LIMIT, Mission
+from .missionfile import tables_of
 
 Array = npt.NDArray[np.floating[Any]]
 
@@ -20,28 +25,31 @@ FREE = 0.02
 """Share of the view in glint up to which a heading counts as good [1]."""
 SPOILT = 0.5
 """Share of the view in glint beyond which no heading is recommended [1]: less than half of the line is usable."""
-_ACROSS, _ALONG = 121, 31
+_ACROSS, _ALONG = 121, 31  # points of the field of view
+HEADINGS = np.arange(0.0, 360.0, 15.0)
+"""Headings that alternatives are tried with [degree]."""
+TIME_STEP = 30
+"""Step between the times that are tried [minute]."""
+TILTS = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
+"""Pitch and roll that are tried, to either side [degree]."""
+GAIN = 0.5
+"""An alternative with glint is worth a word if it has less than this share of the glint of the plan."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FieldOfView:
-    """What a sensor sees at once, or sweeps over on a line.
-
-    Attributes
-    ----------
-    across, along : float
-        Full angle of the field of view across and along the track [degree]; 0 along is a line scanner.
-    pitch, roll : float
-        How far its middle looks forward, and to the right [degree].
-    altitude : float
-        Above the sea [m]; the Earth is round, which matters to satellites.
-    """
+    """What a sensor sees at once, or sweeps over on a line."""
 
     across: float = 40.0
+    """Full angle across the track [degree]."""
     along: float = 0.0
+    """Full angle along the track; 0 is a line scanner [degree]."""
     pitch: float = 0.0
+    """How far its middle looks forward [degree]."""
     roll: float = 0.0
+    """How far its middle looks to the right [degree]."""
     altitude: float = 300.0
+    """Above the sea [m]; the Earth is round, which matters to satellites."""
 
     def __post_init__(self) -> None:
         within("field of view", [self.across, self.along], 0.0, 160.0, "degrees", "Give the full angle.")
@@ -51,29 +59,18 @@ class FieldOfView:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Glint on flight lines of every heading.
-
-    Attributes
-    ----------
-    view : FieldOfView
-    heading : (heading,) ndarray
-        [degree]
-    fraction : (heading,) ndarray
-        Share of the field of view whose glint exceeds the limit, as seen by the detector [1].
-    mean : (heading,) ndarray
-        Mean glint radiance per irradiance of a plane facing the sun [1/sr].
-    across : (across,) ndarray
-        Angles across the track, right positive [degree].
-    profile : (heading, across) ndarray
-        Largest glint along the track at each angle across [1/sr].
-    """
+    """Glint on flight lines of every heading [degree]."""
 
     view: FieldOfView
     heading: Array
     fraction: Array = field(repr=False)
+    """Share of the field of view whose glint exceeds the limit, as seen by the detector, (heading,) [1]."""
     mean: Array = field(repr=False)
+    """Mean glint radiance per irradiance of a plane facing the sun, (heading,) [1/sr]."""
     across: Array = field(repr=False)
+    """Angles across the track, right positive, (across,) [degree]."""
     profile: Array = field(repr=False)
+    """Largest glint along the track at each angle across, (heading, across) [1/sr]."""
 
     @property
     def best(self) -> int:
@@ -116,18 +113,9 @@ class Line:
 
 
 def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Array, Array]:
-    """Where the sensor stands as seen from each point of its view.
+    """Where the sensor stands as seen from each point of its view, on a heading [degree].
 
-    Parameters
-    ----------
-    view : FieldOfView
-    heading : array_like
-        Of the flight [degree].
-
-    Returns
-    -------
-    zenith, azimuth : (..., along, across) ndarray
-        [degree]; NaN where a ray misses the Earth.
+    Returns zenith angles and azimuths, (..., along, across) [degree]; NaN where a ray misses the Earth.
     """
     across = np.radians(np.linspace(-0.5, 0.5, _ACROSS) * view.across)
     along = np.radians(np.linspace(-0.5, 0.5, _ALONG if view.along else 1) * view.along)[:, None]
@@ -144,31 +132,17 @@ def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Array
 
 
 def flight_line(mission: Mission, view: FieldOfView, headings: npt.ArrayLike | None = None) -> Line:
-    """Glint over the field of view for every heading.
+    """Glint over the field of view for headings [degree], every 5 degrees if left out.
 
-    Parameters
-    ----------
-    mission : Mission
-    view : FieldOfView
-    headings : array_like, optional
-        [degree]; every 5 degrees if left out.
-
-    Returns
-    -------
-    Line
-        Points beyond the largest zenith angle of the glint model, 89 degrees, or off the Earth count as in glint.
+    Points beyond the largest zenith angle of the glint model, 89 degrees, or off the Earth count as in glint.
     """
     heading = np.arange(0.0, 360.0, 5.0) if headings is None else np.atleast_1d(np.asarray(headings, np.float64))
     zenith, azimuth = viewing_geometries(view, heading)
     seen = zenith < glint.VIEW_LIMIT
     wind = mission.slope_wind
+    above = np.where(seen, zenith, 0.0)
     strength = glint.sun_glint(
-        *mission.sun,
-        np.where(seen, zenith, 0.0),
-        azimuth,
-        wind=wind.speed,
-        wind_from=wind.blows_from,
-        model=wind.model,
+        *mission.sun, above, azimuth, wind=wind.speed, wind_from=wind.blows_from, model=wind.model
     ).radiance
     spoilt = ~seen | (strength > mission.limits.glint)
     kept = np.where(seen, strength, np.nan)
@@ -177,3 +151,99 @@ def flight_line(mission: Mission, view: FieldOfView, headings: npt.ArrayLike | N
     profile = np.where(np.isnan(kept).all(axis=1), np.nan, np.nan_to_num(kept, nan=0.0).max(axis=1))
     across = np.linspace(-0.5, 0.5, _ACROSS) * view.across
     return Line(view, heading, spoilt.mean(axis=(1, 2)), mean, across, profile)
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A flight line with less glint."""
+
+    heading: float  # [degree]
+    fraction: float  # share of the field of view in glint [1]
+    time: np.datetime64 | None  # when to fly, UTC; None at the time of the plan
+    pitch: float  # of the sensor [degree]
+    roll: float
+
+    def words(self, view: FieldOfView) -> str:
+        """What to do, in a sentence; `view` is that of the plan."""
+        end = f"fly heading {self.heading:03.0f}: {100 * self.fraction:.0f} % of the view in glint."
+        if self.time is not None:
+            return f"Another time: at {str(self.time)[:16].replace('T', ' ')} UTC {end}"
+        if self.pitch != view.pitch:
+            way = "forward" if self.pitch > 0 else "back"
+            return f"Another view angle: look {abs(self.pitch):.0f} degrees {way} and {end}"
+        way = "right" if self.roll > 0 else "left"
+        return f"Another view angle: look {abs(self.roll):.0f} degrees to the {way} and {end}"
+
+
+def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
+    """What else to do than fly the lines of a mission; empty where a heading is good, or nothing is better.
+
+    At most one is another time and one another view angle: the nearest that is free of glint, or else the one with the
+    least glint.
+    """
+    if line.is_good:
+        return ()
+    found = (_nearest(tried, line) for tried in (_times(mission, line.view), _tilts(mission, line.view)))
+    return tuple(one for one in found if one is not None)
+
+
+def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
+    """The first that is free of glint, else the one with the least, if that is much less than now."""
+    least = None
+    for one in tried:
+        if one.fraction <= FREE:
+            return one
+        if least is None or one.fraction < least.fraction:
+            least = one
+    return least if least is not None and least.fraction < GAIN * line.fraction[line.best] else None
+
+
+def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
+    """Times of the day around that of the mission, the nearest first."""
+    if mission.place is None or mission.moment is None or mission.sun_zenith is not None:
+        return
+    steps = np.arange(TIME_STEP, 12 * 60 + 1, TIME_STEP)
+    when = mission.moment + np.stack([steps, -steps], axis=1).ravel() * np.timedelta64(60, "s")
+    for time, zenith in zip(when, sun.position(*mission.place, when).zenith, strict=True):
+        if zenith <= SUN_LIMIT:
+            yield _tried(mission.at(time), view, time)
+
+
+def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
+    """Pitch and roll, the smallest first."""
+    for tilt in TILTS:
+        if tilt + 0.5 * max(view.across, view.along) < 80.0:
+            for change in ({"roll": tilt}, {"roll": -tilt}, {"pitch": tilt}, {"pitch": -tilt}):
+                yield _tried(mission, replace(view, **change), None)
+
+
+def _tried(mission: Mission, view: FieldOfView, time: np.datetime64 | None) -> Alternative:
+    line = flight_line(mission, view, HEADINGS)
+    k = line.best
+    return Alternative(float(line.heading[k]), float(line.fraction[k]), time, view.pitch, view.roll)
+
+
+def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
+    """The plan in sentences: the heading to fly, or that there is none, and what else to do."""
+    out = [line.words(), *(one.words(line.view) for one in others)]
+    if not line.is_good and not others:
+        out.append("No other time of the day and no tilt up to 60 degrees is much better: wait for less wind.")
+    return out
+
+
+def numbers(mission: Mission, line: Line, others: tuple[Alternative, ...]) -> dict[str, Any]:
+    """The flight lines and the alternatives for JSON."""
+    return {
+        "mission": tables_of(mission),
+        "view": asdict(line.view),
+        "best": {"heading": line.heading[line.best], "fraction": line.fraction[line.best]},
+        "alternatives": [
+            {name: value for name, value in asdict(one).items() if name != "time"}
+            | ({} if one.time is None else {"time": f"{one.time}Z"})
+            for one in others
+        ],
+        "words": " ".join(words(line, others)),
+        "heading": line.heading,
+        "fraction": line.fraction,
+        "mean_glint": line.mean,
+    }

@@ -18,33 +18,19 @@ from .reticle import Reticle, reticle
 
 MOST_TIMES = 500
 """Times in a sweep."""
-COARSE_STEP = 2.0
-"""Step between viewing geometries in a sweep, where the mission has a finer one [degree]."""
 DAYLIGHT = 15.0
 """Height of the sun from which on there is light under water to plan with [degree]."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """The mission at one time.
+    """The mission at one time."""
 
-    Attributes
-    ----------
-    time : numpy.datetime64
-        UTC.
-    sun_zenith, sun_azimuth : float
-        [degree]
-    geometry : ViewingGeometry or None
-        The best viewing geometry; None where there is none, or the sun is too low.
-    excluded_share : float
-        Share of the sky above the object that is excluded [1].
-    """
-
-    time: np.datetime64
-    sun_zenith: float
-    sun_azimuth: float
-    geometry: ViewingGeometry | None
-    excluded_share: float
+    time: np.datetime64  # UTC
+    sun_zenith: float  # [degree]
+    sun_azimuth: float  # [degree]
+    geometry: ViewingGeometry | None  # the best one; None where there is none, or the sun is too low
+    excluded_share: float  # share of the sky above the object that is excluded [1]
 
 
 def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
@@ -76,12 +62,7 @@ def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) ->
 def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.datetime64:
     """When the sun next stands at least `DAYLIGHT` high, to 10 minutes; the highest sun of a day if it never does.
 
-    Parameters
-    ----------
-    latitude, longitude : float
-        Of the place, north and east positive [degree].
-    start : str, datetime or numpy.datetime64, optional
-        From when on; now by default.
+    It looks from `start` on, by default from now on.
 
     Examples
     --------
@@ -91,32 +72,25 @@ def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.da
     first = np.datetime64("now", "s") if start is None else sun.moment(start)
     when = first + np.arange(0, 145) * np.timedelta64(600, "s")
     high = 90.0 - sun.position(latitude, longitude, when).zenith
-    return np.datetime64(when[int(np.argmax(high >= DAYLIGHT) if high.max() >= DAYLIGHT else np.argmax(high))], "s")
+    return np.datetime64(when[int(np.argmax(high >= min(DAYLIGHT, high.max())))], "s")
 
 
 def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment, Reticle | None]]:
-    """Work out a mission at several times, one after the other; the reticle is None where the sun is too low.
-
-    Parameters
-    ----------
-    mission : Mission
-        With a place; its own time does not matter.
-    when : list of numpy.datetime64
-        UTC. Viewing geometries are `COARSE_STEP` apart at least.
+    """Work out a mission with a place at several times (UTC); the reticle is None where the sun is too low.
 
     Raises
     ------
     InputError
         The mission has no place.
     """
-    if mission.latitude is None or mission.longitude is None:
+    if mission.place is None:
         raise InputError("a sweep over time needs a place: give latitude and longitude, not the sun's angles.")
-    zeniths, azimuths = sun.position(mission.latitude, mission.longitude, np.array(when, dtype="datetime64[s]"))
+    zeniths, azimuths = sun.position(*mission.place, np.array(when, dtype="datetime64[s]"))
     for time, zenith, azimuth in zip(when, zeniths, azimuths, strict=True):
         if zenith > SUN_LIMIT:
             yield Moment(time, float(zenith), float(azimuth), None, 1.0), None
             continue
-        plan = reticle(replace(mission, time=time, step=max(mission.step, COARSE_STEP)))
+        plan = reticle(replace(mission.coarse(), time=time))
         yield Moment(time, float(zenith), float(azimuth), best_geometry(plan), excluded_share(plan)), plan
 
 
@@ -136,15 +110,10 @@ def table(moments: list[Moment]) -> list[str]:
             why = "none: all are spoilt" if m.sun_zenith <= SUN_LIMIT else "the sun is down"
             out.append(f"{head}{why:>32}")
             continue
-        where = (
-            "straight down"
-            if m.geometry.zenith < 1
-            else f"{m.geometry.zenith:.0f}° off from {compass(m.geometry.azimuth)}"
-        )
-        mark = "  <- best" if m is best else ""
-        out.append(
-            f"{head}{where:>32}{m.geometry.contrast:>9.0f}{m.geometry.glint_probability:>9.0e}{m.excluded_share:>10.0%}{mark}"
-        )
+        seen = m.geometry
+        where = "straight down" if seen.zenith < 1 else f"{seen.zenith:.0f}° off from {compass(seen.azimuth)}"
+        figures = f"{seen.contrast:>9.0f}{seen.glint_probability:>9.0e}{m.excluded_share:>10.0%}"
+        out.append(f"{head}{where:>32}{figures}" + ("  <- best" if m is best else ""))
     return out
 
 

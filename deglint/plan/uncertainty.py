@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -19,32 +20,24 @@ Array = npt.NDArray[np.floating[Any]]
 
 SPEEDS, TURNS = 5, 7
 """Number of speeds and of directions that sample the interval, ends included."""
-COARSE_STEP = 2.0
-"""Step between viewing geometries, where the mission has a finer one [degree]."""
 
 
 @dataclass(frozen=True, eq=False)
 class WindEnsemble:
-    """A mission under all winds of an interval. Pairs are (lowest, highest), each (zenith, azimuth).
-
-    Attributes
-    ----------
-    middle : Reticle
-        Under the wind of the mission.
-    winds : (speed, ...) and directions that were looked at
-        [m/s] and [degree].
-    glint, glint_probability, contrast : (2, zenith, azimuth) ndarray
-        Lowest and highest of `Reticle.glint_strength`, `Reticle.glint_probability` and `Reticle.combined`.
-    risk : (zenith, azimuth) ndarray
-        Share of the winds under which the viewing geometry is excluded [1].
-    """
+    """A mission under all winds of an interval. Pairs (2, zenith, azimuth) are the lowest and the highest value."""
 
     middle: Reticle
+    """Under the wind of the mission."""
     winds: tuple[tuple[float, ...], tuple[float, ...]]
+    """Speeds [m/s] and directions [degree] that were looked at."""
     glint: Array = field(repr=False)
+    """Pair of `Reticle.glint_strength`."""
     glint_probability: Array = field(repr=False)
+    """Pair of `Reticle.glint_probability`."""
     contrast: Array = field(repr=False)
+    """Pair of `Reticle.combined`."""
     risk: Array = field(repr=False)
+    """Share of the winds under which a viewing geometry is excluded, (zenith, azimuth) [1]."""
 
     @property
     def best(self) -> ViewingGeometry | None:
@@ -61,17 +54,8 @@ class WindEnsemble:
 def wind_ensemble(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> WindEnsemble:
     """Work out a mission under all winds of an interval.
 
-    Parameters
-    ----------
-    mission : Mission
-    speed : float
-        The wind's speed is known to plus or minus this [m/s]; cut to what the models hold for.
-    turn : float
-        Its direction is known to plus or minus this [degree]; 180 is not at all.
-
-    Returns
-    -------
-    WindEnsemble
+    The speed is known to plus or minus `speed` [m/s], cut to what the models hold for; the direction is known to plus
+    or minus `turn` [degree], where 180 is not at all.
 
     Raises
     ------
@@ -83,18 +67,13 @@ def wind_ensemble(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -
     low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
     speeds = np.unique(np.append(np.linspace(low, high, SPEEDS), mission.wind)) if speed else np.array([mission.wind])
     turns = mission.wind_from + (np.linspace(-turn, turn, TURNS) if turn else np.zeros(1))
-    middle = reticle(replace(mission, step=max(mission.step, COARSE_STEP)))
-    layers: list[list[Array]] = [[], [], [], []]
-    for one in speeds:
-        for azimuth in turns:
-            plan = reticle(replace(middle.mission, wind=float(one), wind_from=float(azimuth % 360.0)))
-            for held, layer in zip(
-                layers, (plan.glint_strength, plan.glint_probability, plan.combined, plan.excluded), strict=True
-            ):
-                held.append(np.asarray(layer))
-    ends = [np.stack([np.min(held, axis=0), np.max(held, axis=0)]) for held in layers[:3]]
     winds = tuple(float(v) for v in speeds), tuple(float(v) for v in turns % 360.0)
-    return WindEnsemble(middle, winds, ends[0], ends[1], ends[2], np.mean(layers[3], axis=0))
+    coarse = mission.coarse()
+    plans = (reticle(replace(coarse, wind=one, wind_from=azimuth)) for one, azimuth in product(*winds))
+    layers = zip(*((p.glint_strength, p.glint_probability, p.combined, p.excluded) for p in plans), strict=True)
+    *held, excluded = (np.array(layer) for layer in layers)
+    strength, share, contrast = (np.stack([layer.min(axis=0), layer.max(axis=0)]) for layer in held)
+    return WindEnsemble(reticle(coarse), winds, strength, share, contrast, excluded.mean(axis=0))
 
 
 def words(found: WindEnsemble) -> list[str]:

@@ -55,15 +55,7 @@ class Artefacts:
 
 
 def stripe(radiance: Array, deviation: float, seed: np.random.SeedSequence) -> Array:
-    """Multiply each column of a band by a gain of its own.
-
-    Parameters
-    ----------
-    radiance : (row, column) ndarray
-    deviation : float
-        Standard deviation of the gain about 1 [1].
-    seed : SeedSequence
-    """
+    """Multiply each column of a band by a gain of its own, of a standard deviation about 1."""
     if deviation == 0:
         return radiance
     gain = 1.0 + deviation * np.random.default_rng(seed).standard_normal(radiance.shape[1])

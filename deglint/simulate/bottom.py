@@ -60,23 +60,9 @@ class Bottom:
 def depth_and_patches(
     bottom: Bottom, shape: tuple[int, int], spacing: float, width: float, seed: np.random.SeedSequence
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Depth [m], and where the second material lies, on a grid.
+    """Depth [m] float32, and where the second material lies, on a grid (row, column) of a spacing [m].
 
-    Parameters
-    ----------
-    bottom : Bottom
-    shape : (int, int)
-        Rows and columns.
-    spacing : float
-        Step of the grid [m].
-    width : float
-        Of the image [m]; midway between it and the end of the grid the depth falls back to that of the left edge.
-    seed : SeedSequence
-
-    Returns
-    -------
-    depth : (row, column) float32 ndarray
-    patches : (row, column) bool ndarray
+    Midway between the image, of a width [m], and the end of the grid the depth falls back to that of the left edge.
     """
     rough, patchy, bent = seed.spawn(3)
     right = (np.arange(shape[1]) + 0.5) * spacing
@@ -92,9 +78,8 @@ def depth_and_patches(
     depth = np.clip(depth, LEAST_DEPTH, MOST_DEPTH).astype(np.float32)
     if bottom.share == 0:
         return depth, np.zeros(shape, np.bool_)
-    field = smooth_noise(shape, spacing, bottom.patch, patchy) + 0.3 * smooth_noise(
-        shape, spacing, 0.2 * bottom.patch, patchy.spawn(1)[0]
-    )
+    field = smooth_noise(shape, spacing, bottom.patch, patchy)
+    field = field + 0.3 * smooth_noise(shape, spacing, 0.2 * bottom.patch, patchy.spawn(1)[0])
     return depth, field > np.quantile(field, 1.0 - bottom.share)
 
 

@@ -82,15 +82,10 @@ class FloatingTarget:
 
 
 class Cover:
-    """The cover of a setup at any time.
-
-    Parameters
-    ----------
-    setup : Setup
-    """
+    """The cover of a setup at any time."""
 
     def __init__(self, setup: Setup) -> None:
-        shape = setup.grid[0] * setup.supersample, setup.grid[1] * setup.supersample
+        shape = setup.fine_grid
         self.setup = setup
         self.materials = (*BASE, *(target.material for target in setup.targets))
         self._fixed = np.zeros(shape, np.uint8)
@@ -100,10 +95,10 @@ class Cover:
             field += smooth_noise(shape, setup.facet, FOAM_PATCH, foam)
             self._fixed[field > np.quantile(field, 1.0 - setup.foam)] = 3
         if setup.coast > 0:
-            self._add_land(shape, land)
+            self._add_land(land)
 
-    def _add_land(self, shape: tuple[int, int], seed: np.random.SeedSequence) -> None:
-        setup = self.setup
+    def _add_land(self, seed: np.random.SeedSequence) -> None:
+        setup, shape = self.setup, self._fixed.shape
         bend, patches = seed.spawn(2)
         width = setup.size[1] * setup.sensor.gsd
         shore = width - setup.coast * (1.0 + 0.3 * smooth_noise(shape, setup.facet, setup.coast, bend))

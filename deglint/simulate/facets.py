@@ -29,30 +29,19 @@ TABLE_REACH, TABLE_STEP = 1.5, 0.03  # slopes that the table of the mirrored sky
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """The facets of one scene.
-
-    Attributes
-    ----------
-    setup : Setup
-        What they were made for.
-    surface : Surface
-        The resolved waves.
-    slope_scale : (float, float)
-        Factors on the upwind and crosswind slopes of the grid, below 1 where these exceed what is measured.
-    sparkle : (float, float)
-        Variance of the slopes that unresolved waves give facets as a whole, upwind and crosswind.
-    unresolved : (float, float)
-        Variance of the slopes about each facet, upwind and crosswind.
-    glint_factor : float
-        Glint radiance per slope density and irradiance facing the sun [1/sr].
-    """
+    """The facets of one scene. Pairs are upwind and crosswind."""
 
     setup: Setup
     surface: Surface
+    """The resolved waves."""
     slope_scale: tuple[float, float]
+    """Factors on the slopes of the grid, below 1 where these exceed what is measured."""
     sparkle: tuple[float, float]
+    """Variance of the slopes that unresolved waves give facets as a whole."""
     unresolved: tuple[float, float]
+    """Variance of the slopes about each facet."""
     glint_factor: float
+    """Glint radiance per slope density and irradiance facing the sun [1/sr]."""
     _sparkle: tuple[Any, Any, Any] = field(repr=False)
     _sky: Array = field(repr=False)
 
@@ -71,18 +60,9 @@ class Facets:
         return slopes.from_wind_axes(up * self.slope_scale[0], cross * self.slope_scale[1], self.setup.wind_from)
 
     def at(self, time: float, *, workers: int = 1) -> tuple[Array, Array]:
-        """Density of slopes at the one that glints, and mirrored sky per diffuse irradiance [1/sr].
+        """Density of slopes at the one that glints, and mirrored sky per diffuse irradiance [1/sr], at a time [s].
 
-        Parameters
-        ----------
-        time : float
-            [s]
-        workers : int
-            Threads; they never show in the result.
-
-        Returns
-        -------
-        (row, column) float32 ndarray, twice
+        Both (row, column) float32; the number of workers never shows in the result.
         """
         from ._kernels import reflect
 
@@ -91,14 +71,12 @@ class Facets:
         azimuth = np.radians(self.setup.wind_from)
         wind = float(np.sin(azimuth)), float(np.cos(azimuth))
         wanted = (*_glinting_slope(self.setup), *self.unresolved)
-        table = self._sky, -TABLE_REACH, TABLE_STEP
-        by_rows(
-            lambda a, b: reflect(
-                packed, self._sparkle, density, mirrored, a, b, time, wind, self.slope_scale, wanted, table
-            ),
-            packed.shape[0],
-            workers,
-        )
+        given = time, wind, self.slope_scale, wanted, (self._sky, -TABLE_REACH, TABLE_STEP)
+
+        def work(first: int, last: int) -> None:
+            reflect(packed, self._sparkle, density, mirrored, first, last, *given)
+
+        by_rows(work, len(packed), workers)
         return density, mirrored
 
 
@@ -114,15 +92,14 @@ def facets(setup: Setup, *, workers: int = 1) -> Facets:
     are found in every facet at once.
     """
     waves, sparkle = np.random.SeedSequence(setup.seed).spawn(2)
-    shape = setup.grid[0] * setup.supersample, setup.grid[1] * setup.supersample
-    surface = realise(setup.sea, shape=shape, spacing=setup.facet, seed=waves, workers=workers)
+    surface = realise(setup.sea, shape=setup.fine_grid, spacing=setup.facet, seed=waves, workers=workers)
     measured, resolved = np.asarray(setup.slope_variance), np.asarray(surface.slope_variance)
     slope_scale = np.minimum(1.0, np.sqrt(RESOLVED_AT_MOST * measured / resolved))
     unresolved = measured - slope_scale**2 * resolved
     about = (1 - sparkle_share(setup.patch, setup.facet)) * unresolved
     about = np.maximum(about, np.minimum(unresolved, LEAST_SLOPE**2))
     tilts = _pair(unresolved - about)
-    drawn = _draw_sparkle(setup, shape, tilts, sparkle, workers)
+    drawn = _draw_sparkle(setup, tilts, sparkle, workers)
     factor, table = _glint_factor(setup), _sky_table(setup, _pair(about))
     return Facets(setup, surface, _pair(slope_scale), tilts, _pair(about), factor, drawn, table)
 
@@ -132,12 +109,7 @@ def _pair(values: Array) -> tuple[float, float]:
 
 
 def sparkle_share(patch: float, facet: float) -> float:
-    """Share of the unresolved slope variance that tilts a facet as a whole.
-
-    Parameters
-    ----------
-    patch, facet : float
-        Sizes of a patch of like slope and of a facet [m].
+    """Share of the unresolved slope variance that tilts a facet as a whole, by the sizes of patch and facet [m].
 
     Examples
     --------
@@ -149,23 +121,18 @@ def sparkle_share(patch: float, facet: float) -> float:
 
 
 def _draw_sparkle(
-    setup: Setup,
-    shape: tuple[int, int],
-    variance: tuple[float, float],
-    seed: np.random.SeedSequence,
-    workers: int,
+    setup: Setup, variance: tuple[float, float], seed: np.random.SeedSequence, workers: int
 ) -> tuple[Any, Any, Any]:
     """Tilt of each facet by unresolved waves: amplitudes, index of the frequency, and the frequencies."""
-    nothing = np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.uint16), np.zeros(1)
     if max(variance) <= 0:
-        return nothing
-    generator = np.random.default_rng(seed)
+        return np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.uint16), np.zeros(1)
+    shape, generator = setup.fine_grid, np.random.default_rng(seed)
     amplitudes = normals(generator, (*shape, 4), workers=workers)
     scale = np.sqrt(np.repeat(variance, 2)).astype(np.float32)
     by_rows(lambda a, b: np.multiply(amplitudes[a:b], scale, out=amplitudes[a:b]), shape[0], workers)
-    frequencies = _sparkle_frequencies(setup)
     if max(setup.times) == 0:  # nothing moves
-        return amplitudes, np.broadcast_to(np.uint16(0), shape).copy(), np.zeros(1)
+        return amplitudes, np.zeros(shape, np.uint16), np.zeros(1)
+    frequencies = _sparkle_frequencies(setup)
     return amplitudes, generator.integers(0, len(frequencies), shape, dtype=np.uint16), frequencies
 
 

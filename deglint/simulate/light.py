@@ -90,13 +90,7 @@ def light(setup: Setup) -> Light:
 def matt(lit: Light, setup: Setup, materials: Sequence[str]) -> Array:
     """Radiance of matt (Lambertian) level surfaces in the light of a setup, (material, band) [W m-2 sr-1 nm-1].
 
-    Parameters
-    ----------
-    lit : Light
-        Of the setup.
-    setup : Setup
-    materials : sequence of str
-        The empty name stands for water: 0.
+    The empty name of a material stands for water: 0.
     """
     wavelength, mean = band_means(setup.sensor.bands)
     rows = [mean(reflectance(name, wavelength)) if name else np.zeros(len(lit.water)) for name in materials]

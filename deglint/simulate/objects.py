@@ -130,18 +130,7 @@ def thesis_array(
 def label(objects: Sequence[SubmergedObject], shape: tuple[int, int], spacing: float) -> Labels:
     """Number of the object under each point of a grid, from 1; 0 is none, and later objects hide earlier ones.
 
-    Parameters
-    ----------
-    objects : sequence of SubmergedObject
-        Up to 65535.
-    shape : (int, int)
-        Rows and columns of the grid.
-    spacing : float
-        Its step [m]; the first point is half a step inside.
-
-    Returns
-    -------
-    (row, column) ndarray of uint16
+    (row, column) uint16; the step of the grid is `spacing` [m], and its first point is half a step inside.
     """
     from skimage.draw import polygon
 

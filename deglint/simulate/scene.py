@@ -189,7 +189,7 @@ class _World:
 
     @classmethod
     def of(cls, setup: Setup) -> _World:
-        shape = setup.grid[0] * setup.supersample, setup.grid[1] * setup.supersample
+        shape = setup.fine_grid
         labels: Numbers = np.broadcast_to(np.uint16(0), shape)
         if setup.objects:
             labels = label(setup.objects, shape, setup.facet)

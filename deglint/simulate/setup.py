@@ -1,9 +1,10 @@
-"""All parameters of a synthetic scene, in one frozen value that the sidecar repeats."""
+"""All parameters of a synthetic scene, in one frozen value that the sidecar repeats; and grids of such values."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -29,12 +30,18 @@ LEAST_ENERGY = 0.3
 """Short waves keep at least this share of their energy; slopes that are then still too steep are scaled per facet."""
 RESOLVED_AT_MOST = 0.95
 """Share of the measured slope variance that the waves of the grid may carry; short waves are damped to it."""
-
-
 EDGE_MARGIN = 16
 """Columns beyond an image whose edges differ [pixel]: the grid repeats, and the optics reach over its edges."""
 MOST_TARGETS = 250
 """Floating targets of a scene; their labels are kept in 8 bits."""
+
+WINDS = (2.0, 5.0, 9.0, 12.0)
+"""Winds of a grid of setups [m/s]."""
+DELAYS = (0.0, 0.010, 0.060)
+"""Delays from each band to the next, of a grid of setups [s]."""
+LOOKS = ((0.0, 0.0), (20.0, 180.0), (40.0, 180.0), (40.0, 90.0), (40.0, 0.0))
+"""View zenith angle, and azimuth of the sensor from that of the sun, both as seen from the target [deg]."""
+F_NUMBERS = (10.0, 30.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,19 +138,11 @@ class Setup:
         choice("sky", self.sky, SKIES)
         within("size", self.size, 8, 16384, "pixels", "Simulate several scenes rather than one huge one.")
         within("sun_zenith", self.sun_zenith, 0.0, 80.0, "degrees", "Choose another time of day.")
-        within(
-            "view_zenith",
-            self.view_zenith,
-            0.0,
-            70.0,
-            "degrees",
-            "Nearer to the horizon waves hide each other.",
-        )
+        within("view_zenith", self.view_zenith, 0.0, 70.0, "degrees", "Nearer to the horizon waves hide each other.")
         within("supersample", self.supersample, 2, 32, "", "4 facets per pixel do for most scenes.")
         within("patch", self.patch, 0.0, 1.0, "m", "It is some centimetres at most; 0 leaves the sparkle out.")
-        within(
-            "coast", self.coast, 0.0, 0.9 * self.size[1] * self.sensor.gsd, "m", "Leave some of the image to the sea."
-        )
+        height, width = (side * self.sensor.gsd for side in self.size)
+        within("coast", self.coast, 0.0, 0.9 * width, "m", "Leave some of the image to the sea.")
         within("foam", self.foam, 0.0, 0.5, "", "It is a share: whitecaps cover 0.01 of the sea at 10 m/s.")
         if len(self.targets) > MOST_TARGETS:
             raise InputError(
@@ -155,12 +154,12 @@ class Setup:
                 f" got {len(self.misregistration)}; give (0, 0) for bands that are in place"
             )
         for target in self.objects:
-            target.check_inside(self.size[0] * self.sensor.gsd, self.size[1] * self.sensor.gsd)
+            target.check_inside(height, width)
         self._check_facets()
         self._check_delays()
 
     def _check_facets(self) -> None:
-        count = self.grid[0] * self.grid[1] * self.supersample**2
+        count = self.fine_grid[0] * self.fine_grid[1]
         if count > MOST_FACETS:
             raise InputError(
                 f"facets must be at most {MOST_FACETS}, got {count}: the image and one peak wave"
@@ -186,6 +185,11 @@ class Setup:
     def facet(self) -> float:
         """Side of a facet [m]."""
         return self.sensor.gsd / self.supersample
+
+    @property
+    def fine_grid(self) -> tuple[int, int]:
+        """Rows and columns of the sea that is simulated [facet]."""
+        return self.grid[0] * self.supersample, self.grid[1] * self.supersample
 
     @property
     def extent(self) -> float:
@@ -218,15 +222,8 @@ class Setup:
     @property
     def sea(self) -> Sea:
         """The waves, the short ones damped where the grid would have them exceed the measured slopes."""
-        sea = Sea(
-            wind=self.wind,
-            wind_from=self.wind_from,
-            spectrum=self.spectrum,
-            fetch=self.fetch,
-            spreading=self.spreading,
-            exponent=self.exponent,
-            opposing=self.opposing,
-        )
+        waves = ("wind", "wind_from", "spectrum", "fetch", "spreading", "exponent", "opposing")
+        sea = Sea(**{name: getattr(self, name) for name in waves})
         split = sea.peak_wavelength / SHORT_WAVES
         shortest = np.sqrt(2) * self.facet  # in the corners of the grid of wavenumbers
         if shortest >= split:
@@ -258,3 +255,32 @@ def check_one_sea(setups: Sequence[Setup]) -> None:
             unlike.append("gsd of the sensor")
         if unlike:
             raise InputError(f"setups 1 and {n} differ in {', '.join(unlike)}; simulate seas that differ one by one")
+
+
+def experiments(
+    base: Setup,
+    *,
+    winds: Sequence[float] = WINDS,
+    delays: Sequence[float] = DELAYS,
+    looks: Sequence[tuple[float, float]] = LOOKS,
+    f_numbers: Sequence[float] = F_NUMBERS,
+) -> Iterator[tuple[str, Setup]]:
+    """Name and setup of every combination; the rest, and the sun, are those of `base`.
+
+    The name holds wind [m/s], delay [ms], viewing geometry [deg] and f-number. Scenes that differ only in delay or
+    optics have the same seed, so they see the same sea.
+
+    Examples
+    --------
+    >>> [name for name, _ in experiments(Setup(), winds=[9.0], delays=[0.06], looks=[(0.0, 0.0)])]
+    ['wind09_delay060_view00_000_f10', 'wind09_delay060_view00_000_f30']
+    """
+    for place, (wind, (zenith, turn)) in enumerate(product(winds, looks)):
+        azimuth, seed = (base.sun_azimuth + turn) % 360, base.seed + place
+        for delay, f_number in product(delays, f_numbers):
+            name = f"wind{wind:02g}_delay{1000 * delay:03.0f}_view{zenith:02g}_{turn:03g}_f{f_number:g}"
+            sensor = replace(base.sensor.delayed(delay), f_number=f_number)
+            yield (
+                name,
+                replace(base, wind=wind, view_zenith=zenith, view_azimuth=azimuth, seed=seed, sensor=sensor),
+            )

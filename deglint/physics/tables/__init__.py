@@ -10,6 +10,16 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
+from .._checks import Array, within
+
+WAVELENGTH_RANGE = (300.0, 1000.0)
+"""Wavelengths that the tables of light and water reach [nm]."""
+
+
+def checked_wavelength(wavelength: npt.ArrayLike) -> Array:
+    """Wavelengths [nm] as float64, or an error where the tables do not reach."""
+    return within("wavelength", wavelength, *WAVELENGTH_RANGE, "nm", "Give it in nanometres.")
+
 
 @cache
 def load(name: str) -> Mapping[str, npt.NDArray[np.float64]]:
