@@ -19,6 +19,7 @@ from ..errors import DeglintError, InputError, ReadError
 from ..raster import RasterInfo
 from . import products
 from .names import nominal_wavelength
+from .products.metadata import angle_tags, tags_of
 from .spectral import nanometres, said_of_wavelength
 from .text import MOST_TEXT_BYTES, read_json
 
@@ -151,12 +152,26 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
     facts = item.get("properties")
     facts = facts if isinstance(facts, Mapping) else {}
     tags = {k: str(facts[k])[:200] for k in ("platform", "datetime") if isinstance(facts.get(k), str)}
+    tags |= tags_of(_angles(facts))
     applied = any(facts.get(f"{p}:boa_offset_applied") is True for p in ("earthsearch", "sentinel"))
     found = []
     for key in keys or _chosen(assets, what):
         bands = _said(assets[key], key, applied=applied)
         found.append(Asset(href(assets[key], path), bands, tags))
     return found
+
+
+def _angles(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Where sun and sensor stand, by the extension "view" of an Item.
+
+    `view:azimuth` is read as the direction from the scene to the satellite, as those who make Items of Sentinel-2 and
+    PlanetScope write it; the words of the extension can be read the other way round.
+    """
+    names = "sun_elevation", "sun_azimuth", "incidence_angle", "off_nadir", "azimuth"
+    elevation, azimuth, incidence, off_nadir, view = (_number(facts.get(f"view:{name}")) for name in names)
+    return angle_tags(
+        sun_elevation=elevation, sun_azimuth=azimuth, incidence=incidence, off_nadir=off_nadir, view_azimuth=view
+    )
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:

@@ -6,14 +6,16 @@ so is reflectance where the product was made as that.
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import PurePosixPath
+from typing import Any
 from xml.etree import ElementTree as ET
 
 from ...errors import InputError
 from ..spectral import nanometres
 from .container import Container
-from .metadata import MetadataError, number, positive, said, tags_of, xml_of
+from .metadata import MetadataError, angle_tags, number, positive, said, tags_of, xml_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"
@@ -22,6 +24,8 @@ _SHOWN = ("RED_CHANNEL", "GREEN_CHANNEL", "BLUE_CHANNEL")
 _NAMES = {"R": "red", "G": "green", "B": "blue", "NIR": "nir", "RE": "rededge", "DB": "coastal", "P": "pan"}
 _DIMAP_TITLES = {"PHR": "Pleiades", "PNEO": "Pleiades Neo", "SPOT": "SPOT"}
 _RADIANCE_PROCESSING = ("BASIC", "")
+_ALTITUDE = 694_000.0
+"""[m] Orbit of Pleiades and SPOT 6 and 7."""
 UNIT = "W m-2 sr-1 um-1"
 
 
@@ -86,13 +90,40 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
     when = f"{said(root, './/IMAGING_DATE')}T{said(root, './/IMAGING_TIME')}"
     tags = tags_of({
         "satellite": f"{_DIMAP_TITLES.get(mission, mission)} {index}", "acquired": when if len(when) > 1 else None,
-        "sun_azimuth": said(root, ".//SUN_AZIMUTH"), "sun_elevation": said(root, ".//SUN_ELEVATION"),
         "view_angle": said(root, ".//INCIDENCE_ANGLE"),
-    })  # fmt: skip
+    } | _angles(root))  # fmt: skip
     name = said(root, ".//DATASET_NAME") or PurePosixPath(member).stem.removeprefix("DIM_")
     kind = f"{_DIMAP_TITLES.get(mission, 'DIMAP')} {index}".strip()
     return Product(
         kind, name, container.asked, tuple(bands), "pleiades" if mission == "PHR" else None, tags, tuple(notes)
+    )
+
+
+def _angles(root: ET.Element) -> dict[str, Any]:
+    """Where sun and satellite stand, seen from the middle of the image.
+
+    AZIMUTH_ANGLE is that of the image's lines, and VIEWING_ANGLE is measured at the satellite. The satellite's azimuth
+    is AZIMUTH_ANGLE - atan2(tan(across), tan(along)) of the incidence angles across and along the track, as the Orfeo
+    Toolbox (CNES) computes it.
+    """
+    places = list(root.iter("Located_Geometric_Values"))
+    place = next((p for p in places if said(p, "LOCATION_TYPE").casefold() == "center"), places[0] if places else root)
+    azimuth, across, along = (
+        number(said(place, f".//{name}"))
+        for name in ("AZIMUTH_ANGLE", "INCIDENCE_ANGLE_ACROSS_TRACK", "INCIDENCE_ANGLE_ALONG_TRACK")
+    )
+    if azimuth is not None and across is not None and along is not None:
+        across, along = math.tan(math.radians(across)), math.tan(math.radians(along))
+        azimuth -= math.degrees(math.atan2(across, along))
+    else:
+        azimuth = None
+    return angle_tags(
+        sun_elevation=said(place, ".//SUN_ELEVATION"),
+        sun_azimuth=said(place, ".//SUN_AZIMUTH"),
+        incidence=number(said(place, ".//INCIDENCE_ANGLE")),
+        off_nadir=number(said(place, ".//VIEWING_ANGLE")),
+        view_azimuth=azimuth,
+        altitude=_ALTITUDE,
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from ...errors import InputError
 from .container import Container, last
-from .metadata import MetadataError, groups_of, json_of, number, positive, tags_of, text_of, xml_of
+from .metadata import MetadataError, angle_tags, groups_of, json_of, number, positive, tags_of, text_of, xml_of
 from .product import Product, ProductBand
 
 METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
@@ -24,6 +24,8 @@ SURFACE = (2.75e-05, -0.2)
 """Scale and offset of every Level-2 product of Collection 2 (USGS), where the MTL file is missing or damaged."""
 FULL = 65535.0
 """Largest number of the products where the MTL file does not say (QUANTIZE_CAL_MAX_BAND_n)."""
+ALTITUDE = 705_000.0
+"""[m] Orbit of Landsat 8 and 9. They look down, but for a few scenes, which have a ROLL_ANGLE of some 15 degrees."""
 CIRRUS = (1373.5, 20.0)
 """Centre and width of B9 [nm] (USGS: 1363-1384 nm), which the preset of the reflective bands 1 to 7 leaves out."""
 
@@ -58,7 +60,8 @@ def find(container: Container) -> Product | None:
         )
     when = f"{facts.get('DATE_ACQUIRED', '')}T{facts.get('SCENE_CENTER_TIME', '')}" if facts else ""
     tags = tags_of({"satellite": facts.get("SPACECRAFT_ID"), "acquired": when,
-                    "sun_elevation": elevation, "sun_azimuth": facts.get("SUN_AZIMUTH")})  # fmt: skip
+                    **angle_tags(sun_elevation=elevation, sun_azimuth=facts.get("SUN_AZIMUTH"), altitude=ALTITUDE,
+                                 off_nadir=number(facts.get("ROLL_ANGLE")))})  # fmt: skip
     digit = scene[3:4]
     return Product(
         f"Landsat {digit} Level {level}", scene, container.asked, tuple(bands), "landsat8", tags, tuple(notes)

@@ -15,13 +15,15 @@ from xml.etree import ElementTree as ET
 from ... import sensors
 from ...errors import InputError
 from .container import Container, last
-from .metadata import MetadataError, flat, json_of, positive, said, tags_of, xml_of
+from .metadata import MetadataError, angle_tags, flat, json_of, number, positive, said, tags_of, xml_of
 from .product import Product, ProductBand
 
 METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
 IMAGES = r"(?P<scene>\d{8}_\d{6}_.*)_[13][AB]_AnalyticMS(?P<surface>_SR)?(?P<rest>(?:_.*)?)\.tiff?"
 SURFACE_SCALE = 1e-4
 """Of surface reflectance products, as Planet documents them; their metadata do not repeat it."""
+ALTITUDE = 500_000.0
+"""[m] Orbits of the Doves are 450 to 580 km high."""
 FOUR = ("blue", "green", "red", "nir")
 DOVE = ((485.0, 60.0), (545.0, 90.0), (630.0, 80.0), (820.0, 80.0))
 """Centres and widths [nm] of the first Doves (instrument PS2): 455-515, 500-590, 590-670 and 780-860 nm, from Planet's
@@ -52,13 +54,19 @@ def find(container: Container) -> Product | None:
     instrument = said(root, ".//Instrument/shortName") or str(facts.get("instrument", ""))
     bands, sensor = _bands(container.gdal(images[0]), eight, instrument)
     bands, more = _scaled(bands, root, surface=surface)
+    view_angle = said(root, ".//spaceCraftViewAngle") or facts.get("view_angle")
     tags = tags_of({
         "instrument": instrument,
         "acquired": said(root, ".//acquisitionDateTime") or facts.get("acquired"),
-        "sun_elevation": said(root, ".//illuminationElevationAngle") or facts.get("sun_elevation"),
-        "sun_azimuth": said(root, ".//illuminationAzimuthAngle") or facts.get("sun_azimuth"),
-        "view_angle": said(root, ".//spaceCraftViewAngle") or facts.get("view_angle"),
-    })  # fmt: skip
+        "view_angle": view_angle,
+    } | angle_tags(
+        sun_elevation=said(root, ".//illuminationElevationAngle") or facts.get("sun_elevation"),
+        sun_azimuth=said(root, ".//illuminationAzimuthAngle") or facts.get("sun_azimuth"),
+        incidence=number(said(root, ".//incidenceAngle")),
+        off_nadir=number(view_angle),
+        view_azimuth=number(facts.get("satellite_azimuth")),  # the XML's azimuthAngle is that of the image's lines
+        altitude=ALTITUDE,
+    ))  # fmt: skip
     kind = f"PlanetScope AnalyticMS{'_SR' if surface else ''}, {len(bands)} bands"
     return Product(kind, match["scene"], container.asked, bands, sensor, tags, (*notes, *more))
 

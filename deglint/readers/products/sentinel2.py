@@ -6,6 +6,7 @@ dataset of its own, needs the product whole and with its own file names, and lea
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import PurePosixPath
 from xml.etree import ElementTree as ET
@@ -13,13 +14,14 @@ from xml.etree import ElementTree as ET
 from ... import sensors
 from ...errors import InputError
 from .container import Container, last
-from .metadata import MetadataError, number, numbers, positive, said, tags_of, xml_of
+from .metadata import MetadataError, angle_tags, number, numbers, positive, said, tags_of, xml_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
 IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:jp2|tiff?)"
 _IMAGE = re.compile(IMAGES, re.IGNORECASE)
 _MASK = re.compile(r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?)", re.I)
+_TILE = r"MTD_TL\.xml|S2[A-D]_(?:OPER|USER)_MTD_L(?:1C|2A)_TL_.*\.xml"
 PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07": 20, "B08": 10, "B8A": 20,
           "B09": 60, "B10": 60, "B11": 20, "B12": 20}  # fmt: skip
 """Side of a pixel on the ground [m] that each band is taken at."""
@@ -64,7 +66,7 @@ def find(container: Container) -> Product | None:
         container.asked,
         bands,
         "sentinel2",
-        facts.tags,
+        facts.tags | _angles(container, next(iter(granules), ""), notes),
         tuple(notes),
     )
 
@@ -93,6 +95,35 @@ def _granule(member: str) -> str:
     """Path of the granule that a file belongs to, or ""."""
     parts = PurePosixPath(member).parts
     return "/".join(parts[: parts.index("IMG_DATA")]) if "IMG_DATA" in parts else ""
+
+
+def _angles(container: Container, granule: str, notes: list[str]) -> dict[str, str]:
+    """Where sun and satellite stand, seen from the ground: means over the tile, and over the bands."""
+    member = next((n for n in container.find(_TILE) if granule and n.startswith(f"{granule}/")), None)
+    if member is None:
+        return {}
+    try:
+        root = xml_of(container.read(member), member)
+    except MetadataError as error:
+        notes.append(f"{error}: the angles of sun and satellite are not known")
+        return {}
+    sun = _direction(root.find(".//Mean_Sun_Angle"))
+    views = [v for node in root.iter("Mean_Viewing_Incidence_Angle") if (v := _direction(node))]
+    found = {} if sun is None else angle_tags(sun_elevation=round(90.0 - sun[0], 4), sun_azimuth=round(sun[1], 4))
+    if views:
+        east, north = (
+            sum(math.sin(math.radians(zenith)) * of(math.radians(azimuth)) for zenith, azimuth in views) / len(views)
+            for of in (math.sin, math.cos)
+        )
+        zenith, azimuth = math.degrees(math.asin(math.hypot(east, north))), math.degrees(math.atan2(east, north))
+        found |= {k: v for k, v in angle_tags(incidence=zenith, view_azimuth=azimuth).items() if v is not None}
+    return tags_of(found)
+
+
+def _direction(node: ET.Element | None) -> tuple[float, float] | None:
+    """Zenith angle and azimuth [degree] that an element states."""
+    zenith, azimuth = number(said(node, "ZENITH_ANGLE")), number(said(node, "AZIMUTH_ANGLE"))
+    return None if zenith is None or azimuth is None else (zenith, azimuth)
 
 
 def _safe(container: Container) -> str:
