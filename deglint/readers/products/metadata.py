@@ -105,9 +105,15 @@ def numbers(text: str | None) -> list[float]:
     return found if len(found) == len(parts) else []
 
 
-def said(node: ET.Element | None, path: str) -> str:
-    """Text of the first element at a path below a node, or ""."""
-    return "" if node is None else (node.findtext(path) or "").strip()
+def said(node: ET.Element | None, *paths: str) -> str:
+    """Text of the first element at one of some paths below a node, or ""."""
+    found = [] if node is None else [(node.findtext(path) or "").strip() for path in paths]
+    return next(filter(None, found), "")
+
+
+def said_number(node: ET.Element | None, *paths: str) -> float | None:
+    """The same as a finite number, or None."""
+    return number(said(node, *paths))
 
 
 def tags_of(facts: Mapping[str, Any]) -> dict[str, str]:

@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 from ... import sensors
 from ...errors import InputError
 from .container import Container, last
-from .metadata import MetadataError, angle_tags, number, numbers, positive, said, tags_of, xml_of
+from .metadata import MetadataError, angle_tags, numbers, positive, said, said_number, tags_of, xml_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
@@ -27,6 +27,8 @@ PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07
 """Side of a pixel on the ground [m] that each band is taken at."""
 FULL = 65535.0
 """What stands for saturated where the metadata do not say."""
+_QUANTUM = 10_000.0
+"""Number for a reflectance of 1 where the metadata do not say."""
 
 
 def find(container: Container) -> Product | None:
@@ -48,26 +50,26 @@ def find(container: Container) -> Product | None:
             f"{', '.join(sorted(container.gdal(g) for g in granules)[:3])}"
         )
     root, notes = _root(container, metadata)
-    facts = _Facts(root)
-    chosen, left = _chosen(images, single=_single(container))
-    bands = tuple(facts.band(container, name, file, _mask(container, name, file)) for name, file in chosen.items())
+    single = container.named is not None and _IMAGE.fullmatch(last(container.named)) is not None
+    chosen, left = _chosen(images, single=single)
     if left:
         notes.append(f"{', '.join(left)} (pixels of 60 m) left out; name their files to open them")
     if root is not None:
         missing = [n for n, side in PIXELS.items() if side < 60 and n not in chosen]
-        if missing and not _single(container):
+        if missing and not single:
             notes.append(f"no files of {', '.join(missing)} in the product")
         notes.append("time offsets are those of odd-numbered detectors; in even ones the bands follow in reverse order")
-    level = facts.level or ("2A" if any("_L2A" in n or "MSIL2A" in n for n in (container.path, *images)) else "1C")
-    name = said(root, ".//PRODUCT_URI") or said(root, ".//PRODUCT_URI_2A") or _safe(container)
+    level = said(root, ".//PROCESSING_LEVEL").replace("Level-", "").removesuffix("p")
+    level = level or ("2A" if any("_L2A" in n or "MSIL2A" in n for n in (container.path, *images)) else "1C")
+    safe = next((p for n in container.names for p in PurePosixPath(n).parts if p.endswith(".SAFE")), container.name)
+    name = said(root, ".//PRODUCT_URI", ".//PRODUCT_URI_2A") or safe
+    facts = {"satellite": "SPACECRAFT_NAME", "acquired": "PRODUCT_START_TIME",
+             "processing_baseline": "PROCESSING_BASELINE"}  # fmt: skip
+    tags = tags_of({k: said(root, f".//{tag}") for k, tag in facts.items()})
+    tags |= _angles(container, next(iter(granules), ""), notes)
+    bands = tuple(_bands(container, root, chosen))
     return Product(
-        f"Sentinel-2 L{level}",
-        name.removesuffix(".SAFE"),
-        container.asked,
-        bands,
-        "sentinel2",
-        facts.tags | _angles(container, next(iter(granules), ""), notes),
-        tuple(notes),
+        f"Sentinel-2 L{level}", name.removesuffix(".SAFE"), container.asked, bands, "sentinel2", tags, tuple(notes)
     )
 
 
@@ -77,18 +79,9 @@ def _images(container: Container) -> list[str]:
         n for n in container.find(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and not _MASK.fullmatch(last(n))
     ]
     named = container.named
-    if named is None or _is_metadata(named):
+    if named is None or re.fullmatch(METADATA, last(named), re.IGNORECASE):
         return found
     return [n for n in found if n == named or n.startswith(f"{named}/")]
-
-
-def _is_metadata(member: str) -> bool:
-    return bool(re.fullmatch(METADATA, last(member), re.IGNORECASE))
-
-
-def _single(container: Container) -> bool:
-    """Whether one image file was named, not a product."""
-    return container.named is not None and _IMAGE.fullmatch(last(container.named)) is not None
 
 
 def _granule(member: str) -> str:
@@ -97,42 +90,8 @@ def _granule(member: str) -> str:
     return "/".join(parts[: parts.index("IMG_DATA")]) if "IMG_DATA" in parts else ""
 
 
-def _angles(container: Container, granule: str, notes: list[str]) -> dict[str, str]:
-    """Where sun and satellite stand, seen from the ground: means over the tile, and over the bands."""
-    member = next((n for n in container.find(_TILE) if granule and n.startswith(f"{granule}/")), None)
-    if member is None:
-        return {}
-    try:
-        root = xml_of(container.read(member), member)
-    except MetadataError as error:
-        notes.append(f"{error}: the angles of sun and satellite are not known")
-        return {}
-    sun = _direction(root.find(".//Mean_Sun_Angle"))
-    views = [v for node in root.iter("Mean_Viewing_Incidence_Angle") if (v := _direction(node))]
-    found = {} if sun is None else angle_tags(sun_elevation=round(90.0 - sun[0], 4), sun_azimuth=round(sun[1], 4))
-    if views:
-        east, north = (
-            sum(math.sin(math.radians(zenith)) * of(math.radians(azimuth)) for zenith, azimuth in views) / len(views)
-            for of in (math.sin, math.cos)
-        )
-        zenith, azimuth = math.degrees(math.asin(math.hypot(east, north))), math.degrees(math.atan2(east, north))
-        found |= {k: v for k, v in angle_tags(incidence=zenith, view_azimuth=azimuth).items() if v is not None}
-    return tags_of(found)
-
-
-def _direction(node: ET.Element | None) -> tuple[float, float] | None:
-    """Zenith angle and azimuth [degree] that an element states."""
-    zenith, azimuth = number(said(node, "ZENITH_ANGLE")), number(said(node, "AZIMUTH_ANGLE"))
-    return None if zenith is None or azimuth is None else (zenith, azimuth)
-
-
-def _safe(container: Container) -> str:
-    """Name of the SAFE folder."""
-    inside = next((p for n in container.names for p in PurePosixPath(n).parts if p.endswith(".SAFE")), "")
-    return inside or container.name
-
-
 def _root(container: Container, metadata: list[str]) -> tuple[ET.Element | None, list[str]]:
+    """The metadata of the product; where they cannot be read, what to say."""
     remedy = (
         "band names are known, scale and offset are not: the numbers are taken as they stand. Give --scale and "
         "--offset, or download the metadata again"
@@ -162,6 +121,53 @@ def _chosen(images: list[str], *, single: bool) -> tuple[dict[str, str], list[st
     return {n: found[n][1] for n in kept}, [n for n in PIXELS if n in found and n not in kept]
 
 
+def _bands(container: Container, root: ET.Element | None, files: dict[str, str]) -> list[ProductBand]:
+    """What the metadata say of each band; the preset's wavelengths where there are none."""
+    known, values = root is not None, ET.Element("none") if root is None else root
+    quantum = positive(said(values, *(f".//{level}QUANTIFICATION_VALUE" for level in ("", "BOA_", "L2A_BOA_"))))
+    quantum = quantum or _QUANTUM
+    offsets = {
+        node.get("band_id"): said_number(node, ".") or 0.0
+        for tag in ("RADIO_ADD_OFFSET", "BOA_ADD_OFFSET")
+        for node in values.iter(tag)
+    }
+    special = {
+        said(v, "SPECIAL_VALUE_TEXT"): said_number(v, "SPECIAL_VALUE_INDEX") for v in values.iter("Special_Values")
+    }
+    spectral = {  # "B1" there is "B01" in file names
+        re.sub(r"^B(\d)$", r"B0\1", s.get("physicalBand") or ""): s for s in values.iter("Spectral_Information")
+    }
+    presets = {b.name: b for b in sensors.load("sentinel2").bands}
+    found = []
+    for name, file in files.items():
+        own = spectral.get(name)
+        place = str(list(PIXELS).index(name)) if own is None else own.get("bandId")
+        found.append(
+            ProductBand(
+                path=container.gdal(file),
+                name=name,
+                wavelength=positive(said(own, "Wavelength/CENTRAL")) or presets[name].wavelength,
+                width=_width(own) or presets[name].width,
+                scale=1 / quantum if known else 1.0,
+                offset=offsets.get(place, 0.0) / quantum if known else 0.0,
+                unit="reflectance" if known else None,
+                nodata=special.get("NODATA", 0.0),
+                saturation=special.get("SATURATED", FULL),
+                footprint=_mask(container, name, file),
+            )
+        )
+    return found
+
+
+def _width(spectral: ET.Element | None) -> float | None:
+    """Full width at half maximum of the response [nm]."""
+    values = numbers(said(spectral, "Spectral_Response/VALUES"))
+    step = positive(said(spectral, "Spectral_Response/STEP"))
+    if not values or not step:
+        return None
+    return step * sum(v >= 0.5 * max(values) for v in values) or None
+
+
 def _mask(container: Container, band: str, file: str) -> str | None:
     """The file of detector numbers of a band."""
     granule = _granule(file)
@@ -172,63 +178,34 @@ def _mask(container: Container, band: str, file: str) -> str | None:
     return None
 
 
-class _Facts:
-    """What MTD_MSIL*.xml says."""
-
-    def __init__(self, root: ET.Element | None) -> None:
-        self._root = root
-        self._known = root is not None
-        values = root if root is not None else ET.Element("none")
-        self.level = said(values, ".//PROCESSING_LEVEL").replace("Level-", "").removesuffix("p")
-        quantum = next(
-            (q for tag in ("QUANTIFICATION_VALUE", "BOA_QUANTIFICATION_VALUE", "L2A_BOA_QUANTIFICATION_VALUE")
-             if (q := positive(said(values, f".//{tag}")))), 10_000.0,
-        )  # fmt: skip
-        self._quantum = quantum
-        offsets = [*values.iter("RADIO_ADD_OFFSET"), *values.iter("BOA_ADD_OFFSET")]
-        self._offsets = {o.get("band_id"): number(o.text) or 0.0 for o in offsets}
-        special = {
-            said(v, "SPECIAL_VALUE_TEXT"): number(said(v, "SPECIAL_VALUE_INDEX")) for v in values.iter("Special_Values")
-        }
-        self._nodata = special.get("NODATA", 0.0)
-        self._full = special.get("SATURATED", FULL)
-        self._spectral = {_code(s.get("physicalBand") or ""): s for s in values.iter("Spectral_Information")}
-        self.tags = tags_of(
-            {
-                "satellite": said(values, ".//SPACECRAFT_NAME"),
-                "acquired": said(values, ".//PRODUCT_START_TIME"),
-                "processing_baseline": said(values, ".//PROCESSING_BASELINE"),
-            }
+def _angles(container: Container, granule: str, notes: list[str]) -> dict[str, str]:
+    """Where sun and satellite stand, seen from the ground: means over the tile, and over the bands."""
+    member = next((n for n in container.find(_TILE) if granule and n.startswith(f"{granule}/")), None)
+    if member is None:
+        return {}
+    try:
+        root = xml_of(container.read(member), member)
+    except MetadataError as error:
+        notes.append(f"{error}: the angles of sun and satellite are not known")
+        return {}
+    sun = said_number(root, ".//Mean_Sun_Angle/ZENITH_ANGLE")
+    zenith, azimuth = _mean_direction(list(root.iter("Mean_Viewing_Incidence_Angle")))
+    return tags_of(
+        angle_tags(
+            sun_elevation=None if sun is None else round(90.0 - sun, 4),
+            sun_azimuth=said_number(root, ".//Mean_Sun_Angle/AZIMUTH_ANGLE"),
+            incidence=zenith,
+            view_azimuth=azimuth,
         )
-
-    def band(self, container: Container, name: str, file: str, mask: str | None) -> ProductBand:
-        own = self._spectral.get(name)
-        place = own.get("bandId") if own is not None else str(list(PIXELS).index(name))
-        preset = next(b for b in sensors.load("sentinel2").bands if b.name == name)
-        known = self._known
-        return ProductBand(
-            path=container.gdal(file),
-            name=name,
-            wavelength=positive(said(own, "Wavelength/CENTRAL")) or preset.wavelength,
-            width=_width(own) or preset.width,
-            scale=1 / self._quantum if known else 1.0,
-            offset=self._offsets.get(place, 0.0) / self._quantum if known else 0.0,
-            unit="reflectance" if known else None,
-            nodata=self._nodata,
-            saturation=self._full,
-            footprint=mask,
-        )
+    )
 
 
-def _code(physical: str) -> str:
-    """ "B1" as file names have it: "B01"."""
-    return re.sub(r"^B(\d)$", r"B0\1", physical)
-
-
-def _width(spectral: ET.Element | None) -> float | None:
-    """Full width at half maximum of the response [nm]."""
-    values = numbers(said(spectral, "Spectral_Response/VALUES"))
-    step = positive(said(spectral, "Spectral_Response/STEP"))
-    if not values or not step:
-        return None
-    return step * sum(v >= 0.5 * max(values) for v in values) or None
+def _mean_direction(nodes: list[ET.Element]) -> tuple[float | None, float | None]:
+    """Zenith angle and azimuth [degree] of the mean of some directions: azimuths of 350 and 10 have the mean 0."""
+    stated = [(said_number(n, "ZENITH_ANGLE"), said_number(n, "AZIMUTH_ANGLE")) for n in nodes]
+    directions = [(math.radians(z), math.radians(a)) for z, a in stated if z is not None and a is not None]
+    if not directions:
+        return None, None
+    east = sum(math.sin(z) * math.sin(a) for z, a in directions) / len(directions)
+    north = sum(math.sin(z) * math.cos(a) for z, a in directions) / len(directions)
+    return math.degrees(math.asin(math.hypot(east, north))), math.degrees(math.atan2(east, north))
