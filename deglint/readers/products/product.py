@@ -18,78 +18,34 @@ from ...raster.info import describe, open_dataset
 
 @dataclass(frozen=True)
 class ProductBand:
-    """One band of a product; None where the metadata do not say.
+    """One band of a product; None where the metadata do not say."""
 
-    Attributes
-    ----------
-    path : str
-        GDAL name of its file.
-    number : int
-        1-based band of that file.
-    name : str
-        As the sensor's maker calls it ("B08").
-    wavelength, width : float, optional
-        Centre and full width at half maximum [nm].
-    scale, offset : float
-        physical = number in the file * scale + offset.
-    unit : str, optional
-        Of the physical value.
-    nodata : float, optional
-        Number in the file that says "not valid".
-    saturation : float, optional
-        Number in the file at and above which the detector was full.
-    footprint : str, optional
-        GDAL name of a raster of detector numbers.
-    flat : FlatField, optional
-        Vignette and row gradient of a capture, for a file of one band.
-    """
-
-    path: str
-    name: str
-    number: int = 1
-    wavelength: float | None = None
-    width: float | None = None
-    scale: float = 1.0
+    path: str  # GDAL name of its file
+    name: str  # as the sensor's maker calls it ("B08")
+    number: int = 1  # 1-based band of that file
+    wavelength: float | None = None  # centre [nm]
+    width: float | None = None  # full width at half maximum [nm]
+    scale: float = 1.0  # physical = number in the file * scale + offset
     offset: float = 0.0
-    unit: str | None = None
-    nodata: float | None = None
-    saturation: float | None = None
-    footprint: str | None = None
-    flat: FlatField | None = None
+    unit: str | None = None  # of the physical value
+    nodata: float | None = None  # number in the file that says "not valid"
+    saturation: float | None = None  # number in the file at and above which the detector was full
+    footprint: str | None = None  # GDAL name of a raster of detector numbers
+    flat: FlatField | None = None  # vignette and row gradient of a capture, for a file of one band
 
 
 @dataclass(frozen=True)
 class Product:
-    """A product, or the part of it that was named.
+    """A product, or the part of it that was named."""
 
-    Attributes
-    ----------
-    kind : str
-        "Sentinel-2 L2A".
-    name : str
-        The product's own name, without a path.
-    path : str
-        As it was named by whoever opened it.
-    bands : tuple of ProductBand
-        Bands of one file stand together, in its order.
-    sensor : str, optional
-        A name that a sensor preset answers to.
-    tags : mapping
-        Facts for the output's tags: when it was acquired, sun and view angles.
-    notes : tuple of str
-        What was left out or could not be used, one line each.
-    texts : tuple of str
-        GDAL names of the metadata files that were read.
-    """
-
-    kind: str
-    name: str
-    path: str
-    bands: tuple[ProductBand, ...]
-    sensor: str | None = None
-    tags: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    texts: tuple[str, ...] = ()
+    kind: str  # "Sentinel-2 L2A"
+    name: str  # the product's own name, without a path
+    path: str  # as it was named by whoever opened it
+    bands: tuple[ProductBand, ...]  # those of one file stand together, in its order
+    sensor: str | None = None  # a name that a sensor preset answers to
+    tags: Mapping[str, str] = field(default_factory=dict)  # for the output: when it was acquired, angles
+    notes: tuple[str, ...] = ()  # what was left out or could not be used, one line each
+    texts: tuple[str, ...] = ()  # GDAL names of the metadata files that were read
 
     @property
     def files(self) -> dict[str, tuple[ProductBand, ...]]:
