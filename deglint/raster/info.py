@@ -36,71 +36,36 @@ _opening = threading.Lock()  # warnings.catch_warnings is not safe for threads
 
 @dataclass(frozen=True)
 class RasterInfo:
-    """What is known of a raster without reading pixels; tuples have one entry a scene band.
+    """What is known of a raster without reading pixels; tuples have one entry a scene band."""
 
-    Attributes
-    ----------
-    paths : tuple of str
-        GDAL name(s) of what was opened.
-    driver : str
-        GDAL's short name of the format ("GTiff").
-    height, width : int
-        Rows and columns [pixel].
-    dtypes, nodatas, scales, offsets : tuple
-        As the bands declare them, or nodata as the caller overrode it (None where there is none).
-    descriptions, units : tuple
-        Name and unit of each band, or None.
-    colorinterp : tuple of str
-        GDAL's colour interpretation in lower case ("gray", "undefined").
-    tags, band_tags
-        Tags by namespace ("" is the default one), of the dataset and of each band. Statistics
-        (STATISTICS_*) are there as the file has them: they do not hold for changed pixels.
-    mask_flags : tuple of tuple of str
-        "all_valid", "per_dataset", "alpha", "nodata"; none of them: a mask of the band's own.
-    alpha : int, optional
-        1-based number of the alpha band in the file; it is no scene band.
-    block_shapes : tuple of (rows, columns)
-    tiled : bool
-    compression, predictor, interleave, photometric : str, optional
-        As GDAL spells them ("deflate", "2", "pixel", "rgb").
-    crs, transform : optional
-        As rasterio gives them; transform is None where the file has none.
-    gcps, gcps_crs, rpcs : optional
-        Ground control points, their crs, and rational polynomial coefficients.
-    flat : FlatField, optional
-        What is corrected while the file is read; `dtypes` are then those that come of it.
-    nodata_given, offset_given : bool
-        The caller has said what they are, so that pixels are not asked.
-    """
-
-    paths: tuple[str, ...]
-    driver: str
-    height: int
-    width: int
+    paths: tuple[str, ...]  # GDAL names of what was opened
+    driver: str  # GDAL's short name of the format ("GTiff")
+    height: int  # rows
+    width: int  # columns
     dtypes: tuple[str, ...]
-    nodatas: tuple[float | None, ...]
+    nodatas: tuple[float | None, ...]  # as the bands declare them, or as the caller said
     scales: tuple[float, ...]
     offsets: tuple[float, ...]
     descriptions: tuple[str | None, ...]
     units: tuple[str | None, ...]
-    colorinterp: tuple[str, ...]
-    tags: Tags = field(repr=False)
+    colorinterp: tuple[str, ...]  # GDAL's colour interpretation in lower case ("gray", "undefined")
+    tags: Tags = field(repr=False)  # of the dataset; STATISTICS_* as the file has them, not of changed pixels
     band_tags: tuple[Tags, ...] = field(repr=False)
-    mask_flags: tuple[tuple[str, ...], ...]
-    block_shapes: tuple[tuple[int, int], ...]
+    mask_flags: tuple[tuple[str, ...], ...]  # "all_valid", "per_dataset", "alpha", "nodata"; none: a mask of its own
+    block_shapes: tuple[tuple[int, int], ...]  # rows and columns
     tiled: bool = False
-    alpha: int | None = None
-    compression: str | None = None
+    alpha: int | None = None  # 1-based number of the alpha band in the file; it is no scene band
+    compression: str | None = None  # this and the next three as GDAL spells them, in lower case
     predictor: str | None = None
     interleave: str | None = None
     photometric: str | None = None
-    crs: Any = None
-    transform: Any = None
-    gcps: tuple[Any, ...] = ()
+    crs: Any = None  # as rasterio gives it
+    transform: Any = None  # None where the file has none
+    gcps: tuple[Any, ...] = ()  # ground control points
     gcps_crs: Any = None
-    rpcs: Any = None
-    flat: FlatField | None = None
-    nodata_given: bool = False
+    rpcs: Any = None  # rational polynomial coefficients
+    flat: FlatField | None = None  # what is corrected while the file is read; `dtypes` are those that come of it
+    nodata_given: bool = False  # the caller has said what nodata is, so that pixels are not asked
     offset_given: bool = False
 
     @property

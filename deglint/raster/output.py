@@ -41,40 +41,18 @@ _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "
 
 @dataclass(frozen=True)
 class Layout:
-    """What an output is like.
+    """What an output is like."""
 
-    Attributes
-    ----------
-    info : RasterInfo
-        The input's properties, of which everything that holds for the output is kept.
-    bands : tuple of int
-        0-based bands of `info` that the output has.
-    dtype : str
-    nodata : float or None
-    options : mapping
-        GDAL creation options, which win over the defaults.
-    scaled : bool
-        The values are the file's own: keep scale, offset, unit, colour and mask.
-    names : tuple of str, optional
-        Band descriptions in place of the input's.
-    masked : bool
-        The file gets a mask, 0 where a pixel is not valid.
-    tile : (int, int)
-        Rows and columns that are written at a time; blocks are made to fit, so that each is written once.
-    flags : mapping
-        Of a raster of flags: what each bit means, for the tags FLAG_1, FLAG_2, ...
-    """
-
-    info: RasterInfo
-    bands: tuple[int, ...]
+    info: RasterInfo  # the input's properties, of which everything that holds for the output is kept
+    bands: tuple[int, ...]  # 0-based bands of `info` that the output has
     dtype: str
     nodata: float | None = None
-    options: Mapping[str, str] = field(default_factory=dict)
-    scaled: bool = True
-    names: tuple[str, ...] | None = None
-    masked: bool = False
-    tile: tuple[int, int] = (BLOCK, BLOCK)
-    flags: Mapping[int, str] = field(default_factory=dict)
+    options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options, which win over the defaults
+    scaled: bool = True  # the values are the file's own: keep scale, offset, unit, colour and mask
+    names: tuple[str, ...] | None = None  # band descriptions in place of the input's
+    masked: bool = False  # the file gets a mask, 0 where a pixel is not valid
+    tile: tuple[int, int] = (BLOCK, BLOCK)  # rows and columns written at a time; blocks fit, each is written once
+    flags: Mapping[int, str] = field(default_factory=dict)  # of a raster of flags: what each bit means
 
     @property
     def overviews(self) -> bool:
@@ -182,9 +160,8 @@ def write_text(scratch: Scratch, target: Path, text: str) -> None:
 
 def write_bytes(scratch: Scratch, target: Path, data: bytes) -> None:
     """Write a small file."""
-    path = scratch.add(target)
     try:
-        path.write_bytes(data)
+        scratch.add(target).write_bytes(data)
     except OSError as error:
         raise WriteError(f"cannot write {target}: {error.strerror or error}.") from error
 

@@ -45,14 +45,8 @@ class Budget:
 class RasterSource:
     """Pixels of a scene, from one file or several on one grid; a `deglint.scene.Source`.
 
-    It can be pickled: the copy opens the files anew, wherever it is unpickled on this file system.
-
-    Parameters
-    ----------
-    files : sequence of FileBands
-        In scene order.
-    info : RasterInfo
-        What the scene's bands are like.
+    `files` are in scene order; `info` is what the scene's bands are like. It can be pickled: the copy opens the files
+    anew, wherever it is unpickled on this file system.
 
     Examples
     --------
