@@ -21,11 +21,14 @@ from ..errors import WriteError
 from ..scene import Window
 from .failing import check_whole, free_bytes, refusals, write_errors
 from .info import RasterInfo, unplaced
-from .overviews import add_overviews, levels
 from .scratch import Scratch
 
 BLOCK = 512
 """Side of the output's blocks [pixel] where the input's do not serve."""
+OVERVIEWS_FROM = 1024
+"""Longer side from which on an image has overviews [pixel], as the field's validators want it."""
+_SMALLEST_OVERVIEW = 512
+"""Longer side of the smallest overview, at most [pixel]: one request of a viewer, as in GDAL's COG driver."""
 _SIDES = (64, 128, 256, BLOCK)
 _FLAG_COLOURS = (
     (0, 0, 0), (190, 190, 190), (86, 180, 233), (204, 121, 167), (240, 228, 66), (230, 159, 0), (0, 158, 115),
@@ -37,6 +40,14 @@ and Ito 2008, https://jfly.uni-koeln.de/color/)."""
 
 _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "transform")
 """Entries of a profile that are no creation options: a copy takes them from its source."""
+
+
+def levels(height: int, width: int) -> list[int]:
+    """Factors of the overviews of an image, such as [2, 4]."""
+    side, found = max(height, width), [2]
+    while side > _SMALLEST_OVERVIEW * found[-1]:
+        found.append(2 * found[-1])
+    return found if side >= OVERVIEWS_FROM else []
 
 
 @dataclass(frozen=True)
@@ -135,6 +146,29 @@ class RasterWriter:
         if self._dataset is not None:
             with contextlib.suppress(Exception):
                 self._dataset.close()
+
+
+def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> None:
+    """Add overviews to a closed GeoTIFF, and put all of its blocks in order.
+
+    GDAL appends overviews. A cloud-optimised file wants all headers first, then the blocks of the smallest overview,
+    and those of the image last: GDAL's GTiff driver writes that order when it copies the file. `options` are its
+    creation options. An overview holds the mean of the valid pixels, or without `average` (flags) the nearest pixel.
+    """
+    import rasterio
+    from rasterio.enums import Resampling
+    from rasterio.shutil import copy
+
+    ordered = path.with_name(f"{path.name}.ordered")
+    try:
+        with rasterio.Env(GDAL_NUM_THREADS="ALL_CPUS"):
+            with rasterio.open(path, "r+") as dataset:
+                dataset.build_overviews(levels(*dataset.shape), Resampling.average if average else Resampling.nearest)
+            copy(path, ordered, driver="GTiff", copy_src_overviews=True, **options)
+        ordered.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            ordered.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

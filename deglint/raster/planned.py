@@ -14,6 +14,8 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError, WriteError
+from .info import unplaced
+from .output import Scratch, plain, write_bytes, write_json, write_text
 from .targets import Reads, check_targets
 
 Plan = Any
@@ -38,7 +40,6 @@ def check_plan(
 def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
     """Write a plan (`deglint.plan.Reticle`) into every target, each by its ending; `picture` gives the PNG."""
     from ..plan import dataset
-    from .output import Scratch, write_bytes, write_text
 
     check_plan(targets, overwrite=overwrite)
     writers: Mapping[str, Callable[[Scratch, Path], None]] = {
@@ -59,7 +60,6 @@ def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes]
 
 def write_numbers(targets: Mapping[Path, bytes | Mapping[str, Any]], *, overwrite: bool = False) -> None:
     """Write pictures (bytes) and numbers (for JSON) together, or none of them."""
-    from .output import Scratch, write_bytes, write_json
 
     check_plan(list(targets), (".png", ".json"), overwrite=overwrite)
     with Scratch(overwrite=overwrite) as scratch:
@@ -81,7 +81,6 @@ def _signed(document: Mapping[str, Any]) -> dict[str, Any]:
 
 def _compact(document: Mapping[str, Any]) -> str:
     """JSON with each table and each layer on one line; its layers are finite numbers already."""
-    from .output import plain
 
     head = {k: v for k, v in document.items() if k != "layers"}
     lines = [f"{json.dumps(k)}: {json.dumps(plain(v), allow_nan=False)}" for k, v in _signed(head).items()]
@@ -100,7 +99,6 @@ def _geotiff(plan: Plan, path: Path) -> None:
     from affine import Affine
 
     from ..plan.dataset import BAND_LAYERS, LAYERS, layer
-    from .info import unplaced
 
     names, units, layers = [], [], []
     for name, (unit, _) in LAYERS.items():

@@ -297,8 +297,6 @@ def _inside(area: Any, scene: Scene, name: str, option: str) -> Area:
             f"{option} {name} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, "
             f"the scene has {scene.height} rows and {scene.width} columns. {remedy}"
         )
-    if isinstance(area, WindowArea):
-        return WindowArea((cut[0], cut[1]))
     return replace(area, bounds=(cut[0], cut[1]))
 
 

@@ -10,7 +10,7 @@ import os
 import re
 import tarfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path, PurePosixPath
@@ -50,10 +50,19 @@ class Container:
             return str(Path(self.path) / member)
         return f"/vsi{self.kind}/{Path(self.path).absolute()}/{PurePosixPath(member)}"  # without "./" in front
 
-    def find(self, pattern: str) -> list[str]:
-        """Members whose last part fits a regular expression wholly; case does not matter."""
+    def matches(self, pattern: str) -> list[tuple[str, re.Match[str]]]:
+        """Members whose last part fits a regular expression wholly, case apart, and how it fits."""
         fits = re.compile(pattern, re.IGNORECASE)
-        return [n for n in self.names if fits.fullmatch(PurePosixPath(n).name)]
+        return [(n, match) for n in self.names if (match := fits.fullmatch(last(n)))]
+
+    def find(self, pattern: str) -> list[str]:
+        """Members whose last part fits a regular expression wholly, case apart."""
+        return [member for member, _ in self.matches(pattern)]
+
+    def several(self, what: str, names: Iterable[str], remedy: str = "Name one.") -> InputError:
+        """The error that one thing is wanted and several are there; four are named."""
+        every = list(names)
+        return InputError(f"{self.path} holds {len(every)} {what}: {', '.join(every[:4])}. {remedy}")
 
     def beside(self, member: str, name: str) -> str | None:
         """The member that metadata call `name` in the folder of `member`, if there is one."""

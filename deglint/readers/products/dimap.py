@@ -55,8 +55,7 @@ def find(container: Container) -> Product | None:
             raise InputError(f"{damaged[0]}. Download it again, or name the image itself.")
         return None
     if len(found) > 1:
-        names = ", ".join(container.gdal(m) for m, *_ in found[:4])
-        raise InputError(f"{container.path} holds {len(found)} multispectral images. Name one: {names}")
+        raise container.several("multispectral images", (container.gdal(m) for m, *_ in found))
     member, root, tiles = found[0]
     for tile in tiles:
         if container.beside(member, tile) is None:

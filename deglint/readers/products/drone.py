@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePosixPath
 
-from ...errors import InputError
 from ...raster import RasterInfo
 from ...raster.info import describe_file
 from .container import Container
@@ -23,8 +22,6 @@ METADATA = r"(?!)"  # each file has its own
 IMAGES = (
     r"(?P<capture>IMG_\d{4,}|DJI_(?:\d+_)*\d{3,4}_MS|DJI_\d{3}(?=\d\.))_?(?P<band>\d{1,2}|G|R|RE|NIR)(?:_\d+)?\.tiff?"
 )
-MOST_CAPTURES = 3
-"""Captures that a message names."""
 THERMAL = 3000.0
 """[nm] A band beyond is heat, not reflected light."""
 UNREGISTERED = (
@@ -41,21 +38,15 @@ def find(container: Container) -> Product | None:
     if container.named is not None:
         return None
     captures: dict[str, list[str]] = {}
-    for member in container.find(IMAGES):
-        match = re.fullmatch(IMAGES, PurePosixPath(member).name, re.IGNORECASE)
-        if match:
-            key = str(PurePosixPath(member).parent / match["capture"])
-            captures.setdefault(key, []).append(member)
+    for member, match in container.matches(IMAGES):
+        captures.setdefault(str(PurePosixPath(member).parent / match["capture"]), []).append(member)
     captures = {k: v for k, v in captures.items() if len(v) > 1}
     if not captures:
         return None
     if len(captures) > 1:
-        first = next(iter(captures.values()))
-        raise InputError(
-            f"{container.path} holds {len(captures)} captures ({', '.join(sorted(captures)[:MOST_CAPTURES])}). Name "
-            f"the files of one: {' '.join(container.gdal(m) for m in sorted(first))}"
-        )
-    capture, members = next(iter(captures.items()))
+        files = " ".join(map(container.gdal, sorted(next(iter(captures.values())))))
+        raise container.several("captures", sorted(captures), f"Name the files of one: {files}")
+    ((capture, members),) = captures.items()
     return _product(container, PurePosixPath(capture).name, members)
 
 

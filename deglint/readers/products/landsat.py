@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from ...errors import InputError
 from .container import Container, last
 from .metadata import MetadataError, angle_tags, groups_of, json_of, number, positive, tags_of, text_of, xml_of
 from .product import Product, ProductBand
@@ -37,7 +36,7 @@ Groups = Mapping[str, Mapping[str, Any]]
 def find(container: Container) -> Product | None:
     """The product in a folder or archive, or the named band file of it; None where there is none."""
     metadata, named = container.find(METADATA), container.named
-    images = [(n, m) for n in container.find(IMAGES) if (m := re.fullmatch(IMAGES, last(n), re.IGNORECASE))]
+    images = container.matches(IMAGES)
     if named in metadata:
         images = [(n, m) for n, m in images if m["scene"] == _stem(named or "")]
     elif named is not None:
@@ -46,10 +45,7 @@ def find(container: Container) -> Product | None:
     if not images:
         return None
     if len(scenes) > 1:
-        raise InputError(
-            f"{container.path} holds {len(scenes)} Landsat scenes: {', '.join(scenes[:3])}. "
-            "Name the *_MTL.txt file of one."
-        )
+        raise container.several("Landsat scenes", scenes, "Name the *_MTL.txt file of one.")
     (scene,) = scenes
     level = "2" if any(m["band"].upper().startswith("SR_") for _, m in images) else "1"
     groups, notes = _groups(container, [m for m in metadata if _stem(m) == scene], level)

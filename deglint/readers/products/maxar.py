@@ -45,26 +45,21 @@ def find(container: Container) -> Product | None:
     found = []
     for stem in sorted(stems):
         groups, notes = _groups(container, stem)
-        letters = [g.removeprefix("BAND_") for g in groups if g.startswith("BAND_")]
+        letters = _letters(groups)
         image = _image(container, stem)
         if image and (len(letters) > 1 or (letters and named)):
-            found.append((stem, image, letters, groups, notes))
+            found.append((stem, image, groups, notes))
         elif image and notes and named and named != image:
             raise InputError(f"{notes[0]}. Download it again, or name the image itself: {container.gdal(image)}")
     if len(found) > 1:
-        names = ", ".join(container.gdal(stem) for stem, *_ in found[:4])
-        raise InputError(
-            f"{container.path} holds {len(found)} multispectral images. Name the .IMD file of one: {names}"
-        )
-    if not found:
-        return None
-    stem, image, letters, groups, notes = found[0]
-    return _product(container, stem, image, letters, groups, notes)
+        names = (container.gdal(stem) for stem, *_ in found)
+        raise container.several("multispectral images", names, "Name the .IMD file of one.")
+    return _product(container, *found[0]) if found else None
 
 
-def _product(
-    container: Container, stem: str, image: str, letters: list[str], groups: Groups, notes: list[str]
-) -> Product:
+def _product(container: Container, stem: str, image: str, groups: Groups, notes: list[str]) -> Product:
+    """The product of an image, by the groups of its metadata."""
+    letters = _letters(groups)
     every = {k: v for g in groups.values() for k, v in g.items()}
     satellite, enhanced = every.get("SATID", ""), every.get("RADIOMETRICENHANCEMENT", "").upper()
     title, preset_name = _SATELLITES.get(satellite, (satellite, ""))
@@ -92,6 +87,11 @@ def _product(
     return Product(kind, last(stem), container.asked, tuple(bands), preset.name if preset else None, tags, tuple(notes))
 
 
+def _letters(groups: Groups) -> list[str]:
+    """Letters of the bands, in the order of the image."""
+    return [g.removeprefix("BAND_") for g in groups if g.startswith("BAND_")]
+
+
 def _stem(member: str) -> str:
     return str(PurePosixPath(member).with_suffix(""))
 
@@ -106,7 +106,7 @@ def _groups(container: Container, stem: str) -> tuple[Groups, list[str]]:
         try:
             data = container.read(member)
             groups = _of_imd(data, member) if ending == ".imd" else _of_xml(data, member)
-            if any(g.startswith("BAND_") for g in groups):
+            if _letters(groups):
                 return groups, []
             notes.append(f"{member} is damaged: it has no group BAND_")
         except MetadataError as error:

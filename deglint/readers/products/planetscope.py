@@ -13,7 +13,6 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from ... import sensors
-from ...errors import InputError
 from .container import Container, last
 from .metadata import MetadataError, angle_tags, flat, json_of, number, positive, said, said_number, tags_of, xml_of
 from .product import Product, ProductBand
@@ -32,26 +31,23 @@ product specification; the sensor presets are of the later ones."""
 
 def find(container: Container) -> Product | None:
     """The product in a folder or archive; None where there is none."""
-    images = [n for n in container.find(IMAGES) if "udm" not in n.lower()]
+    images = {n: match for n, match in container.matches(IMAGES) if "udm" not in n.lower()}
     named = container.named
-    if named in images:
-        images = [named] if named else []
-    elif named:
+    if named and named not in images:
         stem = re.sub(r"(_[13][AB]_AnalyticMS.*)?_metadata.*$", "", last(named), flags=re.IGNORECASE)
-        images = [n for n in images if last(n).startswith(stem)]
+        images = {n: match for n, match in images.items() if last(n).startswith(stem)}
+    elif named:
+        images = {named: images[named]}
     if not images:
         return None
     if len(images) > 1:
-        raise InputError(
-            f"{container.path} holds {len(images)} PlanetScope images: {', '.join(map(last, images[:4]))}. Name one."
-        )
-    match = re.fullmatch(IMAGES, last(images[0]), re.IGNORECASE)
-    assert match is not None  # as `Container.find` takes no others
+        raise container.several("PlanetScope images", map(last, images))
+    ((image, match),) = images.items()
     root, facts, notes = _read(container, [n for n in container.find(METADATA) if last(n).startswith(match["scene"])])
     factors, surface = _factors(root), match["surface"] is not None
     eight = "_8b" in match["rest"].lower() or len(factors) == 8
     instrument = said(root, ".//Instrument/shortName") or str(facts.get("instrument", ""))
-    bands, sensor = _bands(container.gdal(images[0]), eight, instrument)
+    bands, sensor = _bands(container.gdal(image), eight, instrument)
     scales, unit = ([SURFACE_SCALE] * len(bands), "reflectance") if surface else _scales(factors, len(bands))
     if unit:
         bands = [replace(b, scale=s, unit=unit) for b, s in zip(bands, scales, strict=True)]

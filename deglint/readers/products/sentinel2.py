@@ -12,15 +12,13 @@ from pathlib import PurePosixPath
 from xml.etree import ElementTree as ET
 
 from ... import sensors
-from ...errors import InputError
 from .container import Container, last
 from .metadata import MetadataError, angle_tags, numbers, positive, said, said_number, tags_of, xml_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
 IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:jp2|tiff?)"
-_IMAGE = re.compile(IMAGES, re.IGNORECASE)
-_MASK = re.compile(r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?)", re.I)
+_MASK = r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?)"
 _TILE = r"MTD_TL\.xml|S2[A-D]_(?:OPER|USER)_MTD_L(?:1C|2A)_TL_.*\.xml"
 PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07": 20, "B08": 10, "B8A": 20,
           "B09": 60, "B10": 60, "B11": 20, "B12": 20}  # fmt: skip
@@ -40,17 +38,12 @@ def find(container: Container) -> Product | None:
     if not images or not (metadata or any("IMG_DATA" in PurePosixPath(n).parts for n in images)):
         return None
     if len(metadata) > 1:
-        raise InputError(
-            f"{container.path} holds {len(metadata)} Sentinel-2 products: {', '.join(metadata[:4])}. Name one."
-        )
+        raise container.several("Sentinel-2 products", metadata)
     granules = {_granule(n) for n in images} - {""}
     if len(granules) > 1:
-        raise InputError(
-            f"{container.path} holds {len(granules)} granules. Name the folder of one: "
-            f"{', '.join(sorted(container.gdal(g) for g in granules)[:3])}"
-        )
+        raise container.several("granules", sorted(map(container.gdal, granules)), "Name the folder of one.")
     root, notes = _root(container, metadata)
-    single = container.named is not None and _IMAGE.fullmatch(last(container.named)) is not None
+    single = container.named in images
     chosen, left = _chosen(images, single=single)
     if left:
         notes.append(f"{', '.join(left)} (pixels of 60 m) left out; name their files to open them")
@@ -73,15 +66,13 @@ def find(container: Container) -> Product | None:
     )
 
 
-def _images(container: Container) -> list[str]:
-    """Image files of bands, those below what was named."""
-    found = [
-        n for n in container.find(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and not _MASK.fullmatch(last(n))
-    ]
-    named = container.named
+def _images(container: Container) -> dict[str, re.Match[str]]:
+    """Image files of bands, those below what was named, and what their names say."""
+    masks, named = set(container.find(_MASK)), container.named
+    found = {n: m for n, m in container.matches(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and n not in masks}
     if named is None or re.fullmatch(METADATA, last(named), re.IGNORECASE):
         return found
-    return [n for n in found if n == named or n.startswith(f"{named}/")]
+    return {n: m for n, m in found.items() if n == named or n.startswith(f"{named}/")}
 
 
 def _granule(member: str) -> str:
@@ -107,12 +98,10 @@ def _root(container: Container, metadata: list[str]) -> tuple[ET.Element | None,
     return root, []
 
 
-def _chosen(images: list[str], *, single: bool) -> tuple[dict[str, str], list[str]]:
+def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str, str], list[str]]:
     """The file of each band, in the order of wavelengths, and the bands of 60 m that are left out."""
     found: dict[str, tuple[int, str]] = {}
-    for member in images:
-        match = _IMAGE.fullmatch(last(member))
-        assert match is not None  # as `_images` takes no others
+    for member, match in images.items():
         name = match["band"].upper()
         pixel = int(match["pixel"] or PIXELS[name])
         found[name] = min(found.get(name, (pixel, member)), (pixel, member))
@@ -170,12 +159,9 @@ def _width(spectral: ET.Element | None) -> float | None:
 
 def _mask(container: Container, band: str, file: str) -> str | None:
     """The file of detector numbers of a band."""
-    granule = _granule(file)
-    for member in container.names:
-        match = _MASK.fullmatch(last(member))
-        if match and match["band"].upper() == band and member.startswith(granule):
-            return container.gdal(member)
-    return None
+    granule, masks = _granule(file), container.matches(_MASK)
+    fits = (member for member, match in masks if match["band"].upper() == band and member.startswith(granule))
+    return next(map(container.gdal, fits), None)
 
 
 def _angles(container: Container, granule: str, notes: list[str]) -> dict[str, str]:
