@@ -100,16 +100,10 @@ def _geotiff(plan: Plan, path: Path) -> None:
 
     from ..plan.dataset import BAND_LAYERS, LAYERS, layer
 
-    names, units, layers = [], [], []
-    for name, (unit, _) in LAYERS.items():
-        names.append(name)
-        units.append(unit)
-        layers.append(layer(plan, name))
+    known = [(name, unit, layer(plan, name)) for name, (unit, _) in LAYERS.items()]
     for name, (unit, _) in BAND_LAYERS.items():
-        for k, band in enumerate(plan.bands):
-            names.append(f"{name} {band}")
-            units.append(unit)
-            layers.append(layer(plan, name)[k])
+        known += [(f"{name} {band}", unit, layer(plan, name)[k]) for k, band in enumerate(plan.bands)]
+    names, units, layers = zip(*known, strict=True)
     down, across = (float(axis[1] - axis[0]) for axis in (plan.zenith, plan.azimuth))
     array = np.stack(layers).astype(np.float32)
     profile = {
@@ -119,7 +113,7 @@ def _geotiff(plan: Plan, path: Path) -> None:
     }  # fmt: skip
     with unplaced(), rasterio.open(path, "w", **profile) as out:
         out.write(array)
-        out.descriptions, out.units = tuple(names), tuple(units)
+        out.descriptions, out.units = names, units
         out.update_tags(
             MEANING="look from: columns are azimuths, rows zenith angles of the sensor [degree]",
             SOFTWARE=f"deglint {__version__}",

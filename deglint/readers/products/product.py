@@ -89,25 +89,27 @@ def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, 
     """A file's description, with what its product says of the bands; what the file itself says comes first."""
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
     own = bool(scaled_by_itself(info))
-    flat = bands[0].flat if info.count == 1 and not own else None
+    flat = bands[0].flat if info.count == 1 else None
     dataset_tags = ({"sensor": sensor} if sensor else {}) | dict(tags) | dict(info.tags.get("", {}))
-    return replace(
+    named = replace(
         info,
         descriptions=tuple(b.name for b in bands),
-        dtypes=info.dtypes if flat is None else ("float32",),
-        flat=flat,
-        units=tuple(u if own or b.unit is None else b.unit for u, b in zip(info.units, bands, strict=True)),
-        scales=info.scales if own else tuple(b.scale for b in bands),
-        offsets=info.offsets if own else tuple(b.offset for b in bands),
-        nodatas=tuple(
-            n if own or n is not None or b.nodata is None else b.nodata
-            for n, b in zip(info.nodatas, bands, strict=True)
-        ),
         tags={**info.tags, "": dataset_tags},
         band_tags=tuple(
             {**t, "": {**t.get("", {}), **_band_tags(b, scaled=not own)}}
             for t, b in zip(info.band_tags, bands, strict=True)
         ),
+    )
+    if own:
+        return named
+    return replace(
+        named,
+        dtypes=info.dtypes if flat is None else ("float32",),
+        flat=flat,
+        units=tuple(b.unit or u for u, b in zip(info.units, bands, strict=True)),
+        scales=tuple(b.scale for b in bands),
+        offsets=tuple(b.offset for b in bands),
+        nodatas=tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, bands, strict=True)),
     )
 
 
