@@ -18,6 +18,7 @@ import numpy as np
 from ..checks import as_path, check_number, checked_keywords, described
 from ..errors import InputError
 from ..raster import RasterInfo, RasterSource
+from ..raster.convert import holds
 from ..raster.info import describe, open_dataset
 from ..scene import Scene
 from . import products, stac
@@ -175,23 +176,16 @@ def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) 
         return replace(info, nodatas=(None,) * info.count, nodata_given=True)
     if nodata is not None:
         for dtype in info.dtypes:
-            if not _holds(dtype, nodata):
+            if not holds(dtype, nodata):
                 limits = np.iinfo(dtype)
                 allowed = f"an integer {limits.min} to {limits.max}"
                 raise InputError(f"nodata: allowed is {allowed} for {dtype}, got {nodata:g}")
         return replace(info, nodatas=(float(nodata),) * info.count, nodata_given=True)
-    usable = tuple(n is None or _holds(dtype, n) for n, dtype in zip(info.nodatas, info.dtypes, strict=True))
+    usable = tuple(n is None or holds(dtype, n) for n, dtype in zip(info.nodatas, info.dtypes, strict=True))
     for i, (declared, dtype, fits) in enumerate(zip(info.nodatas, info.dtypes, usable, strict=True), start=1):
         if not fits:
             notes.append(f"{info.paths[0]}: nodata {declared:g} of band {i} is ignored: {dtype} cannot hold it")
     return replace(info, nodatas=tuple(n if fits else None for n, fits in zip(info.nodatas, usable, strict=True)))
-
-
-def _holds(dtype: str, nodata: float) -> bool:
-    if np.dtype(dtype).kind == "f":
-        return True
-    limits = np.iinfo(dtype)
-    return limits.min <= nodata <= limits.max and float(nodata).is_integer()
 
 
 def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
