@@ -122,13 +122,12 @@ def unplaced() -> Iterator[None]:
 def open_dataset(path: str) -> Any:
     """Open a raster for reading, as rasterio does, with one clear line where that fails."""
     import rasterio
-    from rasterio.errors import RasterioError
 
     check_before(path)
     try:
         with unplaced():
             dataset = rasterio.open(path, sharing=False)
-    except (RasterioError, OSError, ValueError) as error:
+    except gdal_errors(OSError, ValueError) as error:
         raise ReadError(_why_not_opened(path, error)) from error
     try:
         check_size(dataset, path)
@@ -189,6 +188,14 @@ def remedy(path: str) -> str:
     return "The file is truncated or damaged: copy or download it again."
 
 
+def gdal_errors(*more: type[Exception]) -> tuple[type[Exception], ...]:
+    """What rasterio raises of its own, as it lets some errors of GDAL through as they are; and some more errors."""
+    from rasterio._err import CPLE_BaseError
+    from rasterio.errors import RasterioError
+
+    return RasterioError, CPLE_BaseError, *more
+
+
 def one_line(error: BaseException) -> str:
     """What an error, or what caused it, says: its first line."""
     text = str(error.__cause__ or error).strip() or type(error).__name__
@@ -201,17 +208,14 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     GDAL calls the last of 2 or 4 bands of bytes "alpha" unless the writer said otherwise. A band so called is a scene
     band where it has a name, or where `alpha_is_band`.
     """
-    from rasterio._err import CPLE_BaseError
-    from rasterio.errors import RasterioError
-
     try:
         try:
             info = _described(dataset, path, alpha_is_band)
-        except CPLE_BaseError:  # what GDAL met in a metadata file beside this one, told at the next call
+        except gdal_errors():  # what GDAL met in a metadata file beside this one, told at the next call
             info = _described(dataset, path, alpha_is_band)
     except (InputError, ReadError):
         raise
-    except (RasterioError, CPLE_BaseError, ValueError, ArithmeticError, LookupError) as error:
+    except gdal_errors(ValueError, ArithmeticError, LookupError) as error:
         said = one_line(error)
         raise ReadError(f"cannot read the header of {path}: {said}. The file is truncated or damaged.") from error
     place = info.transform

@@ -22,7 +22,7 @@ from ..errors import InputError, ReadError
 from ..scene import FloatArray, Window
 from .convert import Raw, Valid, to_physical
 from .handle import FileBands, Handle
-from .info import RasterInfo, one_line, remedy
+from .info import RasterInfo, gdal_errors, one_line, remedy
 
 
 class Budget:
@@ -176,13 +176,11 @@ class RasterSource:
         handle.close()
 
     def _explain(self, error: BaseException, place: str) -> ReadError | None:
-        from rasterio._err import CPLE_BaseError
-        from rasterio.errors import RasterioError
 
         where = f"{place} of {', '.join(self.info.paths)}"
         if isinstance(error, MemoryError):
             return ReadError(f"{where} do not fit into memory. Read smaller windows.")
-        if isinstance(error, (RasterioError, CPLE_BaseError)):
+        if isinstance(error, gdal_errors()):
             return ReadError(f"cannot read {where}: {one_line(error)}. {remedy(self.info.paths[0])}")
         return None
 

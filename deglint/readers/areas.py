@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ..checks import nearest
 from ..errors import InputError, ReadError
 from ..raster import FileBands, RasterSource
-from ..raster.info import describe_file, one_line, unplaced
+from ..raster.info import describe_file, gdal_errors, one_line, unplaced
 from ..scene import Scene, Window
 from .grid import nearest_on, same_grid
 from .text import read_json
@@ -152,8 +152,6 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
     that cannot be longitude and latitude, and lie in the scene, are taken to be in the scene's CRS, as are all over a
     scene without CRS.
     """
-    from rasterio._err import CPLE_BaseError
-    from rasterio.errors import RasterioError
     from rasterio.features import bounds as bounds_of
     from rasterio.transform import Affine
     from rasterio.warp import transform_geom
@@ -167,7 +165,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
     if scene.crs is not None and not note:
         try:
             shapes = [transform_geom(_crs_of(document, name), scene.crs, s) for s in shapes]
-        except (RasterioError, CPLE_BaseError, ValueError, IndexError) as error:
+        except gdal_errors(ValueError, IndexError) as error:
             raise InputError(f"{name} has coordinates that do not fit its CRS: {one_line(error)}.") from error
     transform = scene.transform or Affine.identity()
     boxes = [bounds_of(s) for s in shapes]
