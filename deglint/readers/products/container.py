@@ -60,7 +60,7 @@ class Container:
         return [member for member, _ in self.matches(pattern)]
 
     def several(self, what: str, names: Iterable[str], remedy: str = "Name one.") -> InputError:
-        """The error that one thing is wanted and several are there; four are named."""
+        """The error that one is wanted and several are there; it names four."""
         every = list(names)
         return InputError(f"{self.path} holds {len(every)} {what}: {', '.join(every[:4])}. {remedy}")
 
