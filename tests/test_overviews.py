@@ -8,8 +8,7 @@ from rio_cogeo import cog_validate
 from deglint import open_scene
 from deglint.pipeline.overview import raster_of
 from deglint.raster.environment import environment
-from deglint.raster.output import Layout, Scratch, writing
-from deglint.raster.overviews import levels
+from deglint.raster.output import Layout, Scratch, levels, writing
 from deglint.raster.parts import write_part, writing_parts
 from deglint.tiles import tiles
 

@@ -36,9 +36,7 @@ class ArraySource(RasterSource):
         return {**super().__getstate__(), "values": self.values, "origin": self.origin}
 
     def _read(self, window: Window, bands: Sequence[int], *, nodata: bool) -> tuple[Raw, Valid | None]:
-        rows, columns = (
-            (a - first, b - first) for (a, b), first in zip(window, self.origin, strict=True)
-        )  # fmt: skip
+        rows, columns = ((a - first, b - first) for (a, b), first in zip(window, self.origin, strict=True))
         _, height, width = self.values.shape
         if not (0 <= rows[0] <= rows[1] <= height and 0 <= columns[0] <= columns[1] <= width):
             raise InputError(

@@ -94,11 +94,17 @@ def _is_endless(values: Raw) -> Valid:
     return np.asarray(((size >= low) & (size <= high)) | (size >= np.finfo(np.float64).max))
 
 
+def holds(dtype: npt.DTypeLike, number: float) -> bool:
+    """Whether an integer type has a number; of a floating type it is taken for granted."""
+    if np.dtype(dtype).kind not in "iu":
+        return True
+    limits = np.iinfo(dtype)
+    return bool(limits.min <= number <= limits.max) and float(number).is_integer()
+
+
 def _as_stored(nodata: float | None, dtype: np.dtype[Any]) -> Any:
-    if nodata is None or nodata != nodata:
+    """A nodata as it stands in a file of that type; None where it can match nothing there."""
+    if nodata is None or nodata != nodata or not holds(dtype, nodata):
         return None
-    if np.issubdtype(dtype, np.integer):
-        limits = np.iinfo(dtype)
-        return int(nodata) if limits.min <= nodata <= limits.max and float(nodata).is_integer() else None
     with np.errstate(all="ignore"):
-        return dtype.type(nodata)
+        return dtype.type(int(nodata) if dtype.kind in "iu" else nodata)

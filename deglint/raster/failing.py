@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from ..errors import InputError, ReadError, WriteError
-from .info import one_line, open_dataset
+from .info import gdal_errors, one_line, open_dataset
 
 
 def free_bytes(directory: Path) -> int | None:
@@ -28,12 +28,10 @@ _SHORT = "the disk or a quota is full, or files may not grow so large (ulimit -f
 @contextlib.contextmanager
 def write_errors(target: Path) -> Iterator[None]:
     """Make one clear line of what goes wrong while a file is written."""
-    from rasterio._err import CPLE_BaseError
-    from rasterio.errors import RasterioError
 
     try:
         yield
-    except (RasterioError, CPLE_BaseError, OSError) as error:
+    except gdal_errors(OSError) as error:
         if isinstance(error, WriteError):
             raise
         if isinstance(error, ReadError):  # what was just written cannot be read again

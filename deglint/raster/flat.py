@@ -17,27 +17,13 @@ from ..scene import Window
 
 @dataclass(frozen=True)
 class FlatField:
-    """How bright each pixel of a capture is made.
+    """How bright each pixel of a capture is made."""
 
-    Attributes
-    ----------
-    black : float
-        Number in the file without any light.
-    centre : (float, float)
-        Column and row of the middle of the vignette [pixel].
-    polynomial : tuple of float
-        Coefficients p1, p2 ... of the vignette 1 + p1 r + p2 r^2 + ..., r: distance from the centre [pixel].
-    corrects : bool
-        The polynomial is the correction itself, not the fall-off that is to be corrected.
-    row_gradient : float
-        Rows are brighter by 1 + row_gradient * row.
-    """
-
-    black: float = 0.0
-    centre: tuple[float, float] = (0.0, 0.0)
-    polynomial: tuple[float, ...] = ()
-    corrects: bool = False
-    row_gradient: float = 0.0
+    black: float = 0.0  # number in the file without any light
+    centre: tuple[float, float] = (0.0, 0.0)  # column and row of the middle of the vignette [pixel]
+    polynomial: tuple[float, ...] = ()  # p1, p2 ... of 1 + p1 r + p2 r^2 + ..., r: distance from the centre [pixel]
+    corrects: bool = False  # the polynomial is the correction itself, not the fall-off that is to be corrected
+    row_gradient: float = 0.0  # rows are brighter by 1 + row_gradient * row
 
     def factor(self, window: Window) -> npt.NDArray[np.float32]:
         """By what the light of each pixel of a window is multiplied, (row, column)."""

@@ -20,34 +20,16 @@ from .info import RasterInfo, open_dataset
 
 @dataclass(frozen=True)
 class FileBands:
-    """The bands that one file gives to a scene.
+    """The bands that one file gives to a scene."""
 
-    Attributes
-    ----------
-    path : str
-        GDAL name.
-    indexes : tuple of int
-        1-based bands of the file, in scene order.
-    nodatas : tuple of float or None
-        Value that says "not valid", one a band.
-    dataset_mask, band_masks : bool
-        The file has one mask for all bands, or one a band.
-    alpha : int, optional
-        1-based alpha band; a pixel where it is 0 is not valid.
-    flat : FlatField, optional
-        Corrects the numbers as they are read.
-    warp : mapping, optional
-        Arguments of rasterio's WarpedVRT that put the file on the scene's grid.
-    """
-
-    path: str
-    indexes: tuple[int, ...]
-    nodatas: tuple[float | None, ...]
-    dataset_mask: bool = False
-    band_masks: bool = False
-    alpha: int | None = None
-    flat: FlatField | None = None
-    warp: Mapping[str, Any] | None = field(default=None, repr=False)
+    path: str  # GDAL name
+    indexes: tuple[int, ...]  # 1-based bands of the file, in scene order
+    nodatas: tuple[float | None, ...]  # value that says "not valid", one a band
+    dataset_mask: bool = False  # the file has one mask for all bands
+    band_masks: bool = False  # the file has one mask a band
+    alpha: int | None = None  # 1-based alpha band; a pixel where it is 0 is not valid
+    flat: FlatField | None = None  # corrects the numbers as they are read
+    warp: Mapping[str, Any] | None = field(default=None, repr=False)  # how rasterio's WarpedVRT puts it on the grid
 
     @classmethod
     def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> FileBands:

@@ -22,7 +22,6 @@ from .convert import physical_dtype
 from .files import check_after, check_before
 from .flat import FlatField
 from .limits import check_size
-from .unreadable import lacks_support, what_instead
 
 Tags = Mapping[str, Mapping[str, str]]
 """Tags by namespace; the default namespace is ""."""
@@ -31,76 +30,56 @@ _DERIVED_NAMESPACES = frozenset({"IMAGE_STRUCTURE", "DERIVED_SUBDATASETS", "SUBD
 REMOTE_NAME = re.compile(
     r"(https?|ftp|s3|gs|az|oss|swift|hdfs)://|/vsi(curl|s3|gs|az|adls|oss|swift|webhdfs)", re.IGNORECASE
 )
+_HEAD = 512
+"""Bytes of a file that are looked at."""
+_FILE_KINDS = (
+    (rb"\s*(?:<!doctype html|<html)", "is a web page. Log in where the image lies, and download the file again"),
+    (rb"version https://git-lfs", "is a pointer of Git LFS, not the image itself. Fetch it: git lfs pull"),
+    (rb"ENVI\s", "is the header of an ENVI file. Name the image beside it"),
+    (rb"PK\x03\x04", "is a zip archive. Unpack it, or name the raster in it: /vsizip/{path}/NAME"),
+    (rb"\x1f\x8b", "is packed with gzip. Unpack it, or name it /vsigzip/{path}"),
+    (rb"Rar!|7z\xbc\xaf", "is an archive. Unpack it, and name the raster in it"),
+    (rb"\x93NUMPY", "is a NumPy array. Write it as a GeoTIFF first"),
+    (rb"%PDF", "is a PDF without an image that GDAL reads. Name the image itself"),
+    (rb"\x89HDF|CDF[\x01\x02\x05]", "is HDF5 or NetCDF of a kind that GDAL here lacks. Convert it elsewhere"),
+    (rb"\x00\x00\x00\x0cjP  |\xff\x4f\xff\x51", "is JPEG 2000, and damaged or of a kind that this GDAL lacks"),
+    (rb"II[*+]\x00|MM\x00[*+]", "begins as a TIFF and is damaged. Copy or download it again"),
+)  # fmt: skip
 _opening = threading.Lock()  # warnings.catch_warnings is not safe for threads
 
 
 @dataclass(frozen=True)
 class RasterInfo:
-    """What is known of a raster without reading pixels; tuples have one entry a scene band.
+    """What is known of a raster without reading pixels; tuples have one entry a scene band."""
 
-    Attributes
-    ----------
-    paths : tuple of str
-        GDAL name(s) of what was opened.
-    driver : str
-        GDAL's short name of the format ("GTiff").
-    height, width : int
-        Rows and columns [pixel].
-    dtypes, nodatas, scales, offsets : tuple
-        As the bands declare them, or nodata as the caller overrode it (None where there is none).
-    descriptions, units : tuple
-        Name and unit of each band, or None.
-    colorinterp : tuple of str
-        GDAL's colour interpretation in lower case ("gray", "undefined").
-    tags, band_tags
-        Tags by namespace ("" is the default one), of the dataset and of each band. Statistics
-        (STATISTICS_*) are there as the file has them: they do not hold for changed pixels.
-    mask_flags : tuple of tuple of str
-        "all_valid", "per_dataset", "alpha", "nodata"; none of them: a mask of the band's own.
-    alpha : int, optional
-        1-based number of the alpha band in the file; it is no scene band.
-    block_shapes : tuple of (rows, columns)
-    tiled : bool
-    compression, predictor, interleave, photometric : str, optional
-        As GDAL spells them ("deflate", "2", "pixel", "rgb").
-    crs, transform : optional
-        As rasterio gives them; transform is None where the file has none.
-    gcps, gcps_crs, rpcs : optional
-        Ground control points, their crs, and rational polynomial coefficients.
-    flat : FlatField, optional
-        What is corrected while the file is read; `dtypes` are then those that come of it.
-    nodata_given, offset_given : bool
-        The caller has said what they are, so that pixels are not asked.
-    """
-
-    paths: tuple[str, ...]
-    driver: str
-    height: int
-    width: int
+    paths: tuple[str, ...]  # GDAL names of what was opened
+    driver: str  # GDAL's short name of the format ("GTiff")
+    height: int  # rows
+    width: int  # columns
     dtypes: tuple[str, ...]
-    nodatas: tuple[float | None, ...]
+    nodatas: tuple[float | None, ...]  # as the bands declare them, or as the caller said
     scales: tuple[float, ...]
     offsets: tuple[float, ...]
     descriptions: tuple[str | None, ...]
     units: tuple[str | None, ...]
-    colorinterp: tuple[str, ...]
-    tags: Tags = field(repr=False)
+    colorinterp: tuple[str, ...]  # GDAL's colour interpretation in lower case ("gray", "undefined")
+    tags: Tags = field(repr=False)  # of the dataset; STATISTICS_* as the file has them, not of changed pixels
     band_tags: tuple[Tags, ...] = field(repr=False)
-    mask_flags: tuple[tuple[str, ...], ...]
-    block_shapes: tuple[tuple[int, int], ...]
+    mask_flags: tuple[tuple[str, ...], ...]  # "all_valid", "per_dataset", "alpha", "nodata"; none: a mask of its own
+    block_shapes: tuple[tuple[int, int], ...]  # rows and columns
     tiled: bool = False
-    alpha: int | None = None
-    compression: str | None = None
+    alpha: int | None = None  # 1-based number of the alpha band in the file; it is no scene band
+    compression: str | None = None  # this and the next three as GDAL spells them, in lower case
     predictor: str | None = None
     interleave: str | None = None
     photometric: str | None = None
-    crs: Any = None
-    transform: Any = None
-    gcps: tuple[Any, ...] = ()
+    crs: Any = None  # as rasterio gives it
+    transform: Any = None  # None where the file has none
+    gcps: tuple[Any, ...] = ()  # ground control points
     gcps_crs: Any = None
-    rpcs: Any = None
-    flat: FlatField | None = None
-    nodata_given: bool = False
+    rpcs: Any = None  # rational polynomial coefficients
+    flat: FlatField | None = None  # what is corrected while the file is read; `dtypes` are those that come of it
+    nodata_given: bool = False  # the caller has said what nodata is, so that pixels are not asked
     offset_given: bool = False
 
     @property
@@ -143,13 +122,12 @@ def unplaced() -> Iterator[None]:
 def open_dataset(path: str) -> Any:
     """Open a raster for reading, as rasterio does, with one clear line where that fails."""
     import rasterio
-    from rasterio.errors import RasterioError
 
     check_before(path)
     try:
         with unplaced():
             dataset = rasterio.open(path, sharing=False)
-    except (RasterioError, OSError, ValueError) as error:
+    except gdal_errors(OSError, ValueError) as error:
         raise ReadError(_why_not_opened(path, error)) from error
     try:
         check_size(dataset, path)
@@ -167,10 +145,37 @@ def _why_not_opened(path: str, error: Exception) -> str:
     if "Too many open files" in said:
         return f"cannot open {path}: too many open files. Use fewer --threads, or raise the limit (ulimit -n)."
     if "not recognized as being in a supported file format" in said or "Permission denied" in said:
-        return f"{path} is not a raster GDAL can read: it {what_instead(path)}."
-    if lacks_support(said):
+        return f"{path} is not a raster GDAL can read: it {_what_instead(path)}."
+    if re.search(r"codec|not supported|unsupported|plugin|not available|no driver", said, re.IGNORECASE):
         return f"cannot open {path}: {said}. Convert it to GeoTIFF where it can be read: gdal_translate IN OUT.tif"
     return f"cannot open {path}: {said}. {remedy(path)}"
+
+
+def _what_instead(path: str) -> str:
+    """What a local file that GDAL does not know is, and what to do: "it is ...".
+
+    Its ending is not believed: files are often called what they are not.
+    """
+    place = Path(path)
+    try:
+        if place.is_dir():
+            return "is a folder, and no product that is known. Name the raster files in it"
+        with place.open("rb") as file:
+            head = file.read(_HEAD)
+    except PermissionError:
+        return f"may not be read by you. Ask for the permission (chmod u+r {path}), or copy it"
+    except (OSError, ValueError):
+        return "is of no format that is known. Convert it to GeoTIFF, or name the raster itself"
+    if not head:
+        return "is empty: copying or downloading it has failed. Do that again"
+    if not head.strip(b"\0"):
+        return "holds zeros where its header should be: copying or downloading it has failed. Do that again"
+    for pattern, said in _FILE_KINDS:
+        if re.match(pattern, head, re.IGNORECASE):
+            return said.format(path=path)
+    text = not re.search(rb"[^\t\n\r\x20-\x7e\x80-\xff]", head)
+    what = "is a text file" if text else "is of no format that is known"
+    return f"{what}. Name the raster itself, or convert it to GeoTIFF where it can be read"
 
 
 def remedy(path: str) -> str:
@@ -181,6 +186,14 @@ def remedy(path: str) -> str:
             "(GDAL_HTTP_LOW_SPEED_TIME, GDAL_HTTP_MAX_RETRY in the environment)."
         )
     return "The file is truncated or damaged: copy or download it again."
+
+
+def gdal_errors(*more: type[Exception]) -> tuple[type[Exception], ...]:
+    """What rasterio raises of its own, as it lets some errors of GDAL through as they are; and some more errors."""
+    from rasterio._err import CPLE_BaseError
+    from rasterio.errors import RasterioError
+
+    return RasterioError, CPLE_BaseError, *more
 
 
 def one_line(error: BaseException) -> str:
@@ -195,17 +208,14 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     GDAL calls the last of 2 or 4 bands of bytes "alpha" unless the writer said otherwise. A band so called is a scene
     band where it has a name, or where `alpha_is_band`.
     """
-    from rasterio._err import CPLE_BaseError
-    from rasterio.errors import RasterioError
-
     try:
         try:
             info = _described(dataset, path, alpha_is_band)
-        except CPLE_BaseError:  # what GDAL met in a metadata file beside this one, told at the next call
+        except gdal_errors():  # what GDAL met in a metadata file beside this one, told at the next call
             info = _described(dataset, path, alpha_is_band)
     except (InputError, ReadError):
         raise
-    except (RasterioError, CPLE_BaseError, ValueError, ArithmeticError, LookupError) as error:
+    except gdal_errors(ValueError, ArithmeticError, LookupError) as error:
         said = one_line(error)
         raise ReadError(f"cannot read the header of {path}: {said}. The file is truncated or damaged.") from error
     place = info.transform

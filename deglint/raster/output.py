@@ -21,11 +21,14 @@ from ..errors import WriteError
 from ..scene import Window
 from .failing import check_whole, free_bytes, refusals, write_errors
 from .info import RasterInfo, unplaced
-from .overviews import add_overviews, levels
 from .scratch import Scratch
 
 BLOCK = 512
 """Side of the output's blocks [pixel] where the input's do not serve."""
+OVERVIEWS_FROM = 1024
+"""Longer side from which on an image has overviews [pixel], as the field's validators want it."""
+_SMALLEST_OVERVIEW = 512
+"""Longer side of the smallest overview, at most [pixel]: one request of a viewer, as in GDAL's COG driver."""
 _SIDES = (64, 128, 256, BLOCK)
 _FLAG_COLOURS = (
     (0, 0, 0), (190, 190, 190), (86, 180, 233), (204, 121, 167), (240, 228, 66), (230, 159, 0), (0, 158, 115),
@@ -39,42 +42,28 @@ _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "
 """Entries of a profile that are no creation options: a copy takes them from its source."""
 
 
+def levels(height: int, width: int) -> list[int]:
+    """Factors of the overviews of an image, such as [2, 4]."""
+    side, found = max(height, width), [2]
+    while side > _SMALLEST_OVERVIEW * found[-1]:
+        found.append(2 * found[-1])
+    return found if side >= OVERVIEWS_FROM else []
+
+
 @dataclass(frozen=True)
 class Layout:
-    """What an output is like.
+    """What an output is like."""
 
-    Attributes
-    ----------
-    info : RasterInfo
-        The input's properties, of which everything that holds for the output is kept.
-    bands : tuple of int
-        0-based bands of `info` that the output has.
-    dtype : str
-    nodata : float or None
-    options : mapping
-        GDAL creation options, which win over the defaults.
-    scaled : bool
-        The values are the file's own: keep scale, offset, unit, colour and mask.
-    names : tuple of str, optional
-        Band descriptions in place of the input's.
-    masked : bool
-        The file gets a mask, 0 where a pixel is not valid.
-    tile : (int, int)
-        Rows and columns that are written at a time; blocks are made to fit, so that each is written once.
-    flags : mapping
-        Of a raster of flags: what each bit means, for the tags FLAG_1, FLAG_2, ...
-    """
-
-    info: RasterInfo
-    bands: tuple[int, ...]
+    info: RasterInfo  # the input's properties, of which everything that holds for the output is kept
+    bands: tuple[int, ...]  # 0-based bands of `info` that the output has
     dtype: str
     nodata: float | None = None
-    options: Mapping[str, str] = field(default_factory=dict)
-    scaled: bool = True
-    names: tuple[str, ...] | None = None
-    masked: bool = False
-    tile: tuple[int, int] = (BLOCK, BLOCK)
-    flags: Mapping[int, str] = field(default_factory=dict)
+    options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options, which win over the defaults
+    scaled: bool = True  # the values are the file's own: keep scale, offset, unit, colour and mask
+    names: tuple[str, ...] | None = None  # band descriptions in place of the input's
+    masked: bool = False  # the file gets a mask, 0 where a pixel is not valid
+    tile: tuple[int, int] = (BLOCK, BLOCK)  # rows and columns written at a time; blocks fit, each is written once
+    flags: Mapping[int, str] = field(default_factory=dict)  # of a raster of flags: what each bit means
 
     @property
     def overviews(self) -> bool:
@@ -159,6 +148,29 @@ class RasterWriter:
                 self._dataset.close()
 
 
+def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> None:
+    """Add overviews to a closed GeoTIFF, and put all of its blocks in order.
+
+    GDAL appends overviews. A cloud-optimised file wants all headers first, then the blocks of the smallest overview,
+    and those of the image last: GDAL's GTiff driver writes that order when it copies the file. `options` are its
+    creation options. An overview holds the mean of the valid pixels, or without `average` (flags) the nearest pixel.
+    """
+    import rasterio
+    from rasterio.enums import Resampling
+    from rasterio.shutil import copy
+
+    ordered = path.with_name(f"{path.name}.ordered")
+    try:
+        with rasterio.Env(GDAL_NUM_THREADS="ALL_CPUS"):
+            with rasterio.open(path, "r+") as dataset:
+                dataset.build_overviews(levels(*dataset.shape), Resampling.average if average else Resampling.nearest)
+            copy(path, ordered, driver="GTiff", copy_src_overviews=True, **options)
+        ordered.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            ordered.unlink(missing_ok=True)
+
+
 @contextlib.contextmanager
 def finishing(writer: Any) -> Iterator[Any]:
     """A writer that is closed and checked at the end, and let go of where an error leaves the block."""
@@ -182,9 +194,8 @@ def write_text(scratch: Scratch, target: Path, text: str) -> None:
 
 def write_bytes(scratch: Scratch, target: Path, data: bytes) -> None:
     """Write a small file."""
-    path = scratch.add(target)
     try:
-        path.write_bytes(data)
+        scratch.add(target).write_bytes(data)
     except OSError as error:
         raise WriteError(f"cannot write {target}: {error.strerror or error}.") from error
 

@@ -14,6 +14,8 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError, WriteError
+from .info import unplaced
+from .output import Scratch, plain, write_bytes, write_json, write_text
 from .targets import Reads, check_targets
 
 Plan = Any
@@ -38,7 +40,6 @@ def check_plan(
 def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
     """Write a plan (`deglint.plan.Reticle`) into every target, each by its ending; `picture` gives the PNG."""
     from ..plan import dataset
-    from .output import Scratch, write_bytes, write_text
 
     check_plan(targets, overwrite=overwrite)
     writers: Mapping[str, Callable[[Scratch, Path], None]] = {
@@ -59,7 +60,6 @@ def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes]
 
 def write_numbers(targets: Mapping[Path, bytes | Mapping[str, Any]], *, overwrite: bool = False) -> None:
     """Write pictures (bytes) and numbers (for JSON) together, or none of them."""
-    from .output import Scratch, write_bytes, write_json
 
     check_plan(list(targets), (".png", ".json"), overwrite=overwrite)
     with Scratch(overwrite=overwrite) as scratch:
@@ -81,7 +81,6 @@ def _signed(document: Mapping[str, Any]) -> dict[str, Any]:
 
 def _compact(document: Mapping[str, Any]) -> str:
     """JSON with each table and each layer on one line; its layers are finite numbers already."""
-    from .output import plain
 
     head = {k: v for k, v in document.items() if k != "layers"}
     lines = [f"{json.dumps(k)}: {json.dumps(plain(v), allow_nan=False)}" for k, v in _signed(head).items()]
@@ -100,18 +99,11 @@ def _geotiff(plan: Plan, path: Path) -> None:
     from affine import Affine
 
     from ..plan.dataset import BAND_LAYERS, LAYERS, layer
-    from .info import unplaced
 
-    names, units, layers = [], [], []
-    for name, (unit, _) in LAYERS.items():
-        names.append(name)
-        units.append(unit)
-        layers.append(layer(plan, name))
+    known = [(name, unit, layer(plan, name)) for name, (unit, _) in LAYERS.items()]
     for name, (unit, _) in BAND_LAYERS.items():
-        for k, band in enumerate(plan.bands):
-            names.append(f"{name} {band}")
-            units.append(unit)
-            layers.append(layer(plan, name)[k])
+        known += [(f"{name} {band}", unit, layer(plan, name)[k]) for k, band in enumerate(plan.bands)]
+    names, units, layers = zip(*known, strict=True)
     down, across = (float(axis[1] - axis[0]) for axis in (plan.zenith, plan.azimuth))
     array = np.stack(layers).astype(np.float32)
     profile = {
@@ -121,7 +113,7 @@ def _geotiff(plan: Plan, path: Path) -> None:
     }  # fmt: skip
     with unplaced(), rasterio.open(path, "w", **profile) as out:
         out.write(array)
-        out.descriptions, out.units = tuple(names), tuple(units)
+        out.descriptions, out.units = names, units
         out.update_tags(
             MEANING="look from: columns are azimuths, rows zenith angles of the sensor [degree]",
             SOFTWARE=f"deglint {__version__}",

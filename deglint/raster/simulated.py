@@ -16,6 +16,8 @@ import numpy.typing as npt
 
 from .. import __version__
 from ..errors import WriteError
+from .scratch import Scratch
+from .targets import check_targets
 
 CRS = "EPSG:32610"
 CORNER = 600_000.0, 4_070_000.0
@@ -48,8 +50,6 @@ def write_scene(
     `truth` says whether all that is known of the scene is written beside the image and the JSON, or names the parts
     that are, such as "_truth_water". Either all files are written or none; their names are returned.
     """
-    from .output import Scratch
-    from .targets import check_targets
 
     base = _base(stem)
     layers = layers_of(scene)
@@ -71,7 +71,6 @@ def write_scene(
 
 def check_free(stem: str | Path, *, overwrite: bool = False) -> None:
     """Refuse a name that `write_scene` would refuse, before the scene is made."""
-    from .targets import check_targets
 
     base = _base(stem)
     check_targets([base.with_name(base.name + suffix) for suffix in (".tif", ".json")], overwrite=overwrite)

@@ -22,7 +22,7 @@ from ..errors import InputError, ReadError
 from ..scene import FloatArray, Window
 from .convert import Raw, Valid, to_physical
 from .handle import FileBands, Handle
-from .info import RasterInfo, one_line, remedy
+from .info import RasterInfo, gdal_errors, one_line, remedy
 
 
 class Budget:
@@ -45,14 +45,8 @@ class Budget:
 class RasterSource:
     """Pixels of a scene, from one file or several on one grid; a `deglint.scene.Source`.
 
-    It can be pickled: the copy opens the files anew, wherever it is unpickled on this file system.
-
-    Parameters
-    ----------
-    files : sequence of FileBands
-        In scene order.
-    info : RasterInfo
-        What the scene's bands are like.
+    `files` are in scene order; `info` is what the scene's bands are like. It can be pickled: the copy opens the files
+    anew, wherever it is unpickled on this file system.
 
     Examples
     --------
@@ -131,29 +125,16 @@ class RasterSource:
         return to_physical(raw, valid, scales, offsets, nodatas=nodatas)
 
     def read_raw(self, window: Window) -> tuple[Raw, Valid | None]:
-        """All bands of a window as they stand in the file, and which pixels are valid.
+        """All bands of a window as they stand in the file, (band, row, column), and which pixels are valid.
 
-        Returns
-        -------
-        raw : (band, row, column) ndarray
-            In the file's own type (the smallest common one where bands differ).
-        valid : (band, row, column) ndarray of bool, or None
-            None where everything is valid as far as nodata, mask and alpha say. NaN and infinity
-            are not looked for here, not even where nodata is NaN: `to_physical` finds them. The
-            array may be a read-only view.
-
-        Raises
-        ------
-        InputError, ReadError
-            As `read`.
+        Numbers have the file's own type (the smallest common one where bands differ). Validity is what nodata, mask and
+        alpha say; None where everything is valid, and it may be a read-only view. NaN and infinity are not looked for
+        here, not even where nodata is NaN: `to_physical` finds them. Errors are those of `read`.
         """
         return self._read(window, range(self.info.count), nodata=True)
 
     def to_physical(self, raw: Raw, valid: Valid | None = None) -> FloatArray:
-        """Turn what `read_raw` gave into what `read` gives: scale and offset applied, NaN where not valid.
-
-        `raw` is not modified.
-        """
+        """What `read` gives, from what `read_raw` gave: scale and offset applied, NaN where not valid; a new array."""
         return to_physical(raw, valid, self.info.scales, self.info.offsets)
 
     def _read(self, window: Window, bands: Sequence[int], *, nodata: bool) -> tuple[Raw, Valid | None]:
@@ -195,13 +176,11 @@ class RasterSource:
         handle.close()
 
     def _explain(self, error: BaseException, place: str) -> ReadError | None:
-        from rasterio._err import CPLE_BaseError
-        from rasterio.errors import RasterioError
 
         where = f"{place} of {', '.join(self.info.paths)}"
         if isinstance(error, MemoryError):
             return ReadError(f"{where} do not fit into memory. Read smaller windows.")
-        if isinstance(error, (RasterioError, CPLE_BaseError)):
+        if isinstance(error, gdal_errors()):
             return ReadError(f"cannot read {where}: {one_line(error)}. {remedy(self.info.paths[0])}")
         return None
 

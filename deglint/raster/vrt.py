@@ -182,15 +182,16 @@ def references_of(text: str, folder: str, name: str) -> tuple[_Reference, ...]:
 
 def _in_element(top: ET.Element, folder: str, band: int) -> Iterator[_Reference]:
     """The sources in an element of a VRT and in all below it."""
+    yield from _named(top, folder, band, _source_band(top))
     for element in top.iter():
-        of = 1
         for child in element:
-            if _tag(child) == "sourceband":
-                of = _number("".join(child.itertext()).rpartition(",")[2], 0)
-        for child in [element] if element is top else []:
-            yield from _named(child, folder, band, of)
-        for child in element:
-            yield from _named(child, folder, band, of)
+            yield from _named(child, folder, band, _source_band(element))
+
+
+def _source_band(element: ET.Element) -> int:
+    """Which band of its file a source is."""
+    stated = ["".join(child.itertext()) for child in element if _tag(child) == "sourceband"]
+    return _number(stated[-1].rpartition(",")[2], 0) if stated else 1
 
 
 def _named(element: ET.Element, folder: str, band: int, of: int) -> Iterator[_Reference]:

@@ -18,8 +18,9 @@ import numpy.typing as npt
 from ..checks import nearest
 from ..errors import InputError, ReadError
 from ..raster import FileBands, RasterSource
-from ..raster.info import describe_file, one_line, unplaced
+from ..raster.info import describe_file, gdal_errors, one_line, unplaced
 from ..scene import Scene, Window
+from .grid import nearest_on, same_grid
 from .text import read_json
 
 log = logging.getLogger(__name__)
@@ -151,8 +152,6 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
     that cannot be longitude and latitude, and lie in the scene, are taken to be in the scene's CRS, as are all over a
     scene without CRS.
     """
-    from rasterio._err import CPLE_BaseError
-    from rasterio.errors import RasterioError
     from rasterio.features import bounds as bounds_of
     from rasterio.transform import Affine
     from rasterio.warp import transform_geom
@@ -166,10 +165,11 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
     if scene.crs is not None and not note:
         try:
             shapes = [transform_geom(_crs_of(document, name), scene.crs, s) for s in shapes]
-        except (RasterioError, CPLE_BaseError, ValueError, IndexError) as error:
+        except gdal_errors(ValueError, IndexError) as error:
             raise InputError(f"{name} has coordinates that do not fit its CRS: {one_line(error)}.") from error
     transform = scene.transform or Affine.identity()
-    corners = np.array([_corners(bounds_of(s)) for s in shapes]).reshape(-1, 2)
+    boxes = [bounds_of(s) for s in shapes]
+    corners = np.array([(x, y) for left, bottom, right, top in boxes for x in (left, right) for y in (bottom, top)])
     with np.errstate(all="ignore"):
         back = ~transform
         columns = back.a * corners[:, 0] + back.b * corners[:, 1] + back.c
@@ -228,11 +228,6 @@ def _moved(transform: Any, column: int, row: int) -> Any:
 
     t = transform
     return Affine(t.a, t.b, t.a * column + t.b * row + t.c, t.d, t.e, t.d * column + t.e * row + t.f)
-
-
-def _corners(box: Sequence[float]) -> list[tuple[float, float]]:
-    left, bottom, right, top = box
-    return [(left, bottom), (left, top), (right, bottom), (right, top)]
 
 
 def _polygons(document: Any) -> Iterator[Any]:
@@ -300,36 +295,18 @@ def _inside(area: Any, scene: Scene, name: str, option: str) -> Area:
             f"{option} {name} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, "
             f"the scene has {scene.height} rows and {scene.width} columns. {remedy}"
         )
-    if isinstance(area, WindowArea):
-        return WindowArea((cut[0], cut[1]))
     return replace(area, bounds=(cut[0], cut[1]))
 
 
 def _raster_area(path: str, scene: Scene, option: str) -> RasterArea:
     info = describe_file(path)
     whole = ((0, scene.height), (0, scene.width))
-    same_size = (info.height, info.width) == (scene.height, scene.width)
-    if same_size and (info.crs is None or scene.crs is None or _same_grid(info, scene)):
+    apart = info.crs is None or scene.crs is None
+    if apart and (info.height, info.width) == (scene.height, scene.width):  # the size alone says where it lies
         return RasterArea(RasterSource([FileBands.of(info)], info), whole)
-    if info.crs is None or scene.crs is None or info.transform is None or scene.transform is None:
+    if not same_grid(info, scene) and (apart or info.transform is None or scene.transform is None):
         raise InputError(
             f"{option} {path} has {info.height} x {info.width} pixels, the scene {scene.height} x {scene.width}, and "
             "without a CRS in both it cannot be fitted. Give a mask of the scene's size, or one with a CRS."
         )
-    file = FileBands.of(info)
-    warp: dict[str, Any] = {"crs": scene.crs, "transform": scene.transform, "height": scene.height,
-                            "width": scene.width, "resampling": 0}  # fmt: skip
-    if info.nodata is not None:
-        warp |= {"src_nodata": info.nodata, "nodata": info.nodata}
-    elif info.alpha is None:  # what lies beside the mask is not 0 but not valid: GDAL keeps values off a nodata of 0
-        warp["add_alpha"] = True
-        file = replace(file, alpha=info.count + 1)
-    files = replace(file, warp=warp, dataset_mask=False, band_masks=False)
-    on_grid = replace(info, height=scene.height, width=scene.width, crs=scene.crs, transform=scene.transform)
-    return RasterArea(RasterSource([files], on_grid), whole)
-
-
-def _same_grid(info: Any, scene: Scene) -> bool:
-    if info.transform is None or scene.transform is None:
-        return info.transform is None and scene.transform is None
-    return bool(info.crs == scene.crs and info.transform.almost_equals(scene.transform, 1e-6 * abs(scene.transform.a)))
+    return RasterArea(nearest_on(info, scene), whole)

@@ -24,6 +24,7 @@ from .opening import with_nodata
 _ROWS = ("y", "latitude", "lat", "northing", "row", "rows")
 _COLUMNS = ("x", "longitude", "lon", "easting", "column", "columns", "col")
 BANDS = ("band", "bands", "wavelength", "wavelengths", "variable", "channel")
+_NODATA_NAMES = ("nodata", "_FillValue", "missing_value")
 _CLOSE = 1e-3
 """How exactly coordinates and a stated transform must agree [pixel]."""
 
@@ -120,11 +121,13 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
     names, tags = _bands(array, band, count, lists)
     named = array.encoding.get("grid_mapping", array.attrs.get("grid_mapping", "spatial_ref"))
     grid: Mapping[str, Any] = array.coords[named].attrs if named in array.coords else {}
+    stated = {**array.attrs, **lists}
+    encoded = array.encoding if array.dtype.kind in "iu" else {}  # real numbers were decoded to NaN
     return RasterInfo(
         paths=(str(array.name) if array.name else "the array",), driver="MEM", height=height, width=width,
-        dtypes=(dtype,) * count, nodatas=_nodatas(array, lists, count),
-        scales=_per_band([{**array.attrs, **lists}], ("scale_factor", "scales"), 1.0, count),
-        offsets=_per_band([{**array.attrs, **lists}], ("add_offset", "offsets"), 0.0, count),
+        dtypes=(dtype,) * count, nodatas=_per_band([stated, encoded], _NODATA_NAMES, None, count),
+        scales=_per_band([stated], ("scale_factor", "scales"), 1.0, count),
+        offsets=_per_band([stated], ("add_offset", "offsets"), 0.0, count),
         descriptions=names, units=(None,) * count, colorinterp=("undefined",) * count,
         tags={"": {str(k): _text(v) for k, v in array.attrs.items() if k not in lists}},
         band_tags=tuple({"": t} for t in tags),
@@ -139,11 +142,9 @@ def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
     Selecting bands leaves attributes as they were: where bands are numbered, as rioxarray does, the numbers tell which
     entries are meant.
     """
-    numbers = np.arange(1, count + 1)
     name = "band" if band is None else band
     known = name in array.coords and array.coords[name].dtype.kind in "iu"
-    if known:
-        numbers = np.asarray(array.coords[name].values).reshape(-1)
+    numbers = np.asarray(array.coords[name].values).reshape(-1) if known else np.arange(1, count + 1)
     found = {}
     for key, value in array.attrs.items():
         if not isinstance(value, (list, tuple, np.ndarray)):
@@ -163,34 +164,20 @@ def _bands(
         for name, coord in array.coords.items()
         if coord.dims == (() if band is None else (band,)) and coord.size == count and str(name) != "spatial_ref"
     }
-    words = [along[k] for k in (str(band), "band", "common_name", "title") if _worded(along.get(k))]
     one = array.attrs.get("long_name") if count == 1 else None
-    described = lists.get("long_name", [one] if one else None)
-    if _worded(described):
-        words.insert(0, list(described or ()))
-    names = words[0] if words else [None] * count
+    described = lists.get("long_name", [one])
+    candidates = [described, *(along.get(k, [None]) for k in (str(band), "band", "common_name", "title"))]
+    worded = [c for c in candidates if all(isinstance(v, str) and v for v in c)]
+    names = worded[0] if worded else [None] * count
+    said = {str(k): v for k, v in lists.items()} | along
     tags = []
     for i in range(count):
-        said = {str(k): v for k, v in lists.items()} | along
         own = {k.replace("full_width_half_max", "fwhm"): _text(v[i]) for k, v in said.items() if k != "band"}
         common = nominal_wavelength(str(own.get("common_name", "")))
         if common and not any("wave" in k and re.search(r"\d", v) for k, v in own.items()):
             own["wavelength_nm"] = f"{common:g}"
         tags.append({k: v for k, v in own.items() if v not in ("", "None", "nan")})
     return tuple(names), tags
-
-
-def _worded(values: Sequence[Any] | None) -> bool:
-    """Names, and not numbers."""
-    return values is not None and all(isinstance(v, str) and v for v in values)
-
-
-def _nodatas(array: Any, lists: Mapping[Any, list[Any]], count: int) -> tuple[float | None, ...]:
-    """What says "not valid": attributes; for integers the encoding, too (real numbers were decoded to NaN)."""
-    places: list[Mapping[Any, Any]] = [{**array.attrs, **lists}] + (
-        [array.encoding] if array.dtype.kind in "iu" else []
-    )
-    return _per_band(places, ("nodata", "_FillValue", "missing_value"), None, count)
 
 
 def _per_band(places: Sequence[Mapping[Any, Any]], names: Sequence[str], default: Any, count: int) -> tuple[Any, ...]:

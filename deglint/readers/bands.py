@@ -12,14 +12,7 @@ from ..errors import BandError
 from ..raster import RasterInfo
 from ..scene import Band
 from ..sensors import Sensor
-from .names import (
-    band_code,
-    letter_wavelengths,
-    nominal_wavelength,
-    only_numbered,
-    short_names,
-    wavelength_in_name,
-)
+from .names import band_code, letter_wavelengths, nominal_wavelength, only_numbered, short_names, wavelength_in_name
 from .presets import apply_sensor, named_in, sensor_in_tags
 from .sensorfile import sensor_of
 from .spectral import said_of_wavelength, saturation, spectral_of, time_offset
@@ -53,15 +46,17 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
 
 def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
     """A description that says names, wavelengths and widths of the bands itself, so that an output does, too."""
-    tags = []
-    for own, band, known in zip(info.band_tags, bands, spectral_of(info), strict=True):
-        width = band.width if known.width is None else None
-        tags.append(said_of_wavelength(own, band.wavelength if known.wavelength is None else None, width))
+    tags = tuple(
+        said_of_wavelength(
+            own, None if known.wavelength is not None else b.wavelength, None if known.width is not None else b.width
+        )
+        for own, b, known in zip(info.band_tags, bands, spectral_of(info), strict=True)
+    )
     names = tuple(
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
     )
-    return replace(info, descriptions=names, band_tags=tuple(tags))
+    return replace(info, descriptions=names, band_tags=tags)
 
 
 def _spelled(name: str, place: int) -> float | None:

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import InputError
-from ..raster import FileBands, RasterInfo
+from ..raster import FileBands, RasterInfo, RasterSource
+from ..scene import Scene
 
 _OFF = 0.01  # [pixel] grids that differ by less than this are the same
 
@@ -39,7 +40,7 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     moved: dict[tuple[str, str], list[str]] = {}
     lost: list[str] = []
     for i, info in enumerate(infos):
-        if _same_grid(info, reference):
+        if same_grid(info, reference):
             continue
         there, here = places[i].bounds, home.bounds
         if not all(max(there[k], here[k]) < min(there[k + 2], here[k + 2]) for k in (0, 1)):
@@ -90,7 +91,7 @@ def _check_georeference(infos: Sequence[RasterInfo]) -> None:
             )
 
 
-def _transform(info: RasterInfo) -> Any:
+def _transform(info: RasterInfo | Scene) -> Any:
     """The file's own transform; without one every file covers the same unit square."""
     from affine import Affine
 
@@ -102,22 +103,19 @@ def _transform(info: RasterInfo) -> Any:
 def _place(info: RasterInfo, first: RasterInfo) -> _Place:
     transform = _transform(info)
     xs, ys = zip(*(_at(transform, *corner) for corner in _corners(info)), strict=True)
-    bounds = (min(xs), min(ys), max(xs), max(ys))
+    left, bottom, right, top = min(xs), min(ys), max(xs), max(ys)
     area = abs(transform.determinant)
     if info.crs is not None and first.crs is not None and info.crs != first.crs:
         from rasterio.warp import transform_bounds
 
-        there = transform_bounds(info.crs, first.crs, *bounds)
-        area *= _area(there) / _area(bounds)
-        bounds = there
-    return _Place(bounds, area)
+        own = (right - left) * (top - bottom)
+        left, bottom, right, top = transform_bounds(info.crs, first.crs, left, bottom, right, top)
+        area *= abs((right - left) * (top - bottom)) / own
+    return _Place((left, bottom, right, top), area)
 
 
-def _area(bounds: Sequence[float]) -> float:
-    return abs((bounds[2] - bounds[0]) * (bounds[3] - bounds[1]))
-
-
-def _same_grid(info: RasterInfo, reference: RasterInfo) -> bool:
+def same_grid(info: RasterInfo, reference: RasterInfo | Scene) -> bool:
+    """Whether a file has the pixels of another grid: its size, and corners at most `_OFF` apart."""
     if (info.height, info.width) != (reference.height, reference.width):
         return False
     if info.crs != reference.crs and None not in (info.crs, reference.crs):
@@ -138,13 +136,19 @@ def _at(transform: Any, x: float, y: float) -> tuple[float, float]:
     return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f
 
 
-def nearest_on(info: RasterInfo, reference: RasterInfo, *, nodata: float) -> FileBands:
-    """How a file whose numbers are names, not amounts, gets on the grid of another: the nearest pixel."""
-    file = FileBands.of(info, (nodata,) * info.count)
-    return file if _same_grid(info, reference) else _warped(file, info, reference, how="nearest")
+def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | None = None) -> RasterSource:
+    """A file whose numbers are names, not amounts, on the grid of another: of the nearest pixel.
+
+    `nodata` stands in for what the file declares.
+    """
+    file = FileBands.of(info, None if nodata is None else (nodata,) * info.count)
+    if not same_grid(info, grid):
+        file = _warped(file, info, grid, how="nearest")
+    placed = replace(info, height=grid.height, width=grid.width, crs=grid.crs, transform=grid.transform)
+    return RasterSource([file], replace(placed, nodatas=file.nodatas))
 
 
-def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo, *, how: str) -> FileBands:
+def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:
     from rasterio.crs import CRS
     from rasterio.enums import Resampling
 

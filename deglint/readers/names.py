@@ -7,64 +7,34 @@ with every sensor and is left to the sensor presets.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
-NOMINAL = {
-    "violet": 425.0,
-    "coastal": 440.0,
-    "coastalblue": 440.0,
-    "coastalaerosol": 440.0,
-    "aerosol": 440.0,
-    "ultrablue": 440.0,
-    "deepblue": 440.0,
-    "blue": 485.0,
-    "greeni": 531.0,
-    "green1": 531.0,
-    "green": 555.0,
-    "greenii": 565.0,
-    "green2": 565.0,
-    "yellow": 605.0,
-    "orange": 620.0,
-    "red": 660.0,
-    "rededge": 720.0,
-    "rededge1": 705.0,
-    "rededge2": 740.0,
-    "rededge3": 783.0,
-    "rededge4": 865.0,
-    "rededge70": 705.0,
-    "rededge71": 705.0,
-    "rededge071": 705.0,
-    "rededge74": 740.0,
-    "rededge75": 740.0,
-    "rededge075": 740.0,
-    "rededge78": 783.0,
-    "rededge078": 783.0,
-    "nir": 840.0,
-    "nir1": 840.0,
-    "nearinfrared": 840.0,
-    "nearinfrared1": 840.0,
-    "nearir": 840.0,
-    "nearir1": 840.0,
-    "broadnir": 840.0,
-    "nirbroad": 840.0,
-    "narrownir": 865.0,
-    "nirnarrow": 865.0,
-    "nirn": 865.0,
-    "nir08": 865.0,
-    "nir09": 945.0,
-    "watervapour": 945.0,
-    "watervapor": 945.0,
-    "nir2": 950.0,
-    "nearinfrared2": 950.0,
-    "nearir2": 950.0,
-    "cirrus": 1375.0,
-    "swir": 1610.0,
-    "swir1": 1610.0,
-    "swir16": 1610.0,
-    "swir2": 2200.0,
-    "swir22": 2200.0,
+T = TypeVar("T")
+_WORDS = {
+    425.0: "violet",
+    440.0: "coastal coastalblue coastalaerosol aerosol ultrablue deepblue",
+    485.0: "blue",
+    531.0: "greeni green1",
+    555.0: "green",
+    565.0: "greenii green2",
+    605.0: "yellow",
+    620.0: "orange",
+    660.0: "red",
+    705.0: "rededge1 rededge70 rededge71 rededge071",
+    720.0: "rededge",
+    740.0: "rededge2 rededge74 rededge75 rededge075",
+    783.0: "rededge3 rededge78 rededge078",
+    840.0: "nir nir1 nearinfrared nearinfrared1 nearir nearir1 broadnir nirbroad",
+    865.0: "rededge4 narrownir nirnarrow nirn nir08",
+    945.0: "nir09 watervapour watervapor",
+    950.0: "nir2 nearinfrared2 nearir2",
+    1375.0: "cirrus",
+    1610.0: "swir swir1 swir16",
+    2200.0: "swir2 swir22",
 }
-"""Nominal centre [nm] of a colour word (lower case, letters and digits only)."""
+"""Colour words (lower case, letters and digits only), by their nominal centre [nm]."""
+NOMINAL = {word: centre for centre, words in _WORDS.items() for word in words.split()}
 
 _LETTERS = {"c": 440.0, "b": 485.0, "g": 555.0, "y": 605.0, "r": 660.0, "re": 720.0, "n": 840.0, "nir": 840.0}
 """Colours as single letters; they count only where all bands are named so."""
@@ -128,13 +98,7 @@ def wavelength_in_name(name: str) -> float | None:
 
 def _colour_limits(text: str) -> tuple[float, float] | None:
     """Where a wavelength beside the colour word of a name may lie; None where there is no colour, or are two."""
-    words = re.findall(r"[a-z]+", text)
-    for length in (2, 1):
-        joined = ["".join(words[i : i + length]) for i in range(len(words) - length + 1)]
-        found = {_COLOUR_RANGES[w] for w in joined if w in _COLOUR_RANGES}
-        if found:
-            return found.pop() if len(found) == 1 else None
-    return None
+    return _the_one(re.findall(r"[a-z]+", text), _COLOUR_RANGES, longest=2)
 
 
 def nominal_wavelength(name: str) -> float | None:
@@ -143,13 +107,14 @@ def nominal_wavelength(name: str) -> float | None:
     >>> nominal_wavelength("Red Edge"), nominal_wavelength("B5 - Near Infrared"), nominal_wavelength("pan")
     (720.0, 840.0, None)
     """
-    words = re.findall(r"[a-z]+\d*|\d+", name.lower())
-    for length in range(min(3, len(words)), 0, -1):
-        found = {
-            NOMINAL[joined]
-            for i in range(len(words) - length + 1)
-            if (joined := "".join(words[i : i + length])) in NOMINAL
-        }
+    return _the_one(re.findall(r"[a-z]+\d*|\d+", name.lower()), NOMINAL, longest=3)
+
+
+def _the_one(words: Sequence[str], table: Mapping[str, T], *, longest: int) -> T | None:
+    """What a table has for so many words that follow each other, for the most that it knows; None where it is two."""
+    for length in range(longest, 0, -1):
+        joined = ("".join(words[i : i + length]) for i in range(len(words) - length + 1))
+        found = {table[word] for word in joined if word in table}
         if found:
             return found.pop() if len(found) == 1 else None
     return None

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 from ..checks import as_path, check_number, checked_keywords, described
 from ..errors import InputError
 from ..raster import RasterInfo, RasterSource
+from ..raster.convert import holds
 from ..raster.info import describe, open_dataset
 from ..scene import Scene
 from . import products, stac
@@ -89,20 +90,13 @@ def open_scene(
     (6,)
     """
     paths = [as_path(p, "path") for p in (path if isinstance(path, (list, tuple)) else [path])]
-    if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
-        check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
-    if not paths:
-        raise InputError("want at least one file to open, got none")
-    _check_kinds(sensor, grid)
+    _check(paths, sensor, nodata, grid)
     sensor = None if sensor is None else os.fspath(sensor)
     stated = Stated.of(bands, wavelengths, scale, offset)
     notes: list[str] = []
-    assets = [a for p in paths for a in (stac.assets_of(p) if stac.is_item(p) else [stac.Asset(p)])]
-    alone = stated.count if len(assets) == 1 else None
-    opened = [_opened(a, lambda name: _describe(name, sensor, nir, notes, alone)) for a in assets]
-    notes += products.notes_of(opened)
+    opened = _opened(paths, sensor, nir, stated, notes)
     infos = stated.on([with_nodata(info, nodata, notes) for o in opened for info in o.infos])
-    files, reference, said = put_on_grid(infos, grid)
+    files, reference, moved = put_on_grid(infos, grid)
     info = _together(infos, reference)
     stems = [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
     found, preset, told = bands_of(info, stems, sensor)
@@ -113,31 +107,45 @@ def open_scene(
         height=info.height,
         width=info.width,
         source=RasterSource(files, info),
-        path=", ".join(os.fspath(p) for p in paths),
+        path=", ".join(paths),
         crs=info.crs,
         transform=info.transform,
         sensor=preset,
-        notes=(*notes, *said, *told),
+        notes=(*notes, *moved, *told),
         product=products.named(opened),
         footprints=products.footprints(opened, reference),
     )
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
 
 
-def _opened(asset: stac.Asset, describe_one: Callable[[str], RasterInfo]) -> products.OpenedFiles:
-    """What a file is, with what a STAC Item says of it."""
-    opened = products.opened(asset.path, describe_one)
-    return replace(opened, infos=[asset.put_on(info) for info in opened.infos])
-
-
-def _check_kinds(sensor: Any, grid: Any) -> None:
+def _check(paths: Sequence[str], sensor: Any, nodata: Any, grid: Any) -> None:
+    """Refuse options of another kind, before a file is opened."""
+    if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
+        check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
+    if not paths:
+        raise InputError("want at least one file to open, got none")
     if sensor is not None and not isinstance(sensor, (str, os.PathLike)):
         raise InputError(f"sensor: want the name of a preset or of a file that ends in .toml, got {described(sensor)}.")
     if grid is not None and (isinstance(grid, bool) or not isinstance(grid, (str, int))):
         raise InputError(f"grid: want 'finest', or a file by its number (from 1) or name, got {described(grid)}.")
 
 
+def _opened(
+    paths: Sequence[str], sensor: str | None, nir: Wanted | None, stated: Stated, notes: list[str]
+) -> list[products.OpenedFiles]:
+    """What the names stand for, described, with what STAC Items say of it; `notes` get what there is to say."""
+    assets = [a for p in paths for a in (stac.assets_of(p) if stac.is_item(p) else [stac.Asset(p)])]
+    alone = stated.count if len(assets) == 1 else None
+    found = []
+    for asset in assets:
+        files = products.opened(asset.path, lambda name: _describe(name, sensor, nir, notes, alone))
+        found.append(replace(files, infos=[asset.put_on(info) for info in files.infos]))
+    notes += products.notes_of(found)
+    return found
+
+
 def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int | None) -> RasterInfo:
+    """What a file is like; its alpha is a band where one is asked for, or as many are stated or the sensor has."""
     with open_dataset(path) as dataset:
         info = describe(dataset, path)
         if info.alpha is None:
@@ -145,27 +153,21 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
         asked = [] if nir is None else split_wanted(nir)
         if _needs_alpha(info, sensor, count) or str(info.alpha) in map(str, asked):
             return describe(dataset, path, alpha_is_band=True)
+    coloured = set(info.colorinterp) <= {"red", "green", "blue"}
+    names = info.colorinterp if coloured else [f"b{i}" for i in range(1, info.count + 1)]
     notes.append(
         f"{path}: band {info.alpha} is alpha (0: not valid), not an image band; if it is one, name the bands: "
-        f'--bands "{",".join(_colours(info))}"'
+        f'--bands "{",".join([*names, "nir"])}"'
     )
     return info
 
 
 def _needs_alpha(info: RasterInfo, sensor: str | None, count: int | None) -> bool:
     """Whether as many bands are stated, or the sensor has, as there are with alpha."""
-    if count == info.count + 1:
-        return True
-    if sensor is None:
-        return False
+    if sensor is None or count == info.count + 1:
+        return count == info.count + 1
     known = sensor_of(sensor)
     return info.count not in known.counts and info.count + 1 in (len(known.bands), *known.counts)
-
-
-def _colours(info: RasterInfo) -> list[str]:
-    """Names for the bands of a file and its alpha band, where that is the near infrared."""
-    named = set(info.colorinterp) <= {"red", "green", "blue"}
-    return [*(info.colorinterp if named else [f"b{i}" for i in range(1, info.count + 1)]), "nir"]
 
 
 def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) -> RasterInfo:
@@ -174,27 +176,16 @@ def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) 
         return replace(info, nodatas=(None,) * info.count, nodata_given=True)
     if nodata is not None:
         for dtype in info.dtypes:
-            if not _holds(dtype, nodata):
-                raise InputError(f"nodata: allowed is {_range(dtype)} for {dtype}, got {nodata:g}")
+            if not holds(dtype, nodata):
+                limits = np.iinfo(dtype)
+                allowed = f"an integer {limits.min} to {limits.max}"
+                raise InputError(f"nodata: allowed is {allowed} for {dtype}, got {nodata:g}")
         return replace(info, nodatas=(float(nodata),) * info.count, nodata_given=True)
-    kept = []
-    for i, (declared, dtype) in enumerate(zip(info.nodatas, info.dtypes, strict=True), start=1):
-        usable = declared is None or _holds(dtype, declared)
-        kept.append(declared if usable else None)
-        if not usable:
+    usable = tuple(n is None or holds(dtype, n) for n, dtype in zip(info.nodatas, info.dtypes, strict=True))
+    for i, (declared, dtype, fits) in enumerate(zip(info.nodatas, info.dtypes, usable, strict=True), start=1):
+        if not fits:
             notes.append(f"{info.paths[0]}: nodata {declared:g} of band {i} is ignored: {dtype} cannot hold it")
-    return replace(info, nodatas=tuple(kept))
-
-
-def _holds(dtype: str, nodata: float) -> bool:
-    if np.dtype(dtype).kind == "f":
-        return True
-    limits = np.iinfo(dtype)
-    return limits.min <= nodata <= limits.max and float(nodata).is_integer()
-
-
-def _range(dtype: str) -> str:
-    return f"an integer {np.iinfo(dtype).min} to {np.iinfo(dtype).max}"
+    return replace(info, nodatas=tuple(n if fits else None for n, fits in zip(info.nodatas, usable, strict=True)))
 
 
 def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
@@ -202,11 +193,10 @@ def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
     if len(infos) == 1:
         return infos[0]
     infos = [own_facts(info) for info in infos]
-    joined: dict[str, Any] = {}
-    for f in fields(RasterInfo):
-        per_band = isinstance(getattr(reference, f.name), tuple) and f.name != "gcps"
-        if per_band:
-            joined[f.name] = tuple(value for info in infos for value in getattr(info, f.name))
+    per_band = [f.name for f in fields(RasterInfo) if isinstance(getattr(reference, f.name), tuple)]
+    joined: dict[str, Any] = {
+        name: tuple(value for info in infos for value in getattr(info, name)) for name in per_band if name != "gcps"
+    }
     return replace(reference, **joined, alpha=None)
 
 

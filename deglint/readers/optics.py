@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 
-from ..raster import RasterSource
+from ..raster import RasterInfo
 from ..scene import Scene
 from .place import ground_size
 from .products.metadata import number, positive
@@ -15,22 +15,19 @@ from .sensorfile import sensor_of
 
 @dataclass(frozen=True, slots=True)
 class KnownOptics:
-    """What a system PSF is made of, and where it was read: focal length over aperture, the detector's pitch [m], and
-    the motion during the exposure along the columns [pixel].
-    """
+    """What a system PSF is made of."""
 
-    f_number: float
-    pitch: float
-    smear: float
-    source: str
+    f_number: float  # focal length over aperture
+    pitch: float  # of the detector [m]
+    smear: float  # motion during the exposure along the columns [pixel]
+    source: str  # where it was read
 
 
 def optics_of(scene: Scene) -> KnownOptics | None:
     """Optics from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, or from the preset; None where unknown."""
-    tags: dict[str, Any] = {}
-    info = getattr(scene.source, "info", None)
-    if info is not None:
-        tags = {k.upper(): v for part in cast(RasterSource, scene.source).info.tags.values() for k, v in part.items()}
+    info: RasterInfo | None = getattr(scene.source, "info", None)
+    spaces = [] if info is None else info.tags.values()
+    tags = {k.upper(): v for part in spaces for k, v in part.items()}
     f_number, pitch = positive(tags.get("F_NUMBER")), positive(tags.get("PIXEL_PITCH_UM"))
     if f_number and pitch:
         smear = number(tags.get("SMEAR_PIXELS"))
@@ -40,10 +37,10 @@ def optics_of(scene: Scene) -> KnownOptics | None:
         return None
     optics = sensor.optics
     ratio = optics.f_number
-    if ratio is None and optics.focal_length and optics.aperture:
-        ratio = optics.focal_length / optics.aperture
     if ratio is None:
-        return None
+        if not (optics.focal_length and optics.aperture):
+            return None
+        ratio = optics.focal_length / optics.aperture
     return KnownOptics(ratio, 1e-6 * cast(float, optics.pixel_pitch), 0.5, f"preset {sensor.name} ({optics.status})")
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..raster.info import one_line, open_dataset
+from ..raster.info import gdal_errors, one_line, open_dataset
 from .areas import _crs_of
 from .text import read_json
 
@@ -28,8 +28,6 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
     taken to longitude and latitude, and measured there on the ellipsoid. None without a CRS or transform, or where they
     lead nowhere on Earth.
     """
-    from rasterio._err import CPLE_BaseError
-    from rasterio.errors import RasterioError
     from rasterio.warp import transform as to_crs
 
     if transform is None or crs is None or transform.is_identity:
@@ -43,7 +41,7 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
     else:
         try:
             longitudes, latitudes = to_crs(crs, _LONGITUDE_LATITUDE, xs, ys)
-        except (RasterioError, CPLE_BaseError, ValueError):
+        except gdal_errors(ValueError):
             return None
     if not np.isfinite([longitudes, latitudes]).all() or abs(latitudes[0]) >= 90.0:
         return None
@@ -79,8 +77,6 @@ def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | No
 
 def middle_of(path: str, option: str = "--place") -> tuple[float, float]:
     """Latitude and longitude [degree] of the middle of a raster, or of the box around a GeoJSON file's shapes."""
-    from rasterio._err import CPLE_BaseError
-    from rasterio.errors import RasterioError
     from rasterio.warp import transform
 
     if Path(path).suffix.lower() in (".geojson", ".json"):
@@ -98,7 +94,7 @@ def middle_of(path: str, option: str = "--place") -> tuple[float, float]:
         x, y = corner
     try:
         (longitude,), (latitude,) = transform(crs, _LONGITUDE_LATITUDE, [x], [y])
-    except (RasterioError, CPLE_BaseError, ValueError) as error:
+    except gdal_errors(ValueError) as error:
         raise InputError(f"{path} ({option}) has a place that cannot be found: {one_line(error)}.") from error
     if not np.isfinite([latitude, longitude]).all() or abs(latitude) > 90.0:
         raise InputError(f"{path} ({option}) lies nowhere on Earth in its CRS. Give --lat and --lon.")

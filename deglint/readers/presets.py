@@ -22,12 +22,9 @@ _SENSOR_TAGS = ("sensor", "sensor_type", "sensor type", "satelliteid", "satellit
 
 def sensor_in_tags(info: RasterInfo) -> Sensor | None:
     """The preset that a tag of the dataset names (SATELLITEID, sensor type, platform ...), if any."""
-    for tags in info.tags.values():
-        for name, value in tags.items():
-            found = sensors.find(value) if name.strip().lower() in _SENSOR_TAGS else None
-            if found:
-                return found
-    return None
+    tags = [tag for space in info.tags.values() for tag in space.items()]
+    named = (sensors.find(value) for name, value in tags if name.strip().lower() in _SENSOR_TAGS)
+    return next((sensor for sensor in named if sensor), None)
 
 
 def apply_sensor(
@@ -39,7 +36,7 @@ def apply_sensor(
     """
     matched, how = match(bands, sensor, unnamed)
     filled = [
-        b if own is None else _fill(b, own, named=i not in unnamed)
+        b if own is None else _fill(replace(b, name=own.name) if i in unnamed else b, own)
         for i, (b, own) in enumerate(zip(bands, matched, strict=True))
     ]
     notes = [f"sensor {sensor.name} ({sensor.title}); its bands are matched by {how}"]
@@ -99,11 +96,9 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
 
 def named_in(name: str, sensor: Sensor) -> SensorBand | None:
     """The band of a preset that a name means: by name or alias, without words for what its values are, or by code."""
-    plain = plain_name(name)
-    for wanted in (name, plain):
-        found = next((b for b in sensor.bands if b.answers_to(wanted)), None)
-        if found is not None:
-            return found
+    answers = [b for wanted in (name, plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]
+    if answers:
+        return answers[0]
     code = band_code(name)
     fits = [b for b in sensor.bands if code and code in map(band_code, (b.name, *b.aliases))]
     return fits[0] if len(fits) == 1 else None
@@ -119,12 +114,6 @@ def _unique(found: list[SensorBand | None]) -> list[SensorBand | None]:
     return found if len({b.name for b in taken}) == len(taken) else [None] * len(found)
 
 
-def _fill(band: Band, own: SensorBand, *, named: bool) -> Band:
-    return replace(
-        band,
-        name=band.name if named else own.name,
-        wavelength=own.wavelength if band.wavelength is None else band.wavelength,
-        width=own.width if band.width is None else band.width,
-        time_offset=own.time_offset if band.time_offset is None else band.time_offset,
-        group=own.group if band.group is None else band.group,
-    )
+def _fill(band: Band, own: SensorBand) -> Band:
+    facts = ("wavelength", "width", "time_offset", "group")
+    return replace(band, **{name: getattr(own, name) for name in facts if getattr(band, name) is None})

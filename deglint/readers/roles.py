@@ -9,7 +9,6 @@ from __future__ import annotations
 import difflib
 import numbers
 from collections.abc import Sequence
-from typing import Any
 
 from ..checks import check_kind, described
 from ..errors import BandError, InputError
@@ -25,12 +24,14 @@ _NIR_BEST = (750.0, 900.0)
 _NIR_LAST = (900.0, 1050.0)
 _RED_EDGE, _WATER = 750.0, 700.0
 """[nm] Below the first a plume or a shallow bottom shows, below the second water itself."""
-_SWIR = ((1500.0, 1800.0), (2000.0, 2400.0))
 _ROLES = {
-    "blue": ((450.0, 515.0), 490.0),
-    "green": ((520.0, 600.0), 555.0),
-    "red": ((620.0, 690.0), 660.0),
+    "blue": [((450.0, 515.0), 490.0)],
+    "green": [((520.0, 600.0), 555.0)],
+    "red": [((620.0, 690.0), 660.0)],
+    "nir": [(_NIR_BEST, NIR_CENTRE), (_NIR_LAST, NIR_CENTRE)],
+    "swir": [((1500.0, 1800.0), 1610.0), ((2000.0, 2400.0), 2200.0)],
 }
+"""[nm] Ranges of each role, the better first, and the centre that is looked for in each."""
 
 
 def find_nir(scene: Scene, wanted: Wanted | None = None) -> tuple[int, ...]:
@@ -70,15 +71,12 @@ def band_roles(scene: Scene) -> dict[str, int | None]:
 
     Each index stands for one role at most. swir is the band near 1610 nm, else the one near 2200 nm.
     """
-    roles: dict[str, int | None] = {role: _nearest(scene, limits, centre) for role, (limits, centre) in _ROLES.items()}
-    roles["nir"] = _auto_nir(scene)
-    roles["swir"] = _auto_swir(scene)
-    return roles
+    return {role: _by_role(scene, role) for role in _ROLES}
 
 
 def _choose(scene: Scene, wanted: Wanted | None) -> tuple[tuple[int, ...], str]:
     if wanted is None:
-        index = _auto_nir(scene)
+        index = _by_role(scene, "nir")
         if index is None:
             raise BandError(_no_nir(scene))
         return (index,), _reason(scene, index)
@@ -101,16 +99,16 @@ def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
                 "which would be removed with the glint. "
                 + (f"Bands beyond {_WATER:g} nm: {', '.join(fit)}." if fit else _no_nir(scene))
             )
-    edge = [scene.bands[i].name for i in indexes if _WATER <= (known[i] or 0) < _RED_EDGE]
-    unknown = [scene.bands[i].name for i in indexes if known[i] is None]
+    edge = ", ".join(scene.bands[i].name for i in indexes if _WATER <= (known[i] or 0) < _RED_EDGE)
+    unknown = ", ".join(scene.bands[i].name for i in indexes if known[i] is None)
     said = ""
     if edge:
         said += (
-            f"; warning: {', '.join(edge)} is red edge (below {_RED_EDGE:g} nm), where plumes and shallow ground show, "
-            "too, and are taken for glint"
+            f"; warning: {edge} is red edge (below {_RED_EDGE:g} nm), where plumes and shallow ground show, too, and "
+            "are taken for glint"
         )
     if unknown:
-        said += f"; warning: the wavelength of {', '.join(unknown)} is not known, and is taken to be near infrared"
+        said += f"; warning: the wavelength of {unknown} is not known, and is taken to be near infrared"
     return said
 
 
@@ -197,7 +195,7 @@ def find_band(scene: Scene, wanted: str | int) -> int:
     if index is not None:
         return index
     known = {n: scene.names[i] for i, n in enumerate(names)}
-    for role in (*_ROLES, "nir", "swir"):
+    for role in _ROLES:
         index = _by_role(scene, role)
         if index is not None:
             known.setdefault(role, f"{role} (band {index + 1} {scene.names[index]})")
@@ -210,19 +208,8 @@ def find_band(scene: Scene, wanted: str | int) -> int:
 
 
 def _by_role(scene: Scene, role: str) -> int | None:
-    if role in _ROLES:
-        return _nearest(scene, *_ROLES[role])
-    found: Any = {"nir": _auto_nir, "swir": _auto_swir}.get(role)
-    return found(scene) if found else None
-
-
-def _auto_nir(scene: Scene) -> int | None:
-    best = _nearest(scene, _NIR_BEST, NIR_CENTRE)
-    return _nearest(scene, _NIR_LAST, NIR_CENTRE) if best is None else best
-
-
-def _auto_swir(scene: Scene) -> int | None:
-    found = [_nearest(scene, limits, centre) for limits, centre in zip(_SWIR, (1610.0, 2200.0), strict=True)]
+    """0-based index of the band nearest to the centre of a role, in the first of its ranges that holds one."""
+    found = (_nearest(scene, limits, centre) for limits, centre in _ROLES.get(role, ()))
     return next((i for i in found if i is not None), None)
 
 

@@ -30,13 +30,11 @@ _MAGIC = re.compile(r"[*?\[]")
 
 @dataclass(frozen=True)
 class ListedScene:
-    """A scene of a batch: what its outputs are called after (never a path), GDAL names of its files, and of the STAC
-    Item whose bands they are, as `deglint.open_scene` takes it.
-    """
+    """A scene of a batch."""
 
-    name: str
-    paths: tuple[str, ...]
-    item: str = field(default="", compare=False)
+    name: str  # what its outputs are called after, never a path
+    paths: tuple[str, ...]  # GDAL names of its files
+    item: str = field(default="", compare=False)  # the STAC Item whose bands they are, as `open_scene` takes it
 
     @property
     def source(self) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from .. import sensors
@@ -12,14 +12,16 @@ from .text import read_text
 
 MOST_SENSOR_BYTES = 1 << 20
 """Largest file that is read [byte]."""
-_TEXT, _NUMBER, _TEXTS, _LIST, _TABLE, _YES_NO = (
-    "a text",
-    "a number",
-    "a list of texts",
-    "a list",
-    "a table",
-    "true or false",
-)
+_KINDS: Mapping[str, Callable[[Any], bool]] = {
+    "a text": lambda v: isinstance(v, str) and bool(v),
+    "a number": lambda v: isinstance(v, (int, float)) and not isinstance(v, bool) and 0 <= v < float("inf"),
+    "a list of texts": lambda v: isinstance(v, list) and all(isinstance(part, str) for part in v),
+    "a list": lambda v: isinstance(v, list),
+    "a table": lambda v: isinstance(v, Mapping),
+    "true or false": lambda v: isinstance(v, bool),
+}
+"""What an entry may have to be, as messages name it."""
+_TEXT, _NUMBER, _TEXTS, _LIST, _TABLE, _YES_NO = _KINDS
 _SENSOR_FIELDS = {
     "title": _TEXT, "bands": _LIST, "aliases": _TEXTS, "ordered": _YES_NO, "products": _LIST, "optics": _TABLE,
     "sources": _TEXTS, "wavelength_status": _TEXT, "width_status": _TEXT, "time_status": _TEXT, "group_status": _TEXT,
@@ -28,9 +30,7 @@ _BAND = {
     "name": _TEXT, "wavelength": _NUMBER, "width": _NUMBER, "aliases": _TEXTS, "time_offset": _NUMBER,
     "time_status": _TEXT, "group": _TEXT,
 }  # fmt: skip
-_OPTICS = {
-    "aperture": _NUMBER, "focal_length": _NUMBER, "pixel_pitch": _NUMBER, "f_number": _NUMBER, "status": _TEXT,
-}  # fmt: skip
+_OPTICS = dict.fromkeys(("aperture", "focal_length", "pixel_pitch", "f_number"), _NUMBER) | {"status": _TEXT}
 _USUAL_WIDTH = 50.0
 """[nm] Width of a band whose width is not said: that of most bands of multispectral sensors."""
 _CENTRE_RANGE = (300.0, 20_000.0)
@@ -98,22 +98,10 @@ def _check(where: str, entry: Mapping[str, Any], allowed: Mapping[str, str], nee
     for key, value in entry.items():
         if key not in allowed:
             raise InputError(f"{where}: {key!r} is not one of {', '.join(allowed)}.")
-        if not _is(allowed[key], value):
+        if not _KINDS[allowed[key]](value):
             raise InputError(f"{where}: {key}: want {allowed[key]}, got {str(value)[:60]!r}.")
         if key.endswith("status") and value not in _STATUS:
             raise InputError(f"{where}: {key}: want one of {', '.join(_STATUS)}, got {value[:60]!r}.")
     missing = [key for key in needed if key not in entry]
     if missing:
         raise InputError(f"{where}: {missing[0]} is missing; needed are {', '.join(needed)}.")
-
-
-def _is(kind: str, value: Any) -> bool:
-    if kind == _TEXT:
-        return isinstance(value, str) and bool(value)
-    if kind == _NUMBER:
-        return isinstance(value, (int, float)) and not isinstance(value, bool) and value >= 0 and value < float("inf")
-    if kind == _YES_NO:
-        return isinstance(value, bool)
-    if kind == _TABLE:
-        return isinstance(value, Mapping)
-    return isinstance(value, list) and (kind == _LIST or all(isinstance(v, str) for v in value))

@@ -18,6 +18,7 @@ from ..raster import RasterInfo
 _WAVELENGTH = re.compile(r"(?:cent(?:er|re|ral)_?)?wave_?lengths?(?:_(nm|um))?|wl(?:_(nm|um))?")
 _WIDTH_TAG = re.compile(r"(?:fwhm|bandwidth|band_width)(?:_(nm|um))?")
 _UNIT_TAG = re.compile(r"wave_?lengths?_units?")
+_FULL_SCALE = re.compile("full_scale")
 _NUMBER_PATTERN = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
 _LARGEST_MICROMETRE = 30.0  # a bare wavelength up to this is micrometres
 _WIDEST_MICROMETRE = 1.0  # a bare width below this is micrometres
@@ -38,16 +39,17 @@ class Spectral:
 def spectral_of(info: RasterInfo) -> list[Spectral]:
     """Wavelength and width of every band, from its own tags or from a list in the dataset's tags."""
     unit = _first(info.tags, _UNIT_TAG, "")
-    wavelengths, widths = _listed(info, _WAVELENGTH), _listed(info, _WIDTH_TAG)
+    unknown: list[tuple[float | None, str]] = [(None, "")] * info.count
+    wavelengths, widths = _listed(info, _WAVELENGTH) or unknown, _listed(info, _WIDTH_TAG) or unknown
     found = []
-    for i, tags in enumerate(info.band_tags):
+    for tags, listed, listed_width in zip(info.band_tags, wavelengths, widths, strict=True):
         own_unit = _first(tags, _UNIT_TAG, unit)
-        value, stated = _single(tags, _WAVELENGTH) or (wavelengths[i] if wavelengths else (None, ""))
+        value, stated = _single(tags, _WAVELENGTH) or listed
         wavelength, assumed = (None, False) if value is None else nanometres(value, stated or own_unit)
         if wavelength is None or not SPECTRAL_RANGE[0] <= wavelength <= SPECTRAL_RANGE[1]:
             found.append(Spectral())
             continue
-        value, stated = _single(tags, _WIDTH_TAG) or (widths[i] if widths else (None, ""))
+        value, stated = _single(tags, _WIDTH_TAG) or listed_width
         found.append(Spectral(wavelength, _width(value, stated or own_unit), assumed))
     return found
 
@@ -73,15 +75,12 @@ def said_of_wavelength(
 
 def own_facts(info: RasterInfo) -> RasterInfo:
     """A file's description in which each band says its wavelength, width and full scale itself, not the dataset."""
-    full = re.compile("full_scale")
-    dataset = _first(info.tags, full, "")
+    dataset = _first(info.tags, _FULL_SCALE, "")
     tags = []
     for own, known in zip(info.band_tags, spectral_of(info), strict=True):
-        there = _single(own, _WAVELENGTH) is not None
-        said: dict[str, Mapping[str, str]] = (
-            dict(own) if there else said_of_wavelength(own, known.wavelength, known.width)
-        )
-        if dataset and not _first(own, full, ""):
+        stated = _single(own, _WAVELENGTH) is not None
+        said = dict(own) if stated else said_of_wavelength(own, known.wavelength, known.width)
+        if dataset and not _first(own, _FULL_SCALE, ""):
             said[""] = {**said.get("", {}), "FULL_SCALE": dataset}
         tags.append(said)
     return replace(info, band_tags=tuple(tags))
@@ -89,9 +88,8 @@ def own_facts(info: RasterInfo) -> RasterInfo:
 
 def time_offset(tags: Mapping[str, Mapping[str, str]]) -> float | None:
     """When a band sees the ground, after the first [s]: its tag `time_offset_s`."""
-    text = _first(tags, re.compile("time_offset_s"), "")
     try:
-        value = float(text)
+        value = float(_first(tags, re.compile("time_offset_s"), ""))
     except ValueError:
         return None
     return value if math.isfinite(value) else None
@@ -104,20 +102,14 @@ def saturation(info: RasterInfo, band: int) -> float | None:
     largest number of an integer type of up to 16 bits, unless that is nodata; wider and floating types
     are not filled by detectors: None.
     """
-    full = re.compile("full_scale")
-    text = _first(info.band_tags[band], full, _first(info.tags, full, ""))
-    number = _NUMBER_PATTERN.fullmatch(text.strip())
-    stored = float(number[0]) if number else _largest(info.dtypes[band])
+    text = _first(info.band_tags[band], _FULL_SCALE, _first(info.tags, _FULL_SCALE, ""))
+    number, kind = _NUMBER_PATTERN.fullmatch(text.strip()), np.dtype(info.dtypes[band])
+    filled = kind.kind in "iu" and kind.itemsize * 8 <= _WIDEST_FILLED_TYPE
+    stored = float(number[0]) if number else float(np.iinfo(kind).max) if filled else None
     scale, offset = info.scales[band], info.offsets[band]
     if stored is None or stored == info.nodatas[band] or scale <= 0:
         return None
     return stored * scale + offset
-
-
-def _largest(dtype: str) -> float | None:
-    kind = np.dtype(dtype)
-    fills = kind.kind in "iu" and kind.itemsize * 8 <= _WIDEST_FILLED_TYPE
-    return float(np.iinfo(kind).max) if fills else None
 
 
 def _first(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], default: str) -> str:

@@ -19,6 +19,7 @@ from ..errors import DeglintError, InputError, ReadError
 from ..raster import RasterInfo
 from . import products
 from .names import nominal_wavelength
+from .products.metadata import angle_tags, tags_of
 from .spectral import nanometres, said_of_wavelength
 from .text import MOST_TEXT_BYTES, read_json
 
@@ -46,22 +47,21 @@ class Asset:
         """The description of the file with what the Item says; what the file itself says of numbers comes first."""
         if len(self.bands) != info.count:
             return info
-        names = [b.get("name") for b in self.bands]
         plain = all(s == 1 for s in info.scales) and all(o == 0 for o in info.offsets)
         stored = plain and all("float" not in d for d in info.dtypes)
-        tags = []
-        for own, band in zip(info.band_tags, self.bands, strict=True):
-            tags.append(said_of_wavelength(own, band.get("wavelength"), band.get("width")))
-        pairs = list(zip(self.bands, info.nodatas, info.units, strict=True))
+        bands = self.bands
         return replace(
             info,
-            descriptions=tuple(d or n for d, n in zip(info.descriptions, names, strict=True)),
-            band_tags=tuple(tags),
+            descriptions=tuple(d or b.get("name") for d, b in zip(info.descriptions, bands, strict=True)),
+            band_tags=tuple(
+                said_of_wavelength(tags, b.get("wavelength"), b.get("width"))
+                for tags, b in zip(info.band_tags, bands, strict=True)
+            ),
             tags={**info.tags, "": {**(self.tags or {}), **info.tags.get("", {})}},
-            scales=tuple(b.get("scale", 1.0) for b in self.bands) if stored else info.scales,
-            offsets=tuple(b.get("offset", 0.0) for b in self.bands) if stored else info.offsets,
-            nodatas=tuple(b.get("nodata") if n is None else n for b, n, _ in pairs),
-            units=tuple(u or b.get("unit") for b, _, u in pairs),
+            scales=tuple(b.get("scale", 1.0) for b in bands) if stored else info.scales,
+            offsets=tuple(b.get("offset", 0.0) for b in bands) if stored else info.offsets,
+            nodatas=tuple(b.get("nodata") if n is None else n for n, b in zip(info.nodatas, bands, strict=True)),
+            units=tuple(u or b.get("unit") for u, b in zip(info.units, bands, strict=True)),
         )
 
 
@@ -151,12 +151,23 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
     facts = item.get("properties")
     facts = facts if isinstance(facts, Mapping) else {}
     tags = {k: str(facts[k])[:200] for k in ("platform", "datetime") if isinstance(facts.get(k), str)}
+    tags |= tags_of(_angles(facts))
     applied = any(facts.get(f"{p}:boa_offset_applied") is True for p in ("earthsearch", "sentinel"))
-    found = []
-    for key in keys or _chosen(assets, what):
-        bands = _said(assets[key], key, applied=applied)
-        found.append(Asset(href(assets[key], path), bands, tags))
-    return found
+    chosen = keys or _chosen(assets, what)
+    return [Asset(href(assets[k], path), _said(assets[k], k, applied=applied), tags) for k in chosen]
+
+
+def _angles(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Where sun and sensor stand, by the extension "view" of an Item.
+
+    `view:azimuth` is read as the direction from the scene to the satellite, as those who make Items of Sentinel-2 and
+    PlanetScope write it; the words of the extension can be read the other way round.
+    """
+    names = "sun_elevation", "sun_azimuth", "incidence_angle", "off_nadir", "azimuth"
+    elevation, azimuth, incidence, off_nadir, view = (_number(facts.get(f"view:{name}")) for name in names)
+    return angle_tags(
+        sun_elevation=elevation, sun_azimuth=azimuth, incidence=incidence, off_nadir=off_nadir, view_azimuth=view
+    )
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
@@ -203,17 +214,17 @@ def _said(asset: Any, key: str, *, applied: bool = False) -> tuple[dict[str, Any
         common = str(said.get("common_name") or "")
         name = said["name"] if isinstance(said.get("name"), str) and said["name"] else str(key)
         centre, width = _number(said.get("center_wavelength")), _number(said.get("full_width_half_max"))
-        band: dict[str, Any] = {"name": name, "common": common}
-        wavelength = nanometres(centre, "um")[0] if centre else nominal_wavelength(common or name)
         facts = {
-            "wavelength": wavelength,
+            "name": name,
+            "common": common,
+            "wavelength": nanometres(centre, "um")[0] if centre else nominal_wavelength(common or name),
             "width": nanometres(width, "um")[0] if width else None,
             "scale": _number(said.get("scale")) or None,
             "offset": 0.0 if applied else _number(said.get("offset")),
             "nodata": _number(said.get("nodata")),
             "unit": said.get("unit") if isinstance(said.get("unit"), str) else None,
         }
-        found.append(band | {k: v for k, v in facts.items() if v is not None})
+        found.append({k: v for k, v in facts.items() if v is not None})
     return tuple(found)
 
 
@@ -229,17 +240,16 @@ def href(asset: Any, path: str) -> str:
         raise InputError(f"{path}: an asset has no href.")
     if _REMOTE_ITEM.match(given):
         return given
-    if given.lower().startswith("file://") and _REMOTE_ITEM.match(path):
-        raise InputError(
-            f"{path}: an Item on a server names a file of this machine, {given[:80]!r}. Name the file itself."
-        )
+    on_server = _REMOTE_ITEM.match(path) is not None
     if given.lower().startswith("file://"):
+        if on_server:
+            raise InputError(
+                f"{path}: an Item on a server names a file of this machine, {given[:80]!r}. Name the file itself."
+            )
         return unquote(given[7:])
     if _SCHEME.match(given) or given.startswith("/vsi"):
         raise InputError(
             f"{path}: an asset lies at {given[:80]!r}; allowed are files, http(s), s3, gs and az. Name such a scene on "
             "the command line."
         )
-    if _REMOTE_ITEM.match(path):
-        return urljoin(path, given)
-    return str(Path(path).parent / given)
+    return urljoin(path, given) if on_server else str(Path(path).parent / given)

@@ -23,21 +23,12 @@ Numbers = str | float | Sequence[float]
 
 @dataclass(frozen=True)
 class Stated:
-    """What a user states of the bands; one entry a band, or none where nothing is stated.
-
-    Attributes
-    ----------
-    names : tuple of str
-    wavelengths : tuple of float
-        [nm]
-    scales, offsets : tuple of float
-        physical = number in the file * scale + offset; a single entry is for all bands.
-    """
+    """What a user states of the bands; one entry a band, or none where nothing is stated."""
 
     names: tuple[str, ...] = ()
-    wavelengths: tuple[float, ...] = ()
-    scales: tuple[float, ...] = ()
-    offsets: tuple[float, ...] = ()
+    wavelengths: tuple[float, ...] = ()  # [nm]
+    scales: tuple[float, ...] = ()  # physical = number in the file * scale + offset
+    offsets: tuple[float, ...] = ()  # of scales and offsets a single entry is for all bands
 
     @classmethod
     def of(
@@ -67,49 +58,35 @@ class Stated:
             return list(infos)
         total = sum(info.count for info in infos)
         path = ", ".join(info.paths[0] for info in infos)
-        _check_count("bands", self.names, total, path, f'"{example_names(total)}"; -b chooses bands')
-        _check_count("wavelengths", self.wavelengths, total, path, "475,560,...")
-        each = [
-            v * total if len(v) == 1 else _check_count(k, v, total, path, "N, one for all of them")
-            for k, v in (("scale", self.scales), ("offset", self.offsets))
-        ]
+        scales, offsets = (v * total if len(v) == 1 else v for v in (self.scales, self.offsets))
+        for option, count, example in (
+            ("bands", len(self.names), f'"{example_names(total)}"; -b chooses bands'),
+            ("wavelengths", len(self.wavelengths), "475,560,..."),
+            ("scale", len(scales), "N, one for all of them"),
+            ("offset", len(offsets), "N, one for all of them"),
+        ):
+            if count not in (0, total):
+                raise InputError(
+                    f"--{option} gives {count} and {path} has {total} band{'s' if total > 1 else ''}. Give one for "
+                    f"each band, in the file's order: --{option} {example}."
+                )
         done, at = [], 0
         for info in infos:
             part = slice(at, at + info.count)
             at += info.count
-            done.append(_put(info, self.names[part], self.wavelengths[part], each[0][part], each[1][part]))
+            wavelengths = self.wavelengths[part] or (None,) * info.count
+            tags = tuple(said_of_wavelength(t, w) for t, w in zip(info.band_tags, wavelengths, strict=True))
+            done.append(
+                replace(
+                    info,
+                    descriptions=self.names[part] or info.descriptions,
+                    band_tags=tags,
+                    scales=scales[part] or info.scales,
+                    offsets=offsets[part] or info.offsets,
+                    offset_given=bool(offsets) or info.offset_given,
+                )
+            )
         return done
-
-
-def _put(
-    info: RasterInfo,
-    names: tuple[str, ...],
-    wavelengths: tuple[float, ...],
-    scales: tuple[float, ...],
-    offsets: tuple[float, ...],
-) -> RasterInfo:
-    tags = info.band_tags
-    if wavelengths:
-        tags = tuple(said_of_wavelength(t, w) for t, w in zip(tags, wavelengths, strict=True))
-    return replace(
-        info,
-        descriptions=names or info.descriptions,
-        band_tags=tags,
-        scales=scales or info.scales,
-        offsets=offsets or info.offsets,
-        offset_given=bool(offsets) or info.offset_given,
-    )
-
-
-def _check_count(
-    option: str, values: tuple[float, ...] | tuple[str, ...], total: int, path: str, example: str
-) -> tuple[float, ...]:
-    if values and len(values) != total:
-        raise InputError(
-            f"--{option} gives {len(values)} and {path} has {total} band{'s' if total > 1 else ''}. Give one for each "
-            f"band, in the file's order: --{option} {example}."
-        )
-    return values  # type: ignore[return-value]  # names are only checked
 
 
 def _names(given: Names | None) -> tuple[str, ...]:
@@ -135,21 +112,18 @@ def _names(given: Names | None) -> tuple[str, ...]:
 def _numbers(option: str, given: Numbers | None, example: str, *, zero: bool = True) -> list[float]:
     if given is None:
         return []
-    parts: Sequence[object] = [given]
     if isinstance(given, str):
-        parts = given.split(",")
-    elif isinstance(given, (list, tuple)):
-        parts = given
-    elif hasattr(given, "tolist"):  # an array
-        parts = given.tolist() if isinstance(given.tolist(), list) else [given.tolist()]
+        parts: Sequence[object] = given.split(",")
+    else:
+        listed = given.tolist() if hasattr(given, "tolist") else given  # an array
+        parts = listed if isinstance(listed, (list, tuple)) else [listed]
     found = []
     for part in parts:
-        value = math.nan
-        if isinstance(part, (str, numbers.Real)) and not isinstance(part, bool):
-            try:
-                value = float(part)
-            except ValueError:
-                value = math.nan
+        try:
+            fits = isinstance(part, (str, numbers.Real)) and not isinstance(part, bool)
+            value = float(part) if fits else math.nan  # type: ignore[arg-type]
+        except ValueError:
+            value = math.nan
         if not math.isfinite(value) or (value == 0 and not zero):
             what = "numbers" if zero else "numbers other than 0"
             raise InputError(f"--{option}: want {what} such as {example}, got {described(given)}.")

@@ -100,22 +100,16 @@ def _tiles(scene: Scene) -> list[Tile]:
     if scene.height * scene.width <= LOOKED_AT:
         return tiling.tiles(scene.height, scene.width, (SAMPLED_SIDE, SAMPLED_SIDE))
     pitch = SAMPLED_SIDE * max(1, math.isqrt(scene.height * scene.width // (SAMPLED_SIDE * SAMPLED_SIDE * MOST_TILES)))
-    corners = tiling.tiles(scene.height, scene.width, (pitch, pitch))
-    spread = [_cut(t) for t in tiling.spread(corners, LOOKED_AT * (pitch // SAMPLED_SIDE) ** 2)]
+    coarse = tiling.tiles(scene.height, scene.width, (pitch, pitch))
+    spread = tiling.spread(coarse, LOOKED_AT * (pitch // SAMPLED_SIDE) ** 2)
     rows, columns = (
         sorted({0, max(n // 2 - SAMPLED_SIDE, 0), max(n - SAMPLED_SIDE, 0)}) for n in (scene.height, scene.width)
     )
-    edge = [
+    edge = [(r, c) for r in rows for c in columns if r in (rows[0], rows[-1]) or c in (columns[0], columns[-1])]
+    return [
         Tile(r, min(r + SAMPLED_SIDE, scene.height), c, min(c + SAMPLED_SIDE, scene.width))
-        for r in rows for c in columns if r in (rows[0], rows[-1]) or c in (columns[0], columns[-1])
-    ]  # fmt: skip
-    return [*edge, *spread]
-
-
-def _cut(tile: Tile) -> Tile:
-    return Tile(
-        tile.row0, min(tile.row0 + SAMPLED_SIDE, tile.row1), tile.col0, min(tile.col0 + SAMPLED_SIDE, tile.col1)
-    )
+        for r, c in [*edge, *((t.row0, t.col0) for t in spread)]
+    ]
 
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:

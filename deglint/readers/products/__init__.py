@@ -35,19 +35,18 @@ __all__ = [
 ]
 
 
+_is_dir, _is_file = os.path.isdir, os.path.isfile  # False where a name is too long, where Path raises
+
+
 @dataclass(frozen=True)
 class Family:
-    """A family of products.
-
-    `metadata` and `images` are regular expressions of file names: of metadata, and of images that may have them near;
-    `above` is how many folders above an image its metadata may lie. `find` gives the product in a `Container`, or None.
-    """
+    """A family of products; `metadata` and `images` are regular expressions of file names."""
 
     title: str
     metadata: str
-    images: str
+    images: str  # those that may have metadata near
     find: Callable[[Container], Product | None]
-    above: int = 0
+    above: int = 0  # how many folders above an image its metadata may lie
 
 
 PRODUCTS: dict[str, Family] = {
@@ -179,20 +178,6 @@ def _local(path: str) -> str | None:
     if re.match(r"/vsi|[A-Za-z][\w+.-]+:", path) or "\0" in path:
         return None
     return path
-
-
-def _is_dir(path: str) -> bool:
-    try:
-        return Path(path).is_dir()
-    except OSError:  # a name that is too long
-        return False
-
-
-def _is_file(path: str) -> bool:
-    try:
-        return Path(path).is_file()
-    except OSError:
-        return False
 
 
 def _is_metadata(path: str) -> bool:

@@ -10,8 +10,9 @@ import os
 import re
 import tarfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path, PurePosixPath
 
 from ...errors import InputError, ReadError
@@ -28,28 +29,14 @@ _ZIP, _TAR = re.compile(r"\.zip$", re.IGNORECASE), re.compile(r"\.tar$", re.IGNO
 
 @dataclass(frozen=True)
 class Container:
-    """A folder or archive, and the names in it.
-
-    Attributes
-    ----------
-    path : str
-        As it was named.
-    kind : str
-        "folder", "zip" or "tar".
-    names : tuple of str
-        Members, relative, with "/" between folders, sorted.
-    named : str, optional
-        The member (a file, or a folder of a folder) that was meant, where not all of it was.
-    was_read : list of str
-        Members that `read` has read so far.
-    """
+    """A folder or archive, and the names in it."""
 
     path: str
-    kind: str
-    names: tuple[str, ...]
-    named: str | None = None
-    asked: str = ""
-    was_read: list[str] = field(default_factory=list, compare=False, repr=False)
+    kind: str  # "folder", "zip" or "tar"
+    names: tuple[str, ...]  # members, relative, with "/" between folders, sorted
+    named: str | None = None  # the member (a file or a folder) that was meant, where not all of it was
+    asked: str = ""  # the name that the user gave
+    was_read: list[str] = field(default_factory=list, compare=False, repr=False)  # members that `read` has read
 
     @property
     def name(self) -> str:
@@ -63,10 +50,19 @@ class Container:
             return str(Path(self.path) / member)
         return f"/vsi{self.kind}/{Path(self.path).absolute()}/{PurePosixPath(member)}"  # without "./" in front
 
-    def find(self, pattern: str) -> list[str]:
-        """Members whose last part fits a regular expression wholly; case does not matter."""
+    def matches(self, pattern: str) -> list[tuple[str, re.Match[str]]]:
+        """Members whose last part fits a regular expression wholly, case apart, and how it fits."""
         fits = re.compile(pattern, re.IGNORECASE)
-        return [n for n in self.names if fits.fullmatch(PurePosixPath(n).name)]
+        return [(n, match) for n in self.names if (match := fits.fullmatch(last(n)))]
+
+    def find(self, pattern: str) -> list[str]:
+        """Members whose last part fits a regular expression wholly, case apart."""
+        return [member for member, _ in self.matches(pattern)]
+
+    def several(self, what: str, names: Iterable[str], remedy: str = "Name one.") -> InputError:
+        """The error that one is wanted and several are there; it names four."""
+        every = list(names)
+        return InputError(f"{self.path} holds {len(every)} {what}: {', '.join(every[:4])}. {remedy}")
 
     def beside(self, member: str, name: str) -> str | None:
         """The member that metadata call `name` in the folder of `member`, if there is one."""
@@ -110,12 +106,7 @@ def is_archive(path: str) -> bool:
 
 def open_folder(path: Path, asked: str, named: str | None = None) -> Container:
     """List a folder; links to folders are not followed."""
-    found = []
-    for name in _walk(path):
-        found.append(name)
-        if len(found) >= MOST_MEMBERS:
-            break
-    return Container(str(path), "folder", tuple(sorted(found)), named, asked)
+    return Container(str(path), "folder", tuple(sorted(islice(_walk(path), MOST_MEMBERS))), named, asked)
 
 
 def open_archive(path: str) -> Container:
@@ -127,14 +118,10 @@ def open_archive(path: str) -> Container:
                 names = archive.namelist()
         else:
             with tarfile.open(path, "r:") as tar:
-                names = []
-                for member in tar:
-                    names.append(member.name if member.isfile() else "")
-                    if len(names) >= MOST_MEMBERS:
-                        break
+                names = [member.name for member in islice(tar, MOST_MEMBERS) if member.isfile()]
     except (*_DAMAGED, ValueError) as error:
         raise ReadError(f"cannot read {path}: {error}. The archive is damaged: download it again.") from error
-    kept = [n for n in names[:MOST_MEMBERS] if n and not n.endswith("/") and _stays_inside(n)]
+    kept = [n for n in names[:MOST_MEMBERS] if not n.endswith("/") and _stays_inside(n)]
     return Container(path, kind, tuple(sorted(kept)), asked=path)
 
 

@@ -6,14 +6,16 @@ so is reflectance where the product was made as that.
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import PurePosixPath
+from typing import Any
 from xml.etree import ElementTree as ET
 
 from ...errors import InputError
 from ..spectral import nanometres
 from .container import Container
-from .metadata import MetadataError, number, positive, said, tags_of, xml_of
+from .metadata import MetadataError, angle_tags, positive, said, said_number, tags_of, xml_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"
@@ -21,7 +23,10 @@ IMAGES = r"IMG_.+\.(?:tiff?|jp2)"
 _SHOWN = ("RED_CHANNEL", "GREEN_CHANNEL", "BLUE_CHANNEL")
 _NAMES = {"R": "red", "G": "green", "B": "blue", "NIR": "nir", "RE": "rededge", "DB": "coastal", "P": "pan"}
 _DIMAP_TITLES = {"PHR": "Pleiades", "PNEO": "Pleiades Neo", "SPOT": "SPOT"}
-_RADIANCE_PROCESSING = ("BASIC", "")
+_SCALED = ("BASIC", "", "REFLECTANCE")
+"""Radiometric processings whose gains are to radiance, or reflectance."""
+_PLEIADES_ORBIT = 694_000.0
+"""[m] Orbit of Pleiades and SPOT 6 and 7."""
 UNIT = "W m-2 sr-1 um-1"
 
 
@@ -43,15 +48,14 @@ def find(container: Container) -> Product | None:
         tiles = [n.get("href", "") for n in root.iter("DATA_FILE_PATH")]
         if named and named not in (member, *(container.beside(member, t) for t in tiles)):
             continue
-        if (number(said(root, ".//Raster_Dimensions/NBANDS")) or 0) > 1 or named:
+        if (said_number(root, ".//Raster_Dimensions/NBANDS") or 0) > 1 or named:
             found.append((member, root, tiles))
     if not found:
         if damaged and (named is None or named in files):
             raise InputError(f"{damaged[0]}. Download it again, or name the image itself.")
         return None
     if len(found) > 1:
-        names = ", ".join(container.gdal(m) for m, *_ in found[:4])
-        raise InputError(f"{container.path} holds {len(found)} multispectral images. Name one: {names}")
+        raise container.several("multispectral images", (container.gdal(m) for m, *_ in found))
     member, root, tiles = found[0]
     for tile in tiles:
         if container.beside(member, tile) is None:
@@ -65,8 +69,7 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
     ids, notes = _order(root)
     processing = said(root, ".//RADIOMETRIC_PROCESSING").upper()
     special = {
-        said(v, "SPECIAL_VALUE_TEXT").upper(): number(said(v, "SPECIAL_VALUE_COUNT"))
-        for v in root.iter("Special_Value")
+        said(v, "SPECIAL_VALUE_TEXT").upper(): said_number(v, "SPECIAL_VALUE_COUNT") for v in root.iter("Special_Value")
     }
     bands = []
     for i, band in enumerate(ids, start=1):
@@ -75,20 +78,15 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
         bands.append(ProductBand(container.gdal(member), _NAMES.get(band, band), i, centre, width, scale, offset, unit,
                                  special.get("NODATA", 0.0), special.get("SATURATED")))  # fmt: skip
     if any(b.unit is None for b in bands):
-        why = (
-            f"made for display ({processing})"
-            if processing not in (*_RADIANCE_PROCESSING, "REFLECTANCE")
-            else "without gains"
-        )
+        why = "without gains" if processing in _SCALED else f"made for display ({processing})"
         notes.append(f"the product is {why}: its numbers are taken as they stand")
-    mission = (said(root, ".//Strip_Source/MISSION") or said(root, ".//MISSION")).upper()
-    index = said(root, ".//Strip_Source/MISSION_INDEX") or said(root, ".//MISSION_INDEX")
+    mission = said(root, ".//Strip_Source/MISSION", ".//MISSION").upper()
+    index = said(root, ".//Strip_Source/MISSION_INDEX", ".//MISSION_INDEX")
     when = f"{said(root, './/IMAGING_DATE')}T{said(root, './/IMAGING_TIME')}"
     tags = tags_of({
         "satellite": f"{_DIMAP_TITLES.get(mission, mission)} {index}", "acquired": when if len(when) > 1 else None,
-        "sun_azimuth": said(root, ".//SUN_AZIMUTH"), "sun_elevation": said(root, ".//SUN_ELEVATION"),
         "view_angle": said(root, ".//INCIDENCE_ANGLE"),
-    })  # fmt: skip
+    } | _angles(root))  # fmt: skip
     name = said(root, ".//DATASET_NAME") or PurePosixPath(member).stem.removeprefix("DIM_")
     kind = f"{_DIMAP_TITLES.get(mission, 'DIMAP')} {index}".strip()
     return Product(
@@ -96,23 +94,49 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
     )
 
 
+def _angles(root: ET.Element) -> dict[str, Any]:
+    """Where sun and satellite stand, seen from the middle of the image.
+
+    AZIMUTH_ANGLE is that of the image's lines, and VIEWING_ANGLE is measured at the satellite. The satellite's azimuth
+    is AZIMUTH_ANGLE - atan2(tan(across), tan(along)) of the incidence angles across and along the track, as the Orfeo
+    Toolbox (CNES) computes it.
+    """
+    places = list(root.iter("Located_Geometric_Values"))
+    place = next((p for p in places if said(p, "LOCATION_TYPE").casefold() == "center"), places[0] if places else root)
+    azimuth, across, along = (
+        said_number(place, f".//{name}")
+        for name in ("AZIMUTH_ANGLE", "INCIDENCE_ANGLE_ACROSS_TRACK", "INCIDENCE_ANGLE_ALONG_TRACK")
+    )
+    if azimuth is not None and across is not None and along is not None:
+        across, along = math.tan(math.radians(across)), math.tan(math.radians(along))
+        azimuth -= math.degrees(math.atan2(across, along))
+    else:
+        azimuth = None
+    return angle_tags(
+        sun_elevation=said(place, ".//SUN_ELEVATION"),
+        sun_azimuth=said(place, ".//SUN_AZIMUTH"),
+        incidence=said_number(place, ".//INCIDENCE_ANGLE"),
+        off_nadir=said_number(place, ".//VIEWING_ANGLE"),
+        view_azimuth=azimuth,
+        altitude=_PLEIADES_ORBIT,
+    )
+
+
 def _order(root: ET.Element) -> tuple[list[str], list[str]]:
     """The id of each band of the image, in its order."""
     parts = list(root.iter("Data_Files"))  # Pleiades Neo has two: three bands each in a file of its own
-    if not any(True for part in parts for _ in part.iter("Raster_Index")):
+    if not any(part.find(".//Raster_Index") is not None for part in parts):
         parts = [root]
     placed = [
-        (i, number(said(node, "BAND_INDEX")) or 0, said(node, "BAND_ID"))
+        (i, said_number(node, "BAND_INDEX") or 0, said(node, "BAND_ID"))
         for i, part in enumerate(parts)
         for node in part.iter("Raster_Index")
     ]
-    count = int(number(said(root, ".//Raster_Dimensions/NBANDS")) or 0)
+    count = int(said_number(root, ".//Raster_Dimensions/NBANDS") or 0)
     if placed and len(placed) == count:
         return [band for _, _, band in sorted(placed)], []
-    every = list(
-        dict.fromkeys(said(n, "BAND_ID") for n in [*root.iter("Band_Radiance"), *root.iter("Band_Spectral_Range")])
-    )
-    every = [e for e in every if e and (e != "P" or count == 1)]
+    named = dict.fromkeys(said(n, "BAND_ID") for k in ("Band_Radiance", "Band_Spectral_Range") for n in root.iter(k))
+    every = [e for e in named if e and (e != "P" or count == 1)]
     shown = [said(root, f".//Band_Display_Order/{channel}") for channel in _SHOWN]
     first = [s for s in shown if s in every]
     ids = first + [e for e in every if e not in first]
@@ -121,9 +145,8 @@ def _order(root: ET.Element) -> tuple[list[str], list[str]]:
             f"the metadata name {len(ids)} bands and the image has {count}. Name the image itself, and its bands with "
             "--bands"
         )
-    if count == 1:
-        return ids, []
-    return ids, [f"the order of the bands is not stated: {', '.join(ids)} is assumed, as they are displayed"]
+    note = f"the order of the bands is not stated: {', '.join(ids)} is assumed, as they are displayed"
+    return ids, [note] if count > 1 else []
 
 
 def _of_band(root: ET.Element, kind: str, band: str) -> ET.Element | None:
@@ -134,8 +157,8 @@ def _factors(root: ET.Element, band: str, processing: str) -> tuple[float, float
     """Scale, offset and unit of a band; no unit where they are not known."""
     kind, unit = ("Band_Reflectance", "reflectance") if processing == "REFLECTANCE" else ("Band_Radiance", UNIT)
     node = _of_band(root, kind, band)
-    gain, bias = positive(said(node, "GAIN")), number(said(node, "BIAS"))
-    if gain is None or bias is None or processing not in (*_RADIANCE_PROCESSING, "REFLECTANCE"):
+    gain, bias = positive(said(node, "GAIN")), said_number(node, "BIAS")
+    if gain is None or bias is None or processing not in _SCALED:
         return 1.0, 0.0, None
     return 1 / gain, bias, unit
 
@@ -144,8 +167,9 @@ def _spectral(root: ET.Element, band: str) -> tuple[float | None, float | None]:
     """Centre and width [nm] of a band."""
     node = _of_band(root, "Band_Spectral_Range", band)
     unit = said(node, "MEASURE_UNIT")
-    ends = [positive(said(node, name)) for name in ("MIN", "MAX")]
-    low, high = (None if e is None else nanometres(e, unit)[0] for e in ends)
+    low, high = (
+        None if (end := positive(said(node, name))) is None else nanometres(end, unit)[0] for name in ("MIN", "MAX")
+    )
     if low is None or high is None or high <= low:
         return None, None
     return 0.5 * (low + high), high - low

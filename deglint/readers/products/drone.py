@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePosixPath
 
-from ...errors import InputError
 from ...raster import RasterInfo
 from ...raster.info import describe_file
 from .container import Container
@@ -23,8 +22,6 @@ METADATA = r"(?!)"  # each file has its own
 IMAGES = (
     r"(?P<capture>IMG_\d{4,}|DJI_(?:\d+_)*\d{3,4}_MS|DJI_\d{3}(?=\d\.))_?(?P<band>\d{1,2}|G|R|RE|NIR)(?:_\d+)?\.tiff?"
 )
-MOST_CAPTURES = 3
-"""Captures that a message names."""
 THERMAL = 3000.0
 """[nm] A band beyond is heat, not reflected light."""
 UNREGISTERED = (
@@ -41,21 +38,15 @@ def find(container: Container) -> Product | None:
     if container.named is not None:
         return None
     captures: dict[str, list[str]] = {}
-    for member in container.find(IMAGES):
-        match = re.fullmatch(IMAGES, PurePosixPath(member).name, re.IGNORECASE)
-        if match:
-            key = str(PurePosixPath(member).parent / match["capture"])
-            captures.setdefault(key, []).append(member)
+    for member, match in container.matches(IMAGES):
+        captures.setdefault(str(PurePosixPath(member).parent / match["capture"]), []).append(member)
     captures = {k: v for k, v in captures.items() if len(v) > 1}
     if not captures:
         return None
     if len(captures) > 1:
-        first = next(iter(captures.values()))
-        raise InputError(
-            f"{container.path} holds {len(captures)} captures ({', '.join(sorted(captures)[:MOST_CAPTURES])}). Name "
-            f"the files of one: {' '.join(container.gdal(m) for m in sorted(first))}"
-        )
-    capture, members = next(iter(captures.items()))
+        files = " ".join(map(container.gdal, sorted(next(iter(captures.values())))))
+        raise container.several("captures", sorted(captures), f"Name the files of one: {files}")
+    ((capture, members),) = captures.items()
     return _product(container, PurePosixPath(capture).name, members)
 
 
@@ -133,37 +124,29 @@ def facts_of(info: RasterInfo) -> tuple[Facts, list[str]]:
 def bands_of(info: RasterInfo, facts: Facts) -> list[ProductBand]:
     """The bands that an XMP names, those of a capture with their radiometry; else none."""
     names = facts.get("BandName", ())
-    centres = [numbers(c) for c in facts.get("CentralWavelength", ())]
-    widths = [numbers(w) for w in facts.get("WavelengthFWHM", ())]
+    centres, widths = (
+        [next(iter(numbers(v)), None) for v in facts.get(k, ())] for k in ("CentralWavelength", "WavelengthFWHM")
+    )
     spread = re.match(r"\s*([\d.]+)\s*\(\s*\+/-\s*([\d.]+)\s*\)", one(facts, "BandFreq"))
     if spread and not centres:
-        centres, widths = [[float(spread[1])]], [[2 * float(spread[2])]]
+        centres, widths = [float(spread[1])], [2 * float(spread[2])]
     if not names or len(names) != info.count:
         return []
-    none: list[list[float]] = [[] for _ in names]
+    none: list[float | None] = [None] * len(names)
     centres, widths = (v if len(v) == len(names) else none for v in (centres, widths))
     made = radiometry_of(info, facts) if is_capture(info) else Radiometry()
+    offset = 0.0 - made.black * made.scale  # not -0.0
+    band = ProductBand(info.paths[0], "", scale=made.scale, offset=offset, unit=made.unit, flat=made.flat)
     return [
-        ProductBand(
-            path=info.paths[0],
-            name=name,
-            number=i,
-            wavelength=c[0] if c else None,
-            width=w[0] if w else None,
-            scale=made.scale,
-            offset=0.0 - made.black * made.scale,
-            unit=made.unit,
-            flat=made.flat,
-        )
-        for i, (name, c, w) in enumerate(zip(names, centres, widths, strict=True), start=1)
+        replace(band, name=name, number=i, wavelength=centre, width=width)
+        for i, (name, centre, width) in enumerate(zip(names, centres, widths, strict=True), start=1)
     ]
 
 
 def _kind(facts: Facts) -> str:
     rig = one(facts, "RigName") or one(facts, "Model")
-    maker = (
-        "MicaSense" if "RadiometricCalibration" in facts or "RigName" in facts else "DJI" if "BandFreq" in facts else ""
-    )
+    micasense = "RadiometricCalibration" in facts or "RigName" in facts
+    maker = "MicaSense" if micasense else "DJI" if "BandFreq" in facts else ""
     return f"{maker} {rig}".strip() or "drone camera"
 
 

@@ -6,7 +6,6 @@ The masks of products since baseline 04.00 are rasters; the outlines in GML of o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -57,10 +56,6 @@ class Footprints:
 
     def _source(self, path: str) -> RasterSource:
         if path not in self._sources:
-            info, place = (
-                describe_file(path),
-                {n: getattr(self.grid, n) for n in ("height", "width", "crs", "transform")},
-            )
-            made = RasterSource([nearest_on(info, self.grid, nodata=0)], replace(info, nodatas=(0.0,), **place))
+            made = nearest_on(describe_file(path), self.grid, nodata=0.0)
             self._sources.setdefault(path, made)  # another thread may have been quicker
         return self._sources[path]

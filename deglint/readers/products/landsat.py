@@ -9,29 +9,34 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
-from ...errors import InputError
 from .container import Container, last
-from .metadata import MetadataError, groups_of, json_of, number, positive, tags_of, text_of, xml_of
+from .metadata import MetadataError, angle_tags, groups_of, json_of, number, positive, tags_of, text_of, xml_of
 from .product import Product, ProductBand
 
 METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
 _MTL_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"),
-           "2": ("LEVEL2_SURFACE_REFLECTANCE_PARAMETERS", "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS")}  # fmt: skip
+               "2": ("LEVEL2_SURFACE_REFLECTANCE_PARAMETERS", "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS")}  # fmt: skip
+"""Groups of factors and of largest numbers, by level."""
 SURFACE = (2.75e-05, -0.2)
 """Scale and offset of every Level-2 product of Collection 2 (USGS), where the MTL file is missing or damaged."""
 FULL = 65535.0
 """Largest number of the products where the MTL file does not say (QUANTIZE_CAL_MAX_BAND_n)."""
+LANDSAT_ORBIT = 705_000.0
+"""[m] Landsat 8 and 9 look down from there, but for a few scenes, which have a ROLL_ANGLE of some 15 degrees."""
 CIRRUS = (1373.5, 20.0)
 """Centre and width of B9 [nm] (USGS: 1363-1384 nm), which the preset of the reflective bands 1 to 7 leaves out."""
+
+Groups = Mapping[str, Mapping[str, Any]]
 
 
 def find(container: Container) -> Product | None:
     """The product in a folder or archive, or the named band file of it; None where there is none."""
     metadata, named = container.find(METADATA), container.named
-    images = [(n, m) for n in container.find(IMAGES) if (m := re.fullmatch(IMAGES, last(n), re.IGNORECASE))]
+    images = container.matches(IMAGES)
     if named in metadata:
         images = [(n, m) for n, m in images if m["scene"] == _stem(named or "")]
     elif named is not None:
@@ -40,15 +45,11 @@ def find(container: Container) -> Product | None:
     if not images:
         return None
     if len(scenes) > 1:
-        raise InputError(
-            f"{container.path} holds {len(scenes)} Landsat scenes: {', '.join(scenes[:3])}. "
-            "Name the *_MTL.txt file of one."
-        )
-    scene = scenes[0]
+        raise container.several("Landsat scenes", scenes, "Name the *_MTL.txt file of one.")
+    (scene,) = scenes
     level = "2" if any(m["band"].upper().startswith("SR_") for _, m in images) else "1"
     groups, notes = _groups(container, [m for m in metadata if _stem(m) == scene], level)
     bands = [_band(container.gdal(n), m["band"].upper(), m["number"], level, groups) for n, m in images]
-    bands.sort(key=lambda b: b.name)
     facts = groups.get("IMAGE_ATTRIBUTES", {})
     elevation = number(facts.get("SUN_ELEVATION"))
     if level == "1" and elevation is not None and elevation > 0:
@@ -56,12 +57,17 @@ def find(container: Container) -> Product | None:
             f"reflectance is not divided by the sine of the sun's elevation ({elevation:g} degrees, a factor of "
             f"{1 / math.sin(math.radians(elevation)):.3f} for the whole scene)"
         )
+    angles = angle_tags(
+        sun_elevation=elevation,
+        sun_azimuth=facts.get("SUN_AZIMUTH"),
+        off_nadir=number(facts.get("ROLL_ANGLE")),
+        altitude=LANDSAT_ORBIT,
+    )
     when = f"{facts.get('DATE_ACQUIRED', '')}T{facts.get('SCENE_CENTER_TIME', '')}" if facts else ""
-    tags = tags_of({"satellite": facts.get("SPACECRAFT_ID"), "acquired": when,
-                    "sun_elevation": elevation, "sun_azimuth": facts.get("SUN_AZIMUTH")})  # fmt: skip
-    digit = scene[3:4]
+    tags = tags_of({"satellite": facts.get("SPACECRAFT_ID"), "acquired": when} | angles)
+    kind = f"Landsat {scene[3:4]} Level {level}"
     return Product(
-        f"Landsat {digit} Level {level}", scene, container.asked, tuple(bands), "landsat8", tags, tuple(notes)
+        kind, scene, container.asked, tuple(sorted(bands, key=lambda b: b.name)), "landsat8", tags, tuple(notes)
     )
 
 
@@ -69,7 +75,7 @@ def _stem(member: str) -> str:
     return re.sub(r"_MTL\.\w+$", "", last(member), flags=re.IGNORECASE)
 
 
-def _groups(container: Container, metadata: list[str], level: str) -> tuple[Mapping[str, Mapping[str, Any]], list[str]]:
+def _groups(container: Container, metadata: list[str], level: str) -> tuple[Groups, list[str]]:
     """The MTL file's groups; where there is none that can be read, what to say."""
     remedy = "the numbers are taken as they stand. Download it again, or give --scale and --offset"
     if level == "2":
@@ -83,12 +89,12 @@ def _groups(container: Container, metadata: list[str], level: str) -> tuple[Mapp
         return {}, [f"{error}: {remedy}"]
 
 
-def _read(data: bytes, name: str) -> Mapping[str, Mapping[str, Any]]:
-    ending = name.rpartition(".")[2].lower()
+def _read(data: bytes, name: str) -> Groups:
+    """The groups of an MTL file in one of its three forms."""
     found: Any
-    if ending == "xml":
+    if name.lower().endswith(".xml"):
         found = {g.tag: {v.tag: (v.text or "").strip() for v in g} for g in xml_of(data, name)}
-    elif ending == "json":
+    elif name.lower().endswith(".json"):
         document = json_of(data, name)
         found = document.get("LANDSAT_METADATA_FILE") if isinstance(document, Mapping) else None
     else:
@@ -99,22 +105,15 @@ def _read(data: bytes, name: str) -> Mapping[str, Mapping[str, Any]]:
     return groups
 
 
-def _band(path: str, name: str, digit: str, level: str, groups: Mapping[str, Mapping[str, Any]]) -> ProductBand:
+def _band(path: str, name: str, digit: str, level: str, groups: Groups) -> ProductBand:
     factors, limits = (groups.get(g, {}) for g in _MTL_GROUPS[level])
     scale = positive(factors.get(f"REFLECTANCE_MULT_BAND_{digit}"))
     offset = number(factors.get(f"REFLECTANCE_ADD_BAND_{digit}"))
-    if (scale is None or offset is None) and level == "2":
-        scale, offset = SURFACE
-    known = scale is not None and offset is not None
+    full = positive(limits.get(f"QUANTIZE_CAL_MAX_BAND_{digit}")) or FULL
     centre, width = CIRRUS if digit == "9" else (None, None)
-    return ProductBand(
-        path=path,
-        name=name,
-        wavelength=centre,
-        width=width,
-        scale=scale if known and scale else 1.0,
-        offset=offset if known and offset else 0.0,
-        unit="reflectance" if known else None,
-        nodata=0.0,
-        saturation=positive(limits.get(f"QUANTIZE_CAL_MAX_BAND_{digit}")) or FULL,
-    )
+    band = ProductBand(path, name, wavelength=centre, width=width, nodata=0.0, saturation=full)
+    if scale is None or offset is None:
+        if level == "1":
+            return band
+        scale, offset = SURFACE
+    return replace(band, scale=scale, offset=offset, unit="reflectance")

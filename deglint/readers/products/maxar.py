@@ -7,22 +7,30 @@ those of the IMD file: absCalFactor over effectiveBandwidth, band by band.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import PurePosixPath
+from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ...errors import InputError
-from .container import Container
+from .container import Container, last
 from .metadata import MetadataError, groups_of, positive, tags_of, text_of, xml_of
 from .product import Product, ProductBand
 
 METADATA = r".+\.(?:IMD|TIL)|\d\d[A-Z]{3}\d{8}-.+\.XML"
 IMAGES = r"\d\d[A-Z]{3}\d{8}[-_].+\.(?:tiff?|ntf)"
-_SENSORS = {"WV02": "worldview2", "WV03": "worldview3", "GE01": "geoeye1", "QB02": "quickbird"}
+_SATELLITES = {
+    "WV02": ("WorldView-2", "worldview2"),
+    "WV03": ("WorldView-3", "worldview3"),
+    "WV04": ("WorldView-4", ""),
+    "GE01": ("GeoEye-1", "geoeye1"),
+    "QB02": ("QuickBird", "quickbird"),
+}
+"""Title and preset of the satellites that metadata name by these codes."""
 _MAXAR_NAMES = {"C": "COASTAL", "B": "BLUE", "G": "GREEN", "Y": "YELLOW", "R": "RED", "RE": "REDEDGE", "N": "NIR1",
           "N2": "NIR2", "P": "PAN"}  # fmt: skip
-_TITLES = {"WV02": "WorldView-2", "WV03": "WorldView-3", "WV04": "WorldView-4", "GE01": "GeoEye-1", "QB02": "QuickBird"}
-_NO_PANSHARPENING = ("", "OFF", "NONE")
+_NOT_ENHANCED = ("", "OFF", "NONE")
 UNIT = "W m-2 sr-1 um-1"
 
 Groups = Mapping[str, Mapping[str, str]]
@@ -37,52 +45,51 @@ def find(container: Container) -> Product | None:
     found = []
     for stem in sorted(stems):
         groups, notes = _groups(container, stem)
-        letters = [g.removeprefix("BAND_") for g in groups if g.startswith("BAND_")]
+        letters = _letters(groups)
         image = _image(container, stem)
         if image and (len(letters) > 1 or (letters and named)):
-            found.append((stem, image, letters, groups, notes))
+            found.append((stem, image, groups, notes))
         elif image and notes and named and named != image:
             raise InputError(f"{notes[0]}. Download it again, or name the image itself: {container.gdal(image)}")
     if len(found) > 1:
-        names = ", ".join(container.gdal(stem) for stem, *_ in found[:4])
-        raise InputError(
-            f"{container.path} holds {len(found)} multispectral images. Name the .IMD file of one: {names}"
-        )
-    if not found:
-        return None
-    stem, image, letters, groups, notes = found[0]
-    return _product(container, stem, image, letters, groups, notes)
+        names = (container.gdal(stem) for stem, *_ in found)
+        raise container.several("multispectral images", names, "Name the .IMD file of one.")
+    return _product(container, *found[0]) if found else None
 
 
-def _product(
-    container: Container, stem: str, image: str, letters: list[str], groups: Groups, notes: list[str]
-) -> Product:
+def _product(container: Container, stem: str, image: str, groups: Groups, notes: list[str]) -> Product:
+    """The product of an image, by the groups of its metadata."""
+    letters = _letters(groups)
     every = {k: v for g in groups.values() for k, v in g.items()}
-    satellite = every.get("satId", "")
-    preset = sensors.find(_SENSORS.get(satellite, ""))
-    enhanced = every.get("radiometricEnhancement", "").upper()
-    if enhanced not in _NO_PANSHARPENING:
+    satellite, enhanced = every.get("SATID", ""), every.get("RADIOMETRICENHANCEMENT", "").upper()
+    title, preset_name = _SATELLITES.get(satellite, (satellite, ""))
+    preset = sensors.find(preset_name)
+    plain = enhanced in _NOT_ENHANCED
+    if not plain:
         notes.append(f"the image is enhanced ({enhanced}): its numbers are no radiance, and are taken as they stand")
     bands = []
     for i, letter in enumerate(letters, start=1):
         own = next((b for b in preset.bands if b.answers_to(f"BAND_{letter}")), None) if preset else None
         values = groups[f"BAND_{letter}"]
-        factor, width = positive(values.get("absCalFactor")), positive(values.get("effectiveBandwidth"))
-        known = factor is not None and width is not None and enhanced in _NO_PANSHARPENING
-        scale = factor / width if known and factor and width else 1.0
-        name = own.name if own else _MAXAR_NAMES.get(letter, letter)
-        bands.append(ProductBand(container.gdal(image), name, i, scale=scale, unit=UNIT if known else None, nodata=0.0))
-    if any(b.unit is None for b in bands) and enhanced in _NO_PANSHARPENING:
+        factor, width = positive(values.get("ABSCALFACTOR")), positive(values.get("EFFECTIVEBANDWIDTH"))
+        band = ProductBand(container.gdal(image), own.name if own else _MAXAR_NAMES.get(letter, letter), i, nodata=0.0)
+        bands.append(replace(band, scale=factor / width, unit=UNIT) if plain and factor and width else band)
+    if plain and any(b.unit is None for b in bands):
         notes.append(f"{stem}: absCalFactor or effectiveBandwidth is missing: the numbers are taken as they stand")
     tags = tags_of({
-        "satellite": _TITLES.get(satellite, satellite), "acquired": every.get("firstLineTime") or every.get("TLCTime"),
-        "sun_azimuth": every.get("meanSunAz"), "sun_elevation": every.get("meanSunEl"),
-        "view_azimuth": every.get("meanSatAz"), "view_elevation": every.get("meanSatEl"),
-        "off_nadir_angle": every.get("meanOffNadirViewAngle"),
+        "satellite": title, "acquired": every.get("FIRSTLINETIME") or every.get("TLCTIME"),
+        "sun_azimuth": every.get("MEANSUNAZ"), "sun_elevation": every.get("MEANSUNEL"),
+        "view_azimuth": every.get("MEANSATAZ"), "view_elevation": every.get("MEANSATEL"),
+        "off_nadir_angle": every.get("MEANOFFNADIRVIEWANGLE"),
     })  # fmt: skip
-    name = PurePosixPath(stem).name
-    kind = f"{_TITLES.get(satellite, 'Maxar')} {every.get('productLevel', '')}".strip()
-    return Product(kind, name, container.asked, tuple(bands), preset.name if preset else None, tags, tuple(notes))
+    known = title if satellite in _SATELLITES else "Maxar"
+    kind = f"{known} {every.get('PRODUCTLEVEL', '')}".strip()
+    return Product(kind, last(stem), container.asked, tuple(bands), preset.name if preset else None, tags, tuple(notes))
+
+
+def _letters(groups: Groups) -> list[str]:
+    """Letters of the bands, in the order of the image."""
+    return [g.removeprefix("BAND_") for g in groups if g.startswith("BAND_")]
 
 
 def _stem(member: str) -> str:
@@ -98,8 +105,8 @@ def _groups(container: Container, stem: str) -> tuple[Groups, list[str]]:
             continue
         try:
             data = container.read(member)
-            groups = groups_of(text_of(data, member)) if ending == ".imd" else _of_xml(data, member)
-            if any(g.startswith("BAND_") for g in groups):
+            groups = _of_imd(data, member) if ending == ".imd" else _of_xml(data, member)
+            if _letters(groups):
                 return groups, []
             notes.append(f"{member} is damaged: it has no group BAND_")
         except MetadataError as error:
@@ -107,23 +114,17 @@ def _groups(container: Container, stem: str) -> tuple[Groups, list[str]]:
     return {}, notes
 
 
-_SPELLED = ("absCalFactor", "effectiveBandwidth", "satId", "firstLineTime", "TLCTime", "meanSunAz", "meanSunEl",
-            "meanSatAz", "meanSatEl", "meanOffNadirViewAngle", "productLevel", "radiometricEnhancement")  # fmt: skip
+def _of_imd(data: bytes, member: str) -> Groups:
+    """The groups of an IMD file, with names in capitals as the XML file has them."""
+    found = groups_of(text_of(data, member))
+    return {group: {k.upper(): v for k, v in values.items()} for group, values in found.items()}
 
 
 def _of_xml(data: bytes, member: str) -> Groups:
-    """The same from the element IMD, whose names are in capitals."""
-    root = xml_of(data, member)
-    own = next(root.iter("IMD"), None)
-    spelled = {s.upper(): s for s in _SPELLED}
-    found: dict[str, dict[str, str]] = {"": {}}
-    for group in own if own is not None else ():
-        values = {spelled[v.tag]: (v.text or "").strip() for v in group if v.tag in spelled}
-        if len(group):
-            found[group.tag.replace("IMAGE", "IMAGE_1")] = values
-        elif group.tag in spelled:
-            found[""][spelled[group.tag]] = (group.text or "").strip()
-    return found
+    """The same from the element IMD."""
+    own: Iterable[ET.Element] = next(xml_of(data, member).iter("IMD"), ())
+    single = {node.tag: (node.text or "").strip() for node in own if not len(node)}
+    return {"": single} | {node.tag: {v.tag: (v.text or "").strip() for v in node} for node in own if len(node)}
 
 
 def _image(container: Container, stem: str) -> str | None:

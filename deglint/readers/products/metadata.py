@@ -105,14 +105,56 @@ def numbers(text: str | None) -> list[float]:
     return found if len(found) == len(parts) else []
 
 
-def said(node: ET.Element | None, path: str) -> str:
-    """Text of the first element at a path below a node, or ""."""
-    return "" if node is None else (node.findtext(path) or "").strip()
+def said(node: ET.Element | None, *paths: str) -> str:
+    """Text of the first element at one of some paths below a node, or ""."""
+    found = [] if node is None else [(node.findtext(path) or "").strip() for path in paths]
+    return next(filter(None, found), "")
+
+
+def said_number(node: ET.Element | None, *paths: str) -> float | None:
+    """The same as a finite number, or None."""
+    return number(said(node, *paths))
 
 
 def tags_of(facts: Mapping[str, Any]) -> dict[str, str]:
     """Facts that are there, as short texts."""
     return {k: str(v).strip()[:200] for k, v in facts.items() if v not in (None, "")}
+
+
+EARTH_RADIUS = 6_371_000.0
+"""[m] Mean radius of the Earth."""
+ORBIT = 600_000.0
+"""[m] Height of a satellite where it is not known: imaging satellites fly at 450 to 800 km, which moves an incidence
+angle of 20 degrees by 0.7 degrees at most."""
+NADIR = 0.5
+"""[degree] A view this near to the vertical needs no azimuth: none changes what the sea mirrors."""
+
+
+def angle_tags(
+    *,
+    sun_elevation: Any = None,
+    sun_azimuth: Any = None,
+    incidence: float | None = None,
+    off_nadir: float | None = None,
+    view_azimuth: float | None = None,
+    altitude: float = ORBIT,
+) -> dict[str, Any]:
+    """Tags of where the sun and the sensor stand, seen from the ground [degree]; azimuths are clockwise from north.
+
+    The sensor's elevation is 90 - incidence. Where only the angle from the nadir is known, which is measured at the
+    satellite, sin(incidence) = (1 + altitude / radius of the Earth) sin(off_nadir).
+    """
+    if incidence is None and off_nadir is not None:
+        sine = (1.0 + altitude / EARTH_RADIUS) * math.sin(math.radians(abs(off_nadir)))
+        incidence = math.degrees(math.asin(sine)) if sine <= 1.0 else None
+    if incidence is not None and abs(incidence) <= NADIR and view_azimuth is None:
+        view_azimuth = 0.0
+    return {
+        "sun_elevation": sun_elevation,
+        "sun_azimuth": sun_azimuth,
+        "view_elevation": None if incidence is None else round(90.0 - abs(incidence), 4),
+        "view_azimuth": None if view_azimuth is None else round(view_azimuth, 4) % 360.0,
+    }
 
 
 def flat(document: Any, depth: int = 8) -> Iterator[tuple[str, Any]]:

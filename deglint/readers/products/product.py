@@ -18,78 +18,34 @@ from ...raster.info import describe, open_dataset
 
 @dataclass(frozen=True)
 class ProductBand:
-    """One band of a product; None where the metadata do not say.
+    """One band of a product; None where the metadata do not say."""
 
-    Attributes
-    ----------
-    path : str
-        GDAL name of its file.
-    number : int
-        1-based band of that file.
-    name : str
-        As the sensor's maker calls it ("B08").
-    wavelength, width : float, optional
-        Centre and full width at half maximum [nm].
-    scale, offset : float
-        physical = number in the file * scale + offset.
-    unit : str, optional
-        Of the physical value.
-    nodata : float, optional
-        Number in the file that says "not valid".
-    saturation : float, optional
-        Number in the file at and above which the detector was full.
-    footprint : str, optional
-        GDAL name of a raster of detector numbers.
-    flat : FlatField, optional
-        Vignette and row gradient of a capture, for a file of one band.
-    """
-
-    path: str
-    name: str
-    number: int = 1
-    wavelength: float | None = None
-    width: float | None = None
-    scale: float = 1.0
+    path: str  # GDAL name of its file
+    name: str  # as the sensor's maker calls it ("B08")
+    number: int = 1  # 1-based band of that file
+    wavelength: float | None = None  # centre [nm]
+    width: float | None = None  # full width at half maximum [nm]
+    scale: float = 1.0  # physical = number in the file * scale + offset
     offset: float = 0.0
-    unit: str | None = None
-    nodata: float | None = None
-    saturation: float | None = None
-    footprint: str | None = None
-    flat: FlatField | None = None
+    unit: str | None = None  # of the physical value
+    nodata: float | None = None  # number in the file that says "not valid"
+    saturation: float | None = None  # number in the file at and above which the detector was full
+    footprint: str | None = None  # GDAL name of a raster of detector numbers
+    flat: FlatField | None = None  # vignette and row gradient of a capture, for a file of one band
 
 
 @dataclass(frozen=True)
 class Product:
-    """A product, or the part of it that was named.
+    """A product, or the part of it that was named."""
 
-    Attributes
-    ----------
-    kind : str
-        "Sentinel-2 L2A".
-    name : str
-        The product's own name, without a path.
-    path : str
-        As it was named by whoever opened it.
-    bands : tuple of ProductBand
-        Bands of one file stand together, in its order.
-    sensor : str, optional
-        A name that a sensor preset answers to.
-    tags : mapping
-        Facts for the output's tags: when it was acquired, sun and view angles.
-    notes : tuple of str
-        What was left out or could not be used, one line each.
-    texts : tuple of str
-        GDAL names of the metadata files that were read.
-    """
-
-    kind: str
-    name: str
-    path: str
-    bands: tuple[ProductBand, ...]
-    sensor: str | None = None
-    tags: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    texts: tuple[str, ...] = ()
+    kind: str  # "Sentinel-2 L2A"
+    name: str  # the product's own name, without a path
+    path: str  # as it was named by whoever opened it
+    bands: tuple[ProductBand, ...]  # those of one file stand together, in its order
+    sensor: str | None = None  # a name that a sensor preset answers to
+    tags: Mapping[str, str] = field(default_factory=dict)  # for the output: when it was acquired, angles
+    notes: tuple[str, ...] = ()  # what was left out or could not be used, one line each
+    texts: tuple[str, ...] = ()  # GDAL names of the metadata files that were read
 
     @property
     def files(self) -> dict[str, tuple[ProductBand, ...]]:
@@ -133,25 +89,27 @@ def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, 
     """A file's description, with what its product says of the bands; what the file itself says comes first."""
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
     own = bool(scaled_by_itself(info))
-    flat = bands[0].flat if info.count == 1 and not own else None
+    flat = bands[0].flat if info.count == 1 else None
     dataset_tags = ({"sensor": sensor} if sensor else {}) | dict(tags) | dict(info.tags.get("", {}))
-    return replace(
+    named = replace(
         info,
         descriptions=tuple(b.name for b in bands),
-        dtypes=info.dtypes if flat is None else ("float32",),
-        flat=flat,
-        units=tuple(u if own or b.unit is None else b.unit for u, b in zip(info.units, bands, strict=True)),
-        scales=info.scales if own else tuple(b.scale for b in bands),
-        offsets=info.offsets if own else tuple(b.offset for b in bands),
-        nodatas=tuple(
-            n if own or n is not None or b.nodata is None else b.nodata
-            for n, b in zip(info.nodatas, bands, strict=True)
-        ),
         tags={**info.tags, "": dataset_tags},
         band_tags=tuple(
             {**t, "": {**t.get("", {}), **_band_tags(b, scaled=not own)}}
             for t, b in zip(info.band_tags, bands, strict=True)
         ),
+    )
+    if own:
+        return named
+    return replace(
+        named,
+        dtypes=info.dtypes if flat is None else ("float32",),
+        flat=flat,
+        units=tuple(b.unit or u for u, b in zip(info.units, bands, strict=True)),
+        scales=tuple(b.scale for b in bands),
+        offsets=tuple(b.offset for b in bands),
+        nodatas=tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, bands, strict=True)),
     )
 
 

@@ -25,25 +25,14 @@ _PLAUSIBLE = (0.1, 10.0)
 
 @dataclass(frozen=True)
 class Radiometry:
-    """physical = scale * (number in the file - black), the number being corrected by `flat`.
-
-    Attributes
-    ----------
-    scale, black : float
-    unit : str, optional
-    flat : FlatField, optional
-    applied : tuple of str
-        What is corrected, in words; empty where the XMP says nothing of it.
-    notes : tuple of str
-        What is not, and why.
-    """
+    """physical = scale * (number in the file - black), the number being corrected by `flat`."""
 
     scale: float = 1.0
     black: float = 0.0
     unit: str | None = None
     flat: FlatField | None = None
-    applied: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    applied: tuple[str, ...] = ()  # what is corrected, in words; empty where the XMP says nothing of it
+    notes: tuple[str, ...] = ()  # what is not, and why
 
 
 def one(facts: Facts, name: str) -> str:
@@ -65,17 +54,17 @@ def radiometry_of(info: RasterInfo, facts: Facts) -> Radiometry:
 def _micasense(info: RasterInfo, facts: Facts) -> Radiometry | None:
     """L = V(x, y) R(y) (p - black) a1 / (gain t 2^16), R = 1 / (1 + (a2 / t - a3) y)."""
     exif = {k: number(v.strip("()")) for k, v in info.tags.get("EXIF", {}).items()}
-    calibration = [n for text in facts.get("RadiometricCalibration", ()) for n in numbers(text)]
+    calibration, dark, centre, vignette = (
+        [n for text in facts.get(name, ()) for n in numbers(text)]
+        for name in ("RadiometricCalibration", "DarkRowValue", "VignettingCenter", "VignettingPolynomial")
+    )
     shutter = exif.get("EXIF_ExposureTime")
     if not calibration or not shutter or shutter <= 0 or calibration[0] <= 0:
         return None
     gain = (exif.get("EXIF_ISOSpeed") or exif.get("EXIF_ISOSpeedRatings") or 100.0) / 100.0
-    dark = [v for text in facts.get("DarkRowValue", ()) for v in numbers(text)]
     black = _black_level(info.paths[0])
     if black is None:
         black = sum(dark) / len(dark) if dark else 0.0
-    centre = [n for text in facts.get("VignettingCenter", ()) for n in numbers(text)]
-    vignette = [n for text in facts.get("VignettingPolynomial", ()) for n in numbers(text)]
     has_vignette = len(centre) == 2 and bool(vignette)
     has_gradient = len(calibration) == 3
     flat = FlatField(

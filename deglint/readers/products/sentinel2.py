@@ -6,25 +6,27 @@ dataset of its own, needs the product whole and with its own file names, and lea
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import PurePosixPath
 from xml.etree import ElementTree as ET
 
 from ... import sensors
-from ...errors import InputError
 from .container import Container, last
-from .metadata import MetadataError, number, numbers, positive, said, tags_of, xml_of
+from .metadata import MetadataError, angle_tags, numbers, positive, said, said_number, tags_of, xml_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
 IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:jp2|tiff?)"
-_IMAGE = re.compile(IMAGES, re.IGNORECASE)
-_MASK = re.compile(r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?)", re.I)
+_MASK = r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?)"
+_TILE = r"MTD_TL\.xml|S2[A-D]_(?:OPER|USER)_MTD_L(?:1C|2A)_TL_.*\.xml"
 PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07": 20, "B08": 10, "B8A": 20,
           "B09": 60, "B10": 60, "B11": 20, "B12": 20}  # fmt: skip
 """Side of a pixel on the ground [m] that each band is taken at."""
 FULL = 65535.0
 """What stands for saturated where the metadata do not say."""
+_QUANTUM = 10_000.0
+"""Number for a reflectance of 1 where the metadata do not say."""
 
 
 def find(container: Container) -> Product | None:
@@ -36,57 +38,41 @@ def find(container: Container) -> Product | None:
     if not images or not (metadata or any("IMG_DATA" in PurePosixPath(n).parts for n in images)):
         return None
     if len(metadata) > 1:
-        raise InputError(
-            f"{container.path} holds {len(metadata)} Sentinel-2 products: {', '.join(metadata[:4])}. Name one."
-        )
+        raise container.several("Sentinel-2 products", metadata)
     granules = {_granule(n) for n in images} - {""}
     if len(granules) > 1:
-        raise InputError(
-            f"{container.path} holds {len(granules)} granules. Name the folder of one: "
-            f"{', '.join(sorted(container.gdal(g) for g in granules)[:3])}"
-        )
+        raise container.several("granules", sorted(map(container.gdal, granules)), "Name the folder of one.")
     root, notes = _root(container, metadata)
-    facts = _Facts(root)
-    chosen, left = _chosen(images, single=_single(container))
-    bands = tuple(facts.band(container, name, file, _mask(container, name, file)) for name, file in chosen.items())
+    single = container.named in images
+    chosen, left = _chosen(images, single=single)
     if left:
         notes.append(f"{', '.join(left)} (pixels of 60 m) left out; name their files to open them")
     if root is not None:
         missing = [n for n, side in PIXELS.items() if side < 60 and n not in chosen]
-        if missing and not _single(container):
+        if missing and not single:
             notes.append(f"no files of {', '.join(missing)} in the product")
         notes.append("time offsets are those of odd-numbered detectors; in even ones the bands follow in reverse order")
-    level = facts.level or ("2A" if any("_L2A" in n or "MSIL2A" in n for n in (container.path, *images)) else "1C")
-    name = said(root, ".//PRODUCT_URI") or said(root, ".//PRODUCT_URI_2A") or _safe(container)
+    level = said(root, ".//PROCESSING_LEVEL").replace("Level-", "").removesuffix("p")
+    level = level or ("2A" if any("_L2A" in n or "MSIL2A" in n for n in (container.path, *images)) else "1C")
+    safe = next((p for n in container.names for p in PurePosixPath(n).parts if p.endswith(".SAFE")), container.name)
+    name = said(root, ".//PRODUCT_URI", ".//PRODUCT_URI_2A") or safe
+    facts = {"satellite": "SPACECRAFT_NAME", "acquired": "PRODUCT_START_TIME",
+             "processing_baseline": "PROCESSING_BASELINE"}  # fmt: skip
+    tags = tags_of({k: said(root, f".//{tag}") for k, tag in facts.items()})
+    tags |= _angles(container, next(iter(granules), ""), notes)
+    bands = tuple(_bands(container, root, chosen))
     return Product(
-        f"Sentinel-2 L{level}",
-        name.removesuffix(".SAFE"),
-        container.asked,
-        bands,
-        "sentinel2",
-        facts.tags,
-        tuple(notes),
+        f"Sentinel-2 L{level}", name.removesuffix(".SAFE"), container.asked, bands, "sentinel2", tags, tuple(notes)
     )
 
 
-def _images(container: Container) -> list[str]:
-    """Image files of bands, those below what was named."""
-    found = [
-        n for n in container.find(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and not _MASK.fullmatch(last(n))
-    ]
-    named = container.named
-    if named is None or _is_metadata(named):
+def _images(container: Container) -> dict[str, re.Match[str]]:
+    """Image files of bands, those below what was named, and what their names say."""
+    masks, named = set(container.find(_MASK)), container.named
+    found = {n: m for n, m in container.matches(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and n not in masks}
+    if named is None or re.fullmatch(METADATA, last(named), re.IGNORECASE):
         return found
-    return [n for n in found if n == named or n.startswith(f"{named}/")]
-
-
-def _is_metadata(member: str) -> bool:
-    return bool(re.fullmatch(METADATA, last(member), re.IGNORECASE))
-
-
-def _single(container: Container) -> bool:
-    """Whether one image file was named, not a product."""
-    return container.named is not None and _IMAGE.fullmatch(last(container.named)) is not None
+    return {n: m for n, m in found.items() if n == named or n.startswith(f"{named}/")}
 
 
 def _granule(member: str) -> str:
@@ -95,13 +81,8 @@ def _granule(member: str) -> str:
     return "/".join(parts[: parts.index("IMG_DATA")]) if "IMG_DATA" in parts else ""
 
 
-def _safe(container: Container) -> str:
-    """Name of the SAFE folder."""
-    inside = next((p for n in container.names for p in PurePosixPath(n).parts if p.endswith(".SAFE")), "")
-    return inside or container.name
-
-
 def _root(container: Container, metadata: list[str]) -> tuple[ET.Element | None, list[str]]:
+    """The metadata of the product; where they cannot be read, what to say."""
     remedy = (
         "band names are known, scale and offset are not: the numbers are taken as they stand. Give --scale and "
         "--offset, or download the metadata again"
@@ -117,12 +98,10 @@ def _root(container: Container, metadata: list[str]) -> tuple[ET.Element | None,
     return root, []
 
 
-def _chosen(images: list[str], *, single: bool) -> tuple[dict[str, str], list[str]]:
+def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str, str], list[str]]:
     """The file of each band, in the order of wavelengths, and the bands of 60 m that are left out."""
     found: dict[str, tuple[int, str]] = {}
-    for member in images:
-        match = _IMAGE.fullmatch(last(member))
-        assert match is not None  # as `_images` takes no others
+    for member, match in images.items():
         name = match["band"].upper()
         pixel = int(match["pixel"] or PIXELS[name])
         found[name] = min(found.get(name, (pixel, member)), (pixel, member))
@@ -131,67 +110,42 @@ def _chosen(images: list[str], *, single: bool) -> tuple[dict[str, str], list[st
     return {n: found[n][1] for n in kept}, [n for n in PIXELS if n in found and n not in kept]
 
 
-def _mask(container: Container, band: str, file: str) -> str | None:
-    """The file of detector numbers of a band."""
-    granule = _granule(file)
-    for member in container.names:
-        match = _MASK.fullmatch(last(member))
-        if match and match["band"].upper() == band and member.startswith(granule):
-            return container.gdal(member)
-    return None
-
-
-class _Facts:
-    """What MTD_MSIL*.xml says."""
-
-    def __init__(self, root: ET.Element | None) -> None:
-        self._root = root
-        self._known = root is not None
-        values = root if root is not None else ET.Element("none")
-        self.level = said(values, ".//PROCESSING_LEVEL").replace("Level-", "").removesuffix("p")
-        quantum = next(
-            (q for tag in ("QUANTIFICATION_VALUE", "BOA_QUANTIFICATION_VALUE", "L2A_BOA_QUANTIFICATION_VALUE")
-             if (q := positive(said(values, f".//{tag}")))), 10_000.0,
-        )  # fmt: skip
-        self._quantum = quantum
-        offsets = [*values.iter("RADIO_ADD_OFFSET"), *values.iter("BOA_ADD_OFFSET")]
-        self._offsets = {o.get("band_id"): number(o.text) or 0.0 for o in offsets}
-        special = {
-            said(v, "SPECIAL_VALUE_TEXT"): number(said(v, "SPECIAL_VALUE_INDEX")) for v in values.iter("Special_Values")
-        }
-        self._nodata = special.get("NODATA", 0.0)
-        self._full = special.get("SATURATED", FULL)
-        self._spectral = {_code(s.get("physicalBand") or ""): s for s in values.iter("Spectral_Information")}
-        self.tags = tags_of(
-            {
-                "satellite": said(values, ".//SPACECRAFT_NAME"),
-                "acquired": said(values, ".//PRODUCT_START_TIME"),
-                "processing_baseline": said(values, ".//PROCESSING_BASELINE"),
-            }
+def _bands(container: Container, root: ET.Element | None, files: dict[str, str]) -> list[ProductBand]:
+    """What the metadata say of each band; the preset's wavelengths where there are none."""
+    known, values = root is not None, ET.Element("none") if root is None else root
+    quantum = positive(said(values, *(f".//{level}QUANTIFICATION_VALUE" for level in ("", "BOA_", "L2A_BOA_"))))
+    quantum = quantum or _QUANTUM
+    offsets = {
+        node.get("band_id"): said_number(node, ".") or 0.0
+        for tag in ("RADIO_ADD_OFFSET", "BOA_ADD_OFFSET")
+        for node in values.iter(tag)
+    }
+    special = {
+        said(v, "SPECIAL_VALUE_TEXT"): said_number(v, "SPECIAL_VALUE_INDEX") for v in values.iter("Special_Values")
+    }
+    spectral = {  # "B1" there is "B01" in file names
+        re.sub(r"^B(\d)$", r"B0\1", s.get("physicalBand") or ""): s for s in values.iter("Spectral_Information")
+    }
+    presets = {b.name: b for b in sensors.load("sentinel2").bands}
+    found = []
+    for name, file in files.items():
+        own = spectral.get(name)
+        place = str(list(PIXELS).index(name)) if own is None else own.get("bandId")
+        found.append(
+            ProductBand(
+                path=container.gdal(file),
+                name=name,
+                wavelength=positive(said(own, "Wavelength/CENTRAL")) or presets[name].wavelength,
+                width=_width(own) or presets[name].width,
+                scale=1 / quantum if known else 1.0,
+                offset=offsets.get(place, 0.0) / quantum if known else 0.0,
+                unit="reflectance" if known else None,
+                nodata=special.get("NODATA", 0.0),
+                saturation=special.get("SATURATED", FULL),
+                footprint=_mask(container, name, file),
+            )
         )
-
-    def band(self, container: Container, name: str, file: str, mask: str | None) -> ProductBand:
-        own = self._spectral.get(name)
-        place = own.get("bandId") if own is not None else str(list(PIXELS).index(name))
-        preset = next(b for b in sensors.load("sentinel2").bands if b.name == name)
-        known = self._known
-        return ProductBand(
-            path=container.gdal(file),
-            name=name,
-            wavelength=positive(said(own, "Wavelength/CENTRAL")) or preset.wavelength,
-            width=_width(own) or preset.width,
-            scale=1 / self._quantum if known else 1.0,
-            offset=self._offsets.get(place, 0.0) / self._quantum if known else 0.0,
-            unit="reflectance" if known else None,
-            nodata=self._nodata,
-            saturation=self._full,
-            footprint=mask,
-        )
-
-
-def _code(physical: str) -> str:
-    """ "B1" as file names have it: "B01"."""
-    return re.sub(r"^B(\d)$", r"B0\1", physical)
+    return found
 
 
 def _width(spectral: ET.Element | None) -> float | None:
@@ -201,3 +155,43 @@ def _width(spectral: ET.Element | None) -> float | None:
     if not values or not step:
         return None
     return step * sum(v >= 0.5 * max(values) for v in values) or None
+
+
+def _mask(container: Container, band: str, file: str) -> str | None:
+    """The file of detector numbers of a band."""
+    granule, masks = _granule(file), container.matches(_MASK)
+    fits = (member for member, match in masks if match["band"].upper() == band and member.startswith(granule))
+    return next(map(container.gdal, fits), None)
+
+
+def _angles(container: Container, granule: str, notes: list[str]) -> dict[str, str]:
+    """Where sun and satellite stand, seen from the ground: means over the tile, and over the bands."""
+    member = next((n for n in container.find(_TILE) if granule and n.startswith(f"{granule}/")), None)
+    if member is None:
+        return {}
+    try:
+        root = xml_of(container.read(member), member)
+    except MetadataError as error:
+        notes.append(f"{error}: the angles of sun and satellite are not known")
+        return {}
+    sun = said_number(root, ".//Mean_Sun_Angle/ZENITH_ANGLE")
+    zenith, azimuth = _mean_direction(list(root.iter("Mean_Viewing_Incidence_Angle")))
+    return tags_of(
+        angle_tags(
+            sun_elevation=None if sun is None else round(90.0 - sun, 4),
+            sun_azimuth=said_number(root, ".//Mean_Sun_Angle/AZIMUTH_ANGLE"),
+            incidence=zenith,
+            view_azimuth=azimuth,
+        )
+    )
+
+
+def _mean_direction(nodes: list[ET.Element]) -> tuple[float | None, float | None]:
+    """Zenith angle and azimuth [degree] of the mean of some directions: azimuths of 350 and 10 have the mean 0."""
+    stated = [(said_number(n, "ZENITH_ANGLE"), said_number(n, "AZIMUTH_ANGLE")) for n in nodes]
+    directions = [(math.radians(z), math.radians(a)) for z, a in stated if z is not None and a is not None]
+    if not directions:
+        return None, None
+    east = sum(math.sin(z) * math.sin(a) for z, a in directions) / len(directions)
+    north = sum(math.sin(z) * math.cos(a) for z, a in directions) / len(directions)
+    return math.degrees(math.asin(math.hypot(east, north))), math.degrees(math.atan2(east, north))
