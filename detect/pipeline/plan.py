@@ -207,8 +207,3 @@ def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[in
         else:
             columns = max(columns // 2, 1)
     return rows * CELL, columns * CELL
-
-
-def both(a: Mask | None, b: Mask | None) -> Mask | None:
-    """Where two masks are True; None is everywhere."""
-    return b if a is None else a if b is None else a & b

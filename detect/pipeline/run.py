@@ -31,12 +31,12 @@ from deglint.timing import Reporter
 from .. import threshold as cutting
 from ..background import Background, Part, sample_share
 from ..lines import LineScorer
-from ..rx import Detector, detector
+from ..rx import Detector, both, detector
 from ..threshold import Tail, Threshold
 from .flags import MEANINGS
 from .mark import CANDIDATES, Marker, Places, joined
 from .motion import delayed_bands
-from .plan import Plan, Progress, both, make_plan
+from .plan import Plan, Progress, make_plan
 from .recipe import NO_LAW, Outputs, Recipe
 from .scoring import Highest, Law, PixelCounts, Scoring
 from .sea_plan import fit_sea
