@@ -16,7 +16,6 @@ using subspace separation for hyperspectral imagery", Optical Engineering 42, 33
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -51,13 +50,7 @@ _RANK = 10 * np.finfo(np.float64).eps
 
 @dataclass(frozen=True)
 class WindowRule:
-    """How rings lie and what is made of them; parameters as `local_rx`, and the rows and columns of the whole scene.
-
-    Raises
-    ------
-    InputError
-        A window that cannot be used.
-    """
+    """How rings lie and what is made of them: parameters as `local_rx`, and the size of the whole scene, checked."""
 
     inner: int
     outer: int
@@ -165,15 +158,8 @@ def score_part(
 ) -> Scores:  # fmt: skip
     """Scores of a part of a scene from a block that holds it and, as far as the scene goes, a halo around it.
 
-    Parameters
-    ----------
-    block : (band, row, column) ndarray
-    rule : WindowRule
-    origin : (int, int)
-        Row and column of the block's first pixel in the scene.
-    part : ((row0, row1), (col0, col1))
-        Of the scene; its first row and column are multiples of `CELL`.
-    mask, flags, threads : as `local_rx`; the mask is of the block, the flags of the part.
+    `origin` is the block's first pixel in the scene; the first row and column of `part` are multiples of `CELL`. The
+    mask is of the block, the flags of the part; else as `local_rx`.
     """
     (row0, row1), (col0, col1) = part
     shape = (row1 - row0, col1 - col0)
@@ -184,17 +170,20 @@ def score_part(
     if mask is not None:
         good &= mask
 
-    def work(cell: Window) -> None:
+    def score_cell(cell: Window) -> None:
         rows, columns = (slice(a - first, b - first) for (a, b), first in zip(cell, (row0, col0), strict=True))
         values, states = _score_cell(block, good, origin, cell, rule)
-        largest = np.finfo(dtype).max
-        scores[rows, columns] = np.minimum(values, largest, out=values)
+        scores[rows, columns] = np.minimum(values, np.finfo(dtype).max, out=values)
         if flags is not None:
             flags[rows, columns] = states
 
-    cells = list(_cells(part))
+    cells = (
+        ((r, min(r + CELL, row1)), (c, min(c + CELL, col1)))
+        for r in range(row0, row1, CELL)
+        for c in range(col0, col1, CELL)
+    )
     with ThreadPoolExecutor(max(threads, 1)) as pool:
-        list((pool.map if threads > 1 else map)(work, cells))
+        list(pool.map(score_cell, cells))
     return scores
 
 
@@ -207,13 +196,6 @@ def _check_memory(bands: int, rule: WindowRule) -> None:
             f"window: {rule.outer} pixels of {bands} bands take {need / 2**30:.1f} GiB a thread, allowed is "
             f"{MOST_SUMS >> 30}. Take a smaller window, fewer bands, or rx."
         )
-
-
-def _cells(part: Window) -> Iterator[Window]:
-    (row0, row1), (col0, col1) = part
-    for r in range(row0, row1, CELL):
-        for c in range(col0, col1, CELL):
-            yield (r, min(r + CELL, row1)), (c, min(c + CELL, col1))
 
 
 def _score_cell(

@@ -23,8 +23,7 @@ from ..sea.rates import LOW
 from ..sea.region import hull, likeness, rectangle
 from ..threshold import Tail, Threshold
 from .chips import write_chips
-from .ground import distance_and_bearing, to_wgs84
-from .motion import motions
+from .ground import distance_and_bearing, motions, to_wgs84
 from .plan import Plan, Progress
 from .recipe import Outputs
 from .vectors import write_features

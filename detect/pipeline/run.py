@@ -33,8 +33,8 @@ from ..lines import LineScorer
 from ..rx import Detector, both, detector
 from ..threshold import Tail, Threshold
 from .flags import MEANINGS
+from .ground import delayed_bands
 from .mark import CANDIDATES, Marker, Places, joined
-from .motion import delayed_bands
 from .plan import Plan, Progress, make_plan
 from .recipe import NO_LAW, Outputs, Recipe
 from .scoring import Highest, Law, PixelCounts, Scoring
