@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -177,11 +178,8 @@ def score_part(
         if flags is not None:
             flags[rows, columns] = states
 
-    cells = (
-        ((r, min(r + CELL, row1)), (c, min(c + CELL, col1)))
-        for r in range(row0, row1, CELL)
-        for c in range(col0, col1, CELL)
-    )
+    corners = product(range(row0, row1, CELL), range(col0, col1, CELL))
+    cells = [((r, min(r + CELL, row1)), (c, min(c + CELL, col1))) for r, c in corners]
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         list(pool.map(score_cell, cells))
     return scores
