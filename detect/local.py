@@ -16,6 +16,7 @@ using subspace separation for hyperspectral imagery", Optical Engineering 42, 33
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import product
@@ -172,17 +173,22 @@ def score_part(
         good &= mask
 
     def score_cell(cell: Window) -> None:
-        rows, columns = (slice(a - first, b - first) for (a, b), first in zip(cell, (row0, col0), strict=True))
+        own = _slices(cell, (row0, col0))
         values, states = _score_cell(block, good, origin, cell, rule)
-        scores[rows, columns] = np.minimum(values, np.finfo(dtype).max, out=values)
+        scores[own] = np.minimum(values, np.finfo(dtype).max, out=values)
         if flags is not None:
-            flags[rows, columns] = states
+            flags[own] = states
 
     corners = product(range(row0, row1, CELL), range(col0, col1, CELL))
     cells = [((r, min(r + CELL, row1)), (c, min(c + CELL, col1))) for r, c in corners]
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         list(pool.map(score_cell, cells))
     return scores
+
+
+def _slices(window: Sequence[tuple[int, int]], origin: tuple[int, int]) -> tuple[slice, ...]:
+    """Where a window of the scene lies in an array whose first pixel is `origin`."""
+    return tuple(slice(start - first, stop - first) for (start, stop), first in zip(window, origin, strict=True))
 
 
 def _check_memory(bands: int, rule: WindowRule) -> None:
@@ -200,10 +206,8 @@ def _score_cell(
     block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: Window, rule: WindowRule
 ) -> tuple[Float64, npt.NDArray[np.uint8]]:
     """Scores and states of one cell."""
-    shape = (cell[0][1] - cell[0][0], cell[1][1] - cell[1][0])
-    scores, states = np.full(shape, np.nan), np.zeros(shape, np.uint8)
-    own = tuple(slice(a - first, b - first) for (a, b), first in zip(cell, origin, strict=True))
-    inside = good[own]
+    inside = good[_slices(cell, origin)]
+    scores, states = np.full(inside.shape, np.nan), np.zeros(inside.shape, np.uint8)
     if not inside.any():
         return scores, states
     if len(block) <= SUMS_BANDS:
@@ -221,7 +225,7 @@ def _score_cell(
 def _by_sums(
     x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states: npt.NDArray[np.uint8]
 ) -> None:  # fmt: skip
-    """Fill the scores of a cell from sums over its rings; x as `_padded` gives it."""
+    """Fill the scores of a cell from sums over its rings; x comes from `_padded`."""
     from ._local_kernel import ASIDE, distances, ring_moments
 
     bands, halo = len(x) - 1, rule.halo
@@ -236,18 +240,16 @@ def _by_sums(
 
 def _padded(block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: Window, rule: WindowRule) -> Float64:
     """The cell with its halo: 1 where it is valid, then the bands less a typical pixel; 0 where it is not."""
-    halo, (rows, columns) = rule.halo, cell
-    x = np.zeros((1 + len(block), rows[1] - rows[0] + 2 * halo, columns[1] - columns[0] + 2 * halo))
+    halo = rule.halo
+    x = np.zeros((1 + len(block), *(b - a + 2 * halo for a, b in cell)))
     if rule.border == "mirror":
         places = (_mirrored(np.arange(a - halo, b + halo), n) for (a, b), n in zip(cell, rule.size, strict=True))
         source: Any = np.ix_(*(p - first for p, first in zip(places, origin, strict=True)))
         inside = x
     else:  # what lies outside the scene stays 0
         spans = [(max(a - halo, 0), min(b + halo, n)) for (a, b), n in zip(cell, rule.size, strict=True)]
-        source = tuple(slice(a - first, b - first) for (a, b), first in zip(spans, origin, strict=True))
-        inside = x[
-            (slice(None), *(slice(a - c[0] + halo, b - c[0] + halo) for (a, b), c in zip(spans, cell, strict=True)))
-        ]
+        source = _slices(spans, origin)
+        inside = x[(slice(None), *_slices(spans, (cell[0][0] - halo, cell[1][0] - halo)))]
     inside[0] = known = good[source]
     for band, out in zip(block, inside[1:], strict=True):
         few = band[source][::4, ::4][known[::4, ::4]]  # a median: one extreme pixel does not move it
