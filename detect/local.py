@@ -83,17 +83,9 @@ class WindowRule:
 
 @checked_keywords()
 def local_rx(
-    image: npt.NDArray[Any],
-    *,
-    inner: int,
-    outer: int,
-    mask: Mask | None = None,
-    border: str = "shrink",
-    ddof: int = 1,
-    ridge: float = 0.0,
-    flags: npt.NDArray[np.uint8] | None = None,
-    threads: int = 1,
-) -> Scores:
+    image: npt.NDArray[Any], *, inner: int, outer: int, mask: Mask | None = None, border: str = "shrink",
+    ddof: int = 1, ridge: float = 0.0, flags: npt.NDArray[np.uint8] | None = None, threads: int = 1,
+) -> Scores:  # fmt: skip
     """Local RX with a dual window.
 
     Parameters
@@ -134,7 +126,6 @@ def local_rx(
 
     Examples
     --------
-    >>> import numpy as np
     >>> image = np.random.default_rng(0).normal(size=(3, 50, 60))
     >>> image[:, 20, 30] += 10
     >>> scores = local_rx(image, inner=3, outer=11)

@@ -25,26 +25,14 @@ TIME_CHANGE = 0.1
 
 @dataclass(frozen=True)
 class Number:
-    """A measured number.
-
-    Attributes
-    ----------
-    value : float
-    low, high : float
-        95 % interval of the mean over seeds, or the range of repeated timings; NaN for a single value.
-    unit : str
-        "%", "s", "ns", or "" for a ratio.
-    better : {"lower", "higher"}
-    exact : bool
-        The same on every machine for the same seeds and versions; False for times.
-    """
+    """A measured number; its range is the 95 % interval of the mean over seeds, or that of repeated timings."""
 
     value: float
-    low: float = math.nan
+    low: float = math.nan  # of a single value
     high: float = math.nan
-    unit: str = ""
+    unit: str = ""  # "%", "s", "ns", or "" for a ratio
     better: Better = "lower"
-    exact: bool = True
+    exact: bool = True  # the same on every machine for the same seeds and versions; False for times
 
     def __str__(self) -> str:
         spread = "" if math.isnan(self.low) else f" ({short(self.low)}-{short(self.high)})"

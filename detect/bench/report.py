@@ -48,6 +48,7 @@ def _style(name: str) -> dict[str, Any]:
 
 
 def _with_legend(figure: Any, ax: Any) -> Figure:
+    """The figure with one legend beside its panels."""
     figure.legend(*ax.get_legend_handles_labels(), loc="outside right")
     return figure
 

@@ -74,21 +74,12 @@ class Result:
 
 @checked_keywords("p_value", "flags", "objects", "background", "chips", "overwrite", "options")
 def score_file(
-    source: str | Path | Sequence[str | Path],
-    image: str | Path,
-    recipe: Recipe | None = None,
-    *,
-    sensor: str | Path | None = None,
-    nodata: float | str | None = None,
-    bands: Names | None = None,
-    wavelengths: Numbers | None = None,
-    scale: Numbers | None = None,
-    offset: Numbers | None = None,
-    threads: int | None = None,
-    progress: Progress | None = None,
-    cluster: Cluster | None = None,
+    source: str | Path | Sequence[str | Path], image: str | Path, recipe: Recipe | None = None, *,
+    sensor: str | Path | None = None, nodata: float | str | None = None, bands: Names | None = None,
+    wavelengths: Numbers | None = None, scale: Numbers | None = None, offset: Numbers | None = None,
+    threads: int | None = None, progress: Progress | None = None, cluster: Cluster | None = None,
     **outputs: Any,
-) -> Result:
+) -> Result:  # fmt: skip
     """Score every pixel of a raster file by how little it belongs.
 
     Parameters
