@@ -6,8 +6,8 @@ import logging
 import tempfile
 from pathlib import Path
 
+from detect.bench.report import Table, tables
 from detect.bench.run import Effort, measure, removals
-from detect.bench.tables import Table, tables
 
 from . import peers, stress
 from .timing import ROOT, machine, table

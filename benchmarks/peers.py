@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
-from detect.bench.numbers import short
+from detect.bench.compare import short
 from detect.local import local_rx
 from detect.rx import rx
 

@@ -16,9 +16,10 @@ using subspace separation for hyperspectral imagery", Optical Engineering 42, 33
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -51,13 +52,7 @@ _RANK = 10 * np.finfo(np.float64).eps
 
 @dataclass(frozen=True)
 class WindowRule:
-    """How rings lie and what is made of them; parameters as `local_rx`, and the rows and columns of the whole scene.
-
-    Raises
-    ------
-    InputError
-        A window that cannot be used.
-    """
+    """How rings lie and what is made of them: parameters as `local_rx`, and the size of the whole scene, checked."""
 
     inner: int
     outer: int
@@ -88,17 +83,9 @@ class WindowRule:
 
 @checked_keywords()
 def local_rx(
-    image: npt.NDArray[Any],
-    *,
-    inner: int,
-    outer: int,
-    mask: Mask | None = None,
-    border: str = "shrink",
-    ddof: int = 1,
-    ridge: float = 0.0,
-    flags: npt.NDArray[np.uint8] | None = None,
-    threads: int = 1,
-) -> Scores:
+    image: npt.NDArray[Any], *, inner: int, outer: int, mask: Mask | None = None, border: str = "shrink",
+    ddof: int = 1, ridge: float = 0.0, flags: npt.NDArray[np.uint8] | None = None, threads: int = 1,
+) -> Scores:  # fmt: skip
     """Local RX with a dual window.
 
     Parameters
@@ -139,7 +126,6 @@ def local_rx(
 
     Examples
     --------
-    >>> import numpy as np
     >>> image = np.random.default_rng(0).normal(size=(3, 50, 60))
     >>> image[:, 20, 30] += 10
     >>> scores = local_rx(image, inner=3, outer=11)
@@ -165,15 +151,8 @@ def score_part(
 ) -> Scores:  # fmt: skip
     """Scores of a part of a scene from a block that holds it and, as far as the scene goes, a halo around it.
 
-    Parameters
-    ----------
-    block : (band, row, column) ndarray
-    rule : WindowRule
-    origin : (int, int)
-        Row and column of the block's first pixel in the scene.
-    part : ((row0, row1), (col0, col1))
-        Of the scene; its first row and column are multiples of `CELL`.
-    mask, flags, threads : as `local_rx`; the mask is of the block, the flags of the part.
+    `origin` is the block's first pixel in the scene; the first row and column of `part` are multiples of `CELL`. The
+    mask is of the block, the flags of the part; else as `local_rx`.
     """
     (row0, row1), (col0, col1) = part
     shape = (row1 - row0, col1 - col0)
@@ -184,18 +163,23 @@ def score_part(
     if mask is not None:
         good &= mask
 
-    def work(cell: Window) -> None:
-        rows, columns = (slice(a - first, b - first) for (a, b), first in zip(cell, (row0, col0), strict=True))
+    def score_cell(cell: Window) -> None:
+        own = _slices(cell, (row0, col0))
         values, states = _score_cell(block, good, origin, cell, rule)
-        largest = np.finfo(dtype).max
-        scores[rows, columns] = np.minimum(values, largest, out=values)
+        scores[own] = np.minimum(values, np.finfo(dtype).max, out=values)
         if flags is not None:
-            flags[rows, columns] = states
+            flags[own] = states
 
-    cells = list(_cells(part))
+    corners = product(range(row0, row1, CELL), range(col0, col1, CELL))
+    cells = [((r, min(r + CELL, row1)), (c, min(c + CELL, col1))) for r, c in corners]
     with ThreadPoolExecutor(max(threads, 1)) as pool:
-        list((pool.map if threads > 1 else map)(work, cells))
+        list(pool.map(score_cell, cells))
     return scores
+
+
+def _slices(window: Sequence[tuple[int, int]], origin: tuple[int, int]) -> tuple[slice, ...]:
+    """Where a window of the scene lies in an array whose first pixel is `origin`."""
+    return tuple(slice(start - first, stop - first) for (start, stop), first in zip(window, origin, strict=True))
 
 
 def _check_memory(bands: int, rule: WindowRule) -> None:
@@ -209,21 +193,12 @@ def _check_memory(bands: int, rule: WindowRule) -> None:
         )
 
 
-def _cells(part: Window) -> Iterator[Window]:
-    (row0, row1), (col0, col1) = part
-    for r in range(row0, row1, CELL):
-        for c in range(col0, col1, CELL):
-            yield (r, min(r + CELL, row1)), (c, min(c + CELL, col1))
-
-
 def _score_cell(
     block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: Window, rule: WindowRule
 ) -> tuple[Float64, npt.NDArray[np.uint8]]:
     """Scores and states of one cell."""
-    shape = (cell[0][1] - cell[0][0], cell[1][1] - cell[1][0])
-    scores, states = np.full(shape, np.nan), np.zeros(shape, np.uint8)
-    own = tuple(slice(a - first, b - first) for (a, b), first in zip(cell, origin, strict=True))
-    inside = good[own]
+    inside = good[_slices(cell, origin)]
+    scores, states = np.full(inside.shape, np.nan), np.zeros(inside.shape, np.uint8)
     if not inside.any():
         return scores, states
     if len(block) <= SUMS_BANDS:
@@ -241,7 +216,7 @@ def _score_cell(
 def _by_sums(
     x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states: npt.NDArray[np.uint8]
 ) -> None:  # fmt: skip
-    """Fill the scores of a cell from sums over its rings; x as `_padded` gives it."""
+    """Fill the scores of a cell from sums over its rings; x comes from `_padded`."""
     from ._local_kernel import ASIDE, distances, ring_moments
 
     bands, halo = len(x) - 1, rule.halo
@@ -256,18 +231,16 @@ def _by_sums(
 
 def _padded(block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: Window, rule: WindowRule) -> Float64:
     """The cell with its halo: 1 where it is valid, then the bands less a typical pixel; 0 where it is not."""
-    halo, (rows, columns) = rule.halo, cell
-    x = np.zeros((1 + len(block), rows[1] - rows[0] + 2 * halo, columns[1] - columns[0] + 2 * halo))
+    halo = rule.halo
+    x = np.zeros((1 + len(block), *(b - a + 2 * halo for a, b in cell)))
     if rule.border == "mirror":
         places = (_mirrored(np.arange(a - halo, b + halo), n) for (a, b), n in zip(cell, rule.size, strict=True))
         source: Any = np.ix_(*(p - first for p, first in zip(places, origin, strict=True)))
         inside = x
     else:  # what lies outside the scene stays 0
         spans = [(max(a - halo, 0), min(b + halo, n)) for (a, b), n in zip(cell, rule.size, strict=True)]
-        source = tuple(slice(a - first, b - first) for (a, b), first in zip(spans, origin, strict=True))
-        inside = x[
-            (slice(None), *(slice(a - c[0] + halo, b - c[0] + halo) for (a, b), c in zip(spans, cell, strict=True)))
-        ]
+        source = _slices(spans, origin)
+        inside = x[(slice(None), *_slices(spans, (cell[0][0] - halo, cell[1][0] - halo)))]
     inside[0] = known = good[source]
     for band, out in zip(block, inside[1:], strict=True):
         few = band[source][::4, ::4][known[::4, ::4]]  # a median: one extreme pixel does not move it

@@ -109,17 +109,12 @@ def find_moving(
     if not pixel > 0:
         raise InputError(f"pixel: allowed is above 0 m, got {pixel}.")
     sea = np.ones(bands.shape[1:], np.bool_) if water is None else np.asarray(water, np.bool_)
-    maps = [contrast(band, sea) for band in bands]
-    places = [_peaks(m, sea) for m in maps]
-    first = int(np.argmin(times))
+    places = [_peaks(contrast(band, sea), sea) for band in bands]
+    first, last = int(np.argmin(times)), int(np.argmax(times))
     density = [len(p) / max(int(np.count_nonzero(sea)), 1) for p in places]
-    meets = [min(math.pi * _NEAR**2 * d, 1.0) for d in density]
+    meets = [min(math.pi * _NEAR**2 * d, 1.0) for i, d in enumerate(density) if i not in (first, last)]
     reach = math.pi * (FASTEST * float(np.ptp(times)) / pixel) ** 2
-    last = int(np.argmax(times))
-    chance = (
-        len(places[first]) * reach * density[last] * math.prod(m for i, m in enumerate(meets) if i not in (first, last))
-    )
-    if chance > _CHANCE:
+    if len(places[first]) * reach * density[last] * math.prod(meets) > _CHANCE:
         return []
     found = [m for p in places[first] if (m := _followed(p, first, places, times, pixel)) is not None]
     return sorted(found, key=lambda m: -m.contrast)
@@ -147,10 +142,10 @@ def _followed(
     times: npt.NDArray[np.float64], pixel: float,
 ) -> Mover | None:  # fmt: skip
     """The even motion through all bands that fits a detection best; None where it has none, or does not move."""
-    last = int(np.argmax(times - times[first]))
+    last = int(np.argmax(times))
     span = float(times[last] - times[first])
     reach = FASTEST * span / pixel
-    best: tuple[float, Mover] | None = None
+    movers = []
     for end in places[last]:
         step = (end[:2] - start[:2]) / span
         if math.hypot(*(step * span)) > reach:
@@ -166,13 +161,11 @@ def _followed(
             track.append(spots[nearest, :2])
             peaks.append(spots[nearest, 2])
         else:
-            mover = _fitted(np.array(track), times, pixel, min(peaks))
-            if best is None or mover.error < best[0]:
-                best = mover.error, mover
-    if best is None:
+            movers.append(_fitted(np.array(track), times, pixel, min(peaks)))
+    best = min(movers, key=lambda m: m.error, default=None)
+    if best is None or best.speed > FASTEST or best.speed * span / pixel < max(_SLOWEST, 3 * best.error):
         return None
-    moved = best[1].speed * span / pixel
-    return best[1] if moved >= max(_SLOWEST, 3 * best[1].error) and best[1].speed <= FASTEST else None
+    return best
 
 
 def _fitted(track: npt.NDArray[np.float64], times: npt.NDArray[np.float64], pixel: float, least: float) -> Mover:

@@ -69,7 +69,7 @@ class Object:
         (top, bottom), (left, right) = self.bounds
         if self.footprint.all():  # most objects are a few pixels, and a call of GDAL takes 0.3 ms
             return ((_ring([(left, top), (left, bottom), (right, bottom), (right, top), (left, top)]),),)
-        place = Affine(1.0, 0.0, left, 0.0, 1.0, top)
+        place = Affine.translation(left, top)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             found = shapes(self.footprint.astype(np.uint8), mask=self.footprint, connectivity=4, transform=place)
@@ -195,18 +195,12 @@ def _described(
         top, left = int(down.min()), int(across.min())
         footprint = np.zeros((int(down.max()) + 1 - top, int(across.max()) + 1 - left), np.bool_)
         footprint[down - top, across - left] = True
-        out.append(
-            Object(
-                label=number,
-                score_max=float(values[own].max()),
-                score_mean=float(values[own].mean()),
-                size=len(own),
-                area=None if pixel_area is None else len(own) * pixel_area,
-                centroid=(float(down.mean()), float(across.mean())),
-                bounds=((top, top + footprint.shape[0]), (left, left + footprint.shape[1])),
-                footprint=footprint,
-            )
-        )
+        out.append(Object(
+            label=number, score_max=float(values[own].max()), score_mean=float(values[own].mean()), size=len(own),
+            area=None if pixel_area is None else len(own) * pixel_area,
+            centroid=(float(down.mean()), float(across.mean())),
+            bounds=((top, top + footprint.shape[0]), (left, left + footprint.shape[1])), footprint=footprint,
+        ))  # fmt: skip
     return out
 
 
@@ -223,16 +217,16 @@ def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str,
 
 
 def _feature(found: Object, move: Move) -> dict[str, Any]:
-    shapes = [[_turned(move(ring), hole=i > 0) for i, ring in enumerate(polygon)] for polygon in found.outline]
-    single = len(shapes) == 1
+    """An object as GeoJSON."""
+    polygons = [[_turned(move(ring), hole=i > 0) for i, ring in enumerate(polygon)] for polygon in found.outline]
+    kind, coordinates = ("Polygon", polygons[0]) if len(polygons) == 1 else ("MultiPolygon", polygons)
     (row0, row1), (col0, col1) = found.bounds
     properties = {
         "label": found.label, "score_max": found.score_max, "score_mean": found.score_mean, "pixels": found.size,
         "area_m2": found.area, "row": found.centroid[0], "column": found.centroid[1],
         "window": [col0, row0, col1 - col0, row1 - row0],
     }  # fmt: skip
-    geometry = {"type": "Polygon", "coordinates": shapes[0]} if single else {
-        "type": "MultiPolygon", "coordinates": shapes}  # fmt: skip
+    geometry = {"type": kind, "coordinates": coordinates}
     return {"type": "Feature", "id": found.label, "properties": properties, "geometry": geometry}
 
 

@@ -10,6 +10,9 @@ subspace     rx without the leading eigenvectors of C
 residual     rx of what is left of each band after regression on reference bands (the NIR, say)
 ===========  =====================================================================================
 
+A `Detector` is a matrix made once from a `detect.background.Background`; `score` applies it to blocks, pixel by
+pixel, so that it needs no halo and any tiling gives the same bits. Nothing here opens a file or chooses a threshold.
+
 References
 ----------
 Reed, Yu (1990), "Adaptive multiple-band CFAR detection of an optical pattern with unknown spectral distribution", IEEE
@@ -23,6 +26,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
@@ -30,11 +35,164 @@ import numpy as np
 import numpy.typing as npt
 
 from deglint.checks import checked_keywords
+from deglint.errors import FitError, InputError
 
-from .background import RIDGE, Background, Mask, Scores, as_image, as_mask, default_threads, fit
-from .detector import GLOBAL_METHODS, Detector, detector, score
+from .background import RIDGE, Background, Float64, Mask, Scores, as_image, as_mask, default_threads, fit
+from .covariance import TOLERANCE, whitener
 
-__all__ = ["GLOBAL_METHODS", "Detector", "detector", "residual_rx", "rx", "rx_utd", "score", "subspace_rx", "utd"]
+GLOBAL_METHODS = {
+    "rx": "squared Mahalanobis distance",
+    "utd": "uniform target detector: likeness to a spectrum of ones",
+    "rx-utd": "rx less utd",
+    "subspace": "rx without the leading eigenvectors of the covariance (--drop)",
+    "residual": "rx of the bands' residuals after regression on the NIR",
+}
+"""Detectors that compare with one background for the whole scene."""
+_CHUNK = 1024
+"""Least pixels scored at a time: their whitened values stay in the cache."""
+_PRODUCTS = 1 << 18
+"""Multiplications of a matrix product that are made at a time: OpenBLAS does not wake its threads for them."""
+_STRIP_PIXELS = 1 << 19
+"""Pixels that a thread scores at a time."""
+_NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
+"""Standard deviations by which a mean may be off, by the type of the scores."""
+
+
+@dataclass(frozen=True, eq=False)
+class Detector:
+    """A detector ready to use: scores are norm(whiten d)^2 + linear . d with d = x - mean.
+
+    Attributes
+    ----------
+    mean, rest : (bands,) ndarray
+        The mean is mean + rest.
+    whiten : (rank, bands) ndarray
+    linear : (bands,) ndarray or None
+    """
+
+    mean: Float64
+    rest: Float64
+    whiten: Float64
+    linear: Float64 | None = None
+
+    @property
+    def rank(self) -> int:
+        """Degrees of freedom: for rx, the mean score of the background is this times (n - 1) / n."""
+        return len(self.whiten)
+
+
+def detector(method: str, background: Background, *, drop: int = 1, nir: Sequence[int] = ()) -> Detector:
+    """Make a detector from a background.
+
+    Parameters
+    ----------
+    method : str
+        A key of `GLOBAL_METHODS`.
+    background : Background
+    drop : int
+        For "subspace": leading eigenvectors to leave out.
+    nir : sequence of int
+        For "residual": 0-based bands that the others are regressed on.
+
+    Raises
+    ------
+    InputError
+        A method that is not known, or `drop` or `nir` that leave nothing.
+    FitError
+        No band of the background varies.
+    """
+    if method not in GLOBAL_METHODS:
+        raise InputError(f"method {method!r} is not one of {', '.join(GLOBAL_METHODS)}.")
+    whiten = whitener(background.covariance)
+    if not len(whiten):
+        raise FitError("no band of the background varies, so no pixel can exceed it. Check bands and nodata.")
+    mean, rest = background.mean, background.rest
+    if method == "subspace":
+        return Detector(mean, rest, _subspace(background.covariance, drop))
+    if method == "residual":
+        return Detector(mean, rest, _residual(background.covariance, nir))
+    if method in ("utd", "rx-utd"):
+        likeness = whiten.T @ (whiten @ (1 - mean))
+        whiten, linear = (whiten[:0], likeness) if method == "utd" else (whiten, -likeness)
+        return Detector(mean, rest, whiten, linear)
+    return Detector(mean, rest, whiten)
+
+
+def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None, *, threads: int = 1) -> Scores:
+    """Scores of a block, as those of `rx`: computed in float64; NaN where a band is not finite, or outside the mask."""
+    image = np.asarray(image)
+    if len(image) != len(detector.mean):
+        raise InputError(f"the image has {len(image)} bands, the background {len(detector.mean)}. Use the same.")
+    flat = np.ascontiguousarray(image).reshape(len(image), -1)
+    out: Scores = np.empty(flat.shape[1], np.float64 if image.dtype == np.float64 else np.float32)
+    matrix = detector.whiten if detector.linear is None else np.vstack([detector.whiten, detector.linear])
+
+    def fill_strip(first: int) -> None:
+        with np.errstate(invalid="ignore", over="ignore"):
+            _fill(flat[:, first : first + _STRIP_PIXELS], detector, matrix, out[first : first + _STRIP_PIXELS])
+
+    with ThreadPoolExecutor(max(threads, 1)) as pool:
+        list(pool.map(fill_strip, range(0, len(out), _STRIP_PIXELS)))
+    with np.errstate(invalid="ignore", over="ignore"):
+        # what is finite but too large for the output's type stays the largest of all; the rest is not valid
+        bad = ~np.isfinite(out)
+        if bad.any():
+            fine = np.isfinite(flat[:, bad]).all(axis=0)
+            out[bad] = np.where(fine, np.copysign(float(np.finfo(out.dtype.name).max), out[bad]), np.nan)
+    scores: Scores = out.reshape(image.shape[1:])
+    if mask is not None:
+        scores[~mask] = np.nan
+    return scores
+
+
+def _fill(flat: npt.NDArray[Any], detector: Detector, matrix: Float64, out: Scores) -> None:
+    """Fill `out` with the scores of (bands, pixels); `matrix` is `detector.whiten`, with `linear` as its last row."""
+    rank, moved = len(detector.whiten), (matrix @ detector.rest)[:, None]
+    shifted = bool(np.abs(moved).max(initial=0) > _NEGLIGIBLE[out.dtype])
+    # always the same width: BLAS may add in another order at the end of a shorter one
+    width = min(max(_PRODUCTS // max(matrix.size, 1), _CHUNK), 8 * _CHUNK)
+    centred = np.zeros((len(flat), width))
+    for start in range(0, len(out), width):
+        part = flat[:, start : start + width]
+        count = part.shape[1]
+        np.subtract(part, detector.mean[:, None], out=centred[:, :count])
+        z = matrix @ centred
+        if shifted:
+            z -= moved
+        np.square(z[:rank], out=z[:rank])
+        out[start : start + count] = np.add.reduce(z, axis=0)[:count]
+
+
+def _subspace(covariance: Float64, drop: int) -> Float64:
+    """Matrix that whitens without the leading eigenvectors of the covariance."""
+    values, vectors = np.linalg.eigh(covariance)
+    kept = np.flatnonzero(values > TOLERANCE * len(values) * values[-1])
+    if not 0 <= drop < len(kept):
+        raise InputError(f"drop: want 0 to {len(kept) - 1} of the {len(kept)} eigenvectors, got {drop}.")
+    kept = kept[: len(kept) - drop]
+    return np.asarray(vectors[:, kept].T / np.sqrt(values[kept])[:, None])
+
+
+def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
+    """Matrix that regresses the bands on the NIR and whitens what is left."""
+    bands = len(covariance)
+    reference = sorted({int(b) for b in nir})
+    others = [b for b in range(bands) if b not in reference]
+    if not reference or not others or reference[0] < 0 or reference[-1] >= bands:
+        raise InputError(f"nir: want some of the bands 0 to {bands - 1}, not all, got {list(nir)}.")
+    inverse = whitener(covariance[np.ix_(reference, reference)])
+    cross = covariance[np.ix_(others, reference)]
+    slopes = cross @ inverse.T @ inverse
+    left = covariance[np.ix_(others, others)] - slopes @ cross.T
+    # a band that the reference explains to the last digit is left out, as a constant one would be
+    whole = np.diag(covariance)[others]
+    gone = np.diag(left) <= TOLERANCE * bands * whole
+    left[gone] = 0
+    left[:, gone] = 0
+    whiten = whitener(left)
+    out = np.zeros((len(whiten), bands))
+    out[:, others], out[:, reference] = whiten, -whiten @ slopes
+    return out
 
 
 @checked_keywords()
@@ -91,16 +249,11 @@ def rx(
     >>> np.unravel_index(scores.argmax(), scores.shape) == (20, 30)
     True
     """
-    return _run("rx", image, background, _valid(image, as_mask(mask, image), nodata), covariance, ridge, threads)
-
-
-def _valid(image: npt.NDArray[Any], mask: Mask | None, nodata: float | None) -> Mask | None:
-    """The mask without pixels that are not valid in some band."""
+    mask = as_mask(mask, image)
     for bad in (np.ma.getmask(image), None if nodata is None else np.asarray(image) == nodata):
         if bad is not None and np.any(bad):
-            valid = ~np.any(bad, axis=0)
-            mask = valid if mask is None else mask & valid
-    return mask
+            mask = both(mask, ~np.any(bad, axis=0))
+    return _run("rx", image, background, mask, covariance, ridge, threads)
 
 
 @checked_keywords()
@@ -149,15 +302,19 @@ def _run(
     method: str, image: npt.NDArray[Any], background: Background | Mask | None, mask: Mask | None,
     covariance: str = "empirical", ridge: float = RIDGE, threads: int | None = None, **options: Any,
 ) -> Scores:  # fmt: skip
+    """Fit a background where none is given, and score the image."""
     image = as_image(image)
     mask = as_mask(mask, image)
     threads = threads or default_threads(image)
     if not isinstance(background, Background):
-        inside = as_mask(background, image)
-        inside = mask if inside is None else inside if mask is None else inside & mask
+        inside = both(as_mask(background, image), mask)
         background = fit(image, mask=inside, covariance=covariance, ridge=ridge, threads=threads)
-    ready = detector(method, background, **options)
-    return score(image, ready, mask, threads=threads)
+    return score(image, detector(method, background, **options), mask, threads=threads)
+
+
+def both(a: Mask | None, b: Mask | None) -> Mask | None:
+    """Where two masks are True; None is everywhere."""
+    return b if a is None else a if b is None else a & b
 
 
 class _Callable(ModuleType):

@@ -62,8 +62,7 @@ def fit(
     InputError, BandError, FitError, NoWaterError
         As `score`.
     """
-    need_xarray()
-    recipe = recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
+    recipe = _recipe(recipe)
     if recipe.method in ("local", "sea", "lines"):
         raise InputError(f"{recipe.method} has a background for every pixel: there is none to fit.")
     recipe = replace(recipe, method="rx") if recipe.method == "auto" else recipe
@@ -105,8 +104,7 @@ def score(
     InputError, BandError, FitError, NoWaterError
         As `detect.pipeline.score_file`; the optional dependency is missing.
     """
-    need_xarray()
-    recipe = recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
+    recipe = _recipe(recipe)
     if recipe.method == "lines":
         raise InputError("lines are scored in the order in which they come: iterate over detect.score_lines.")
     if background is not None and background.names and not recipe.bands:
@@ -155,6 +153,13 @@ def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
     return score(array, Recipe(method="rx", **options), background=background)
 
 
+def _recipe(recipe: Recipe | str) -> Recipe:
+    """A recipe, also of a method's name; an error where xarray is missing."""
+    need_xarray()
+    return recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
+
+
 def _scored(work: Scoring, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
+    """Scores of a tile of another scene than that of the plan."""
     plan = replace(work.plan, scene=scene, mask=replace(work.plan.mask, scene=scene))
     return replace(work, plan=plan)(tile).scores[None]

@@ -12,7 +12,7 @@ from deglint.physics.presets import preset
 from deglint.physics.sensor import noise_equivalent_radiance
 from deglint.remove import METHODS
 from detect.bench import compare, measure, report, run, scenes
-from detect.bench.numbers import Number, over_seeds, timed
+from detect.bench.compare import Number, over_seeds, timed
 from detect.bench.run import DEFAULT, RAW
 from detect.report import plots
 

@@ -1,4 +1,4 @@
-"""Compare two runs of the benchmark.
+"""Measured numbers with their intervals, and the comparison of two runs of the benchmark.
 
 A number is better or worse when its interval does not overlap the old one. A time must also move by more than 10 %, and
 times of different machines are not compared.
@@ -7,20 +7,57 @@ times of different machines are not compared.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from statistics import mean, median, stdev
 from typing import Any, Literal
 
 from deglint.errors import InputError
 
-from .numbers import Number
-
+Better = Literal["lower", "higher"]
 Verdict = Literal["worse", "slower", "better", "faster", "changed", "gone", "new"]
 ORDER: tuple[Verdict, ...] = ("worse", "slower", "better", "faster", "changed", "gone", "new")
 ROUNDING = 1e-6
 """Relative change below which a number is the same: other processors sum in another order."""
 TIME_CHANGE = 0.1
 """Relative change above which a time is faster or slower."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A measured number; its range is the 95 % interval of the mean over seeds, or that of repeated timings."""
+
+    value: float
+    low: float = math.nan  # of a single value
+    high: float = math.nan
+    unit: str = ""  # "%", "s", "ns", or "" for a ratio
+    better: Better = "lower"
+    exact: bool = True  # the same on every machine for the same seeds and versions; False for times
+
+    def __str__(self) -> str:
+        spread = "" if math.isnan(self.low) else f" ({short(self.low)}-{short(self.high)})"
+        return short(self.value) + spread
+
+
+def short(value: float) -> str:
+    """A value with three digits, and no power of ten where it is large."""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower", most: float = math.inf) -> Number:
+    """Mean over seeds and its 95 % interval (Student's t), cut at 0 and at `most`, where the values cannot be."""
+    from scipy.stats import t
+
+    centre = mean(values)
+    if len(values) < 2 or math.isnan(centre):
+        return Number(centre, unit=unit, better=better)
+    half = float(t.ppf(0.975, len(values) - 1)) * stdev(values) / math.sqrt(len(values))
+    return Number(centre, max(centre - half, 0.0), min(centre + half, most), unit, better)
+
+
+def timed(values: Sequence[float], unit: str = "s") -> Number:
+    """Median of repeated timings and their range."""
+    return Number(median(values), min(values), max(values), unit, exact=False)
 
 
 @dataclass(frozen=True)

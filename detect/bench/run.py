@@ -17,8 +17,8 @@ from deglint.physics.presets import preset
 from deglint.remove import METHODS
 
 from ..roc import object_curve
+from .compare import Number, over_seeds, timed
 from .measure import VISIBLE_BANDS, Float64, curves, rms_error, rx_scores
-from .numbers import Number, over_seeds, timed
 from .scenes import REFLECTANCES, TrueScene, simulated
 
 DEFAULT, RAW, LIMIT = "default", "raw", "noise only"
@@ -39,28 +39,14 @@ def removals() -> dict[str, dict[str, str]]:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is measured.
+    """How much is measured."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Keys of `removals`.
-    winds, delays : tuple of float
-        [m/s], [s]
-    seeds : int
-        Scenes of each condition.
-    side : int
-        Rows and columns of the scene that is timed [pixel].
-    rounds : int
-        Repeated timings.
-    """
-
-    names: tuple[str, ...]
-    winds: tuple[float, ...] = (3.0, 5.0, 9.0, 12.0)
-    delays: tuple[float, ...] = (0.0, 0.06)
-    seeds: int = 5
-    side: int = 768
-    rounds: int = 5
+    names: tuple[str, ...]  # keys of `removals`
+    winds: tuple[float, ...] = (3.0, 5.0, 9.0, 12.0)  # [m/s]
+    delays: tuple[float, ...] = (0.0, 0.06)  # from band to band [s]
+    seeds: int = 5  # scenes of each condition
+    side: int = 768  # rows and columns of the scene that is timed [pixel]
+    rounds: int = 5  # repeated timings
 
     @classmethod
     def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Effort:
@@ -80,29 +66,18 @@ class Quality:
     """One image against its truth: RMS errors [% of the water level], and arrays with one row for each reflectance."""
 
     whole: float
-    deep: float
-    """Error of the deep water alone."""
-    auc: Float64
-    """Area under the ROC curve of global RX on the visible bands, by pixels."""
-    found: Float64
-    """Fraction of the objects found at `PFA`."""
-    curve: Float64
-    """Pd at `GRID`."""
+    deep: float  # of the deep water alone
+    auc: Float64  # area under the ROC curve of global RX on the visible bands, by pixels
+    found: Float64  # fraction of the objects found at `PFA`
+    curve: Float64  # Pd at `GRID`
 
 
 @dataclass(frozen=True)
 class Results:
     """All that was measured.
 
-    Attributes
-    ----------
-    effort : Effort
-    images : dict
-        Quality of one image for each seed, by condition and removal. Also of `RAW` and `LIMIT`.
-    fit, apply : dict of str to Number
-        Processor time on one thread, of the timed scene [s].
-    refused : dict of str to str
-        Why a method cannot be used on the scenes.
+    `images` holds the quality of one image for each seed, by condition and removal, and of `RAW` and `LIMIT`; `fit` and
+    `apply` the processor time on one thread, of the timed scene [s]; `refused` why a method cannot be used.
     """
 
     effort: Effort

@@ -50,6 +50,7 @@ class TrueScene:
     file: Path
 
     def _radiance(self, counts: npt.NDArray[np.integer]) -> Float64:
+        """Numbers in the file as radiance."""
         sensor = self.made.setup.sensor
         return np.asarray(counts * np.array([sensor.scale(b) for b in sensor.bands])[:, None, None])
 
@@ -91,10 +92,8 @@ class TrueScene:
         import cv2
 
         labels = self.made.objects.astype(np.int64)
-        near = (
-            cv2.dilate((labels > 0).astype(np.uint8), np.ones((2 * BLURRED_EDGE + 1, 2 * BLURRED_EDGE + 1), np.uint8))
-            > 0
-        )
+        around = np.ones((2 * BLURRED_EDGE + 1, 2 * BLURRED_EDGE + 1), np.uint8)
+        near = cv2.dilate((labels > 0).astype(np.uint8), around) > 0
         return np.where(labels > 0, (labels - 1) % len(REFLECTANCES) + 1, np.where(near, -1, 0))
 
 

@@ -139,6 +139,7 @@ def compare(old: str, new: str, **given: Any) -> None:
 
 
 def _read(path: str, role: str) -> Any:
+    """The JSON in a file."""
     from deglint.errors import InputError
     from deglint.readers.text import read_text
 

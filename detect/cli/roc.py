@@ -6,6 +6,7 @@ import json
 import logging
 import shlex
 import time
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -18,34 +19,21 @@ from deglint.cli.options import FILE
 log = logging.getLogger(__name__)
 
 
+# fmt: off
 @click.command(cls=Judging, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("scores", nargs=-1, required=True, type=FILE, metavar="SCORES [SCORES ...]")
 @click.argument("truth", type=FILE, metavar="TRUTH")
 @click.option("--report", type=FILE, metavar="FILE.html", help="Write the report, one file; FILE.html.json beside it.")
 @click.option("--per-object", is_flag=True, help="Count objects found and false alarms (connected parts), too.")
 @click.option("--connected", is_flag=True, help="Connected pixels of TRUTH are an object, whatever their numbers.")
-@click.option(
-    "--mask", type=FILE, metavar="FILE|WINDOW", help="Judge only here: a raster (not 0), GeoJSON or window of pixels."
-)
-@click.option(
-    "--pfa-max",
-    type=click.FloatRange(0, 1, min_open=True),
-    default=0.1,
-    show_default=True,
-    metavar="PFA",
-    help="Partial areas and object counts go up to this false-alarm rate.",
-)
-@click.option(
-    "--bootstrap",
-    "draws",
-    type=click.IntRange(0, 100_000),
-    default=1000,
-    show_default=True,
-    metavar="N",
-    help="Draws of objects and blocks for the intervals; 0: none.",
-)
-@click.option("--block", type=click.IntRange(1), metavar="PIXELS", help="Side of those blocks. [default: 1/24 of the "
-              "scene, at least 16]")  # fmt: skip
+@click.option("--mask", type=FILE, metavar="FILE|WINDOW",
+              help="Judge only here: a raster (not 0), GeoJSON or window of pixels.")
+@click.option("--pfa-max", type=click.FloatRange(0, 1, min_open=True), default=0.1, show_default=True, metavar="PFA",
+              help="Partial areas and object counts go up to this false-alarm rate.")
+@click.option("--bootstrap", "draws", type=click.IntRange(0, 100_000), default=1000, show_default=True, metavar="N",
+              help="Draws of objects and blocks for the intervals; 0: none.")
+@click.option("--block", type=click.IntRange(1), metavar="PIXELS",
+              help="Side of those blocks. [default: 1/24 of the scene, at least 16]")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
 @click.option("--lower-is-anomalous", "lower", is_flag=True, help="Low scores are anomalous, not high ones.")
 @click.option("--json", "as_json", is_flag=True, help="Print every number as JSON on stdout, and nothing else there.")
@@ -61,7 +49,7 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     \b
     rxdetect roc scores.tif truth.tif
     rxdetect roc global.tif local.tif truth.tif --per-object --report roc.html
-    """  # fmt: skip
+    """
     from deglint.raster.environment import environment
     from deglint.raster.output import Scratch, plain, write_json, write_text
     from deglint.raster.targets import check_targets
@@ -73,35 +61,31 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
 
     if given["report"]:
         check_installed("--report")
-    report = None if given["report"] is None else Path(given["report"])
-    beside = None if report is None else Path(f"{report}.json")
+    targets = () if given["report"] is None else (Path(given["report"]), Path(f"{given['report']}.json"))
     reads = {"a SCORES file": scores, "TRUTH": [truth], "--mask": [given["mask"] or ""]}
     with environment():
-        check_targets([p for p in (report, beside) if p is not None], reads, overwrite=given["overwrite"])
-    request = Request(
-        scores=scores, truth=truth, mask=given["mask"], pfa_max=given["pfa_max"], draws=given["draws"],
-        seed=given["seed"], block=given["block"], per_object=given["per_object"], lower=given["lower"],
-        connected=given["connected"],
-    )  # fmt: skip
+        check_targets(targets, reads, overwrite=given["overwrite"])
+    request = Request(scores, truth, **{f.name: given[f.name] for f in fields(Request) if f.name in given})
     start = time.perf_counter()
     with Console(given) as console, environment():
         checksum = begin_inputs(request)
         found = evaluate(request, console.progress)
         made = provenance(request, _command(scores, truth, given), time.perf_counter() - start, checksum)
         numbers = plain(found.numbers | {"made": made})
-        if report is not None and beside is not None:
+        if targets:
             with Scratch(overwrite=given["overwrite"]) as scratch:
-                write_text(scratch, report, page(found, made))
-                write_json(scratch, beside, numbers)
+                write_text(scratch, targets[0], page(found, made))
+                write_json(scratch, targets[1], numbers)
         for note in numbers["notes"]:
             log.info("note: %s", note)
-        if report is not None:
-            log.info("%s and %s: written in %.2f s", report, beside, time.perf_counter() - start)
+        if targets:
+            log.info("%s and %s: written in %.2f s", *targets, time.perf_counter() - start)
     if given["as_json"]:
         click.echo(json.dumps(numbers, indent=2))
     elif not given["quiet"]:
         for line in table(numbers):
             click.echo(line)
+# fmt: on
 
 
 def _command(scores: tuple[str, ...], truth: str, given: dict[str, Any]) -> str:

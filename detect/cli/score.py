@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 import click
@@ -30,177 +32,83 @@ SIDE_NAMES = ("auto", "bright", "both")
 BORDER_NAMES = ("shrink", "mirror", "shift")
 
 
-def window(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int, int]:
-    """Read "INNER,OUTER"."""
-    try:
-        inner, outer = (int(part) for part in value.split(","))
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is not INNER,OUTER, such as 5,21.") from None
-    return inner, outer
+def pair(kind: type, name: str, example: str) -> Callable[..., tuple[Any, Any]]:
+    """A callback that reads two numbers with a comma between."""
+
+    def read(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[Any, Any]:
+        try:
+            first, second = (kind(part) for part in value.split(","))
+        except ValueError:
+            raise click.BadParameter(f"{value!r} is not {name}, such as {example}.") from None
+        return first, second
+
+    return read
 
 
-def sizes(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[float, float]:
-    """Read "LENGTH,WIDTH"."""
-    try:
-        length, width = (float(part) for part in value.split(","))
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is not LENGTH,WIDTH, such as 400,60.") from None
-    return length, width
-
-
+# fmt: off
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("inputs", nargs=-1, type=FILE, metavar="IN [IN ...]")
 @click.argument("output", type=FILE, metavar="OUT")
-@click.option(
-    "--method",
-    type=click.Choice(METHOD_NAMES),
-    default="auto",
-    help="auto: sea where there is water, else rx. Compared with the water around, ships and boats of the sea "
-    "included: sea. Compared with the whole background: rx, utd, rx-utd, subspace (rx without the leading "
-    "eigenvectors), residual (rx after regression on the NIR). Compared with the ring around each pixel: local. "
-    "Compared with the lines before: lines.",
-)
-@click.option(
-    "--lines",
-    is_flag=True,
-    help="The same as --method lines: score line by line, in the order of the file, in bounded memory.",
-)
-@click.option(
-    "--window",
-    default="5,21",
-    callback=window,
-    metavar="INNER,OUTER",
-    help="For local: sides of the guard and of the window around it, odd, in pixels. The guard should hold the "
-    "largest object.",
-)
-@click.option(
-    "--border",
-    type=click.Choice(BORDER_NAMES),
-    default="shrink",
-    help="For local, at the scene's edge: the window loses what is outside, mirrors the scene, or moves inside.",
-)
-@click.option(
-    "--covariance",
-    type=click.Choice(COVARIANCE_NAMES),
-    default="empirical",
-    help="How it is estimated; mcd is robust: of the core of the background alone. local: empirical or ridge.",
-)
-@click.option(
-    "--ridge",
-    type=click.FloatRange(0),
-    default=1e-3,
-    metavar="SHARE",
-    help="For --covariance ridge: add this share of each band's variance.",
-)
-@click.option(
-    "--drop",
-    type=click.IntRange(0),
-    default=1,
-    metavar="N",
-    help="For subspace: leading eigenvectors to leave out.",
-)
-@click.option(
-    "--background",
-    type=FILE,
-    default="",
-    metavar="FILE|WINDOW",
-    help="What pixels are compared with: polygons (GeoJSON), a mask raster (not 0), a window "
-    "column,row,width,height, or a saved "
-    "background.",
-    show_default="every valid pixel",
-)
-@click.option(
-    "--save-background", type=FILE, metavar="FILE.json", help="Write the fitted background, to use on another scene."
-)
-@click.option(
-    "-b",
-    "--band",
-    "bands",
-    multiple=True,
-    callback=names,
-    metavar="BAND[,BAND]",
-    show_default="all",
-    help="Bands to use, by name or number (from 1).",
-)
-@click.option(
-    "--mask",
-    type=FileName("auto", "none", "water"),
-    default="auto",
-    metavar="auto|none|water|FILE|WINDOW",
-    help="Where to score: everywhere, on water as found in the scene, or in a raster (not 0) or GeoJSON. What lies "
-    "outside is in no background either; sea closes it over what floats. auto: water for sea, else everywhere.",
-)
-@click.option(
-    "--pfa",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    metavar="RATE",
-    help="False alarms wanted per pixel, such as 1e-4: find the threshold for it.",
-)
-@click.option(
-    "--threshold",
-    type=click.Choice(THRESHOLD_NAMES),
-    default="gpd",
-    help="How it is found: by a law fitted to the scores' tail, their own quantile, or the law of a normal background "
-    "(F, or chi-squared), which real scenes seldom keep.",
-)
-@click.option(
-    "--false-per-km2",
-    type=click.FloatRange(0, min_open=True),
-    metavar="RATE",
-    help="For sea, in place of --pfa: false objects wanted per square kilometre of sea, such as 0.1.",
-)
-@click.option(
-    "--largest-object",
-    default="400,60",
-    callback=sizes,
-    metavar="LENGTH,WIDTH",
-    help="For sea: length and width of the largest object that floats, in metres; 0,0 searches the mask as it is.",
-)
-@click.option(
-    "--side",
-    type=click.Choice(SIDE_NAMES),
-    default="auto",
-    help="For sea: search what is brighter than the water around, or what is darker, too. auto: bright from pixels of "
-    "5 m on, else both.",
-)
-@click.option(
-    "--objects",
-    type=FILE,
-    metavar="FILE.geojson|.gpkg",
-    help="Write outlines, places (WGS 84), sizes and scores of what exceeds the threshold; a .gpkg gets a QGIS style.",
-)
-@click.option(
-    "--moving",
-    is_flag=True,
-    help="Give objects a speed and a heading, where three bands or more look at known, different times.",
-)
+@click.option("--method", type=click.Choice(METHOD_NAMES), default="auto",
+              help="auto: sea where there is water, else rx. Compared with the water around, ships and boats of the "
+              "sea included: sea. Compared with the whole background: rx, utd, rx-utd, subspace (rx without the "
+              "leading eigenvectors), residual (rx after regression on the NIR). Compared with the ring around each "
+              "pixel: local. Compared with the lines before: lines.")
+@click.option("--lines", is_flag=True,
+              help="The same as --method lines: score line by line, in the order of the file, in bounded memory.")
+@click.option("--window", default="5,21", callback=pair(int, "INNER,OUTER", "5,21"), metavar="INNER,OUTER",
+              help="For local: sides of the guard and of the window around it, odd, in pixels. The guard should hold "
+              "the largest object.")
+@click.option("--border", type=click.Choice(BORDER_NAMES), default="shrink",
+              help="For local, at the scene's edge: the window loses what is outside, mirrors the scene, or moves "
+              "inside.")
+@click.option("--covariance", type=click.Choice(COVARIANCE_NAMES), default="empirical",
+              help="How it is estimated; mcd is robust: of the core of the background alone. local: empirical or "
+              "ridge.")
+@click.option("--ridge", type=click.FloatRange(0), default=1e-3, metavar="SHARE",
+              help="For --covariance ridge: add this share of each band's variance.")
+@click.option("--drop", type=click.IntRange(0), default=1, metavar="N",
+              help="For subspace: leading eigenvectors to leave out.")
+@click.option("--background", type=FILE, default="", metavar="FILE|WINDOW", show_default="every valid pixel",
+              help="What pixels are compared with: polygons (GeoJSON), a mask raster (not 0), a window "
+              "column,row,width,height, or a saved background.")
+@click.option("--save-background", type=FILE, metavar="FILE.json",
+              help="Write the fitted background, to use on another scene.")
+@click.option("-b", "--band", "bands", multiple=True, callback=names, metavar="BAND[,BAND]", show_default="all",
+              help="Bands to use, by name or number (from 1).")
+@click.option("--mask", type=FileName("auto", "none", "water"), default="auto", metavar="auto|none|water|FILE|WINDOW",
+              help="Where to score: everywhere, on water as found in the scene, or in a raster (not 0) or GeoJSON. "
+              "What lies outside is in no background either; sea closes it over what floats. auto: water for sea, else "
+              "everywhere.")
+@click.option("--pfa", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="RATE",
+              help="False alarms wanted per pixel, such as 1e-4: find the threshold for it.")
+@click.option("--threshold", type=click.Choice(THRESHOLD_NAMES), default="gpd",
+              help="How it is found: by a law fitted to the scores' tail, their own quantile, or the law of a normal "
+              "background (F, or chi-squared), which real scenes seldom keep.")
+@click.option("--false-per-km2", type=click.FloatRange(0, min_open=True), metavar="RATE",
+              help="For sea, in place of --pfa: false objects wanted per square kilometre of sea, such as 0.1.")
+@click.option("--largest-object", default="400,60", callback=pair(float, "LENGTH,WIDTH", "400,60"),
+              metavar="LENGTH,WIDTH", help="For sea: length and width of the largest object that floats, in metres; "
+              "0,0 searches the mask as it is.")
+@click.option("--side", type=click.Choice(SIDE_NAMES), default="auto",
+              help="For sea: search what is brighter than the water around, or what is darker, too. auto: bright from "
+              "pixels of 5 m on, else both.")
+@click.option("--objects", type=FILE, metavar="FILE.geojson|.gpkg",
+              help="Write outlines, places (WGS 84), sizes and scores of what exceeds the threshold; a .gpkg gets a "
+              "QGIS style.")
+@click.option("--moving", is_flag=True,
+              help="Give objects a speed and a heading, where three bands or more look at known, different times.")
 @click.option("--chips", type=FILE, metavar="FOLDER", help="Write a picture of every object: raw, clean, score.")
 @click.option("--min-size", type=click.IntRange(1), default=1, metavar="PIXELS", help="Drop smaller objects.")
-@click.option(
-    "--merge-distance",
-    type=click.FloatRange(0),
-    default=0.0,
-    metavar="PIXELS",
-    help="Parts no further apart are one object.",
-)
-@click.option(
-    "--p-value", type=FILE, metavar="FILE", help="Write the probability of such a score over a normal background."
-)
-@click.option(
-    "--flags",
-    type=FILE,
-    metavar="FILE",
-    help="Write why a pixel has no score, or what to know of it: 1 nodata, 2 outside --mask, 4 outside --background, "
-    "8 ring of lower rank, 16 ring of too few pixels.",
-)
-@click.option(
-    "--co",
-    "options",
-    multiple=True,
-    callback=creation_options,
-    metavar="NAME=VALUE",
-    help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
-)
+@click.option("--merge-distance", type=click.FloatRange(0), default=0.0, metavar="PIXELS",
+              help="Parts no further apart are one object.")
+@click.option("--p-value", type=FILE, metavar="FILE",
+              help="Write the probability of such a score over a normal background.")
+@click.option("--flags", type=FILE, metavar="FILE",
+              help="Write why a pixel has no score, or what to know of it: 1 nodata, 2 outside --mask, 4 outside "
+              "--background, 8 ring of lower rank, 16 ring of too few pixels.")
+@click.option("--co", "options", multiple=True, callback=creation_options, metavar="NAME=VALUE",
+              help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.")
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
 @on_cluster
@@ -220,25 +128,23 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     rxdetect score scene.tif scores.tif --background sea.geojson --save-background sea.json
     rxdetect score other.tif scores2.tif --background sea.json
     rxdetect score strip.tif scores.tif --lines --pfa 1e-4 --objects found.geojson
-    """  # fmt: skip
+    """
     needs_output(inputs, output, "rxdetect score")
     if given.pop("lines"):
         if given["method"] not in ("auto", "lines"):
             raise click.UsageError(f"--lines is a method of its own: leave out --method {given['method']}.")
         given["method"] = "lines"
     begin_checksum(inputs)
-    fields = ("method", "window", "border", "covariance", "ridge", "background", "bands", "nir", "drop", "mask", "pfa",
-              "threshold", "min_size", "merge_distance", "false_per_km2", "largest_object", "side",
-              "moving")  # fmt: skip
     with Console(given) as console, cluster_of(given) as cluster:
         from ..pipeline import Recipe, score_file
 
+        recipe = Recipe(**{f.name: given[f.name] for f in fields(Recipe) if f.name in given})
         result = score_file(
-            list(inputs), output, Recipe(**{name: given[name] for name in fields}),
-            **opening(given), threads=given["threads"], cluster=cluster,
+            list(inputs), output, recipe, **opening(given), threads=given["threads"], cluster=cluster,
             progress=console.progress, p_value=given["p_value"], flags=given["flags"], objects=given["objects"],
             background=given["save_background"], chips=given["chips"], overwrite=given["overwrite"],
             options=given["options"],
-        )  # fmt: skip
+        )
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
+# fmt: on

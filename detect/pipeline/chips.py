@@ -70,10 +70,10 @@ def _around(start: int, stop: int, size: int) -> tuple[int, int]:
 
 
 def _rgb(scene: Scene) -> list[int]:
+    """Bands that are shown as red, green and blue; one band in grey where not all three are known."""
     roles = band_roles(scene)
-    visible = [roles["red"], roles["green"], roles["blue"]]
-    known = [i for i in visible if i is not None]
-    return [i for i in visible if i is not None] if len(known) == 3 else [(known or [0])[0]] * 3
+    known = [i for role in ("red", "green", "blue") if (i := roles[role]) is not None]
+    return known if len(known) == 3 else [(known or [0])[0]] * 3
 
 
 def _raw_of(scene: Scene) -> list[Scene]:
@@ -83,8 +83,7 @@ def _raw_of(scene: Scene) -> list[Scene]:
 
     try:
         files = read_json(f"{scene.path}.json", "sidecar")["input"]["files"]
-        paths = [str(f["path"] if isinstance(f, dict) else f) for f in files]
-        raw = open_scene([str(Path(p)) for p in paths])
+        raw = open_scene([str(Path(f["path"] if isinstance(f, dict) else f)) for f in files])
     except (DeglintError, KeyError, TypeError, OSError):
         return []
     return [raw] if (raw.height, raw.width) == (scene.height, scene.width) else []
@@ -92,9 +91,6 @@ def _raw_of(scene: Scene) -> list[Scene]:
 
 def _coloured(image: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
     """(band, row, column) to (row, column, band) of bytes, every band stretched alike."""
-    finite = image[np.isfinite(image)]
-    if not finite.size:
-        return np.zeros((*image.shape[1:], 3), np.uint8)
     out = []
     for band in image:
         good = band[np.isfinite(band)]

@@ -30,19 +30,9 @@ MEANINGS = {
 def flags_of(
     block: npt.NDArray[Any], mask: Mask | None, area: Mask | None, states: npt.NDArray[np.uint8] | None
 ) -> Flags:
-    """Flags of a tile.
+    """Flags of a tile; the mask is True where a score is wanted, the area where the background is.
 
-    Parameters
-    ----------
-    block : (band, row, column) ndarray
-    mask, area : (row, column) bool ndarray, optional
-        True where a score is wanted, and where the background is.
-    states : (row, column) uint8 ndarray, optional
-        As `detect.local.local_rx` fills `flags`.
-
-    Returns
-    -------
-    (row, column) uint8 ndarray
+    `states` are what `detect.local.score_part` fills `flags` with.
     """
     flags = np.where(np.isfinite(block).all(axis=0), 0, NOT_VALID).astype(np.uint8)
     if mask is not None:

@@ -1,26 +1,34 @@
-"""Where pixels lie on the ground: places as longitude and latitude, distances and bearings between them."""
+"""Where objects lie on the ground, and how they move there: longitude and latitude, distances, bearings, speeds."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
+from deglint.errors import InputError
+from deglint.readers.place import ground_area
 from deglint.scene import Scene
 
-Points = Sequence[tuple[float, float]]
+from ..moving import FASTEST, Mover, find_moving
+from ..objects import Move, Object
+
 _EARTH = 6_371_008.8
 """Mean radius of the Earth [m]."""
+_SEARCH_MARGIN = 40
+"""Water around an object that contrast is taken from [pixel]."""
 
 
-def to_wgs84(scene: Scene) -> Callable[[Points], list[tuple[float, float]]] | None:
+def to_wgs84(scene: Scene) -> Move | None:
     """What turns (column, row) corners into (longitude, latitude) [degree]; None where the scene has no CRS."""
     transform, crs = scene.transform, scene.crs
     if transform is None or crs is None:
         return None
     from rasterio.warp import transform as warp
 
-    def move(points: Points) -> list[tuple[float, float]]:
+    def move(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
         t: Any = transform
         xs = [t.a * x + t.b * y + t.c for x, y in points]
         ys = [t.d * x + t.e * y + t.f for x, y in points]
@@ -37,3 +45,61 @@ def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -
     east = math.sin(lon1 - lon0) * math.cos(lat1)
     north = math.cos(lat0) * math.sin(lat1) - math.sin(lat0) * math.cos(lat1) * math.cos(lon1 - lon0)
     return 2 * _EARTH * math.asin(min(math.sqrt(half), 1.0)), math.degrees(math.atan2(east, north)) % 360
+
+
+def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
+    """0-based bands whose time is known, and their times [s].
+
+    Raises
+    ------
+    InputError
+        Fewer than three bands are known to look at different times.
+    """
+    known = [(i, b.time_offset) for i, b in enumerate(scene.bands) if b.time_offset is not None]
+    if len({t for _, t in known}) < 3:
+        raise InputError(
+            f"--moving needs three bands with known, different times, and {scene.path} has {len(known)}. "
+            "Name the sensor with --sensor, or set time_offset_s in the bands' tags."
+        )
+    return [i for i, _ in known], [t for _, t in known]
+
+
+def motions(scene: Scene, found: Sequence[Object]) -> list[dict[str, Any]]:
+    """Speed [m/s] and heading [degree, clockwise from north] of every object; None for both where it does not move."""
+    bands, times = delayed_bands(scene)
+    area = ground_area(scene.transform, scene.crs, scene.height, scene.width)
+    if area is None:
+        raise InputError(f"--moving needs the size of a pixel, and {scene.path} has no CRS.")
+    pixel = math.sqrt(area)
+    reach = math.ceil(FASTEST * (max(times) - min(times)) / pixel)
+    return [_motion(scene, o, bands, times, pixel, reach) for o in found]
+
+
+def _motion(
+    scene: Scene, found: Object, bands: list[int], times: list[float], pixel: float, reach: int
+) -> dict[str, Any]:
+    """Speed and heading of the nearest boat that moves, among those that can be the object."""
+    rows, columns = (
+        (max(low - _SEARCH_MARGIN - reach, 0), min(high + _SEARCH_MARGIN + reach, size))
+        for (low, high), size in zip(found.bounds, (scene.height, scene.width), strict=True)
+    )
+    block = scene.read((rows, columns), bands=bands)
+    row, column = found.centroid[0] - rows[0], found.centroid[1] - columns[0]
+
+    def away(mover: Mover) -> float:
+        return math.hypot(mover.row - row, mover.column - column)
+
+    best = min(find_moving(block, times, pixel=pixel), key=away, default=None)
+    if best is None or away(best) > reach + math.hypot(*found.footprint.shape):
+        return {"speed_m_s": None, "heading": None}
+    return {"speed_m_s": best.speed, "heading": _north(scene, best, rows[0], columns[0])}
+
+
+def _north(scene: Scene, mover: Mover, top: int, left: int) -> float:
+    """Heading of a mover from north, which need not be upward in the image."""
+    move = to_wgs84(scene)
+    assert move is not None
+    x, y = left + mover.column + 0.5, top + mover.row + 0.5
+    angle = np.radians(mover.heading)
+    start, end = move([(x, y), (x + float(np.sin(angle)), y - float(np.cos(angle)))])
+    return distance_and_bearing(start, end)[1]

@@ -18,16 +18,15 @@ from deglint.tiles import LONGEST_SIDE
 
 from .. import objects as marking
 from .. import sea
-from ..objects import Object
+from ..objects import Move, Object, to_geojson
 from ..sea.rates import LOW
 from ..sea.region import hull, likeness, rectangle
 from ..threshold import Tail, Threshold
 from .chips import write_chips
-from .ground import distance_and_bearing, to_wgs84
-from .motion import motions
+from .ground import distance_and_bearing, motions, to_wgs84
 from .plan import Plan, Progress
 from .recipe import Outputs
-from .vectors import Feature, write_features
+from .vectors import write_features
 
 Places = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[Any]]
 """Rows, columns and scores of pixels, in row-major order."""
@@ -173,17 +172,16 @@ class Marker:
         if progress:
             progress("objects", 0, 1)
         rated = self.objects(threshold)
-        chips = write_chips(self._plan, self._targets, self._scores, [r.found for r in rated], scratch)
-        move = to_wgs84(self._plan.scene)
-        moved: list[dict[str, Any]] = [{} for _ in rated]
-        if self._plan.recipe.moving:
-            moved = motions(self._plan.scene, [r.found for r in rated])
-        common = {"threshold": threshold.value, "pfa": threshold.pfa_designed}
-        features = [
-            Feature(r.found, {**_described(r, self._plan), **motion, **common, **({"chip": chip} if chip else {})})
-            for r, chip, motion in zip(rated, chips, moved, strict=True)
-        ]
-        write_features(scratch, self._targets.objects, features, move)
+        found, scene = [r.found for r in rated], self._plan.scene
+        chips = write_chips(self._plan, self._targets, self._scores, found, scratch)
+        moved = motions(scene, found) if self._plan.recipe.moving else [{}] * len(found)
+        move = to_wgs84(scene)
+        document = to_geojson(found, move)
+        for feature, r, motion, chip in zip(document["features"], rated, moved, chips, strict=True):
+            feature["properties"] |= _described(r, move) | motion
+            feature["properties"] |= {"threshold": threshold.value, "pfa": threshold.pfa_designed}
+            feature["properties"] |= {"chip": chip} if chip else {}
+        write_features(scratch, self._targets.objects, document, geographic=move is not None)
         if progress:
             progress("objects", 1, 1)
         return len(rated)
@@ -207,9 +205,9 @@ def _pixels_of(found: Sequence[Object], rows: Any, columns: Any, scores: Any) ->
     return out
 
 
-def _described(rated: Rated, plan: Plan) -> dict[str, Any]:
+def _described(rated: Rated, move: Move | None) -> dict[str, Any]:
     """Numbers of an object that an operator reads."""
-    found, move = rated.found, to_wgs84(plan.scene)
+    found = rated.found
     known = math.isfinite(rated.false_per_km2)
     score = found.score_max
     if known:

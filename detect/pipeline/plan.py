@@ -202,13 +202,5 @@ def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[in
     """Tiles of whole cells of local RX, and enough of them for all threads."""
     rows, columns = (-(-side // CELL) for side in shape)
     while -(-scene.height // (rows * CELL)) * -(-scene.width // (columns * CELL)) < 2 * threads and rows * columns > 1:
-        if rows >= columns:
-            rows = max(rows // 2, 1)
-        else:
-            columns = max(columns // 2, 1)
+        rows, columns = (rows // 2, columns) if rows >= columns else (rows, columns // 2)
     return rows * CELL, columns * CELL
-
-
-def both(a: Mask | None, b: Mask | None) -> Mask | None:
-    """Where two masks are True; None is everywhere."""
-    return b if a is None else a if b is None else a & b

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from deglint.checks import checked_keywords
 from deglint.errors import InputError
 
-from ..background import COVARIANCES, RIDGE, check_rule
+from ..background import RIDGE, check_rule
 from ..local import BORDERS
 from ..rx import GLOBAL_METHODS
 from ..sea import SIDES
@@ -95,16 +95,12 @@ class Recipe:
     merge_distance: float = 0.0
 
     def __post_init__(self) -> None:
-        known: Sequence[str]
         for name, known in (
-            ("method", ("auto", *METHODS)), ("threshold", tuple(THRESHOLDS)), ("covariance", tuple(COVARIANCES)),
-            ("side", ("auto", *SIDES)),
+            ("method", ("auto", *METHODS)), ("threshold", THRESHOLDS), ("side", ("auto", *SIDES)), ("border", BORDERS),
         ):  # fmt: skip
             if getattr(self, name) not in known:
                 raise InputError(f"{name} {getattr(self, name)!r} is not one of {', '.join(known)}.")
         check_rule(self.covariance, self.ridge)
-        if self.border not in BORDERS:
-            raise InputError(f"border {self.border!r} is not one of {', '.join(BORDERS)}.")
         if self.pfa is not None and not 0 < self.pfa < 1:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
         self._check_local()

@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -31,12 +30,12 @@ from deglint.timing import Reporter
 from .. import threshold as cutting
 from ..background import Background, Part, sample_share
 from ..lines import LineScorer
-from ..rx import Detector, detector
+from ..rx import Detector, both, detector
 from ..threshold import Tail, Threshold
 from .flags import MEANINGS
+from .ground import delayed_bands
 from .mark import CANDIDATES, Marker, Places, joined
-from .motion import delayed_bands
-from .plan import Plan, Progress, both, make_plan
+from .plan import Plan, Progress, make_plan
 from .recipe import NO_LAW, Outputs, Recipe
 from .scoring import Highest, Law, PixelCounts, Scoring
 from .sea_plan import fit_sea
@@ -75,21 +74,12 @@ class Result:
 
 @checked_keywords("p_value", "flags", "objects", "background", "chips", "overwrite", "options")
 def score_file(
-    source: str | Path | Sequence[str | Path],
-    image: str | Path,
-    recipe: Recipe | None = None,
-    *,
-    sensor: str | Path | None = None,
-    nodata: float | str | None = None,
-    bands: Names | None = None,
-    wavelengths: Numbers | None = None,
-    scale: Numbers | None = None,
-    offset: Numbers | None = None,
-    threads: int | None = None,
-    progress: Progress | None = None,
-    cluster: Cluster | None = None,
+    source: str | Path | Sequence[str | Path], image: str | Path, recipe: Recipe | None = None, *,
+    sensor: str | Path | None = None, nodata: float | str | None = None, bands: Names | None = None,
+    wavelengths: Numbers | None = None, scale: Numbers | None = None, offset: Numbers | None = None,
+    threads: int | None = None, progress: Progress | None = None, cluster: Cluster | None = None,
     **outputs: Any,
-) -> Result:
+) -> Result:  # fmt: skip
     """Score every pixel of a raster file by how little it belongs.
 
     Parameters
@@ -124,6 +114,8 @@ def score_file(
     --------
     >>> score_file("clean.tif", "scores.tif", Recipe(method="local", window=(5, 21)))  # doctest: +SKIP
     """
+    from threadpoolctl import threadpool_limits
+
     from deglint.readers import open_scene
     from deglint.readers.stac import files_of
 
@@ -132,24 +124,23 @@ def score_file(
     paths: dict[str, Any] = {k: Path(v) if k in files and v else v for k, v in outputs.items()}
     targets = Outputs(Path(image), **paths)
     _check_targets(recipe, targets, threads)
-    with environment(), _one_blas_thread():
+    with environment(), threadpool_limits(1, user_api="blas"):  # the tiles' threads are all the threads
         given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
         read = [file for name in given for file in files_of(name)]
-        named = {"--background": recipe.background, "--mask": recipe.mask, "--sensor": str(sensor or "")}
-        reads: Reads = {"the input": [*given, *read], **{k: [v] for k, v in named.items()}}
+        reads: Reads = {"the input": [*given, *read], "--background": [recipe.background], "--mask": [recipe.mask],
+                        "--sensor": [str(sensor or "")]}  # fmt: skip
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_image(targets.image)
         # before it is opened: what changes from now on is noticed
         checksum = Checksum(read, [recipe.background, recipe.mask])
-        scene = open_scene(
-            source, sensor=sensor, nodata=nodata, bands=bands, wavelengths=wavelengths, scale=scale, offset=offset
-        )
-        scene = settled(scene)
+        scene = settled(open_scene(source, sensor=sensor, nodata=nodata, bands=bands, wavelengths=wavelengths,
+                                   scale=scale, offset=offset))  # fmt: skip
         with raster_of(scene):
             return _run(scene, checksum, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
 
 
 def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> None:
+    """Refuse outputs that the recipe does not give."""
     if threads is not None and threads < 1:
         raise InputError(f"threads: want at least 1, got {threads}.")
     if targets.objects and not recipe.thresholded:
@@ -170,19 +161,11 @@ def _check_method(recipe: Recipe, targets: Outputs) -> None:
                          "--save-background, or take --method rx.")  # fmt: skip
 
 
-@contextmanager
-def _one_blas_thread() -> Iterator[None]:
-    """The tiles' threads are all the threads: BLAS gets none of its own."""
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1, user_api="blas"):
-        yield
-
-
 def _run(
     scene: Scene, checksum: Checksum, recipe: Recipe, targets: Outputs, threads: int, progress: Progress | None,
     cluster: Cluster | None,
 ) -> Result:  # fmt: skip
+    """Fit, score, mark objects and write all files of a scene that is open."""
     begun = time.perf_counter()
     log_scene(scene)
     if recipe.method == "auto" and (targets.p_value or targets.background):
@@ -248,19 +231,7 @@ def _log_result(
 
 
 def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
-    """Fit the background of a plan over its tiles.
-
-    Parameters
-    ----------
-    plan : Plan
-    run : callable
-        What passes over the tiles: threads here, or a cluster's `run`.
-
-    Raises
-    ------
-    FitError
-        Too few valid pixels.
-    """
+    """Fit the background of a plan over its tiles, on threads or by a cluster's `run`."""
     recipe, bands = plan.recipe, plan.bands
     pixels = sum(t.shape[0] * t.shape[1] for t in plan.tiles)
     share = sample_share(recipe.covariance, pixels)
@@ -278,6 +249,7 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
 
 
 def _law(recipe: Recipe, ready: Detector | None, background: Background | None, bands: int) -> Law | None:
+    """The law of scores over a normal background."""
     if recipe.method in NO_LAW:
         return None
     if ready is not None and background is not None:
@@ -302,32 +274,21 @@ def _threshold(recipe: Recipe, tail: Tail, law: Law | None, tally: PixelCounts) 
 
 
 def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None) -> Scoring:
+    """What scores a tile, and keeps as many of the highest scores as the threshold needs."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     highest = Highest(Tail.keep_for(rate, pixels)) if recipe.thresholded else None
-    silent = replace(plan, progress=None)
     lines = LineScorer() if recipe.method == "lines" else None
-    return Scoring(silent, ready, law, highest, bool(targets.p_value), bool(targets.flags), lines)
+    return Scoring(replace(plan, progress=None), ready, law, highest, bool(targets.p_value), bool(targets.flags), lines)
 
 
 def _write_tiles(
     scratch: Scratch, work: Scoring, targets: Outputs, cluster: Cluster | None, progress: Progress | None
 ) -> tuple[PixelCounts, Tail | None, Places]:
+    """Score and write all tiles; returns counts, the highest scores, and pixels of ships that are attached to land."""
     plan, highest, tally = replace(work.plan, progress=progress), work.highest, PixelCounts()
-    info = raster_of(plan.scene).info
-    info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
     beside: list[Places] = []
-    options = dict(targets.options)
-    if info.compression == "deflate" and "compress" not in map(str.lower, options):
-        options = {"ZLEVEL": "1", **options}  # scores are mostly noise: to try harder takes twice the time for nothing
-    base = Layout(
-        info, (0,), "float32", float("nan"), options, scaled=False, names=(plan.recipe.method,), tile=plan.shape
-    )
-    images = {"scores": (targets.image, base)}
-    if targets.p_value:
-        images["p_values"] = targets.p_value, replace(base, names=("p-value",))
-    if targets.flags:
-        images["flags"] = targets.flags, replace(base, dtype="uint8", nodata=None, names=("flags",), flags=MEANINGS)
+    images = _images(plan, targets)
     with writing_images(scratch, targets.image, images, cluster) as (run, writers):
         done = run(plan.tiles, work, threads=plan.threads, progress=plan.note("score"), start=enter_thread)
         for tile, scored in done:
@@ -342,7 +303,26 @@ def _write_tiles(
     return tally, highest.total() if highest else None, joined(beside)
 
 
+def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
+    """File and layout of each raster, by the fields of `Scored`."""
+    info = raster_of(plan.scene).info
+    options = dict(targets.options)
+    if info.compression == "deflate" and "compress" not in map(str.lower, options):
+        options = {"ZLEVEL": "1", **options}  # scores are mostly noise: to try harder takes twice the time for nothing
+    info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
+    base = Layout(
+        info, (0,), "float32", float("nan"), options, scaled=False, names=(plan.recipe.method,), tile=plan.shape
+    )
+    images = {"scores": (targets.image, base)}
+    if targets.p_value:
+        images["p_values"] = targets.p_value, replace(base, names=("p-value",))
+    if targets.flags:
+        images["flags"] = targets.flags, replace(base, dtype="uint8", nodata=None, names=("flags",), flags=MEANINGS)
+    return images
+
+
 def _why_nothing(tally: PixelCounts) -> str:
+    """Why no pixel has a score."""
     if tally.too_few:
         return "no ring holds two valid pixels"
     return "every pixel is nodata" if tally.masked_out < tally.total else "no pixel lies inside the mask"

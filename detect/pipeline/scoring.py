@@ -109,20 +109,14 @@ class Scoring:
         else:
             mask = plan.mask.read(tile)
             block = plan.scene.source.read(tile.window, list(plan.bands))
-            if self.lines is not None:
-                scores = self._of_lines(block, mask)
-            else:
-                assert self.ready is not None
-                scores = score(block, self.ready, mask)
+            scores = score(block, self.ready, mask) if self.ready else self._of_lines(block, mask)
         found = scores.astype(np.float32, copy=False)
-        p_values = None
+        tail = self.highest.of(found) if self.highest else None
+        p_values = flags = None
         if self.want_p and self.law:
             p_values = cutting.fast_p_value(found, self.law.bands, self.law.n).astype(np.float32)
-        tail = None if self.highest is None else self.highest.of(found)
-        flags = None
         if self.want_flags:
-            area = None if plan.area is None else plan.area.read(tile.window)
-            flags = flags_of(block, mask, area, states)
+            flags = flags_of(block, mask, None if plan.area is None else plan.area.read(tile.window), states)
         return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
     def _of_rings(self, tile: Tile) -> tuple[npt.NDArray[Any], npt.NDArray[Any], Any, npt.NDArray[np.uint8]]:
@@ -168,6 +162,7 @@ class Scoring:
 
 
 def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> PixelCounts:
+    """Pixels of a tile, by what became of them."""
     tally = PixelCounts(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
     tally.masked_out = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
     if states is not None:

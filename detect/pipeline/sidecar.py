@@ -44,6 +44,9 @@ def describe(
         inner, outer = plan.recipe.window
         recipe["ring_pixels"] = outer * outer - inner * inner
     water = plan.mask.water
+    numbers = background.numbers() if background else None
+    if numbers and len(plan.bands) > _MOST_BANDS:
+        numbers["covariance"] = "left out: --save-background writes it"
     return {
         "detect": __version__,
         "versions": versions(),
@@ -52,19 +55,12 @@ def describe(
         "output": str(targets.image),
         "flags": {"file": str(targets.flags), "bits": MEANINGS} if targets.flags else None,
         "recipe": recipe,
-        "background": _numbers(background) if background else None,
+        "background": numbers,
         "water": water.numbers() if water else None,
         "sea": plan.sea.model.numbers() if plan.sea and plan.sea.model else None,
         "threshold": asdict(threshold) if threshold else None,
         "pixels": asdict(tally),
     }
-
-
-def _numbers(background: Background) -> dict[str, Any]:
-    numbers = background.numbers()
-    if background.bands > _MOST_BANDS:
-        numbers["covariance"] = "left out: --save-background writes it"
-    return numbers
 
 
 def notes_on(plan: Plan, background: Background | None) -> list[str]:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import sqlite3
 import struct
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -13,9 +11,6 @@ from typing import Any
 from deglint.errors import InputError
 from deglint.raster.output import Scratch, write_json, write_text
 
-from ..objects import Object, to_geojson
-
-Move = Callable[[Sequence[tuple[float, float]]], list[tuple[float, float]]]
 SUFFIXES = (".geojson", ".json", ".gpkg")
 """Files that objects can be written to."""
 _WGS84 = (
@@ -24,37 +19,20 @@ _WGS84 = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Feature:
-    """An object, and what is known of it beyond its pixels."""
-
-    found: Object
-    properties: dict[str, Any]
-
-
 def check_vector(path: Path | None) -> None:
     """Refuse a name whose format is not known."""
     if path is not None and path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path} (--objects): allowed are {', '.join(SUFFIXES)}.")
 
 
-def collection(features: Sequence[Feature], move: Move | None) -> dict[str, Any]:
-    """A GeoJSON FeatureCollection (RFC 7946): longitude and latitude, or pixels where `move` is None."""
-    document = to_geojson([f.found for f in features], move)
-    for feature, known in zip(document["features"], features, strict=True):
-        feature["properties"] |= known.properties
-    return document
-
-
-def write_features(scratch: Scratch, path: Path, features: Sequence[Feature], move: Move | None) -> None:
-    """Write objects in the format that the name of the file says, and beside a GeoPackage a style of the same name."""
-    document = collection(features, move)
+def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, geographic: bool) -> None:
+    """Write GeoJSON in the format that the name of the file says, and beside a GeoPackage a style of the same name."""
     if path.suffix.lower() != ".gpkg":
         write_json(scratch, path, document)
         return
     place = scratch.add(path)
     place.unlink(missing_ok=True)
-    write_geopackage(place, document, geographic=move is not None)
+    _write_geopackage(place, document, geographic=geographic)
     write_text(scratch, path.with_suffix(".qml"), _data("objects.qml"))
 
 
@@ -63,18 +41,8 @@ def _data(name: str) -> str:
     return files(__package__ or "").joinpath(name).read_text(encoding="utf-8")
 
 
-def write_geopackage(path: Path, document: dict[str, Any], *, geographic: bool = True) -> None:
-    """Write a FeatureCollection as a GeoPackage (OGC 12-128r19) with one layer, `objects`.
-
-    Parameters
-    ----------
-    path : Path
-        Must not exist.
-    document : dict
-        GeoJSON of polygons.
-    geographic : bool
-        Coordinates are longitude and latitude of WGS 84; else undefined Cartesian.
-    """
+def _write_geopackage(path: Path, document: dict[str, Any], *, geographic: bool) -> None:
+    """Write polygons as a new GeoPackage (OGC 12-128r19) with one layer, `objects`; not geographic: pixels."""
     rows = document["features"]
     columns = {k: _sql_type(v) for row in rows for k, v in row["properties"].items() if v is not None}
     srs = 4326 if geographic else -1

@@ -15,18 +15,10 @@ from deglint.errors import InputError
 from deglint.readers.place import ground_area
 
 from ..objects import Object
-from ..roc import (
-    Bands,
-    ObjectCurve,
-    Roc,
-    auc_interval,
-    bootstrap,
-    compare,
-    count_false_alarms,
-    false_alarms,
-    object_curve,
-)
-from ..roc.bootstrap import default_grid
+from ..roc.bootstrap import Bands, bootstrap, default_grid
+from ..roc.curve import Roc
+from ..roc.delong import auc_interval, compare
+from ..roc.per_object import ObjectCurve, count_false_alarms, false_alarms, object_curve
 from .inputs import Inputs, read_inputs
 
 RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
@@ -93,24 +85,25 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
     """
     inputs = read_inputs(request.scores, request.truth, request.mask, lower=request.lower, connected=request.connected)
     area = ground_area(inputs.grid.transform, inputs.grid.crs, *inputs.valid.shape)
+    tell = progress or (lambda *_: None)
     judged = []
     for done, (name, scores) in enumerate(zip(inputs.names, inputs.scores, strict=True)):
-        if progress is not None:
-            progress("judge", done, len(inputs.names))
+        tell("judge", done, len(inputs.names))
         try:
             judged.append(_judge(name, scores, inputs, request, area))
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
-    if progress is not None:
-        progress("judge", len(judged), len(judged))
-    numbers = _scene_numbers(inputs, judged[0].roc, area)
-    numbers["detectors"] = [j.numbers for j in judged]
-    numbers["comparisons"] = _comparisons(judged, inputs)
-    numbers["notes"] = [*inputs.notes, *_notes(judged)]
+    tell("judge", len(judged), len(judged))
+    numbers = _scene_numbers(inputs, judged[0].roc, area) | {
+        "detectors": [j.numbers for j in judged],
+        "comparisons": [_comparison(a, b, inputs) for a, b in combinations(judged, 2)],
+        "notes": [*inputs.notes, *_notes(judged)],
+    }
     return Evaluation(request, inputs, tuple(judged), numbers)
 
 
 def _judge(name: str, scores: npt.NDArray[Any], inputs: Inputs, request: Request, area: float | None) -> Judged:
+    """Everything about one detector; `area` is that of a pixel [m2]."""
     roc = Roc.of(scores, inputs.objects, inputs.valid)
     rates = [r for r in RATES if r * len(roc.background) >= 1]
     bands = None
@@ -125,9 +118,10 @@ def _judge(name: str, scores: npt.NDArray[Any], inputs: Inputs, request: Request
     square_km = None if area is None else np.count_nonzero(inputs.valid) * area / 1e6
     threshold = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0)).threshold
     worst = false_alarms(scores, inputs.objects, threshold, inputs.valid)[:_WORST]
-    numbers = _figures(name, roc, request, bands)
-    numbers["operating_points"] = [_point(roc, r, bands, sign) for r in rates]
-    numbers["worst_false_alarms"] = [_alarm(o, inputs, sign) for o in worst]
+    numbers = _figures(name, roc, request, bands) | {
+        "operating_points": [_point(roc, r, bands, sign) for r in rates],
+        "worst_false_alarms": [_alarm(o, inputs, sign) for o in worst],
+    }
     if found is not None:
         for point in numbers["operating_points"]:
             point |= _called(sign * point["threshold"], scores, found, inputs, square_km)
@@ -136,27 +130,24 @@ def _judge(name: str, scores: npt.NDArray[Any], inputs: Inputs, request: Request
 
 
 def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, Any]:
-    delong = auc_interval(roc)
+    """What is read off a curve as a whole."""
     pfa, pd = roc.vertices
     keep = np.unique(np.linspace(0, len(pfa) - 1, _CURVE_POINTS).astype(int))
-    out: dict[str, Any] = {
+    return {
         "name": name,
         "auc": roc.auc,
-        "delong": {k: v for k, v in asdict(delong).items() if k != "auc"},
-        "bootstrap": None,
+        "delong": {k: v for k, v in asdict(auc_interval(roc)).items() if k != "auc"},
+        "bootstrap": None if bands is None else {
+            "low": bands.auc[0], "high": bands.auc[1], "standard_error": bands.auc_error, "level": bands.level,
+            "draws": bands.draws, "seed": bands.seed, "block": bands.block, "objects": bands.objects,
+            "blocks": bands.blocks, "pfa": bands.pfa, "pd_low": bands.low, "pd_high": bands.high,
+        },
         "partial_auc": {"pfa_max": request.pfa_max, "raw": roc.partial_auc(request.pfa_max),
                         "mcclish": roc.mcclish(request.pfa_max) if request.pfa_max < 1 else roc.auc},
         "average_precision": roc.average_precision,
         "three_d": roc.three_d(),
         "curve": {"pfa": pfa[keep], "pd": pd[keep]},
     }  # fmt: skip
-    if bands is not None:
-        out["bootstrap"] = {
-            "low": bands.auc[0], "high": bands.auc[1], "standard_error": bands.auc_error, "level": bands.level,
-            "draws": bands.draws, "seed": bands.seed, "block": bands.block, "objects": bands.objects,
-            "blocks": bands.blocks, "pfa": bands.pfa, "pd_low": bands.low, "pd_high": bands.high,
-        }  # fmt: skip
-    return out
 
 
 def _point(roc: Roc, rate: float, bands: Bands | None, sign: float) -> dict[str, Any]:
@@ -181,6 +172,7 @@ def _called(
 
 
 def _objects(found: ObjectCurve, sign: float, square_km: float | None) -> dict[str, Any]:
+    """Every object, and how many are found at how many false alarms."""
     return {
         "curve": {
             "threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found,
@@ -195,6 +187,7 @@ def _objects(found: ObjectCurve, sign: float, square_km: float | None) -> dict[s
 
 
 def _alarm(found: Object, inputs: Inputs, sign: float) -> dict[str, Any]:
+    """Where a false alarm lies, and its score."""
     row, column = found.centroid
     out = {"score_max": sign * found.score_max, "pixels": found.size, "row": row, "column": column}
     t = inputs.grid.transform
@@ -204,20 +197,17 @@ def _alarm(found: Object, inputs: Inputs, sign: float) -> dict[str, Any]:
     return out
 
 
-def _comparisons(judged: Sequence[Judged], inputs: Inputs) -> list[dict[str, Any]]:
-    """Every pair: DeLong's test, and the bootstrap's interval of the difference from the same draws."""
-    out = []
-    for a, b in combinations(judged, 2):
-        test = compare(a.scores, b.scores, inputs.objects, inputs.valid)
-        row = asdict(test) | {"first": a.name, "second": b.name, "bootstrap_low": None, "bootstrap_high": None}
-        if a.bands is not None and b.bands is not None:
-            low, high = np.percentile(a.bands.areas - b.bands.areas, [2.5, 97.5])
-            row |= {"bootstrap_low": float(low), "bootstrap_high": float(high)}
-        out.append(row)
-    return out
+def _comparison(a: Judged, b: Judged, inputs: Inputs) -> dict[str, Any]:
+    """DeLong's test of two detectors, and the bootstrap's interval of the difference from the same draws."""
+    low = high = None
+    if a.bands is not None and b.bands is not None:
+        low, high = map(float, np.percentile(a.bands.areas - b.bands.areas, [2.5, 97.5]))
+    test = compare(a.scores, b.scores, inputs.objects, inputs.valid)
+    return asdict(test) | {"first": a.name, "second": b.name, "bootstrap_low": low, "bootstrap_high": high}
 
 
 def _scene_numbers(inputs: Inputs, roc: Roc, area: float | None) -> dict[str, Any]:
+    """The scene, and its pixels."""
     grid = inputs.grid
     n = len(roc.targets) + len(roc.background)
     return {
@@ -235,14 +225,10 @@ def _scene_numbers(inputs: Inputs, roc: Roc, area: float | None) -> dict[str, An
 
 def _notes(judged: Sequence[Judged]) -> list[str]:
     """What a reader must know, said once."""
-    out: dict[str, None] = {}
+    out: list[str] = []
     for j in judged:
-        for note in j.bands.notes if j.bands is not None else ():
-            out[note] = None
-        if j.objects is not None and j.objects.unseen:
-            many = len(j.objects.unseen)
-            out[
-                f"{many} object{'s have' if many > 1 else ' has'} no valid pixel, and count{'s' * (many == 1)} neither "
-                "as found nor as missed"
-            ] = None
-    return list(out)
+        out += j.bands.notes if j.bands is not None else ()
+        if j.objects is not None and (many := len(j.objects.unseen)):
+            verbs = ("s have", "") if many > 1 else (" has", "s")
+            out.append(f"{many} object{verbs[0]} no valid pixel, and count{verbs[1]} neither as found nor as missed")
+    return list(dict.fromkeys(out))

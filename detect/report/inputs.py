@@ -75,21 +75,15 @@ def read_inputs(
         valid = valid & inside
     turned = tuple(-array for array in arrays) if lower else tuple(arrays)
     objects = number_objects(marks, connected=connected)
-    _note_parts(objects, truth, notes)
+    parts, many = int(label(objects != 0).max(initial=0)), len(np.unique(objects[objects != 0]))
+    if parts > many:  # a number may be a class of objects
+        notes.append(f"{many} numbers of {truth} lie in {parts} separate parts; what has one number is judged as one "
+                     "object (--connected: each part is one)")  # fmt: skip
     return Inputs(names, turned, objects, valid, left_out, scenes[0], tuple(notes))
 
 
-def _note_parts(objects: npt.NDArray[np.int32], truth: str, notes: list[str]) -> None:
-    """Warn of a number that stands for several separate objects: it may be a class."""
-    inside = objects != 0
-    parts = int(label(inside).max(initial=0))
-    many = len(np.unique(objects[inside]))
-    if parts > many:
-        notes.append(f"{many} numbers of {truth} lie in {parts} separate parts; what has one number is judged as one "
-                     "object (--connected: each part is one)")  # fmt: skip
-
-
 def _first_band(scene: Scene, path: str, notes: list[str]) -> npt.NDArray[Any]:
+    """Scores of a scene; a note where it has more bands."""
     if len(scene.bands) > 1:
         notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
     assert isinstance(scene.source, RasterSource)
@@ -144,6 +138,7 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> npt.NDArray[np.int32]:
 
 
 def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
+    """Refuse a scene that lies on another grid than the reference."""
     if scene.shape[1:] != grid.shape[1:]:
         raise InputError(
             f"{name} has {scene.height} x {scene.width} pixels, {reference} has {grid.height} x {grid.width}: they "

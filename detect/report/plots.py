@@ -57,16 +57,10 @@ def roc_curves(found: Evaluation) -> Figure:
     for d in found.detectors:
         pfa, pd = d.roc.vertices
         at = np.sort(np.concatenate([grid, pfa[pfa >= low]]))
-        (line,) = ax.plot(np.append(low, pfa), np.append(pd[pfa <= low][-1], pd), label=d.name)
-        line.set_data(at, np.interp(at, pfa, pd))
+        (line,) = ax.plot(at, np.interp(at, pfa, pd), label=d.name)
         points = d.numbers["operating_points"]
-        ax.plot(
-            [p["pfa_designed"] for p in points],
-            [p["pd"] for p in points],
-            "o",
-            fillstyle="none",
-            color=line.get_color(),
-        )
+        ax.plot([p["pfa_designed"] for p in points], [p["pd"] for p in points], "o", fillstyle="none",
+                color=line.get_color())  # fmt: skip
         if d.bands is not None:
             ax.fill_between(d.bands.pfa, d.bands.low, d.bands.high, alpha=0.15, color=line.get_color(), linewidth=0)
     ax.set(xscale="log", xlim=(low, 1), ylim=(0, 1.02), xlabel="Pfa: background pixels detected",

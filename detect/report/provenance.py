@@ -20,30 +20,13 @@ def begin_inputs(request: Request) -> Checksum:
 
 
 def provenance(request: Request, command: str, seconds: float, checksum: Checksum) -> dict[str, Any]:
-    """Everything that another needs to make the report again.
+    """Everything that another needs to make the report again; a ReadError where a file was changed while it was read.
 
-    Parameters
-    ----------
-    request : Request
-    command : str
-    seconds : float
-        That judging took [s].
-    checksum : Checksum
-        From `begin_inputs`.
-
-    Raises
-    ------
-    ReadError
-        A file was changed while it was read.
+    `seconds` is what judging took [s], `checksum` comes from `begin_inputs`.
     """
     import cv2
     import scipy
 
-    inputs = [
-        {"path": f["path"], "bytes": f["bytes"], "crc32": f["crc32"]}
-        for f in checksum.result()
-        if f["bytes"] is not None
-    ]
     return {
         "command": command,
         "rxdetect": __version__,
@@ -52,5 +35,5 @@ def provenance(request: Request, command: str, seconds: float, checksum: Checksu
         "seed": request.seed,
         "seconds": round(seconds, 2),
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "inputs": inputs,
+        "inputs": [{k: f[k] for k in ("path", "bytes", "crc32")} for f in checksum.result() if f["bytes"] is not None],
     }

@@ -10,18 +10,6 @@ from .delong import AucInterval, Comparison, auc_interval, compare
 from .per_object import ObjectCurve, ObjectScore, count_false_alarms, false_alarms, number_objects, object_curve
 
 __all__ = [
-    "AucInterval",
-    "Bands",
-    "Comparison",
-    "ObjectCurve",
-    "ObjectScore",
-    "OperatingPoint",
-    "Roc",
-    "auc_interval",
-    "bootstrap",
-    "compare",
-    "count_false_alarms",
-    "false_alarms",
-    "number_objects",
-    "object_curve",
-]
+    "AucInterval", "Bands", "Comparison", "ObjectCurve", "ObjectScore", "OperatingPoint", "Roc", "auc_interval",
+    "bootstrap", "compare", "count_false_alarms", "false_alarms", "number_objects", "object_curve",
+]  # fmt: skip

@@ -118,8 +118,7 @@ def bootstrap(
     ok = usable(scores, objects, valid)
     roc = Roc.of(scores, objects, ok)
     at = default_grid(len(roc.background)) if pfa is None else np.asarray(pfa, np.float64)
-    levels = _levels(roc)
-    targets, background = _count(scores, objects, ok, levels, block)
+    targets, background = _count(scores, objects, ok, _levels(roc), block)
     areas, pds = _draw(targets, background, at, draws, seed)
     tails = [50 * (1 - _LEVEL), 50 * (1 + _LEVEL)]
     low, high = np.percentile(pds, tails, axis=0)
@@ -138,6 +137,7 @@ def default_grid(background: int) -> Float64:
 
 
 def _notes(objects: int, blocks: int) -> tuple[str, ...]:
+    """What makes the intervals too narrow."""
     out = []
     if objects == 1:
         out.append("one object: how much another would differ cannot be known; intervals hold for this object alone")

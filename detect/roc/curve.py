@@ -126,7 +126,7 @@ class Roc:
 
     def partial_auc(self, pfa_max: float) -> float:
         """Area under the curve up to a Pfa; `pfa_max` itself is the most it can be."""
-        pfa_max = check_pfa(pfa_max)
+        _check_pfa(pfa_max)
         pfa, pd = self.vertices
         stop = int(np.searchsorted(pfa, pfa_max, side="right"))
         if stop == len(pfa):
@@ -141,7 +141,7 @@ class Roc:
 
     def point(self, pfa: float) -> OperatingPoint:
         """The highest Pd with at most this Pfa, by the least threshold that keeps it; nothing is interpolated."""
-        check_pfa(pfa)
+        _check_pfa(pfa)
         n = len(self.background)
         allowed = min(math.floor(pfa * n * (1 + 1e-12)), n - 1)
         threshold = self.background[n - 1 - allowed]
@@ -236,14 +236,14 @@ def usable(scores: Scores, truth: npt.NDArray[Any], valid: Mask | None = None) -
     return ok
 
 
-def check_pfa(pfa: float) -> float:
-    """A false-alarm rate, or an error that says what is allowed."""
+def _check_pfa(pfa: float) -> None:
+    """Refuse what is no false-alarm rate."""
     if not 0 < pfa <= 1:
         raise InputError(f"Pfa: allowed is above 0 and up to 1, got {pfa}.")
-    return pfa
 
 
 def _check(targets: Scores, background: Scores, left_out: int) -> None:
+    """Refuse scores that give no curve."""
     aside = f" ({left_out} pixels that are not valid were left out)" if left_out else ""
     if not len(targets) + len(background):
         raise InputError(f"no valid pixel to score{aside}. Check nodata, the mask and the truth.")

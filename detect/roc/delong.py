@@ -94,8 +94,13 @@ def compare(first: Scores, second: Scores, truth: npt.NDArray[Any], valid: Mask 
     v10, v01 = zip(*(_components(s[target], s[background], r) for s, r in zip((first, second), rocs, strict=True)),
                    strict=True)  # fmt: skip
     difference, error = rocs[0].auc - rocs[1].auc, math.sqrt(_variance(v10[0] - v10[1], v01[0] - v01[1]))
-    z = difference / error if error > 0 else math.nan if difference == 0 or math.isnan(error) else math.inf
-    p = math.erfc(abs(z) / math.sqrt(2)) if not math.isnan(z) else math.nan if math.isnan(error) else 1.0
+    if error > 0:
+        z = difference / error
+        p = math.erfc(abs(z) / math.sqrt(2))
+    elif math.isnan(error):
+        z = p = math.nan
+    else:  # the same ranks everywhere, or a difference without any spread
+        z, p = (math.nan, 1.0) if difference == 0 else (math.inf, 0.0)
     low, high = difference - _Z * error, difference + _Z * error
     pixels = int(np.count_nonzero(ok))
     return Comparison((rocs[0].auc, rocs[1].auc), difference, error, z, p, low, high, pixels=pixels)

@@ -6,7 +6,7 @@ part that touches an object belongs to it; every other part is one false alarm, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -142,8 +142,7 @@ def object_curve(
     levels = np.unique(every[np.array([o.pfa for o in scored]) <= pfa_max])[::-1]
     if len(levels) > _MOST_THRESHOLDS:
         levels = levels[np.linspace(0, len(levels) - 1, _MOST_THRESHOLDS).astype(int)]
-    levels = np.append(levels, _limits(roc, pfa_max))
-    levels = np.unique(levels)[::-1]
+    levels = np.unique(np.append(levels, _limits(roc, pfa_max)))[::-1]
     n = len(roc.background)
     low = roc.background.dtype.type
     false = [n - int(np.searchsorted(roc.background, low(t), "left")) for t in levels]
@@ -183,24 +182,19 @@ def count_false_alarms(mask: Mask, objects: npt.NDArray[Any], valid: Mask) -> in
     return int(labels.max(initial=0)) - len(hits)
 
 
-def _scored(scores: Scores, objects: npt.NDArray[Any], ok: Mask, roc: Roc) -> Sequence[ObjectScore]:
+def _scored(scores: Scores, objects: npt.NDArray[Any], ok: Mask, roc: Roc) -> Iterator[ObjectScore]:
+    """Every object that has a valid pixel."""
     rows, columns = np.nonzero(objects)
-    names, which = np.unique(objects[rows, columns], return_inverse=True)
-    order = np.argsort(which, kind="stable")
-    cuts = np.cumsum(np.bincount(which, minlength=len(names)))[:-1]
-    out: list[ObjectScore] = []
-    if not len(names):
-        return out
-    for name, at in zip(names, np.split(order, cuts), strict=True):
+    numbers = objects[rows, columns]
+    order = np.argsort(numbers, kind="stable")
+    cuts = np.flatnonzero(np.diff(numbers[order])) + 1
+    n = len(roc.background)
+    for at in np.split(order, cuts) if len(order) else ():
         r, c = rows[at], columns[at]
         values = scores[r, c][ok[r, c]]
-        size = len(values)
-        if not size:
-            continue
-        highest = values.max()
-        n = len(roc.background)
-        pfa = (n - int(np.searchsorted(roc.background, highest, "left"))) / n
-        box = ((int(r.min()), int(r.max()) + 1), (int(c.min()), int(c.max()) + 1))
-        mean = float(values.mean(dtype=np.float64))
-        out.append(ObjectScore(int(name), size, len(at) - size, float(highest), mean, pfa, box))
-    return out
+        if len(values):
+            highest = values.max()
+            pfa = (n - int(np.searchsorted(roc.background, highest, "left"))) / n
+            box = ((int(r.min()), int(r.max()) + 1), (int(c.min()), int(c.max()) + 1))
+            mean, left_out = float(values.mean(dtype=np.float64)), len(at) - len(values)
+            yield ObjectScore(int(numbers[at[0]]), len(values), left_out, float(highest), mean, pfa, box)
