@@ -43,8 +43,6 @@ class SamplePlan:
         robust regressions).
     share : int
         Keep one pixel in so many, chosen by a hash of row and column.
-    compiled : bool
-        Use the compiled kernel for the moments (worth its loading above some ten million pixels).
     levels : int
         Cells of a row are kept in groups of 2**levels.
     """
@@ -54,7 +52,6 @@ class SamplePlan:
     detrend_size: int = 0
     keep: str = "nothing"
     share: int = 1
-    compiled: bool = False
     levels: int = 0
 
     @property
@@ -163,14 +160,14 @@ def gather(
     detrended = None
     if plan.detrend_size:
         local = detrend(variables, mask, plan.detrend_size)[(slice(None), *inner)]
-        detrended = cell_moments(local, mask[inner], origin=origin, compiled=plan.compiled)
+        detrended = cell_moments(local, mask[inner], origin=origin)
     variables, mask = variables[(slice(None), *inner)], mask[inner]
     first = len(plan.bands)
     kept = thinned(mask, origin, plan.share) if plan.keep != "nothing" else np.zeros_like(mask)
     rows, columns = np.nonzero(kept)
     number = range(len(plan.indexes))
     return SamplePart(
-        cells=cell_moments(variables, mask, origin=origin, compiled=plan.compiled),
+        cells=cell_moments(variables, mask, origin=origin),
         detrended=detrended,
         darkest=tuple(_extreme(variables, mask, first + k, first, origin, 1) for k in number),
         brightest=tuple(_extreme(variables, mask, first + k, first, origin, -1) for k in number),
