@@ -256,7 +256,7 @@ def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
 
 
 def _one_pass(x: Float64) -> Reduced | None:
-    """Sums about a typical pixel, which is taken off `x`; None where it lies too far from the mean, or one is not finite."""
+    """Sums about a typical pixel, taken off `x`; None where it is too far from the mean, or one is not finite."""
     count = x.shape[1]
     low, high = x.min(axis=1), x.max(axis=1)
     shift = _typical(x)
