@@ -73,12 +73,12 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
     count = np.maximum(_box_sum(sample.astype(np.float64), size), 1.0)
     out = np.empty(block.shape)
     for band, result in zip(block, out, strict=True):
-        values = band.astype(np.float64)
+        values: Float64Array = band.astype(np.float64)
         values[~sample] = 0.0
-        upper, lower = _halves(values) if block.dtype == np.float64 else (values, None)
-        np.subtract(upper * count, _box_sum(upper, size), out=result)
-        if lower is not None:
-            result += lower * count - _box_sum(lower, size)
+        parts = _halves(values) if block.dtype == np.float64 else (values,)
+        np.subtract(parts[0] * count, _box_sum(parts[0], size), out=result)
+        for rest in parts[1:]:
+            result += rest * count - _box_sum(rest, size)
         result /= count
     out[:, ~sample] = np.nan
     return out

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scene import FloatArray
-from .lags import KERNEL_REACH
+from .kernels import KERNEL_REACH
 from .model import GlintIndex, GlintModel
 from .reference import clean
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..moments import CELL
-from .lags import LagGrams, solve, unexplained
+from .kernels import LagGrams, solve, unexplained
 
 Float64 = npt.NDArray[np.float64]
 
