@@ -70,7 +70,7 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
     sample = np.isfinite(block).all(axis=0)
     if mask is not None:
         sample &= mask
-    count = np.maximum(_box_sum(sample.astype(np.float64), size), 1.0)
+    count = np.maximum(_box_sum(np.asarray(sample, np.float64), size), 1.0)
     out = np.empty(block.shape)
     for band, result in zip(block, out, strict=True):
         values: Float64Array = band.astype(np.float64)
