@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..scene import FloatArray
-from .surface import BoolArray, Roles, WaterRule, _check_looks, _square, thinned, valid_for, water
+from .surface import BoolArray, Roles, WaterRule, check_looks, grown, square, thinned, valid_for, water
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -137,7 +137,7 @@ def away_from_shore(mask: BoolArray) -> BoolArray:
     """
     import cv2
 
-    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, _square(SHORE))).view(np.bool_)
+    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square(SHORE))).view(np.bool_)
 
 
 def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
@@ -177,7 +177,7 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     Otsu, N. (1979), "A threshold selection method from gray-level histograms", IEEE Trans. Systems, Man, and
     Cybernetics 9, 62-66, doi:10.1109/TSMC.1979.4310076.
     """
-    _check_looks(looks, rule.roles)
+    check_looks(looks, rule.roles)
     valid = sum(int(valid_for(b, rule.roles).sum()) for b in looks)
     pairs = [(b, m) for b, m in ((b, water(b, rule)) for b in looks) if m.any()]
     if not pairs:
@@ -282,11 +282,7 @@ def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
 
 def _far(other: BoolArray, distance: int) -> BoolArray:
     """Pixels with no other ground within a square of `distance`."""
-    if not distance or not other.any():
-        return ~other
-    import cv2
-
-    return ~np.asarray(cv2.dilate(other.view(np.uint8), _square(2 * distance + 1))).view(np.bool_)
+    return ~grown(other, 2 * distance + 1) if distance else ~other
 
 
 def _gather(local: Sequence[_Local], masks: Sequence[BoolArray]) -> _Local:
@@ -377,7 +373,7 @@ def _select(block: FloatArray, mask: BoolArray, local: _Local, rule: SampleRule)
     chosen &= local.level - rule.slope * local.nir <= rule.level
     chosen &= _even(local, rule)
     chosen &= _far(valid & ~mask, rule.distance)
-    opened = cv2.morphologyEx((chosen | ~valid).view(np.uint8), cv2.MORPH_OPEN, _square(CLEANING))
+    opened = cv2.morphologyEx((chosen | ~valid).view(np.uint8), cv2.MORPH_OPEN, square(CLEANING))
     compact: BoolArray = opened.view(np.bool_) & chosen
     return compact
 
