@@ -63,12 +63,12 @@ def fit_water(
     whole: bool = True,
     reflectance: bool = False,
 ) -> WaterRule:
-    """Decide from some blocks of a scene how to tell water from land, clouds, foam and ships.
+    """Decide from some blocks of a scene how to distinguish water from land, clouds, foam and ships.
 
     Water absorbs the NIR, so that it is darker there than in the visible, with glint or without: the sign of the NDWI.
-    The sign does not change with the unit or with an offset that all bands share, but it is noisy: roofs and shadows
-    have it, and some water has not. So it votes for a threshold of the NIR: the one that parts the two signs with
-    the fewest errors, moved into the gap beside it that the fewest pixels lie in.
+    The sign depends on no unit or offset that all bands share, but it is noisy: roofs and shadows have it, and some
+    water has not. So it votes for a threshold of the NIR: the one that parts the two signs with the fewest errors,
+    moved into the gap beside it.
 
     At fine pixels glint is sparkle, as bright as land: not water is only what is bright over a whole square. Its side
     is the smallest that leaves no isolated bright pixels of the colour of glint, up to the size of glint's patches.
@@ -78,11 +78,10 @@ def fit_water(
     looks : sequence of (band, row, column) ndarray
         Blocks that stand for the scene, or the whole scene [any unit]; NaN is not valid.
     roles : Roles
-        Which band is what.
     pixel : float, optional
         Side of a pixel on the ground [m].
     reflectance : bool
-        The bands are known to be reflectances; else, from 1 m on, the brightest pixels tell.
+        The bands are known to be reflectances; else the brightest pixels of coarse images tell.
     whole : bool
         The blocks are all of the scene; else there may be land that they do not show.
 
@@ -100,8 +99,7 @@ def fit_water(
 
     References
     ----------
-    McFeeters, S. K. (1996), "The use of the Normalized Difference Water Index (NDWI) in the delineation of
-    open water features", Int. J. Remote Sensing 17, 1425-1432, doi:10.1080/01431169608948714.
+    McFeeters (1996), International Journal of Remote Sensing 17, 1425-1432, doi:10.1080/01431169608948714 (NDWI).
 
     Examples
     --------
@@ -111,12 +109,12 @@ def fit_water(
     """
     check_looks(looks, roles)
     view = _View(looks, roles)
-    found = None
+    found = WaterRule(roles)
     if view.pixels:
         coarse = not reflectance and pixel is not None and pixel >= COARSE_PIXEL
         white = view.white if coarse else PLAIN_WHITE
-        found = _fit(view, white, pixel, brown=False) or _fit(view, white, pixel, brown=True)
-    return replace(found or WaterRule(roles), pixels=view.pixels, whole=whole)
+        found = _fit(view, white, pixel, brown=False) or _fit(view, white, pixel, brown=True) or found
+    return replace(found, pixels=view.pixels, whole=whole)
 
 
 def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool) -> WaterRule | None:

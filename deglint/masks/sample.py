@@ -88,19 +88,15 @@ class SampleRule:
     @property
     def halo(self) -> int:
         """Pixels that `deep_water` needs around a tile."""
-        return _halo(self.water, self.distance)
+        return sample_halo(self.water, self.distance)
 
     def numbers(self) -> dict[str, Any]:
         """Everything but the water rule as plain numbers, for a sidecar."""
         return {k: v for k, v in asdict(self).items() if k != "water"} | {"halo": self.halo}
 
 
-def sample_halo(water: WaterRule) -> int:
-    """Pixels that `deep_water` needs around a tile, at most, whatever rule is found."""
-    return _halo(water, max(DISTANCES))
-
-
-def _halo(water: WaterRule, distance: int) -> int:
+def sample_halo(water: WaterRule, distance: int = max(DISTANCES)) -> int:
+    """Pixels that `deep_water` needs around a tile; by default at most, whatever rule is found."""
     return water.halo + max(distance, SIZE // 2) + CLEANING - 1
 
 
@@ -250,23 +246,20 @@ def _grains(looks: Sequence[FloatArray], masks: Sequence[BoolArray], rule: Water
 
 
 def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
-    """Box sums over water. Integers below 2^53 in float64: exact in any order."""
+    """Local statistics by box sums over water, of integers below 2^53 in float64: exact in any order."""
     import cv2
 
     def box(values: Float64Array) -> Float64Array:
         sums = cv2.boxFilter(values, -1, (SIZE, SIZE), normalize=False, borderType=cv2.BORDER_CONSTANT)
         return np.asarray(sums, np.float64)
 
+    def grains(values: Float64Array, k: int) -> Float64Array:
+        counted = np.rint((values - rule.centre[k]) / rule.step[k])
+        return np.where(mask, np.clip(counted, -(2**20), 2**20), 0.0)
+
     roles = rule.water.roles
-    bands = block[roles.nir].astype(np.float64), _visible_sum(block, roles, rule.weights)
-    grains = []
-    for values, centre, step in zip(bands, rule.centre, rule.step, strict=True):
-        values -= centre
-        values /= step
-        np.clip(np.rint(values, out=values), -(2**20), 2**20, out=values)
-        values[~mask] = 0.0
-        grains.append(values)
-    nir, visible = grains
+    nir = grains(block[roles.nir].astype(np.float64), 0)
+    visible = grains(_visible_sum(block, roles, rule.weights), 1)
     count = box(mask.astype(np.float64))
     inverse: Float64Array = 1.0 / np.maximum(count, 1.0)
     mean_nir, mean_visible = box(nir) * inverse, box(visible) * inverse

@@ -229,23 +229,17 @@ class GlintModel:
         if names == self.band_names:
             return self
         place = {name.casefold(): i for i, name in enumerate(names)}
-        missing = [self.band_names[b] for b in self.used_bands if self.band_names[b].casefold() not in place]
+        used = sorted({*self.index_bands, *(f.band for f in self.fits)})
+        missing = [self.band_names[b] for b in used if self.band_names[b].casefold() not in place]
         if missing:
             raise InputError(f"the model needs band(s) {', '.join(missing)}; the scene has {', '.join(names)}.")
         to = [place.get(name.casefold(), -1) for name in self.band_names]
-        return replace(
-            self,
-            indexes=tuple(replace(i, bands=tuple(to[b] for b in i.bands)) for i in self.indexes),
-            references=tuple(replace(r, band=to[r.band]) for r in self.references),
-            second=tuple(replace(i, bands=tuple(to[b] for b in i.bands)) for i in self.second),
-            fits=tuple(replace(f, band=to[f.band]) for f in self.fits),
-            band_names=names,
+        indexes, second = (
+            tuple(replace(i, bands=tuple(to[b] for b in i.bands)) for i in some) for some in (self.indexes, self.second)
         )
-
-    @property
-    def used_bands(self) -> tuple[int, ...]:
-        """0-based bands that are read or corrected."""
-        return tuple(sorted({b for i in self.indexes for b in i.bands} | {f.band for f in self.fits}))
+        references = tuple(replace(r, band=to[r.band]) for r in self.references)
+        fits = tuple(replace(f, band=to[f.band]) for f in self.fits)
+        return replace(self, indexes=indexes, second=second, references=references, fits=fits, band_names=names)
 
     @property
     def index_bands(self) -> tuple[int, ...]:
