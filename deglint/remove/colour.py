@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ..moments import Float64
 from .kernels import BandSet
 from .request import FitRequest
-
-Float64 = npt.NDArray[np.float64]
 
 COLOUR = 0.2
 """Relative uncertainty of the colour of glint: aerosol that is not known changes blue against NIR by a fifth."""

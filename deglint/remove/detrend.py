@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
+from ..moments import Float64
 from ..scene import FloatArray
-
-Float64Array = npt.NDArray[np.float64]
 
 SIZE = 15
 """Side of the square over which the mean is taken, by default [pixel]."""
@@ -25,7 +24,7 @@ def detrend_halo(size: int = SIZE) -> int:
     return size // 2
 
 
-def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: int = SIZE) -> Float64Array:
+def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: int = SIZE) -> Float64:
     """Subtract from every band its mean over the sample pixels in a square around each sample pixel.
 
     .. math:: y_i = x_i - \\frac{\\sum_{j \\in W(i)} m_j x_j}{\\sum_{j \\in W(i)} m_j}
@@ -73,7 +72,7 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
     count = np.maximum(_box_sum(np.asarray(sample, np.float64), size), 1.0)
     out = np.empty(block.shape)
     for band, result in zip(block, out, strict=True):
-        values: Float64Array = band.astype(np.float64)
+        values: Float64 = band.astype(np.float64)
         values[~sample] = 0.0
         parts = _halves(values) if block.dtype == np.float64 else (values,)
         np.subtract(parts[0] * count, _box_sum(parts[0], size), out=result)
@@ -84,7 +83,7 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
     return out
 
 
-def _halves(values: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _halves(values: Float64) -> tuple[Float64, Float64]:
     """Upper and lower half of the bits of values (Veltkamp's split): the upper one keeps 26 of them."""
     with np.errstate(over="ignore", invalid="ignore"):
         apart = values * _VELTKAMP
@@ -92,12 +91,12 @@ def _halves(values: Float64Array) -> tuple[Float64Array, Float64Array]:
         return np.asarray(upper), np.asarray(values - upper)
 
 
-def _box_sum(values: Float64Array, size: int) -> Float64Array:
+def _box_sum(values: Float64, size: int) -> Float64:
     """Sum over size x size pixels around each pixel, 0 outside the image."""
     return _run_sum(_run_sum(np.pad(values, size // 2), size).T, size).T
 
 
-def _run_sum(values: Float64Array, size: int) -> Float64Array:
+def _run_sum(values: Float64, size: int) -> Float64:
     """Sums over `size` neighbours along the first axis: of the powers of two that `size` consists of."""
     length = len(values) - size + 1
     total = np.zeros((length, values.shape[1]))

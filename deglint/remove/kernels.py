@@ -17,13 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
-from ..moments import CELL
+from ..moments import CELL, Float64, Mask
 from ..scene import FloatArray
 from .detrend import detrend
 from .reference import LEAST_OPEN
-
-Float64 = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 SIDE = 5
 """Side of the largest kernel [pixel]; kernels of 7 pixels were no better on any scene."""

@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from ..moments import Mask
 from ..scene import FloatArray
 from .kernels import KERNEL_REACH
 from .model import GlintIndex, GlintModel
 from .reference import clean
-
-Mask = npt.NDArray[np.bool_]
 
 SPARE = 16
 """Columns that are added: at least as many as OpenCV's filters handle at a time."""

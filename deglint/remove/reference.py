@@ -15,10 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..moments import CELL
+from ..moments import CELL, Mask
 from ..scene import FloatArray
-
-Mask = npt.NDArray[np.bool_]
 
 SIZE = 15
 """Side of the square that local means are taken over [pixel]: several waves, and less than a plume."""

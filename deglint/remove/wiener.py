@@ -44,6 +44,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
+from ..moments import Float64, Mask
 from ..scene import Band, FloatArray
 from .colour import SharedGlint, shared_glint
 from .detrend import SIZE as LOCAL_MEAN
@@ -60,7 +61,7 @@ from .kernels import (
     joined,
     merge,
     offsets,
-)
+)  # fmt: skip
 from .levels import apart_from_sparkle, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
@@ -69,9 +70,6 @@ from .reference import FACTOR, QUARTILE, ReferenceRule, clean, fit_reference, op
 from .request import FitRequest
 from .strips import LEAST_SQUARES_OF_KIND as LEAST_SQUARES
 from .strips import Strips, find_kernels, second_kind
-
-Float64 = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 SAMPLE_SIDE = 192
 """Side of the tiles of a sample [pixel]."""
