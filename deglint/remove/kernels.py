@@ -284,7 +284,12 @@ def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs:
 
 
 def joined(found: Sequence[KernelFit], bands: int) -> tuple[Float64, Float64]:
-    """Responses of all bands, the mean over strips, and their covariance by the jackknife over groups."""
+    r"""Responses s of all bands, the mean over strips, and their covariance by the jackknife over G groups.
+
+    .. math:: V = \frac{G - 1}{G} \sum_g (s_{-g} - \bar s)(s_{-g} - \bar s)^T
+
+    with s_{-g} the responses without group g.
+    """
     share = np.zeros(bands)
     for f in found:
         share[list(f.band_set.bands)] += f.pixels

@@ -178,13 +178,16 @@ def combine(parts: Sequence[SamplePart], plan: SamplePlan) -> SamplePart:
     return SamplePart(
         cells=CellMoments.concatenate([p.cells for p in real]).joined(plan.levels),
         detrended=CellMoments.concatenate(local).joined(plan.levels) if local else None,
-        darkest=tuple(min(e, key=lambda e: (e.value, e.place)) for e in zip(*(p.darkest for p in real), strict=True)),
-        brightest=tuple(
-            min(e, key=lambda e: (-e.value, e.place)) for e in zip(*(p.brightest for p in real), strict=True)
-        ),
+        darkest=_first(1, [p.darkest for p in real]),
+        brightest=_first(-1, [p.brightest for p in real]),
         places=np.concatenate([p.places for p in real], axis=1),
         values=np.concatenate([p.values for p in real], axis=1),
     )
+
+
+def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme, ...]:
+    """Of each index the extreme with the least value times `sign`, and of equal ones the first in the scene."""
+    return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
 
 
 def merge(parts: Iterable[SamplePart], plan: SamplePlan) -> SampleStatistics:
