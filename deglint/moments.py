@@ -4,9 +4,10 @@ A block is cut into square cells that are aligned with the *scene's* origin, not
 reduced by itself, and the cells are merged pairwise in row-major order, so the result is the same to the bit whatever
 tiles the scene was read in (as long as tile edges fall on cell edges) and however many threads worked on it.
 
-A cell is reduced in two passes while it is in cache - first its mean, then the moments about that mean - and merged
-with the update of Chan, Golub and LeVeque (1983), means held in two doubles. No large sums of squares are ever formed,
-so an offset of 1e8 or one extreme pixel costs no digits.
+A cell is reduced while it is in cache: in one pass about a typical pixel, or, where that lies far from the mean or
+pixels are missing, in two, first the mean and then the moments about it. Cells are merged with the update of Chan,
+Golub and LeVeque (1983), means held in two doubles. No large sums of squares are ever formed, so an offset of 1e8 or
+one extreme pixel costs no digits.
 
 References
 ----------
