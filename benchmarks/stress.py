@@ -176,11 +176,11 @@ def digits(found: npt.ArrayLike, right: npt.ArrayLike, scale: npt.ArrayLike | No
 Jobs = dict[str, Callable[[], Any]]
 
 
-def by_deglint(case: Case, *, compiled: bool = True) -> Jobs:
-    """The project; statistics and scores by numpy or by the compiled kernels."""
+def by_deglint(case: Case) -> Jobs:
+    """The project."""
     block = case.block
     physical = block if block.dtype in (np.float32, np.float64) else block.astype(np.float64)  # as readers return it
-    moments = cell_moments(block, cell=64, compiled=compiled).total()
+    moments = cell_moments(block, cell=64).total()
     return {
         "mean": lambda: moments.mean,
         "covariance": moments.covariance,

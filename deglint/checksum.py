@@ -29,12 +29,8 @@ class _Ahead:
 
     def __init__(self, path: str) -> None:
         self.before, self.found = _stamp(path), dict[str, Any]()
-        self._path = path
-        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread = threading.Thread(target=lambda: self.found.update(fingerprint(path)), daemon=True)
         self._thread.start()
-
-    def _work(self) -> None:
-        self.found = fingerprint(self._path)
 
     def result(self) -> dict[str, Any]:
         self._thread.join()

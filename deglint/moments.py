@@ -4,9 +4,10 @@ A block is cut into square cells that are aligned with the *scene's* origin, not
 reduced by itself, and the cells are merged pairwise in row-major order, so the result is the same to the bit whatever
 tiles the scene was read in (as long as tile edges fall on cell edges) and however many threads worked on it.
 
-A cell is reduced in two passes while it is in cache - first its mean, then the moments about that mean - and merged
-with the update of Chan, Golub and LeVeque (1983), means held in two doubles. No large sums of squares are ever formed,
-so an offset of 1e8 or one extreme pixel costs no digits.
+A cell is reduced while it is in cache: in one pass about a typical pixel, or, where that lies far from the mean or
+pixels are missing, in two, first the mean and then the moments about it. Cells are merged with the update of Chan,
+Golub and LeVeque (1983), means held in two doubles. No large sums of squares are ever formed, so an offset of 1e8 or
+one extreme pixel costs no digits.
 
 References
 ----------
@@ -16,7 +17,7 @@ doi:10.1080/00031305.1983.10483115.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,12 +27,9 @@ import numpy.typing as npt
 from .errors import InputError
 
 Float64 = npt.NDArray[np.float64]
-Places = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 _NEAR_MEAN = 0.9
 """Share of the sum of squares about a typical pixel that may be due to its distance from the mean: costs three bits."""
-_ROOM = 1 << 18
-"""Values worked on at a time, at most, if a cell has fewer."""
 CELL = 64
 """Side of a cell [pixel]; tiles that start at multiples of it give bit-identical statistics."""
 
@@ -66,17 +64,6 @@ class Moments:
             return np.full_like(self.comoment, np.nan)
         return self.comoment / (self.n - ddof)
 
-    @classmethod
-    def merge(cls, parts: Iterable[Moments]) -> Moments:
-        """Moments of all pixels of the parts, merged in the order given.
-
-        Raises
-        ------
-        InputError
-            There are no parts, or they differ in their variables.
-        """
-        return CellMoments.concatenate([CellMoments.from_moments(p) for p in parts]).total()
-
 
 @dataclass(frozen=True, eq=False)
 class CellMoments:
@@ -94,7 +81,7 @@ class CellMoments:
         The mean of a cell is mean + rest, held in two doubles.
     """
 
-    keys: Places
+    keys: npt.NDArray[np.int64]
     n: Float64
     mean: Float64
     comoment: Float64
@@ -106,12 +93,6 @@ class CellMoments:
     def from_moments(cls, m: Moments) -> CellMoments:
         """One cell, at the origin."""
         return cls(np.zeros((1, 2), np.int64), *(np.array([getattr(m, f)], np.float64) for f in _CELL_FIELDS[1:]))
-
-    @classmethod
-    def without_pixels(cls, keys: Places, variables: int) -> CellMoments:
-        """Cells at these places, to be filled."""
-        n, mean, comoment = (np.zeros((len(keys), *shape)) for shape in ((), (variables,), (variables, variables)))
-        return cls(keys, n, mean, comoment, np.full_like(mean, np.inf), np.full_like(mean, -np.inf), mean.copy())
 
     @classmethod
     def concatenate(cls, parts: Iterable[CellMoments]) -> CellMoments:
@@ -138,31 +119,26 @@ class CellMoments:
         return out
 
     def _pairs_merged(self, level: int) -> CellMoments:
-        """Cells in order; of those whose columns differ in the last `level` bits alone, neighbours are merged."""
+        """Cells in order, one or two in a group of 2**level columns: two are merged."""
         groups = self.keys >> np.array([0, level])
-        same = np.append((groups[1:] == groups[:-1]).all(axis=1), False)
-        places = np.arange(len(same))
-        run = places - np.maximum.accumulate(np.where(np.append(True, ~same[:-1]), places, 0))
-        first = np.flatnonzero(same & (run % 2 == 0))
-        if not len(first):
-            return self
+        first = np.flatnonzero((groups[1:] == groups[:-1]).all(axis=1))
         both = self.where(np.stack([first, first + 1], axis=1).ravel())
         n, mean, rest, comoment = _merge_neighbours(both.n, both.mean, both.rest, both.comoment)
         low = np.minimum(both.minimum[::2], both.minimum[1::2])
         high = np.maximum(both.maximum[::2], both.maximum[1::2])
         merged = CellMoments(both.keys[::2], n, mean, comoment, low, high, rest)
-        alone = np.ones(len(self.n), np.bool_)
-        alone[first] = alone[first + 1] = False
+        alone = np.delete(np.arange(len(self.n)), [*first, *(first + 1)])
         return CellMoments.concatenate([merged, self.where(alone)]).by_place()
 
-    def where(self, chosen: npt.NDArray[Any]) -> CellMoments:
-        """Some of the cells, by index or by mask."""
+    def where(self, chosen: npt.NDArray[Any] | slice) -> CellMoments:
+        """Some of the cells, by index, slice or mask."""
         return CellMoments(*(getattr(self, name)[chosen] for name in _CELL_FIELDS))
 
     def total(self) -> Moments:
         """Merge all cells, neighbours in their present order first."""
         if not len(self.n):
-            return CellMoments.without_pixels(np.zeros((1, 2), np.int64), self.mean.shape[1]).total()
+            variables = self.mean.shape[1]
+            return Moments(0, *_two_passes(np.empty((variables, 0)))[1:])
         n, mean, rest, comoment = self.n, self.mean, self.rest, self.comoment
         with np.errstate(over="ignore", invalid="ignore"):
             while len(n) > 1:
@@ -175,13 +151,7 @@ _CELL_FIELDS = ("keys", "n", "mean", "comoment", "minimum", "maximum", "rest")
 
 
 def cell_moments(
-    block: npt.NDArray[Any],
-    mask: Mask | None = None,
-    *,
-    origin: tuple[int, int] = (0, 0),
-    cell: int = CELL,
-    compiled: bool = False,
-    part: tuple[int, int] | None = None,
+    block: npt.NDArray[Any], mask: Mask | None = None, *, origin: tuple[int, int] = (0, 0), cell: int = CELL
 ) -> CellMoments:
     """Moments of a block, cell by cell.
 
@@ -195,11 +165,6 @@ def cell_moments(
         Row and column of the block's first pixel in the scene [pixel].
     cell : int
         Side of a cell [pixel].
-    compiled : bool
-        Use the compiled kernel: twice as fast, but it takes half a second to load. The last bits may differ.
-    part : (int, int), optional
-        First row to use and the row after the last, on edges of cells or of the block: as a slice of the block, which
-        would have to be copied.
 
     Returns
     -------
@@ -210,29 +175,31 @@ def cell_moments(
     -----
     Assumes nothing of the data. Costs one read of the block and (variables + 1)^2 / 2 multiply-adds a pixel.
     """
-    block, mask, (skip, stop) = _checked(block, mask, part)
-    if block.dtype not in (np.float32, np.float64) or not block.flags.c_contiguous:
-        dtype = block.dtype if block.dtype == np.float32 else np.float64
-        block = np.ascontiguousarray(block[:, skip:stop], dtype)
-        mask = mask[skip:stop]
-        origin, skip, stop = (origin[0] + skip, origin[1]), 0, stop - skip
-    first = ((origin[0] + skip) // cell, origin[1] // cell)
-    last = (-(-(origin[0] + stop) // cell), -(-(origin[1] + block.shape[2]) // cell))
-    shape = (max(last[0] - first[0], 0), max(last[1] - first[1], 0))
-    cells = CellMoments.without_pixels(np.argwhere(np.ones(shape, np.bool_)) + np.array(first), len(block))
-    if block.size:
-        start = (origin[0] - first[0] * cell, origin[1] - first[1] * cell)  # of the block, in the first cell
-        reduce = _reduce_cells
-        if compiled:
-            from ._moments_kernels import reduce_cells as reduce
-        reduce(
-            block, np.ascontiguousarray(mask), *start, cell, shape[1], *(getattr(cells, f) for f in _CELL_FIELDS[1:])
-        )
-    used = cells.n > 0
-    return cells if used.all() else cells.where(used)
+    block = np.asarray(block)
+    if block.ndim != 3:
+        raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
+    if mask is not None and mask.shape != block.shape[1:]:
+        raise InputError(f"mask has shape {mask.shape}, but rows and columns of the block are {block.shape[1:]}.")
+    edges = [_edges(first, length, cell) for first, length in zip(origin, block.shape[1:], strict=True)]
+    keys, found = [(0, 0)], [_two_passes(np.empty((len(block), 0)))]  # a cell without pixels, for the shapes
+    with np.errstate(over="ignore", invalid="ignore"):  # whoever uses a moment tests whether it is finite
+        for row, rows in edges[0]:
+            for column, columns in edges[1]:
+                one = _reduced(block[:, rows, columns], None if mask is None else mask[rows, columns])
+                if one[0]:
+                    keys.append((row, column))
+                    found.append(one)
+    arrays = (np.array(values, np.float64) for values in zip(*found, strict=True))
+    return CellMoments(np.array(keys, np.int64), *arrays).where(slice(1, None))
 
 
-def moments(block: npt.NDArray[Any], mask: Mask | None = None, *, compiled: bool = False) -> Moments:
+def _edges(first: int, length: int, cell: int) -> list[tuple[int, slice]]:
+    """Number of each cell along an axis of a block that starts at pixel `first`, and its pixels in the block."""
+    numbers = range(first // cell, -(-(first + length) // cell)) if length else range(0)
+    return [(k, slice(max(k * cell - first, 0), min((k + 1) * cell - first, length))) for k in numbers]
+
+
+def moments(block: npt.NDArray[Any], mask: Mask | None = None) -> Moments:
     """Moments of all valid pixels of a block.
 
     Parameters
@@ -240,8 +207,6 @@ def moments(block: npt.NDArray[Any], mask: Mask | None = None, *, compiled: bool
     block : (variables, rows, columns) or (variables, pixels) ndarray
     mask : (rows, columns) bool ndarray, optional
         True where a pixel counts.
-    compiled : bool
-        As `cell_moments`.
 
     Examples
     --------
@@ -253,7 +218,7 @@ def moments(block: npt.NDArray[Any], mask: Mask | None = None, *, compiled: bool
     if block.ndim == 2:
         block = block[:, None, :]
         mask = None if mask is None else np.asarray(mask).reshape(1, -1)
-    return cell_moments(block, mask, compiled=compiled).total()
+    return cell_moments(block, mask).total()
 
 
 def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
@@ -275,94 +240,55 @@ def in_share(rows: npt.NDArray[np.integer], columns: npt.NDArray[np.integer], sh
     return np.asarray(mixed % np.uint64(share) == 0)
 
 
-def _reduce_cells(
-    block: npt.NDArray[Any], mask: Mask, row0: int, col0: int, cell: int, across: int,
-    n: Float64, mean: Float64, comoment: Float64, low: Float64, high: Float64, rest: Float64,
-) -> None:  # fmt: skip
-    """Fill the per-cell arrays from a block whose first pixel lies at (row0, col0) within the first cell.
-
-    A mask of no size is True everywhere.
-    """
-    down, right = np.divmod(np.arange(len(n)), across)
-    starts = np.stack([down * cell - row0, right * cell - col0], axis=1)
-    ends = np.stack([np.maximum(starts, 0), np.minimum(starts + cell, block.shape[1:])], axis=2)
-    windows = [(slice(*rows), slice(*columns)) for rows, columns in ends.tolist()]
-    whole = np.array([bool(mask[window].all()) for window in windows])
-    with np.errstate(over="ignore", invalid="ignore"):  # whoever uses it looks whether it is finite
-        each = (n, mean, comoment, low, high, rest)
-        for i in [*np.flatnonzero(~whole), *_reduce_quickly(block, ends, np.flatnonzero(whole), each)]:
-            x = np.array(block[:, *windows[i]], np.float64).reshape(len(block), -1)
-            valid = np.isfinite(x).all(axis=0)
-            x = x[:, valid & mask[windows[i]].ravel() if mask.size else valid]
-            low[i], high[i] = x.min(axis=1, initial=np.inf), x.max(axis=1, initial=-np.inf)
-            count = n[i] = x.shape[1]
-            if not count:
-                continue
-            shift = _typical(x[:, 0], x[:, count // 2], x[:, -1])
-            x -= shift[:, None]
-            centre = x.mean(axis=1)
-            x -= centre[:, None]
-            left = x.mean(axis=1)
-            mean[i], rest[i] = _two_sum(shift, centre + left)
-            comoment[i] = x @ x.T - count * np.outer(left, left)
+Reduced = tuple[int, Float64, Float64, Float64, Float64, Float64]
+"""Count, mean, comoment, minimum, maximum and rest of one cell."""
 
 
-def _reduce_quickly(block: npt.NDArray[Any], ends: Places, cells: Places, results: tuple[Float64, ...]) -> Places:
-    """Fill the per-cell arrays for cells of which every pixel counts, in one pass about a pixel of the cell.
-
-    Returns which cells ask for more care: pixels that are not finite, or a pixel too far from the mean.
-    """
-    if not len(cells):
-        return cells
-    ends = ends[cells]
-    n, total, comoment, low, high = (np.empty((len(cells), *a.shape[1:])) for a in results[:-1])
-    first, middle, last = np.moveaxis(block[:, *_typical_places(ends)].astype(np.float64), 1, 0)
-    shift, bands = _typical(first, middle, last).T.copy(), len(block)
-    room = np.empty(0)
-    for some, rows, columns in _runs(ends.tolist(), max(_ROOM // (bands * CELL * CELL), 1)):
-        given = block[:, rows, columns]
-        given = given.reshape(bands, given.shape[1], some.stop - some.start, -1).transpose(2, 0, 1, 3)
-        room = room if room.size >= given.size else np.empty(given.size)
-        x = room[: given.size].reshape(*given.shape[:2], -1)
-        np.copyto(x.reshape(given.shape), given)
-        n[some] = x.shape[2]
-        np.minimum.reduce(x, axis=2, out=low[some])
-        np.maximum.reduce(x, axis=2, out=high[some])
-        np.subtract(x, shift[some, :, None], out=x)
-        np.add.reduce(x, axis=2, out=total[some])
-        np.matmul(x, x.transpose(0, 2, 1), out=comoment[some])
-    centre = total / n[:, None]
-    squares = np.diagonal(comoment, axis1=1, axis2=2)
-    bad = ~np.isfinite(high - low) | ~(total * centre <= _NEAR_MEAN * squares)
-    comoment -= total[:, :, None] * centre[:, None, :]
-    centre, rest = _two_sum(shift, centre)
-    for whole, part in zip(results, (n, centre, comoment, low, high, rest), strict=True):
-        whole[cells] = part
-    return np.asarray(cells[bad.any(axis=1)])
+def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
+    """Moments of the pixels of one cell, (variable, row, column): in one pass where that loses no digits."""
+    x = np.array(pixels, np.float64).reshape(len(pixels), -1)
+    if inside is None or inside.all():
+        one = _one_pass(x)
+        if one is not None:
+            return one
+        x = np.array(pixels, np.float64).reshape(len(pixels), -1)
+    valid = np.isfinite(x).all(axis=0)
+    return _two_passes(x[:, valid if inside is None else valid & inside.ravel()])
 
 
-def _runs(ends: list[list[list[int]]], most: int) -> Iterator[tuple[slice, slice, slice]]:
-    """At most so many cells that lie side by side and are alike: which, and the rows and columns of all of them.
-
-    Threads hand each other Python's lock at every call of NumPy: few long calls let them work at the same time.
-    """
-    first = 0
-    for i, (rows, (left, right)) in enumerate(ends):
-        if i + 1 - first == most or ends[i + 1 : i + 2] != [[rows, [right, 2 * right - left]]]:
-            yield slice(first, i + 1), slice(*rows), slice(ends[first][1][0], right)
-            first = i + 1
-
-
-def _typical_places(ends: Places) -> tuple[Places, Places]:
-    """Rows and columns of the first, middle and last pixel of each cell, (3, cells)."""
-    (top, left), (bottom, right) = ends[:, :, 0].T, ends[:, :, 1].T
-    size = (bottom - top) * (right - left)
-    rows, columns = np.divmod(np.stack([0 * size, size // 2, size - 1]), right - left)
-    return rows + top, columns + left
+def _one_pass(x: Float64) -> Reduced | None:
+    """Sums about a typical pixel, taken off `x`; None where it is too far from the mean, or one is not finite."""
+    count = x.shape[1]
+    low, high = x.min(axis=1), x.max(axis=1)
+    shift = _typical(x)
+    x -= shift[:, None]
+    total, comoment = x.sum(axis=1), x @ x.T
+    centre = total / count
+    if not (np.isfinite(high - low) & (total * centre <= _NEAR_MEAN * np.diagonal(comoment))).all():
+        return None
+    comoment -= total[:, None] * centre
+    mean, rest = _two_sum(shift, centre)
+    return count, mean, comoment, low, high, rest
 
 
-def _typical(a: Float64, b: Float64, c: Float64) -> Float64:
-    """The middle one of three values: exactly that of a constant, and not a single stray pixel."""
+def _two_passes(x: Float64) -> Reduced:
+    """First the mean, then the moments about it, and what rounding left of the mean."""
+    count = x.shape[1]
+    low, high = x.min(axis=1, initial=np.inf), x.max(axis=1, initial=-np.inf)
+    if not count:
+        return 0, np.zeros(len(x)), np.zeros((len(x), len(x))), low, high, np.zeros(len(x))
+    shift = _typical(x)
+    x -= shift[:, None]
+    centre = x.mean(axis=1)
+    x -= centre[:, None]
+    left = x.mean(axis=1)
+    mean, rest = _two_sum(shift, centre + left)
+    return count, mean, x @ x.T - count * np.outer(left, left), low, high, rest
+
+
+def _typical(x: Float64) -> Float64:
+    """The middle one of the first, middle and last pixel: exactly that of a constant, and not a single stray pixel."""
+    a, b, c = x[:, 0], x[:, x.shape[1] // 2], x[:, -1]
     return np.asarray(np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)))
 
 
@@ -384,17 +310,3 @@ def _merge_neighbours(n: Float64, mean: Float64, rest: Float64, comoment: Float6
     new_mean, new_rest = _two_sum(mean[a], away * (n[b] / total)[:, None] + rest[a])
     ends = ((total, n), (new_mean, mean), (new_rest, rest), (merged, comoment))
     return tuple(np.concatenate([new, old[even:]]) for new, old in ends)
-
-
-def _checked(
-    block: npt.NDArray[Any], mask: Mask | None, part: tuple[int, int] | None
-) -> tuple[npt.NDArray[Any], Mask, tuple[int, int]]:
-    """Block, mask (of no size: everywhere) and the rows to use, or an InputError."""
-    block = np.asarray(block)
-    if block.ndim != 3:
-        raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
-    if mask is None:
-        mask = np.ones((0, 0), np.bool_)
-    elif mask.shape != block.shape[1:]:
-        raise InputError(f"mask has shape {mask.shape}, but rows and columns of the block are {block.shape[1:]}.")
-    return block, mask, part or (0, block.shape[1])

@@ -36,9 +36,6 @@ RIDGE = 1e-3
 """Share of each band's variance that `ridge` adds, unless it is said."""
 ROBUST_SAMPLE = 1 << 17
 """Pixels that the robust estimate and Ledoit and Wolf's shrinkage look at, at most about."""
-COMPILED_PIXELS = 10_000_000
-"""Pixels above which the compiled statistics kernel pays for its loading."""
-
 THREADED_VALUES = 1 << 23
 """Values from which an array in memory is worked on by several threads unless it is said."""
 
@@ -132,12 +129,9 @@ class Part:
     values: npt.NDArray[Any]
 
     @classmethod
-    def of(
-        cls, block: npt.NDArray[Any], mask: Mask | None, origin: tuple[int, int], share: int = 0, *,
-        compiled: bool = False,
-    ) -> Part:  # fmt: skip
+    def of(cls, block: npt.NDArray[Any], mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Part:
         """From a block whose first pixel lies at `origin` in the scene; one pixel in `share` is kept, of 0 none."""
-        cells = cell_moments(block, mask, origin=origin, compiled=compiled)
+        cells = cell_moments(block, mask, origin=origin)
         rows = columns = np.zeros(0, np.int64)
         if share:
             good = np.isfinite(block).all(axis=0)
@@ -223,7 +217,7 @@ def fit(
     def part(row: int) -> Part:
         rows = slice(row, row + CELL)
         inside = None if mask is None else mask[rows]
-        return Part.of(image[:, rows], inside, (row, 0), share, compiled=pixels > COMPILED_PIXELS)
+        return Part.of(image[:, rows], inside, (row, 0), share)
 
     with ThreadPoolExecutor(threads or default_threads(image)) as pool:
         parts = list(pool.map(part, range(0, image.shape[1], CELL)))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deglint.errors import InputError
-from deglint.moments import CELL, CellMoments, Moments, cell_moments, moments
+from deglint.moments import CELL, CellMoments, cell_moments, moments
 
 
 def accuracy_series(middle, low, high):
@@ -52,11 +52,10 @@ def as_block(columns):
     return np.ascontiguousarray(np.asarray(columns, float).T[:, None, :])
 
 
-@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("name", NIST_UNIVARIATE)
-def test_nist_univariate(name, compiled):
+def test_nist_univariate(name):
     data, mean, deviation = NIST_UNIVARIATE[name]
-    m = moments(data[None, :], compiled=compiled)
+    m = moments(data[None, :])
     exact = [Fraction(float(x)) for x in data]
     exact_mean = sum(exact) / len(exact)
     exact_power = sum((x - exact_mean) ** 2 for x in exact)
@@ -69,9 +68,8 @@ def test_nist_univariate(name, compiled):
     assert np.sqrt(m.covariance()[0, 0]) == pytest.approx(deviation, abs=2 * stored + 1e-15)
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-def test_nist_norris(compiled):
-    m = moments(as_block(NORRIS), compiled=compiled)
+def test_nist_norris():
+    m = moments(as_block(NORRIS))
     slope = m.comoment[0, 1] / m.comoment[1, 1]
     r2 = m.comoment[0, 1] ** 2 / (m.comoment[0, 0] * m.comoment[1, 1])
     assert slope == pytest.approx(1.00211681802045, rel=1e-14)
@@ -79,9 +77,8 @@ def test_nist_norris(compiled):
     assert r2 == pytest.approx(0.999993745883712, rel=1e-14)
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-def test_nist_longley(compiled):
-    m = moments(as_block(LONGLEY), compiled=compiled)
+def test_nist_longley():
+    m = moments(as_block(LONGLEY))
     scale = np.sqrt(np.diag(m.comoment))
     correlation = m.comoment / np.outer(scale, scale)
     slopes = np.linalg.solve(correlation[1:, 1:], correlation[1:, 0]) * scale[0] / scale[1:]
@@ -90,16 +87,15 @@ def test_nist_longley(compiled):
     assert m.mean[0] - slopes @ m.mean[1:] == pytest.approx(-3482258.63459582, rel=1e-11)
 
 
-@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("offset", [0.0, 1e4, 1e8])
-def test_against_long_double(offset, compiled):
+def test_against_long_double(offset):
     rng = np.random.default_rng(1)
     block = rng.normal(0, 3, (3, 150, 170)) + offset
     block[1] += 0.7 * (block[0] - offset)
     x = block.reshape(3, -1).astype(np.longdouble)
     centred = x - x.mean(axis=1, keepdims=True)
     expected = (centred @ centred.T).astype(float)
-    m = moments(block, compiled=compiled)
+    m = moments(block)
     np.testing.assert_allclose(m.mean, x.mean(axis=1).astype(float), rtol=4e-16, atol=1e-15)
     # relative to the scale of the deviations, not of the offset
     np.testing.assert_allclose(m.comoment, expected, atol=1e-14 * expected.max(), rtol=0)
@@ -154,16 +150,15 @@ def test_float32_and_integer_input_is_summed_in_double():
         np.testing.assert_array_equal(m.mean, expected.mean)
 
 
-@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_invalid_pixels_are_left_out_of_every_variable(bad, compiled):
+def test_invalid_pixels_are_left_out_of_every_variable(bad):
     rng = np.random.default_rng(4)
     block = rng.normal(size=(3, 70, 70))
     holes = rng.random((70, 70)) < 0.3
     dirty = block.copy()
     dirty[1, holes] = bad
     before = dirty.copy()
-    m, expected = (moments(*a, compiled=compiled) for a in ((dirty,), (block, ~holes)))
+    m, expected = (moments(*a) for a in ((dirty,), (block, ~holes)))
     assert m.n == (~holes).sum()
     np.testing.assert_array_equal(m.comoment, expected.comoment)
     np.testing.assert_array_equal(m.minimum, expected.minimum)
@@ -179,17 +174,16 @@ def split(length, edges):
     rows=st.lists(st.integers(1, 5), max_size=3, unique=True),
     columns=st.lists(st.integers(1, 4), max_size=3, unique=True),
     order=st.randoms(),
-    compiled=st.booleans(),
     share=st.sampled_from([0.8, 0.9999, 1.0]),
 )
-def test_any_tiling_on_cells_gives_the_same_bits(rows, columns, order, compiled, share):
+def test_any_tiling_on_cells_gives_the_same_bits(rows, columns, order, share):
     height, width = 6 * CELL - 11, 5 * CELL - 7
     rng = np.random.default_rng(5)
     block = rng.normal(1e3, 1, (2, height, width)).astype(np.float32)
     mask = rng.random((height, width)) < share
-    whole = cell_moments(block, mask if share < 1 else None, compiled=compiled).total()
+    whole = cell_moments(block, mask if share < 1 else None).total()
     parts = [
-        cell_moments(block[:, r0:r1, c0:c1], mask[r0:r1, c0:c1], origin=(r0, c0), compiled=compiled)
+        cell_moments(block[:, r0:r1, c0:c1], mask[r0:r1, c0:c1], origin=(r0, c0))
         for r0, r1 in split(height, [CELL * r for r in sorted(rows)])
         for c0, c1 in split(width, [CELL * c for c in sorted(columns)])
     ]
@@ -198,20 +192,6 @@ def test_any_tiling_on_cells_gives_the_same_bits(rows, columns, order, compiled,
     assert merged.n == whole.n
     for name in ("mean", "comoment", "minimum", "maximum"):
         np.testing.assert_array_equal(getattr(merged, name), getattr(whole, name))
-
-
-@pytest.mark.parametrize("compiled", [False, True])
-@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
-@pytest.mark.parametrize("masked", [False, True])
-def test_a_part_of_the_rows_is_as_a_slice(compiled, dtype, masked):
-    rng = np.random.default_rng(8)
-    block = rng.integers(0, 9999, (5, 3 * CELL - 9, 100)).astype(dtype)
-    mask = rng.random(block.shape[1:]) < 0.7 if masked else None
-    for a, b in ((0, CELL), (CELL, 2 * CELL), (2 * CELL, len(block[0]))):
-        part = cell_moments(block, mask, compiled=compiled, part=(a, b))
-        sliced = cell_moments(block[:, a:b], None if mask is None else mask[a:b], origin=(a, 0), compiled=compiled)
-        for name in ("keys", "n", "mean", "rest", "comoment", "minimum", "maximum"):
-            np.testing.assert_array_equal(getattr(part, name), getattr(sliced, name))
 
 
 @settings(max_examples=20, deadline=None)
@@ -249,15 +229,6 @@ def test_groups_hold_neighbours_of_one_row_alone():
     assert joined.n.tolist() == [1024, 1024, 512] * 3
 
 
-def test_merge_of_totals():
-    rng = np.random.default_rng(6)
-    block = rng.normal(size=(2, 10, 30))
-    merged = Moments.merge([moments(block[:, :, :7]), moments(block[:, :, 7:])])
-    expected = moments(block)
-    assert merged.n == expected.n
-    np.testing.assert_allclose(merged.comoment, expected.comoment, rtol=1e-13)
-
-
 @settings(max_examples=25, deadline=None)
 @given(scale=st.floats(1e-12, 1e12), shift=st.floats(-1e6, 1e6))
 def test_scaling_and_shift(scale, shift):
@@ -283,4 +254,4 @@ def test_wrong_shapes_are_refused():
     with pytest.raises(InputError, match="band, row, column"):
         cell_moments(np.zeros(4))
     with pytest.raises(InputError, match="at least one part"):
-        Moments.merge([])
+        CellMoments.concatenate([])

@@ -13,7 +13,7 @@ from scipy.ndimage import correlate, gaussian_filter
 from deglint import Recipe, correct, fit_scene, open_scene, remove, remove_glint
 from deglint.errors import FitError, InputError
 from deglint.remove import GlintModel, SampleTile, nir_request, wiener
-from deglint.remove.lags import offsets
+from deglint.remove.kernels import offsets
 from deglint.remove.levels import shared_level, shared_level_error
 from deglint.remove.predict import glint
 from deglint.remove.reference import ReferenceRule, clean, fit_reference

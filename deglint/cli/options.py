@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import click
@@ -12,9 +13,19 @@ from click.shell_completion import CompletionItem
 
 log = logging.getLogger(__name__)
 
-# The keys of deglint.remove.METHODS and REGRESSIONS, which --help must not wait for; a test holds them equal.
-METHOD_NAMES = ("wiener", "hedley", "lyzenga", "joyce", "multiband", "hochberg", "goodman", "kutser", "nir-subtraction")
-REGRESSION_NAMES = ("ols", "detrended", "huber", "theil-sen")
+
+class AutoOr(click.Choice[str]):
+    """ "auto" or a key of a table of `deglint.remove`, which is loaded when its keys are asked for."""
+
+    def __init__(self, table: str) -> None:
+        self._table, self.case_sensitive = table, True
+
+    @cached_property
+    def choices(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What may be given."""
+        from .. import remove
+
+        return ("auto", *getattr(remove, self._table))
 
 
 class FileName(click.ParamType):

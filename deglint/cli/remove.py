@@ -13,8 +13,7 @@ from .grouped import SETTINGS, Grouped
 from .options import (
     AREA,
     FILE,
-    METHOD_NAMES,
-    REGRESSION_NAMES,
+    AutoOr,
     FileName,
     cluster_of,
     common,
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 @click.argument("output", type=FILE, metavar="OUT")
 @click.option(
     "--method",
-    type=click.Choice(["auto", *METHOD_NAMES]),
+    type=AutoOr("METHODS"),
     default="auto",
     help="How to remove glint; auto: the candidate with the least expected error on sample tiles.",
 )
@@ -81,7 +80,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--regression",
-    type=click.Choice(["auto", *REGRESSION_NAMES]),
+    type=AutoOr("REGRESSIONS"),
     default="auto",
     help="How slopes are fitted; auto: detrended for an automatic sample, else ols.",
 )

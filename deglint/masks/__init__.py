@@ -11,9 +11,9 @@ room reads no files, keeps no state, and never changes a pixel.
 
 from .find import fit_water
 from .sample import SampleRule, away_from_shore, deep_water, fit_sample, sample_halo
-from .surface import Roles, WaterRule, brightness, opened, valid_for, water
+from .surface import Roles, WaterRule, water
 
 __all__ = [
-    "Roles", "SampleRule", "WaterRule", "away_from_shore", "brightness", "deep_water", "fit_sample",
-    "fit_water", "opened", "sample_halo", "valid_for", "water",
+    "Roles", "SampleRule", "WaterRule", "away_from_shore", "deep_water", "fit_sample", "fit_water", "sample_halo",
+    "water",
 ]  # fmt: skip

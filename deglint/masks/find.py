@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scene import FloatArray
-from .surface import BoolArray, Roles, WaterRule, _check_looks, _square, opened, thinned, valid_for
+from .surface import BoolArray, Roles, WaterRule, check_looks, grown, opened, square, thinned, valid_for
 
 Votes = npt.NDArray[np.int8]
 
@@ -63,12 +63,12 @@ def fit_water(
     whole: bool = True,
     reflectance: bool = False,
 ) -> WaterRule:
-    """Decide from some blocks of a scene how to tell water from land, clouds, foam and ships.
+    """Decide from some blocks of a scene how to distinguish water from land, clouds, foam and ships.
 
     Water absorbs the NIR, so that it is darker there than in the visible, with glint or without: the sign of the NDWI.
-    The sign does not change with the unit or with an offset that all bands share, but it is noisy: roofs and shadows
-    have it, and some water has not. So it votes for a threshold of the NIR: the one that parts the two signs with
-    the fewest errors, moved into the gap beside it that the fewest pixels lie in.
+    The sign depends on no unit or offset that all bands share, but it is noisy: roofs and shadows have it, and some
+    water has not. So it votes for a threshold of the NIR: the one that parts the two signs with the fewest errors,
+    moved into the gap beside it.
 
     At fine pixels glint is sparkle, as bright as land: not water is only what is bright over a whole square. Its side
     is the smallest that leaves no isolated bright pixels of the colour of glint, up to the size of glint's patches.
@@ -78,11 +78,10 @@ def fit_water(
     looks : sequence of (band, row, column) ndarray
         Blocks that stand for the scene, or the whole scene [any unit]; NaN is not valid.
     roles : Roles
-        Which band is what.
     pixel : float, optional
         Side of a pixel on the ground [m].
     reflectance : bool
-        The bands are known to be reflectances; else, from 1 m on, the brightest pixels tell.
+        The bands are known to be reflectances; else the brightest pixels of coarse images tell.
     whole : bool
         The blocks are all of the scene; else there may be land that they do not show.
 
@@ -100,8 +99,7 @@ def fit_water(
 
     References
     ----------
-    McFeeters, S. K. (1996), "The use of the Normalized Difference Water Index (NDWI) in the delineation of
-    open water features", Int. J. Remote Sensing 17, 1425-1432, doi:10.1080/01431169608948714.
+    McFeeters (1996), International Journal of Remote Sensing 17, 1425-1432, doi:10.1080/01431169608948714 (NDWI).
 
     Examples
     --------
@@ -109,44 +107,35 @@ def fit_water(
     >>> fit_water([sea], Roles(nir=1, green=0)).all_water
     True
     """
-    _check_looks(looks, roles)
+    check_looks(looks, roles)
     view = _View(looks, roles)
-    nothing = WaterRule(roles, pixels=view.pixels, whole=whole)
-    if not view.pixels:
-        return nothing
-    white = PLAIN_WHITE if reflectance or pixel is None or pixel < COARSE_PIXEL else view.white
-    for brown in (False, True):
-        fitted = _fit(view, white, pixel, brown=brown)
-        if fitted is not None:
-            found, window, solid = fitted
-            other = sum(int(s.sum()) for s in solid)
-            return replace(nothing, window=window, water_fraction=1.0 - other / view.pixels, **found._asdict())
-    return nothing
+    found = WaterRule(roles)
+    if view.pixels:
+        coarse = not reflectance and pixel is not None and pixel >= COARSE_PIXEL
+        white = view.white if coarse else PLAIN_WHITE
+        found = _fit(view, white, pixel, brown=False) or _fit(view, white, pixel, brown=True) or found
+    return replace(found, pixels=view.pixels, whole=whole)
 
 
-def _fit(
-    view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool
-) -> tuple[_Found, int, list[BoolArray]] | None:
-    """Threshold, window and what is not water, where there is water under these assumptions."""
-    widest = WIDEST_WINDOW if pixel is None else _widest(pixel)
+def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool) -> WaterRule | None:
+    """The rule, where there is water in light of this colour, as blue as usual or brown."""
+    widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     for window in [w for w in WINDOWS if w <= widest]:
         votes = view.votes(window, light, brown=brown)
         found = _threshold(view.nir(window), view.contrast, view.flat(votes), sparkle=window > 1)
         if found is None:
             return None
-        left = 0.0
-        if window < widest:
-            left = view.sparkle(found.threshold, window, widest, votes if pixel is None else None)
+        if window == widest:
+            break
+        left = view.sparkle(found.threshold, window, widest, votes if pixel is None else None)
         if left <= (RARE_BRIGHT if pixel is None else 0.0):
             break
     assert found is not None
     solid = view.brighter(found.threshold, window)
-    return (found, window, solid) if view.is_water(solid, votes, COMPACTNESS if brown else 0.0) else None
-
-
-def _widest(pixel: float) -> int:
-    """Widest window that glint may need [pixel]."""
-    return next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
+    if not view.is_water(solid, votes, COMPACTNESS if brown else 0.0):
+        return None
+    water = 1.0 - sum(int(s.sum()) for s in solid) / view.pixels
+    return WaterRule(view.roles, window=window, water_fraction=water, **found._asdict())
 
 
 class _Found(NamedTuple):
@@ -176,9 +165,8 @@ class _View:
 
     def nir(self, window: int) -> FloatArray:
         """NIR without what is bright and smaller than a window."""
-        nir = [b[self.roles.nir] for b in self.blocks]
         return self.flat(
-            nir if window == 1 else [_opened_band(b, v, window) for b, v in zip(nir, self.valid, strict=True)]
+            [_opened_band(b[self.roles.nir], v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
         )
 
     def votes(self, window: int, light: tuple[float, float], *, brown: bool) -> list[Votes]:
@@ -234,7 +222,7 @@ class _View:
         Where votes are given, only bright pixels of the colour of water under glint.
         """
         solid, left = self.brighter(threshold, widest), self.brighter(threshold, window)
-        apart = [b & ~_near(o, widest) for b, o in zip(left, solid, strict=True)]
+        apart = [b & ~grown(o, 2 * widest + 1) for b, o in zip(left, solid, strict=True)]
         if votes is not None:
             apart = [a & (v > 0) for a, v in zip(apart, votes, strict=True)]
         return sum(int(a.sum()) for a in apart) / max(self.pixels - sum(int(o.sum()) for o in solid), 1)
@@ -267,11 +255,12 @@ def _summed(values: FloatArray, valid: BoolArray, side: int) -> FloatArray:
 
 def _opened_band(band: FloatArray, valid: BoolArray, window: int) -> FloatArray:
     """A band without what is brighter than its surroundings and smaller than a square; what is missing is neutral."""
+    if window == 1:
+        return band
     import cv2
 
-    square = _square(window)
-    low = cv2.erode(np.where(valid, band, band.dtype.type(np.inf)), square)
-    return np.asarray(cv2.dilate(np.where(valid, low, band.dtype.type(-np.inf)), square), band.dtype)
+    low = cv2.erode(np.where(valid, band, band.dtype.type(np.inf)), square(window))
+    return np.asarray(cv2.dilate(np.where(valid, low, band.dtype.type(-np.inf)), square(window)), band.dtype)
 
 
 def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: bool) -> _Found | None:
@@ -317,9 +306,3 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
     line = np.linspace(density[peak], density[-1], bins - peak)
     bend = edges[1:][peak + int(np.argmax(line - density[peak:]))]
     return float(bend + INTO_GAP * (high - bend))
-
-
-def _near(mask: BoolArray, side: int) -> BoolArray:
-    import cv2
-
-    return np.asarray(cv2.dilate(mask.view(np.uint8), _square(2 * side + 1)).view(np.bool_))

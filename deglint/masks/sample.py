@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..scene import FloatArray
-from .surface import BoolArray, Roles, WaterRule, _check_looks, _square, thinned, valid_for, water
+from .surface import BoolArray, Roles, WaterRule, check_looks, grown, square, thinned, valid_for, water
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -88,19 +88,15 @@ class SampleRule:
     @property
     def halo(self) -> int:
         """Pixels that `deep_water` needs around a tile."""
-        return _halo(self.water, self.distance)
+        return sample_halo(self.water, self.distance)
 
     def numbers(self) -> dict[str, Any]:
         """Everything but the water rule as plain numbers, for a sidecar."""
         return {k: v for k, v in asdict(self).items() if k != "water"} | {"halo": self.halo}
 
 
-def sample_halo(water: WaterRule) -> int:
-    """Pixels that `deep_water` needs around a tile, at most, whatever rule is found."""
-    return _halo(water, max(DISTANCES))
-
-
-def _halo(water: WaterRule, distance: int) -> int:
+def sample_halo(water: WaterRule, distance: int = max(DISTANCES)) -> int:
+    """Pixels that `deep_water` needs around a tile; by default at most, whatever rule is found."""
     return water.halo + max(distance, SIZE // 2) + CLEANING - 1
 
 
@@ -137,7 +133,7 @@ def away_from_shore(mask: BoolArray) -> BoolArray:
     """
     import cv2
 
-    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, _square(SHORE))).view(np.bool_)
+    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square(SHORE))).view(np.bool_)
 
 
 def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
@@ -177,7 +173,7 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     Otsu, N. (1979), "A threshold selection method from gray-level histograms", IEEE Trans. Systems, Man, and
     Cybernetics 9, 62-66, doi:10.1109/TSMC.1979.4310076.
     """
-    _check_looks(looks, rule.roles)
+    check_looks(looks, rule.roles)
     valid = sum(int(valid_for(b, rule.roles).sum()) for b in looks)
     pairs = [(b, m) for b, m in ((b, water(b, rule)) for b in looks) if m.any()]
     if not pairs:
@@ -250,23 +246,20 @@ def _grains(looks: Sequence[FloatArray], masks: Sequence[BoolArray], rule: Water
 
 
 def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
-    """Box sums over water. Integers below 2^53 in float64: exact in any order."""
+    """Local statistics by box sums over water, of integers below 2^53 in float64: exact in any order."""
     import cv2
 
     def box(values: Float64Array) -> Float64Array:
         sums = cv2.boxFilter(values, -1, (SIZE, SIZE), normalize=False, borderType=cv2.BORDER_CONSTANT)
         return np.asarray(sums, np.float64)
 
+    def grains(values: Float64Array, k: int) -> Float64Array:
+        counted = np.rint((values - rule.centre[k]) / rule.step[k])
+        return np.where(mask, np.clip(counted, -(2**20), 2**20), 0.0)
+
     roles = rule.water.roles
-    bands = block[roles.nir].astype(np.float64), _visible_sum(block, roles, rule.weights)
-    grains = []
-    for values, centre, step in zip(bands, rule.centre, rule.step, strict=True):
-        values -= centre
-        values /= step
-        np.clip(np.rint(values, out=values), -(2**20), 2**20, out=values)
-        values[~mask] = 0.0
-        grains.append(values)
-    nir, visible = grains
+    nir = grains(block[roles.nir].astype(np.float64), 0)
+    visible = grains(_visible_sum(block, roles, rule.weights), 1)
     count = box(mask.astype(np.float64))
     inverse: Float64Array = 1.0 / np.maximum(count, 1.0)
     mean_nir, mean_visible = box(nir) * inverse, box(visible) * inverse
@@ -282,11 +275,7 @@ def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
 
 def _far(other: BoolArray, distance: int) -> BoolArray:
     """Pixels with no other ground within a square of `distance`."""
-    if not distance or not other.any():
-        return ~other
-    import cv2
-
-    return ~np.asarray(cv2.dilate(other.view(np.uint8), _square(2 * distance + 1))).view(np.bool_)
+    return ~grown(other, 2 * distance + 1) if distance else ~other
 
 
 def _gather(local: Sequence[_Local], masks: Sequence[BoolArray]) -> _Local:
@@ -377,7 +366,7 @@ def _select(block: FloatArray, mask: BoolArray, local: _Local, rule: SampleRule)
     chosen &= local.level - rule.slope * local.nir <= rule.level
     chosen &= _even(local, rule)
     chosen &= _far(valid & ~mask, rule.distance)
-    opened = cv2.morphologyEx((chosen | ~valid).view(np.uint8), cv2.MORPH_OPEN, _square(CLEANING))
+    opened = cv2.morphologyEx((chosen | ~valid).view(np.uint8), cv2.MORPH_OPEN, square(CLEANING))
     compact: BoolArray = opened.view(np.bool_) & chosen
     return compact
 

@@ -149,12 +149,8 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> BoolArra
         return np.zeros_like(valid)
     if rule.all_water:
         return valid
-    return valid & ~opened(*brightness(block[rule.roles.nir], rule), rule.window)
-
-
-def brightness(nir: FloatArray, rule: WaterRule) -> tuple[BoolArray, BoolArray]:
-    """Where the NIR is too bright for open water, and where it is missing (two (row, column) masks)."""
-    return np.asarray(nir > rule.threshold), ~np.isfinite(nir)
+    nir = block[rule.roles.nir]
+    return valid & ~opened(nir > rule.threshold, ~np.isfinite(nir), rule.window)
 
 
 def opened(bright: BoolArray, missing: BoolArray, window: int) -> BoolArray:
@@ -167,14 +163,20 @@ def opened(bright: BoolArray, missing: BoolArray, window: int) -> BoolArray:
         return bright & ~missing
     import cv2
 
-    square = _square(window)
     filled = (bright | missing).view(np.uint8)
-    core = cv2.erode(filled, square, borderType=cv2.BORDER_CONSTANT, borderValue=0).view(np.bool_) & ~missing
-    grown: BoolArray = cv2.dilate(core.view(np.uint8), square).view(np.bool_)
-    return grown & ~missing
+    core = cv2.erode(filled, square(window), borderType=cv2.BORDER_CONSTANT, borderValue=0).view(np.bool_)
+    return grown(core & ~missing, window) & ~missing
 
 
-def _check_looks(looks: Sequence[FloatArray], roles: Roles) -> None:
+def grown(mask: BoolArray, side: int) -> BoolArray:
+    """Pixels that have one of the mask in a square around them."""
+    import cv2
+
+    return np.asarray(cv2.dilate(mask.view(np.uint8), square(side))).view(np.bool_)
+
+
+def check_looks(looks: Sequence[FloatArray], roles: Roles) -> None:
+    """Refuse no blocks, or blocks that are not (band, row, column) or lack a band."""
     if len(looks) == 0:
         raise InputError("no blocks to look at. Give at least one (band, row, column) array.")
     for block in looks:
@@ -196,5 +198,6 @@ def thinned(values: FloatArray) -> FloatArray:
     return values[:: 1 + values.size // ENOUGH_TO_RANK]
 
 
-def _square(size: int) -> npt.NDArray[np.uint8]:
+def square(size: int) -> npt.NDArray[np.uint8]:
+    """A structuring element."""
     return np.ones((size, size), np.uint8)

@@ -28,8 +28,6 @@ from .sample import Sampler, tiles_over
 
 KEPT_PIXELS = 1 << 20
 """Most single pixels that are kept for a percentile or a mode."""
-COMPILED_PIXELS = 10_000_000
-"""Pixels of a sample above which the compiled statistics kernel pays for its loading."""
 LEAST_CELLS = 40
 """Effective cells from which on a standard error is believed. In simulated seas with fewer than 25, where a few clumps
 of sparkle hold most of the glint, real errors were up to 24 times the claimed ones; with more than 40, 1.3 times."""
@@ -80,8 +78,7 @@ class Sampling:
         if not self.tolerance:
             pixels = self.sampler.pixels
             share = max(1, -(-pixels // KEPT_PIXELS))
-            many = pixels > COMPILED_PIXELS
-            self.plan = replace(self.plan, share=share, compiled=many, levels=levels_for(pixels))
+            self.plan = replace(self.plan, share=share, levels=levels_for(pixels))
             self.taken = self.total
             yield self.pool, self.plan
             return
@@ -90,11 +87,9 @@ class Sampling:
             chosen = _spread(self.pool, min(wanted, self.total))
             batch = [t for t in chosen if t not in done]
             done.update(batch)
-            fresh = sum(map(_area, batch))
-            self.taken += fresh
+            self.taken += sum(map(_area, batch))
             share = 1 << max(0, math.ceil(math.log2(self.taken / KEPT_PIXELS)))
-            many = fresh > COMPILED_PIXELS
-            self.plan = replace(self.plan, share=share, compiled=many, levels=levels_for(self.taken))
+            self.plan = replace(self.plan, share=share, levels=levels_for(self.taken))
             if batch:
                 yield batch, self.plan
                 worst = self._worst()

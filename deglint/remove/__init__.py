@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -129,32 +130,32 @@ def fit(
     >>> round(model.fits[0].slope, 6), model.indexes[0].level
     (0.5, 1.0)
     """
+    check_choice(method, list(METHODS), "method")
+    block, mask = _checked(block, sample)
+    references = np.atleast_1d(nir).tolist()
+    if not all(isinstance(n, int) for n in references):
+        raise InputError(f"nir: want 0-based numbers of bands of the array, got {described(nir)}.")
+    known = tuple(bands) if bands else tuple(Band(f"band {i + 1}") for i in range(len(block)))
+    if not METHODS[method].neighbours:
+        return fit_pointwise(method, nir_request(known, references, **options), [block], [mask])
+    request = nir_request(known, references, **{"regression": "detrended", **options})
+    water = np.ones_like(mask)
+    rows, columns = ([slice(i, i + SAMPLE_SIDE) for i in range(0, n, SAMPLE_SIDE)] for n in mask.shape)
+    tiles = [SampleTile(block[:, r, c], water[r, c], mask[r, c], (r.start, c.start)) for r, c in product(rows, columns)]
+    return METHODS[method].fit(request, tiles)
+
+
+def _checked(block: FloatArray, sample: npt.NDArray[np.bool_] | None) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """A block of floats and its sample, every pixel by default."""
     block = np.asarray(block)
     if block.ndim != 3:
         raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
     if block.dtype not in (np.float32, np.float64):
         block = block.astype(np.result_type(block.dtype, np.float32))
-    check_choice(method, list(METHODS), "method")
-    references = np.atleast_1d(nir).tolist()
-    if not all(isinstance(n, int) for n in references):
-        raise InputError(f"nir: want 0-based numbers of bands of the array, got {described(nir)}.")
-    if METHODS[method].neighbours:
-        options.setdefault("regression", "detrended")
-    known = tuple(bands) if bands else tuple(Band(f"band {i + 1}") for i in range(len(block)))
-    request = nir_request(known, references, **options)
-    chosen = METHODS[method]
     mask = np.ones(block.shape[1:], np.bool_) if sample is None else np.asarray(sample, np.bool_)
     if mask.shape != block.shape[1:]:
         raise InputError(f"sample has shape {mask.shape}, but the block has {block.shape[1:]} pixels.")
-    if chosen.neighbours:
-        water = np.ones_like(mask)
-        squares = [
-            (slice(row, row + SAMPLE_SIDE), slice(column, column + SAMPLE_SIDE))
-            for row in range(0, mask.shape[0], SAMPLE_SIDE) for column in range(0, mask.shape[1], SAMPLE_SIDE)
-        ]  # fmt: skip
-        tiles = [SampleTile(block[:, r, c], water[r, c], mask[r, c], (r.start, c.start)) for r, c in squares]
-        return chosen.fit(request, tiles)
-    return fit_pointwise(method, request, [block], [mask])
+    return block, mask
 
 
 def fit_pointwise(

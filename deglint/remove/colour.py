@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ..moments import Float64
 from .kernels import BandSet
 from .request import FitRequest
-
-Float64 = npt.NDArray[np.float64]
 
 COLOUR = 0.2
 """Relative uncertainty of the colour of glint: aerosol that is not known changes blue against NIR by a fifth."""
@@ -29,9 +27,13 @@ class SharedGlint:
 
 
 def shared_glint(response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[BandSet]) -> SharedGlint:
-    """Generalised least squares for the strength of glint of known colour, then the posterior mean of each band.
+    r"""Strength a of glint of known colour c by generalised least squares, then the posterior mean of each response.
 
-    The colour that fits better decides between radiance and reflectance.
+    .. math:: a = \frac{c^T S^{-1} s}{c^T S^{-1} c}, \quad S = V + P, \quad P = \mathrm{diag}(0.2\, a c)^2, \quad
+        s' = a c + P S^{-1} (s - a c)
+
+    with s the responses of the bands and V their covariance. The colour that fits better, by the least
+    (s - a c)^T S^-1 (s - a c), decides between radiance and reflectance.
     """
     tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
     if request.regression == "ols":

@@ -10,15 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
+from ..moments import Float64
 from ..scene import FloatArray
-
-Float64Array = npt.NDArray[np.float64]
 
 SIZE = 15
 """Side of the square over which the mean is taken, by default [pixel]."""
-
-
 _VELTKAMP = 2.0**27 + 1
+"""Splits the 53 bits of a float64 into two halves."""
 
 
 def detrend_halo(size: int = SIZE) -> int:
@@ -26,7 +24,7 @@ def detrend_halo(size: int = SIZE) -> int:
     return size // 2
 
 
-def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: int = SIZE) -> Float64Array:
+def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: int = SIZE) -> Float64:
     """Subtract from every band its mean over the sample pixels in a square around each sample pixel.
 
     .. math:: y_i = x_i - \\frac{\\sum_{j \\in W(i)} m_j x_j}{\\sum_{j \\in W(i)} m_j}
@@ -52,11 +50,9 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
 
     Notes
     -----
-    A sum over 15 pixels is put together from sums over 8, 4, 2 and 1 of them, always the same ones for the same pixel:
-    it does not drift as a running sum does, and a tile gives to the bit what the whole image gives. The sum is taken
-    off as many times the pixel as it has terms, and divided then; float64 goes in two halves of its bits. So nothing is
-    rounded but the result where the values of a square differ less than some 2^20 times: an offset of 1e8 costs no
-    digits. Cost: some 40 ns per pixel and band, twice that for float64.
+    Every sum is put together from the same sums over 8, 4, 2 and 1 pixels: it does not drift as a running sum does,
+    and a tile gives to the bit what the whole image gives. The division comes last, and float64 is summed in two halves
+    of its bits: an offset of 1e8 costs no digits. Cost: some 40 ns per pixel and band, twice that for float64.
 
     Examples
     --------
@@ -73,53 +69,42 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
     sample = np.isfinite(block).all(axis=0)
     if mask is not None:
         sample &= mask
+    count = np.maximum(_box_sum(np.asarray(sample, np.float64), size), 1.0)
     out = np.empty(block.shape)
-    padded = np.zeros((block.shape[1] + 2 * (size // 2), block.shape[2] + 2 * (size // 2)))
-    inner = padded[size // 2 : size // 2 + block.shape[1], size // 2 : size // 2 + block.shape[2]]
-    inner[...] = sample
-    count = np.maximum(_box_sum(padded, size), 1.0)
-    outside = ~sample
     for band, result in zip(block, out, strict=True):
-        np.copyto(inner, band)
-        inner[outside] = 0.0
-        low = _lower_bits(padded) if block.dtype == np.float64 else None
-        np.subtract(inner * count, _box_sum(padded, size), out=result)
-        if low is not None:
-            inside = low[size // 2 : size // 2 + block.shape[1], size // 2 : size // 2 + block.shape[2]]
-            result += inside * count - _box_sum(low, size)
+        values: Float64 = band.astype(np.float64)
+        values[~sample] = 0.0
+        parts = _halves(values) if block.dtype == np.float64 else (values,)
+        np.subtract(parts[0] * count, _box_sum(parts[0], size), out=result)
+        for rest in parts[1:]:
+            result += rest * count - _box_sum(rest, size)
         result /= count
-        result[outside] = np.nan
+    out[:, ~sample] = np.nan
     return out
 
 
-def _lower_bits(values: Float64Array) -> Float64Array:
-    """Take the lower half of the bits off values, which keep 26 of them (Veltkamp's split), and return it."""
+def _halves(values: Float64) -> tuple[Float64, Float64]:
+    """Upper and lower half of the bits of values (Veltkamp's split): the upper one keeps 26 of them."""
     with np.errstate(over="ignore", invalid="ignore"):
         apart = values * _VELTKAMP
         upper = apart - (apart - values)
-    low = values - upper
-    values[...] = upper
-    return np.asarray(low)
+        return np.asarray(upper), np.asarray(values - upper)
 
 
-def _box_sum(padded: Float64Array, size: int) -> Float64Array:
-    """Sums over size x size pixels, for each place where the square fits."""
-    down = _run_sum(padded, size)
-    return _run_sum(down.T, size).T
+def _box_sum(values: Float64, size: int) -> Float64:
+    """Sum over size x size pixels around each pixel, 0 outside the image."""
+    return _run_sum(_run_sum(np.pad(values, size // 2), size).T, size).T
 
 
-def _run_sum(values: Float64Array, size: int) -> Float64Array:
-    """Sums over `size` neighbours along the first axis, from sums over powers of two."""
+def _run_sum(values: Float64, size: int) -> Float64:
+    """Sums over `size` neighbours along the first axis: of the powers of two that `size` consists of."""
     length = len(values) - size + 1
-    total: Float64Array | None = None
-    offset, power, part = 0, 1, values
-    while True:
+    total = np.zeros((length, values.shape[1]))
+    offset, power = 0, 1
+    while power <= size:
         if size & power:
-            piece = part[offset : offset + length]
-            total = piece.copy() if total is None else np.add(total, piece, out=total)
+            total += values[offset : offset + length]
             offset += power
-        if 2 * power > size:
-            assert total is not None  # size is odd
-            return total
-        part = part[:-power] + part[power:]
+        values = values[:-power] + values[power:]
         power *= 2
+    return total

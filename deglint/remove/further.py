@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -42,13 +42,16 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
     tuple of int
         0-based bands for `FitRequest.more`; empty where there are none, or all show the water.
     """
+    return longest_that(request, lambda more: _taken_from_water(request, tiles, more) <= MOST_TAKEN)
+
+
+def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) -> tuple[int, ...]:
+    """Bands from `FURTHER_FROM` on that serve together, without as many of the shortest as it takes."""
     waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
     more = sorted((b for b, w in waves.items() if w >= FURTHER_FROM), key=waves.__getitem__)
-    while more:
-        if _taken_from_water(request, tiles, tuple(more)) <= MOST_TAKEN:
-            return tuple(more)
+    while more and not serve(tuple(more)):
         more.pop(0)
-    return ()
+    return tuple(more)
 
 
 def _taken_from_water(request: FitRequest, tiles: Sequence[SampleTile], more: tuple[int, ...]) -> float:

@@ -17,13 +17,13 @@ from dataclasses import replace
 import numpy as np
 
 from .model import GlintModel
-from .request import FitRequest, check_sample, fixed_fits, r2_warning, regression_plan, sample_warnings
+from .request import FitRequest, check_sample, fixed_model
 from .statistics import SamplePlan, SampleStatistics
 
 
 def plan(request: FitRequest) -> SamplePlan:
     """What to gather: moments, and the brightest and darkest pixel of every NIR reference."""
-    return regression_plan(replace(request, regression="ols"), keep_index=False)
+    return SamplePlan(request.correct, request.indexes)
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
@@ -31,7 +31,5 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     check_sample(request, stats)
     ends = list(zip(stats.darkest, stats.brightest, strict=True))
     slopes = np.array([(b.spectrum - d.spectrum) / (b.value - d.value) for d, b in ends]).T
-    fits = fixed_fits(request, slopes, stats)
-    warnings = sample_warnings(stats) + [w for fit in fits for w in r2_warning(fit)]
     indexes = tuple(replace(x, level=d.value) for x, (d, _) in zip(request.indexes, ends, strict=True))
-    return GlintModel("hochberg", indexes, fits, request.names, None, tuple(warnings))
+    return fixed_model("hochberg", replace(request, indexes=indexes), slopes, stats)

@@ -15,13 +15,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from .model import GlintIndex, GlintModel
-from .request import FitRequest, check_sample, fixed_fits, r2_warning, regression_plan, sample_warnings
+from .request import FitRequest, check_sample, fixed_model
 from .statistics import SamplePlan, SampleStatistics
 
 
 def plan(request: FitRequest) -> SamplePlan:
     """What to gather: moments, and the pixels where the oxygen line is deepest and shallowest."""
-    return regression_plan(_with_depth(request), keep_index=False)
+    return SamplePlan(request.correct, _with_depth(request).indexes)
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
@@ -29,12 +29,11 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     request = _with_depth(request)
     check_sample(request, stats)
     shallow, deep = stats.darkest[0], stats.brightest[0]
-    fits = fixed_fits(request, ((deep.spectrum - shallow.spectrum) / deep.value)[:, None], stats)
-    warnings = sample_warnings(stats) + [w for fit in fits for w in r2_warning(fit)]
-    return GlintModel("kutser", request.indexes, fits, request.names, None, tuple(warnings))
+    slopes = ((deep.spectrum - shallow.spectrum) / deep.value)[:, None]
+    return fixed_model("kutser", request, slopes, stats)
 
 
 def _with_depth(request: FitRequest) -> FitRequest:
-    bands = [request.nearest(w, 5, "kutser") for w in (739, 760, 775)]
-    depth = GlintIndex((bands[0], bands[1], bands[2]), (0.5, -1.0, 0.5))
-    return replace(request, indexes=(depth,), follows=(0,) * len(request.correct), regression="ols")
+    bands = tuple(request.nearest(w, 5, "kutser") for w in (739, 760, 775))
+    depth = GlintIndex(bands, (0.5, -1.0, 0.5))
+    return replace(request, indexes=(depth,), follows=(0,) * len(request.correct))

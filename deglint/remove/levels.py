@@ -38,7 +38,7 @@ LEVEL_PIXELS = 50_000
 """Pixels of the sample that the error of the level is estimated from: 50 of them have the least glint [pixel]."""
 
 
-def mode(sample: npt.NDArray[np.floating], *, ordered: bool = False) -> float:
+def mode(sample: npt.NDArray[np.floating]) -> float:
     """Mode of a sample, for float and integer data alike.
 
     The peak of a Gaussian kernel density (Parzen 1962). Its bandwidth is the one that suits the slope of a density,
@@ -52,8 +52,6 @@ def mode(sample: npt.NDArray[np.floating], *, ordered: bool = False) -> float:
     ----------
     sample : (pixels,) ndarray
         Finite.
-    ordered : bool
-        They are in ascending order.
 
     Returns
     -------
@@ -71,17 +69,16 @@ def mode(sample: npt.NDArray[np.floating], *, ordered: bool = False) -> float:
     """
     if sample.size == 0:
         raise FitError("the mode of no values was asked for; the sample is empty.")
-    values: Float64 = sample.astype(np.float64)
-    if not ordered:
-        values.sort()
-    scale = (quantile(values, 0.75) - quantile(values, 0.25)) / 1.349 or float(values[-1] - values[0])
+    values: Float64 = np.sort(sample.astype(np.float64))
+    quarter, three_quarters = np.quantile(values, [0.25, 0.75])
+    scale = float(three_quarters - quarter) / 1.349 or float(values[-1] - values[0])
     if scale == 0:
         return float(values[0])
     step = _step(values)
     peak = _density_peak(values, scale, step)
     for _ in range(10):
         below = values[: max(np.searchsorted(values, peak, side="right"), 1)]
-        lower = max(1.4826 * _middle_distance(below, peak), step / 2)
+        lower = max(1.4826 * float(np.median(peak - below)), step / 2)
         if lower <= 0 or abs(lower - scale) < 0.01 * scale:
             break
         scale = lower
@@ -119,7 +116,7 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
 
 def _median(ordered: Float64) -> float:
     """Median of sorted values, within its step where they come in whole steps."""
-    middle = quantile(ordered, 0.5)
+    middle = float(np.quantile(ordered, 0.5))
     step = _step(ordered)
     if step == 0:
         return middle
@@ -133,39 +130,16 @@ def _density_peak(values: Float64, scale: float, step: float) -> float:
     fine = bandwidth / _BINS_PER_BANDWIDTH
     if step > 0:
         fine = max(1.0, round(fine / step)) * step
-    last = max(quantile(values, 0.99), float(values[0]) + 1000 * fine)
+    last = max(float(np.quantile(values, 0.99)), float(values[0]) + 1000 * fine)
     middle = values[: np.searchsorted(values, last, side="right")]
     if (middle[-1] - middle[0]) / fine > _MOST_BINS:  # a far tail below: keep what surrounds the bulk
-        middle = middle[middle >= quantile(values, 0.5) - _MOST_BINS * fine / 2]
+        middle = middle[middle >= np.quantile(values, 0.5) - _MOST_BINS * fine / 2]
         middle = middle[: np.searchsorted(middle, middle[0] + _MOST_BINS * fine)]
     low = middle[0] - fine / 2
     counts = np.bincount(((middle - low) / fine).astype(np.int64)).astype(np.float64)
     reach = max(1, round(_BANDWIDTH_REACH * bandwidth / fine))
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * fine / max(bandwidth, fine / 2)) ** 2)
     return float(low + fine * (_peak(np.convolve(counts, kernel)) - reach + 0.5))
-
-
-def quantile(ordered: npt.NDArray[np.floating], share: float) -> float:
-    """Quantile of sorted values, as `numpy.quantile` takes it of any, to the bit.
-
-    Examples
-    --------
-    >>> quantile(np.array([1.0, 2.0, 4.0]), 0.75)
-    3.0
-    """
-    place = (ordered.size - 1) * share
-    below = min(int(place), ordered.size - 1)
-    low, high = float(ordered[below]), float(ordered[min(below + 1, ordered.size - 1)])
-    part = place - below
-    return high - (high - low) * (1 - part) if part >= 0.5 else low + (high - low) * part
-
-
-def _middle_distance(ordered: Float64, peak: float) -> float:
-    """Median distance of sorted values from a peak above them."""
-    half = ordered.size // 2
-    if ordered.size % 2:
-        return peak - float(ordered[half])
-    return ((peak - float(ordered[half])) + (peak - float(ordered[half - 1]))) / 2
 
 
 def _step(ordered: Float64) -> float:

@@ -25,8 +25,8 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..scene import FloatArray
-from .further import FURTHER_FROM
-from .lags import gather, merge, offsets, solve, unexplained
+from .further import longest_that
+from .kernels import gather, merge, offsets, solve, unexplained
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import bordered, predicted
 from .reference import ReferenceRule
@@ -60,13 +60,8 @@ def fit(request: FitRequest, tiles: Sequence[SampleTile], percentile: float) -> 
         Too little water.
     """
     nir = tuple(dict.fromkeys(b for i in request.indexes for b in i.bands))
-    waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
-    longer = sorted((b for b, w in waves.items() if w >= FURTHER_FROM), key=waves.__getitem__)
-    while longer:
-        if _plume_gain(request, tiles, nir, tuple(longer)) >= LEAST_KEPT:
-            break
-        longer.pop(0)
-    return _with_levels(_fitted(request, tiles, nir, tuple(longer)), tiles, percentile)
+    longer = longest_that(request, lambda more: _plume_gain(request, tiles, nir, more) >= LEAST_KEPT)
+    return _with_levels(_fitted(request, tiles, nir, longer), tiles, percentile)
 
 
 def _fitted(

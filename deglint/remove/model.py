@@ -58,6 +58,13 @@ class GlintIndex:
         """Pixels around a pixel that the index looks at."""
         return max((max(abs(row), abs(column)) for row, column in self.offsets), default=0)
 
+    def of(self, planes: FloatArray | Mapping[int, FloatArray]) -> npt.NDArray[np.float64]:
+        """Weighted sum of bands, taken at the pixel itself, in float64; the level is not subtracted."""
+        total = self.weights[0] * planes[self.bands[0]].astype(np.float64)
+        for band, weight in zip(self.bands[1:], self.weights[1:], strict=True):
+            total += weight * planes[band].astype(np.float64)
+        return total
+
 
 @dataclass(frozen=True, slots=True)
 class BandFit:
@@ -222,23 +229,17 @@ class GlintModel:
         if names == self.band_names:
             return self
         place = {name.casefold(): i for i, name in enumerate(names)}
-        missing = [self.band_names[b] for b in self.used_bands if self.band_names[b].casefold() not in place]
+        used = sorted({*self.index_bands, *(f.band for f in self.fits)})
+        missing = [self.band_names[b] for b in used if self.band_names[b].casefold() not in place]
         if missing:
             raise InputError(f"the model needs band(s) {', '.join(missing)}; the scene has {', '.join(names)}.")
         to = [place.get(name.casefold(), -1) for name in self.band_names]
-        return replace(
-            self,
-            indexes=tuple(replace(i, bands=tuple(to[b] for b in i.bands)) for i in self.indexes),
-            references=tuple(replace(r, band=to[r.band]) for r in self.references),
-            second=tuple(replace(i, bands=tuple(to[b] for b in i.bands)) for i in self.second),
-            fits=tuple(replace(f, band=to[f.band]) for f in self.fits),
-            band_names=names,
+        indexes, second = (
+            tuple(replace(i, bands=tuple(to[b] for b in i.bands)) for i in some) for some in (self.indexes, self.second)
         )
-
-    @property
-    def used_bands(self) -> tuple[int, ...]:
-        """0-based bands that are read or corrected."""
-        return tuple(sorted({b for i in self.indexes for b in i.bands} | {f.band for f in self.fits}))
+        references = tuple(replace(r, band=to[r.band]) for r in self.references)
+        fits = tuple(replace(f, band=to[f.band]) for f in self.fits)
+        return replace(self, indexes=indexes, second=second, references=references, fits=fits, band_names=names)
 
     @property
     def index_bands(self) -> tuple[int, ...]:
@@ -326,25 +327,12 @@ def apply(
 
 def _subtract(block: FloatArray, out: FloatArray, model: GlintModel, where: npt.NDArray[np.bool_] | None) -> None:
     """Correct a few rows, in float64, rounding once."""
-    above = [_above_level(block, index) for index in model.indexes]
+    above = [index.of(block) - index.level for index in model.indexes]
     if where is not None and not where.all():
         for index in above:
             index[~where] = 0.0  # x - slope * 0 is x to the bit, NaN and all
-    product, value = np.empty(block.shape[1:]), np.empty(block.shape[1:])
     for fit in model.fits:
-        np.multiply(above[fit.index], fit.slope, out=product)
-        np.copyto(value, block[fit.band])
-        np.subtract(value, product, out=value)
-        np.copyto(out[fit.band], value, casting="same_kind")
+        np.subtract(block[fit.band], above[fit.index] * fit.slope, out=out[fit.band], casting="same_kind")
     if not np.shares_memory(out, block):
         for band in set(range(len(block))) - {fit.band for fit in model.fits}:
-            np.copyto(out[band], block[band])
-
-
-def _above_level(block: FloatArray, index: GlintIndex) -> FloatArray:
-    """How far an index stands above its level, in float64."""
-    total = index.weights[0] * block[index.bands[0]].astype(np.float64)
-    for band, weight in zip(index.bands[1:], index.weights[1:], strict=True):
-        total += weight * block[band].astype(np.float64)
-    total -= index.level
-    return total
+            out[band] = block[band]

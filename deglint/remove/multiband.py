@@ -23,13 +23,12 @@ regression)."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from ..moments import Float64
 from .model import BandFit, GlintIndex, GlintModel
-from .request import FitRequest, Weighted, check_sample, r2_warning, sample_warnings
+from .request import FitRequest, Weighted, check_sample, fit_warnings, sample_warnings
 from .statistics import SamplePlan, SampleStatistics
 
 REFERENCE_RIDGE = 1e-4
@@ -63,14 +62,13 @@ def plan(request: FitRequest) -> SamplePlan:
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """L'_i = L_i - (p_i - p_i0), p_i the ridge regression of L_i on all longer bands."""
-    indexes, fits, warnings = [], [], sample_warnings(stats)
+    indexes, fits, first = [], [], len(stats.plan.bands)
     for i, (band, found) in enumerate(zip(request.correct, weights(request, stats), strict=True)):
-        index = GlintIndex(references(request, band), found.weights)
-        level = np.percentile(stats.mixture(index), request.floor_percentile or PERCENTILE)
-        indexes.append(replace(index, level=float(level)))
-        fitted = BandFit(band, request.bands[band].name, i, 1.0, None, found.r2, stats.regressed.n)
-        fits.append(fitted)
-        warnings += r2_warning(fitted)
+        kept = stats.values[[r - first for r in found.references]].astype(np.float64)
+        level = np.percentile(np.asarray(found.weights) @ kept, request.floor_percentile or PERCENTILE)
+        indexes.append(GlintIndex(references(request, band), found.weights, float(level)))
+        fits.append(BandFit(band, request.bands[band].name, i, 1.0, None, found.r2, stats.regressed.n))
+    warnings = sample_warnings(stats) + fit_warnings(fits)
     return GlintModel("multiband", tuple(indexes), tuple(fits), request.names, None, tuple(warnings))
 
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from ..moments import Mask
 from ..scene import FloatArray
 from .detrend import SIZE, detrend
-
-Mask = npt.NDArray[np.bool_]
 
 FAINT = 10.0
 """Standard deviations of noise at which glint leaves as much as noise does: kernels leave some tenth of it."""

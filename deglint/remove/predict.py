@@ -6,17 +6,15 @@ columns are added that are cut off again. Arrays only.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from ..moments import Mask
 from ..scene import FloatArray
-from .lags import KERNEL_REACH
+from .kernels import KERNEL_REACH
 from .model import GlintIndex, GlintModel
 from .reference import clean
-
-Mask = npt.NDArray[np.bool_]
 
 SPARE = 16
 """Columns that are added: at least as many as OpenCV's filters handle at a time."""
@@ -68,20 +66,14 @@ def _filtered(references: Mapping[int, FloatArray], index: GlintIndex) -> FloatA
         if len(terms) == 1:
             found: FloatArray = wide[inner] * wide.dtype.type(terms[0][1])
         else:
-            kernel = _kernel(terms).astype(wide.dtype)
+            reach = max(max(abs(row), abs(column)) for (row, column), _ in terms)
+            kernel = np.zeros((2 * reach + 1, 2 * reach + 1), wide.dtype)
+            for (row, column), weight in terms:
+                kernel[row + reach, column + reach] = weight
             found = np.asarray(cv2.filter2D(wide, -1, kernel, borderType=cv2.BORDER_CONSTANT), wide.dtype)[inner]
         total = found if total is None else np.add(total, found, out=total)
     assert total is not None
     return total
-
-
-def _kernel(terms: Sequence[tuple[tuple[int, int], float]]) -> npt.NDArray[np.float64]:
-    """Weights at (row, column) offsets, as a square about its middle."""
-    reach = max(max(abs(row), abs(column)) for (row, column), _ in terms)
-    kernel = np.zeros((2 * reach + 1, 2 * reach + 1))
-    for (row, column), weight in terms:
-        kernel[row + reach, column + reach] = weight
-    return kernel
 
 
 def glint(

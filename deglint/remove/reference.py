@@ -9,16 +9,14 @@ Local means are sums of integers, exact in any order: a tile gives the same bits
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from ..moments import CELL
+from ..moments import CELL, Mask
 from ..scene import FloatArray
-
-Mask = npt.NDArray[np.bool_]
 
 SIZE = 15
 """Side of the square that local means are taken over [pixel]: several waves, and less than a plume."""
@@ -98,11 +96,7 @@ def fit_reference(
         excess = np.where(sample & (count >= LEAST_LOCAL), values - mean, -np.inf)
         excesses.append(excess[np.isfinite(excess)])
         means.append(float(mean[sample].min(initial=np.inf)))
-        for row in range(0, sample.shape[0], CELL):
-            for column in range(0, sample.shape[1], CELL):
-                cell = slice(row, row + CELL), slice(column, column + CELL)
-                if sample[cell].mean() >= LEAST_OPEN:
-                    tops.append(float(excess[cell].max()))
+        tops += [float(excess[square].max()) for square in open_squares(sample)]
     if not tops:
         return rule
     limit = FACTOR * float(np.percentile(tops, QUARTILE))
@@ -110,6 +104,15 @@ def fit_reference(
         often, seldom = np.maximum(np.percentile(np.concatenate(excesses), [99.0, 99.9]), np.finfo(np.float32).tiny)
         limit = max(limit, float(seldom * (seldom / often) ** 3))
     return ReferenceRule(band, limit, min(means) + limit, low, rule.step, edge)
+
+
+def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
+    """Rows and columns of the squares of `CELL` pixels that hold enough of a sample."""
+    for row in range(0, sample.shape[0], CELL):
+        for column in range(0, sample.shape[1], CELL):
+            square = slice(row, row + CELL), slice(column, column + CELL)
+            if sample[square].mean() >= LEAST_OPEN:
+                yield square
 
 
 def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:

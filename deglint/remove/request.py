@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ from ..errors import BandError, FitError, InputError
 from ..scene import Band
 from .detrend import SIZE as DETREND_SIZE
 from .model import BandFit, GlintIndex, GlintModel
-from .regression import REGRESSIONS, explained
+from .regression import REGRESSIONS, Slopes, explained
 from .statistics import SamplePlan, SampleStatistics
 
 MIN_PIXELS = 64
@@ -128,27 +129,43 @@ def regression_model(
         The sample is too small, or an index does not vary in it.
     """
     check_sample(request, stats)
-    slopes = REGRESSIONS[request.regression](stats)
-    fits, warnings = [], sample_warnings(stats)
+    fits = _band_fits(request, REGRESSIONS[request.regression](stats), stats.regressed.n)
+    indexes = tuple(replace(x, level=level(stats, k)) for k, x in enumerate(request.indexes))
+    warnings = sample_warnings(stats) + fit_warnings(fits)
+    return GlintModel(method, indexes, fits, request.names, request.regression, tuple(warnings))
+
+
+def fixed_model(
+    method: str, request: FitRequest, slopes: npt.ArrayLike, stats: SampleStatistics | None = None
+) -> GlintModel:
+    """The request's indexes with slopes (bands, indexes) that no regression estimates; R2 where there is a sample."""
+    slopes = np.asarray(slopes, np.float64)
+    unknown = np.full(slopes.shape, np.nan)
+    if stats is None:
+        return GlintModel(
+            method, request.indexes, _band_fits(request, Slopes(slopes, unknown, unknown), 0), request.names
+        )
+    fits = _band_fits(request, Slopes(slopes, unknown, explained(stats, slopes)), stats.regressed.n)
+    warnings = sample_warnings(stats) + fit_warnings(fits)
+    return GlintModel(method, request.indexes, fits, request.names, None, tuple(warnings))
+
+
+def _band_fits(request: FitRequest, slopes: Slopes, n: int) -> tuple[BandFit, ...]:
+    """A fit for each band, to the index that it follows, or else to the one with the highest R2; NaN is not known."""
+    fits = []
     for i, (band, follows) in enumerate(zip(request.correct, request.follows, strict=True)):
         k = int(np.argmax(slopes.r2[i])) if follows is None else follows
-        fit = BandFit(
-            band=band,
-            name=request.bands[band].name,
-            index=k,
-            slope=float(slopes.slope[i, k]),
-            stderr=float(slopes.stderr[i, k]),
-            r2=float(slopes.r2[i, k]),
-            n=stats.regressed.n,
-        )
-        fits.append(fit)
-        warnings += r2_warning(fit)
-    indexes = tuple(GlintIndex(x.bands, x.weights, level(stats, k)) for k, x in enumerate(request.indexes))
-    return GlintModel(method, indexes, tuple(fits), request.names, request.regression, tuple(warnings))
+        slope, stderr, r2 = (float(x[i, k]) for x in (slopes.slope, slopes.stderr, slopes.r2))
+        name = request.bands[band].name
+        fits.append(BandFit(band, name, k, slope, _known(stderr), _known(r2), n))
+    return tuple(fits)
 
 
-@dataclass(frozen=True, slots=True)
-class Weighted:
+def _known(value: float) -> float | None:
+    return None if np.isnan(value) else value
+
+
+class Weighted(NamedTuple):
     """What takes glint from one band: its place among the plan's bands, places of its references among the variables,
     their weights, and the share of its variance that they explain."""
 
@@ -162,9 +179,8 @@ def slope_weights(request: FitRequest, stats: SampleStatistics) -> Iterator[Weig
     """Each band's index and slope, by the request's regression."""
     check_sample(request, stats)
     slopes = REGRESSIONS[request.regression](stats)
-    for i, follows in enumerate(request.follows):
-        k = int(np.argmax(slopes.r2[i])) if follows is None else follows
-        yield Weighted(i, (len(request.correct) + k,), (float(slopes.slope[i, k]),), float(slopes.r2[i, k]))
+    for i, fit in enumerate(_band_fits(request, slopes, stats.regressed.n)):
+        yield Weighted(i, (len(request.correct) + fit.index,), (fit.slope,), float(slopes.r2[i, fit.index]))
 
 
 def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
@@ -204,38 +220,24 @@ def sample_warnings(stats: SampleStatistics) -> list[str]:
     warnings = []
     if stats.moments.n < FEW_PIXELS:
         warnings.append(f"small sample: {stats.moments.n} pixels (fewer than {FEW_PIXELS}).")
-    for k, index in enumerate(stats.plan.indexes):
-        v = len(stats.plan.bands) + k
+    for v in range(len(stats.plan.bands), len(stats.moments.mean)):
         spread = float(np.sqrt(stats.moments.covariance()[v, v]))
         middle = abs(float(stats.moments.mean[v]))
-        if spread < 0.01 * middle and len(index.bands) > 0:
+        if spread < 0.01 * middle:
             warnings.append(
                 f"uniform sample: the NIR varies by {100 * spread / middle:.2g} % of its mean (less than 1 %)."
             )
     return warnings
 
 
-def r2_warning(fit: BandFit) -> list[str]:
-    """A warning where the index does not explain the band, or the slope is not to be trusted."""
+def fit_warnings(fits: Iterable[BandFit]) -> list[str]:
+    """Where the index does not explain a band, or a slope is not to be trusted."""
     warnings = []
-    if fit.r2 is not None and fit.r2 < LOW_R2:
-        warnings.append(f"NIR explains only {max(fit.r2, 0):.0%} of {fit.name} in the sample (R2 below {LOW_R2:g}).")
-    if fit.stderr is not None and fit.slope < SIGNIFICANT * fit.stderr:
-        said = f"{fit.slope:.3g} +- {fit.stderr:.2g}"
-        warnings.append(f"the slope of {fit.name}, {said}, is not {SIGNIFICANT:g} standard errors above zero.")
+    for fit in fits:
+        if fit.r2 is not None and fit.r2 < LOW_R2:
+            share = f"{max(fit.r2, 0):.0%}"
+            warnings.append(f"NIR explains only {share} of {fit.name} in the sample (R2 below {LOW_R2:g}).")
+        if fit.stderr is not None and fit.slope < SIGNIFICANT * fit.stderr:
+            said = f"{fit.slope:.3g} +- {fit.stderr:.2g}"
+            warnings.append(f"the slope of {fit.name}, {said}, is not {SIGNIFICANT:g} standard errors above zero.")
     return warnings
-
-
-def fixed_fits(
-    request: FitRequest, slopes: npt.ArrayLike, stats: SampleStatistics | None = None
-) -> tuple[BandFit, ...]:
-    """Fits whose slopes (bands, indexes) are not estimated by regression; R2 where a sample tells it."""
-    slopes = np.asarray(slopes, np.float64)
-    r2 = None if stats is None else explained(stats, slopes)
-    fits = []
-    for i, (band, follows) in enumerate(zip(request.correct, request.follows, strict=True)):
-        k = follows if follows is not None else 0 if r2 is None else int(np.argmax(r2[i]))
-        told = None if r2 is None else float(r2[i, k])
-        n = 0 if stats is None else stats.regressed.n
-        fits.append(BandFit(band, request.bands[band].name, k, float(slopes[i, k]), None, told, n))
-    return tuple(fits)

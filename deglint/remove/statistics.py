@@ -8,7 +8,7 @@ single pixels are chosen by their place in the scene, and ties are broken by pla
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,8 +43,6 @@ class SamplePlan:
         robust regressions).
     share : int
         Keep one pixel in so many, chosen by a hash of row and column.
-    compiled : bool
-        Use the compiled kernel for the moments (worth its loading above some ten million pixels).
     levels : int
         Cells of a row are kept in groups of 2**levels.
     """
@@ -54,7 +52,6 @@ class SamplePlan:
     detrend_size: int = 0
     keep: str = "nothing"
     share: int = 1
-    compiled: bool = False
     levels: int = 0
 
     @property
@@ -79,12 +76,12 @@ class Extreme:
 
 @dataclass(frozen=True, eq=False)
 class SamplePart:
-    """What one tile contributes; variables are the plan's bands, then its indexes."""
+    """What one tile contributes; variables are the plan's bands, then its indexes. No extremes without a pixel."""
 
     cells: CellMoments
     detrended: CellMoments | None
-    darkest: tuple[Extreme | None, ...]
-    brightest: tuple[Extreme | None, ...]
+    darkest: tuple[Extreme, ...]
+    brightest: tuple[Extreme, ...]
     places: npt.NDArray[np.int64]
     values: FloatArray
 
@@ -120,16 +117,6 @@ class SampleStatistics:
         first = len(self.plan.bands) if self.plan.keep == "all" else 0
         return self.values[first + k]
 
-    def mixture(self, index: GlintIndex) -> Float64:
-        """Kept values of a mixture of the plan's indexes (or of one of them), shape (pixels,)."""
-        first = len(self.plan.bands) if self.plan.keep == "all" else 0
-        places = {(i.bands, i.weights): first + k for k, i in enumerate(self.plan.indexes)}
-        own = places.get((index.bands, index.weights))
-        if own is not None:
-            return self.values[own].astype(np.float64)
-        rows = [places[(band,), (1.0,)] for band in index.bands]
-        return np.asarray(index.weights) @ self.values[rows].astype(np.float64)
-
 
 def gather(
     block: FloatArray,
@@ -159,21 +146,21 @@ def gather(
     """
     variables = _variables(block, plan)
     mask = mask & np.isfinite(variables).all(axis=0)
-    inner = (slice(crop[0], mask.shape[0] - crop[1]), slice(crop[2], mask.shape[1] - crop[3]))
+    inner = slice(crop[0], mask.shape[0] - crop[1]), slice(crop[2], mask.shape[1] - crop[3])
     detrended = None
     if plan.detrend_size:
-        local = detrend(variables, mask, plan.detrend_size)[(slice(None), *inner)]
-        detrended = cell_moments(local, mask[inner], origin=origin, compiled=plan.compiled)
-    variables, mask = variables[(slice(None), *inner)], mask[inner]
+        local = detrend(variables, mask, plan.detrend_size)[:, *inner]
+        detrended = cell_moments(local, mask[inner], origin=origin)
+    variables, mask = variables[:, *inner], mask[inner]
     first = len(plan.bands)
     kept = thinned(mask, origin, plan.share) if plan.keep != "nothing" else np.zeros_like(mask)
     rows, columns = np.nonzero(kept)
-    number = range(len(plan.indexes))
+    indexes = range(first, len(variables)) if mask.any() else ()
     return SamplePart(
-        cells=cell_moments(variables, mask, origin=origin, compiled=plan.compiled),
+        cells=cell_moments(variables, mask, origin=origin),
         detrended=detrended,
-        darkest=tuple(_extreme(variables, mask, first + k, first, origin, 1) for k in number),
-        brightest=tuple(_extreme(variables, mask, first + k, first, origin, -1) for k in number),
+        darkest=tuple(_extreme(variables, mask, v, first, origin, np.argmin) for v in indexes),
+        brightest=tuple(_extreme(variables, mask, v, first, origin, np.argmax) for v in indexes),
         places=np.stack([rows + origin[0], columns + origin[1]]),
         values=variables[0 if plan.keep == "all" else first :, rows, columns],
     )
@@ -188,15 +175,19 @@ def combine(parts: Sequence[SamplePart], plan: SamplePlan) -> SamplePart:
     """One part in place of those of some tiles: a row of tiles in a reduction."""
     real = [p for p in parts if len(p.cells.n)] or list(parts[:1])
     local = [p.detrended for p in real if p.detrended is not None]
-    number = range(len(plan.indexes))
     return SamplePart(
         cells=CellMoments.concatenate([p.cells for p in real]).joined(plan.levels),
         detrended=CellMoments.concatenate(local).joined(plan.levels) if local else None,
-        darkest=tuple(_most([p.darkest[k] for p in real], 1.0) for k in number),
-        brightest=tuple(_most([p.brightest[k] for p in real], -1.0) for k in number),
+        darkest=_first(1, [p.darkest for p in real]),
+        brightest=_first(-1, [p.brightest for p in real]),
         places=np.concatenate([p.places for p in real], axis=1),
         values=np.concatenate([p.values for p in real], axis=1),
     )
+
+
+def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme, ...]:
+    """Of each index the extreme with the least value times `sign`, and of equal ones the first in the scene."""
+    return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
 
 
 def merge(parts: Iterable[SamplePart], plan: SamplePlan) -> SampleStatistics:
@@ -211,52 +202,40 @@ def merge(parts: Iterable[SamplePart], plan: SamplePlan) -> SampleStatistics:
     if not parts:
         raise FitError("the sample holds no valid pixel. Pass --sample with a polygon or window over open water.")
     whole = combine(parts, plan)
-    total = whole.cells.total()
-    regressed_cells, regressed = whole.cells, total
-    if whole.detrended is not None:
-        regressed_cells, regressed = whole.detrended, whole.detrended.total()
+    regressed = whole.cells if whole.detrended is None else whole.detrended
     order = np.lexsort((whole.places[1], whole.places[0]))
     return SampleStatistics(
         plan=plan,
-        moments=total,
-        cells=regressed_cells,
-        regressed=regressed,
-        darkest=tuple(e for e in whole.darkest if e is not None),
-        brightest=tuple(e for e in whole.brightest if e is not None),
+        moments=whole.cells.total(),
+        cells=regressed,
+        regressed=regressed.total(),
+        darkest=whole.darkest,
+        brightest=whole.brightest,
         values=whole.values[:, order],
     )
 
 
 def _variables(block: FloatArray, plan: SamplePlan) -> FloatArray:
     """The plan's bands, then its indexes, as one (variable, row, column) array."""
-    row = {b: i for i, b in enumerate(plan.read_bands)}
+    planes = dict(zip(plan.read_bands, block, strict=True))
     out = np.empty((len(plan.bands) + len(plan.indexes), *block.shape[1:]), block.dtype)
     for i, band in enumerate(plan.bands):
-        out[i] = block[row[band]]
+        out[i] = planes[band]
     for k, index in enumerate(plan.indexes, start=len(plan.bands)):
-        out[k] = index_of([block[row[b]] for b in index.bands], index)
+        out[k] = index.of(planes)
     return out
 
 
-def index_of(bands: Sequence[FloatArray], index: GlintIndex) -> FloatArray:
-    """The glint index from its bands, any shape, computed in float64."""
-    total = np.zeros(bands[0].shape)
-    for weight, band in zip(index.weights, bands, strict=True):
-        total += weight * band.astype(np.float64, copy=False)
-    return total.astype(bands[0].dtype, copy=False)
-
-
 def _extreme(
-    variables: FloatArray, mask: npt.NDArray[np.bool_], k: int, bands: int, origin: tuple[int, int], sign: int
-) -> Extreme | None:
-    """The masked pixel where `sign` times variable k is smallest, the first in row-major order."""
-    if not mask.any():
-        return None
-    ordered = np.where(mask, variables[k] if sign > 0 else -variables[k], np.inf)
-    row, column = (int(i) for i in np.unravel_index(int(np.argmin(ordered)), mask.shape))
+    variables: FloatArray,
+    mask: npt.NDArray[np.bool_],
+    v: int,
+    bands: int,
+    origin: tuple[int, int],
+    most: Callable[[FloatArray], np.intp],
+) -> Extreme:
+    """The first masked pixel where variable v is least (`np.argmin`) or largest (`np.argmax`)."""
+    among = np.flatnonzero(mask)
+    row, column = divmod(int(among[most(variables[v][mask])]), mask.shape[1])
     spectrum = variables[:bands, row, column].astype(np.float64)
-    return Extreme(float(variables[k, row, column]), (row + origin[0], column + origin[1]), spectrum)
-
-
-def _most(candidates: Iterable[Extreme | None], sign: float) -> Extreme | None:
-    return min((c for c in candidates if c is not None), key=lambda c: (sign * c.value, c.place), default=None)
+    return Extreme(float(variables[v, row, column]), (row + origin[0], column + origin[1]), spectrum)

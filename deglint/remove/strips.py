@@ -14,10 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..moments import CELL
-from .lags import LagGrams, solve, unexplained
-
-Float64 = npt.NDArray[np.float64]
+from ..moments import CELL, Float64
+from .kernels import LagGrams, solve, unexplained
 
 SPLIT_WORTH = 0.15
 """Relative noise that two kernels must save against one for the image to show strips: 0.27 in a scene of two

@@ -3,17 +3,25 @@ r"""Wiener filter: every band follows a small neighbourhood of the NIR (and of a
 .. math:: L'_b = L_b - \max(p_b - p_{b0}, 0), \qquad p_b(x) = \sum_r \sum_o k_{bro} R_r(x + o)
 
 R_r is a reference: the NIR that is taken with the band, then SWIR or another NIR where there is one, with ships, surf
-and land replaced by the water around (`deglint.remove.reference`). The kernels k are least squares over open water,
-with a local mean subtracted from every band. One kernel so finds and applies what displaces or blurs the glint of one
-band against that of another - band delay, parallax, misregistration, unequal resolution - and averages the noise of
-the reference. With a kernel of one pixel, raw statistics and the minimum as level it is Hedley's method.
+and land replaced by the water around (`deglint.remove.reference`). The kernels are least squares over open water, with
+a local mean subtracted from every band,
+
+.. math:: k_b = (G_{RR} + \lambda I)^{-1} G_{Rb}, \qquad G = \sum_x v(x) v(x)^T,
+
+with v(x) all references at all offsets about x, then the bands (`deglint.remove.kernels`). One kernel so finds and
+applies what displaces or blurs the glint of one band against that of another - band delay, parallax, misregistration,
+unequal resolution - and averages the noise of the reference. With a kernel of one pixel, raw statistics and the minimum
+as level it is Hedley's method.
 
 - Kernels of 1, 3 and 5 pixels are compared on squares of the sample that they were not fitted to; the plainest that is
   within chance of the best is taken.
-- The colour of glint is known to a fifth: that of the sun in radiance, or grey in reflectance. The response of each
-  band to even glint is drawn toward it by its own uncertainty. All bands are corrected, or none.
-- One level for all bands: the prediction where it is least, at the same pixels; raised until no band becomes negative.
-  Glint is never negative, so nothing is added where the prediction is below the level.
+- The response of a band to even glint is the sum of its kernel, s_b. The colour c of glint is known to a fifth: that of
+  the sun in radiance, or grey in reflectance. With V the jackknife covariance of the responses and P = diag(0.2 a c)^2
+  their prior, all responses are drawn toward the colour, s' = a c + P (V + P)^-1 (s - a c), with the strength a by
+  generalised least squares (`deglint.remove.colour`). All bands are corrected, or none.
+- One level p_b0 for all bands: the prediction where it is least, at the same pixels; raised until no band becomes
+  negative (`deglint.remove.levels`).
+- Glint is never negative, so nothing is added where the prediction is below the level.
 
 Fails where strips of the scene have other delays and are not known, for a homogeneous sheet of glint (whose level no
 image tells), for a wrong water mask, and over very shallow water, where the NIR sees the bottom. Costs one pass over
@@ -36,24 +44,32 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
-from ..moments import CELL
+from ..moments import Float64, Mask
 from ..scene import Band, FloatArray
 from .colour import SharedGlint, shared_glint
 from .detrend import SIZE as LOCAL_MEAN
 from .detrend import detrend
-from .kernels import SUPPORTS, WITH_SWIR, WORTH, BandSet, KernelFit, fit_kernels, joined
-from .lags import LagGrams, gather, merge, offsets
+from .kernels import (
+    SUPPORTS,
+    WITH_SWIR,
+    WORTH,
+    BandSet,
+    KernelFit,
+    LagGrams,
+    fit_kernels,
+    gather,
+    joined,
+    merge,
+    offsets,
+)  # fmt: skip
 from .levels import apart_from_sparkle, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
 from .predict import bordered, predicted
-from .reference import FACTOR, LEAST_OPEN, QUARTILE, ReferenceRule, clean, fit_reference
+from .reference import FACTOR, QUARTILE, ReferenceRule, clean, fit_reference, open_squares
 from .request import FitRequest
 from .strips import LEAST_SQUARES_OF_KIND as LEAST_SQUARES
 from .strips import Strips, find_kernels, second_kind
-
-Float64 = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 SAMPLE_SIDE = 192
 """Side of the tiles of a sample [pixel]."""
@@ -123,28 +139,28 @@ def fit(
         Too little open water.
     """
     sets = band_sets(request)
-    learnt, rules = _prepared(request, tiles, sets)
+    rules = _rules(request, tiles, sets)
+    learnt = [_learnt(tile, request, rules) for tile in tiles]
+    if not request.faint:  # there weights bound what a pixel teaches
+        learnt = _without_outliers(learnt)
     grams = [_gathered(s, learnt, request) for s in sets]
     if callable(strips):
-        kernels = find_kernels(grams[0], len(sets[0].bands))
-        strips = None if kernels is None else strips(StripFinder(request, rules, kernels))
+        mirrored = find_kernels(grams[0], len(sets[0].bands))
+        strips = None if mirrored is None else strips(StripFinder(request, rules, mirrored))
     kinds = [grams] if strips is None else _by_strip(grams, strips)
-    found = [
-        [f for s, g in zip(sets, some, strict=True) for f in fit_kernels(s, g, supports or _supports_of(s, request))]
+    kernels = [
+        [k for s, g in zip(sets, some, strict=True) for k in fit_kernels(s, g, supports or _supports_of(s, request))]
         for some in kinds
     ]
-    response, covariance = joined([f for some in found for f in some], len(request.correct))
+    every = [k for some in kernels for k in some]
+    response, covariance = joined(every, len(request.correct))
     shared = shared_glint(response, covariance, request, sets)
-    model = _model(request, found[0], rules, shared, covariance)
-    if len(found) > 1:
-        second = _model(request, found[1], rules, shared, covariance)
-        used = {r.band for m in (model, second) for r in m.references}
-        both = tuple(rule for r, rule in rules.items() if r in used)
-        model = replace(model, strips=strips, second=second.indexes, references=both)
-    loss = np.concatenate([f.loss for some in found for f in some])
-    noise = float(np.exp(np.log(np.maximum(loss, 1e-12)).mean() / 2))
+    model = _model(request, kernels, strips, rules, shared, covariance)
+    left = np.concatenate([k.loss for k in every])
+    noise = float(np.exp(np.log(np.maximum(left, 1e-12)).mean() / 2))
     if shared.significance <= SURE or noise > 1 - WORTH:
-        return _nothing(model, f"the NIR takes {1 - noise:.1%} off the noise of the bands: they share no glint")
+        why = f"the NIR takes {1 - noise:.1%} off the noise of the bands: they share no glint. Nothing was corrected."
+        return replace(model, fits=(), references=(), warnings=(why,))
     return _with_level(model, learnt, request)
 
 
@@ -165,34 +181,18 @@ class StripFinder:
         return grams.places, second_kind(grams, self.kernels)
 
 
-def _prepared(
-    request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[BandSet]
-) -> tuple[list[_Learnt], dict[int, ReferenceRule]]:
-    """Tiles with cleaned references and without what teaches nothing."""
-    rules = _rules(request, tiles, sets)
-    learnt = [_learnt(tile, request, rules) for tile in tiles]
-    limits = [] if request.faint else _limits(learnt)  # weights bound what a pixel teaches
-    return [_without_outliers(tile, limits) for tile in learnt], rules
-
-
 def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
-    """Sums over the squares of a sample; with what lies far out, where sparkle is so rare that nothing is left else."""
+    """Sums over the squares of a sample; with outliers, where sparkle is so rare that nothing else is left."""
     size = 0 if request.regression == "ols" else LOCAL_MEAN
-    for everything in (False, True):
-        parts = [
-            gather(
-                [t.references[r] for r in band_set.references],
-                [t.bands[b] for b in band_set.bands],
-                t.sample if everything else t.teaches,
-                size=size,
-                origin=t.origin,
-                weight=faint_weight(t.references[band_set.references[0]], t.sample, size) if request.faint else None,
-            )
-            for t in learnt
-        ]
-        grams = merge(parts) if parts else None
-        if grams is not None and len(grams.grams):
-            return grams
+    for outliers in (False, True):
+        parts = []
+        for t in learnt:
+            references, bands = [t.references[r] for r in band_set.references], [t.bands[b] for b in band_set.bands]
+            sample = t.sample if outliers else t.teaches
+            weight = faint_weight(references[0], t.sample, size) if request.faint else None
+            parts.append(gather(references, bands, sample, size=size, origin=t.origin, weight=weight))
+        if any(len(p.grams) for p in parts):
+            return merge(parts)
     raise FitError(
         "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample with a polygon "
         "or window over open water, or --mask with what is water."
@@ -205,10 +205,6 @@ def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES:
         return [list(grams)]
     return [[g.some(second == kind) for g in grams] for kind in (False, True)]
-
-
-def _nothing(model: GlintModel, why: str) -> GlintModel:
-    return replace(model, fits=(), references=(), warnings=(f"{why}. Nothing was corrected.",))
 
 
 def band_sets(request: FitRequest) -> list[BandSet]:
@@ -280,72 +276,78 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
     return _Learnt(references, [tile.block[b] for b in request.correct], sample, sample, tile.origin)
 
 
-def _limits(learnt: Sequence[_Learnt]) -> list[float]:
-    """Of every reference, then every band: the deviation from its local mean beyond which a pixel teaches nothing.
+def _without_outliers(learnt: Sequence[_Learnt]) -> list[_Learnt]:
+    """Kernels learn from no pixel near one that deviates from its local mean more than glint does, in any band.
 
     As for references: sparkle is found all over the sea with much the same strength, a ship or surf is not.
     """
-    tops = []
-    for tile in learnt:
-        away = np.abs(detrend(np.stack([*tile.references.values(), *tile.bands]), tile.sample))
-        away[:, ~tile.sample] = 0
-        for row in range(0, tile.sample.shape[0], CELL):
-            for column in range(0, tile.sample.shape[1], CELL):
-                cell = slice(row, row + CELL), slice(column, column + CELL)
-                if tile.sample[cell].mean() >= LEAST_OPEN:
-                    tops.append(away[:, *cell].max(axis=(1, 2)))
-    return [] if not tops else list(FACTOR * np.percentile(tops, QUARTILE, axis=0))
-
-
-def _without_outliers(tile: _Learnt, limits: Sequence[float]) -> _Learnt:
     import cv2
 
-    if not limits or not tile.sample.any():
-        return tile
-    away = np.abs(detrend(np.stack([*tile.references.values(), *tile.bands]), tile.sample))
-    with np.errstate(invalid="ignore"):
-        far = (away > np.array(limits)[:, None, None]).any(axis=0)
-    near = np.asarray(cv2.dilate(np.asarray(far, np.uint8), np.ones((5, 5), np.uint8))).view(np.bool_)
-    return replace(tile, teaches=tile.sample & ~near)
+    away = [np.abs(detrend(np.stack([*t.references.values(), *t.bands]), t.sample)) for t in learnt]
+    tops = [
+        np.nanmax(a[:, *square], axis=(1, 2))
+        for a, t in zip(away, learnt, strict=True)
+        for square in open_squares(t.sample)
+    ]
+    if not tops:
+        return list(learnt)
+    limits = FACTOR * np.percentile(tops, QUARTILE, axis=0)
+    out = []
+    for a, t in zip(away, learnt, strict=True):
+        far = (a > limits[:, None, None]).any(axis=0)
+        near = np.asarray(cv2.dilate(far.view(np.uint8), np.ones((5, 5), np.uint8))).view(np.bool_)
+        out.append(replace(t, teaches=t.sample & ~near))
+    return out
 
 
 def _model(
     request: FitRequest,
-    found: Sequence[KernelFit],
+    kernels: Sequence[Sequence[KernelFit]],
+    strips: Strips | None,
     rules: dict[int, ReferenceRule],
     shared: SharedGlint,
     covariance: Float64,
 ) -> GlintModel:
-    """Kernels of the posterior responses: what is added has the kernel of the glint that the bands share."""
-    indexes: dict[int, GlintIndex] = {}
-    fits: dict[int, BandFit] = {}
-    errors = np.sqrt(np.maximum(np.diag(covariance), 0))
-    for f in found:
-        mine = list(f.band_set.bands)
-        weights, target = shared.weights[mine], shared.response[mine]
-        strength = float(weights @ f.response)
-        common = f.coefficients @ (weights / strength) if strength > 0 else f.coefficients.mean(axis=1)
-        kernels = f.coefficients + np.outer(common, target - f.response)
-        at = [(r, o) for r, side in zip(f.band_set.references, f.support, strict=False) for o in offsets(side)]
+    """Kernels of each kind of strip, with the posterior responses; the levels are not known yet."""
+    indexes = [_indexes(request, some, shared) for some in kernels]
+    fits = {}
+    for f in kernels[0]:
         for k, place in enumerate(f.band_set.bands):
-            slope = float(target[k]) if target[k] > 0 else 1.0
-            kernel = tuple(float(c) / slope for c in kernels[:, k])
-            indexes[place] = GlintIndex(tuple(r for r, _ in at), kernel, 0.0, tuple(o for _, o in at))
-            band = request.correct[place]
-            error, r2 = float(errors[mine][k]), float(1 - f.loss[k])
+            band, error = request.correct[place], float(np.sqrt(max(covariance[place, place], 0)))
+            slope, r2 = _slope(shared, place), float(1 - f.loss[k])
             fits[place] = BandFit(band, request.bands[band].name, place, slope, error, r2, f.pixels)
-    places = range(len(request.correct))
-    used = {b for i in indexes.values() for b in i.bands}
+    used = {b for some in indexes for i in some for b in i.bands}
     return GlintModel(
-        "wiener", tuple(indexes[p] for p in places), tuple(fits[p] for p in places), request.names,
+        "wiener", indexes[0], tuple(fits[p] for p in sorted(fits)), request.names,
         references=tuple(rule for r, rule in rules.items() if r in used),
+        strips=strips if len(indexes) > 1 else None,
+        second=indexes[1] if len(indexes) > 1 else (),
     )  # fmt: skip
 
 
-def _predictions(model: GlintModel, tile: _Learnt) -> list[FloatArray]:
-    """What each index predicts in a tile."""
-    references = {band: bordered(values) for band, values in tile.references.items()}
-    return [predicted(references, model, k, tile.origin) for k in range(len(model.indexes))]
+def _slope(shared: SharedGlint, place: int) -> float:
+    """What a band gains where its NIR gains 1 everywhere."""
+    return float(shared.response[place]) if shared.response[place] > 0 else 1.0
+
+
+def _indexes(request: FitRequest, kernels: Sequence[KernelFit], shared: SharedGlint) -> tuple[GlintIndex, ...]:
+    """A kernel for each band, over its slope: to bring the response from s to s', the kernel of shared glint is added.
+
+    k' = k + k_g (s' - s), with k_g the kernel of the weighted sum of the bands whose response is 1.
+    """
+    out = {}
+    for f in kernels:
+        mine = list(f.band_set.bands)
+        weights = shared.weights[mine]
+        strength = float(weights @ f.response)
+        common = f.coefficients @ (weights / strength) if strength > 0 else f.coefficients.mean(axis=1)
+        drawn = f.coefficients + np.outer(common, shared.response[mine] - f.response)
+        at = [(r, o) for r, side in zip(f.band_set.references, f.support, strict=False) for o in offsets(side)]
+        bands, places = zip(*at, strict=True)
+        for k, place in enumerate(mine):
+            slope = _slope(shared, place)
+            out[place] = GlintIndex(bands, tuple(float(c) / slope for c in drawn[:, k]), 0.0, places)
+    return tuple(out[p] for p in range(len(request.correct)))
 
 
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
@@ -354,7 +356,8 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     predictions, values, places = [], [], []
     for tile in learnt:
         if tile.sample.any():
-            found = np.stack(_predictions(model, tile))
+            references = {band: bordered(values) for band, values in tile.references.items()}
+            found = np.stack([predicted(references, model, k, tile.origin) for k in range(len(model.indexes))])
             predictions.append(found[:, tile.sample])
             values.append(np.stack([band[tile.sample] for band in tile.bands]))
             places.append(apart_from_sparkle(np.tensordot(slopes, found, 1), tile.sample)[tile.sample])

@@ -240,7 +240,6 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
     def gather(tile: Tile) -> Part:
         block = silent.scene.source.read(tile.window, list(bands))
         area = None if silent.area is None else silent.area.read(tile.window)
-        # numpy's engine: reading takes much longer, and the compiled one takes 130 MB to load
         return Part.of(block, both(silent.mask.read(tile), area), (tile.row0, tile.col0), share)
 
     rows = run(plan.tiles, gather, combine=Part.merge, progress=plan.note("fit"), threads=plan.threads,
