@@ -22,6 +22,10 @@ Mask = npt.NDArray[np.bool_]
 Places = npt.NDArray[np.int64]
 Ring = tuple[tuple[float, float], ...]
 Move = Callable[[Sequence[tuple[float, float]]], list[tuple[float, float]]]
+_FOOTPRINT = 3
+"""Pixels over which the strength of an object is taken: the point spread function spreads even a point over so many,
+and a single bright pixel is noise or a fault of the removal. With 2 to 5 as many ships are found in six real scenes to
+within one or two in a scene; 3 finds in none of them fewer than the highest pixel alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,8 @@ class Object:
         Half-open ranges that hold it.
     footprint : (rows, columns) ndarray of bool
         Its pixels within `bounds`.
+    score_top : float
+        Root mean square of its three highest scores, missing pixels being 0: peak and extent in one number.
     """
 
     label: int
@@ -54,6 +60,7 @@ class Object:
     centroid: tuple[float, float]
     bounds: tuple[tuple[int, int], tuple[int, int]]
     footprint: Mask = field(repr=False)
+    score_top: float = math.nan
 
     @cached_property
     def outline(self) -> tuple[tuple[Ring, ...], ...]:
@@ -147,7 +154,18 @@ def find_among(
     if not len(rows):
         return []
     part, kept = _joined(rows, columns, merge_distance), scores > above
-    return _described(rows[kept], columns[kept], part[kept], scores[kept], min_size, pixel_area)
+    top = _top(part, scores)
+    return _described(rows[kept], columns[kept], part[kept], scores[kept], top, min_size, pixel_area)
+
+
+def _top(part: npt.NDArray[np.int32], scores: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """Root mean square of the highest scores of each part."""
+    order = np.lexsort((-scores, part))
+    counts = np.bincount(part)
+    place = np.arange(len(part)) - np.repeat(np.cumsum(counts) - counts, counts)
+    first = order[place < _FOOTPRINT]
+    squares = np.square(scores[first].astype(np.float64))
+    return np.asarray(np.sqrt(np.bincount(part[first], squares, len(counts)) / _FOOTPRINT))
 
 
 def _joined(rows: Places, columns: Places, distance: float) -> npt.NDArray[np.int32]:
@@ -182,24 +200,25 @@ def label(mask: Mask) -> npt.NDArray[np.int32]:
 
 
 def _described(
-    rows: Places, columns: Places, at: npt.NDArray[np.int32], scores: npt.NDArray[Any], min_size: int,
-    pixel_area: float | None,
+    rows: Places, columns: Places, at: npt.NDArray[np.int32], scores: npt.NDArray[Any],
+    top: npt.NDArray[np.float64], min_size: int, pixel_area: float | None,
 ) -> list[Object]:  # fmt: skip
-    """Objects from their pixels, in row-major order, and the number of the part that each belongs to."""
+    """Objects from their pixels, in row-major order, the part that each belongs to, and `_top` of every part."""
     values = scores.astype(np.float64)
     parts = np.split(np.argsort(at, kind="stable"), np.cumsum(np.bincount(at))[:-1]) if len(at) else []
     large = [own for own in parts if len(own) >= min_size]
     out = []
     for number, own in enumerate(sorted(large, key=lambda own: (-values[own].max(), own[0])), start=1):
         down, across = rows[own], columns[own]
-        top, left = int(down.min()), int(across.min())
-        footprint = np.zeros((int(down.max()) + 1 - top, int(across.max()) + 1 - left), np.bool_)
-        footprint[down - top, across - left] = True
+        row, left = int(down.min()), int(across.min())
+        footprint = np.zeros((int(down.max()) + 1 - row, int(across.max()) + 1 - left), np.bool_)
+        footprint[down - row, across - left] = True
         out.append(Object(
             label=number, score_max=float(values[own].max()), score_mean=float(values[own].mean()), size=len(own),
             area=None if pixel_area is None else len(own) * pixel_area,
             centroid=(float(down.mean()), float(across.mean())),
-            bounds=((top, top + footprint.shape[0]), (left, left + footprint.shape[1])), footprint=footprint,
+            bounds=((row, row + footprint.shape[0]), (left, left + footprint.shape[1])), footprint=footprint,
+            score_top=float(top[at[own[0]]]),
         ))  # fmt: skip
     return out
 

@@ -1,6 +1,7 @@
 """Objects: counts and places against brute force, outlines drawn back to the same pixels, GeoJSON as others read it."""
 
 import json
+import math
 from collections import deque
 from itertools import pairwise
 
@@ -151,3 +152,10 @@ def test_no_crs_keeps_pixel_corners():
     ring = document["features"][0]["geometry"]["coordinates"][0]
     assert sorted({tuple(p) for p in ring}) == [(0, 0), (0, 1), (2, 0), (2, 1)]
     assert rasterio.features.bounds(document) == (0, 0, 2, 1)
+
+
+def test_a_single_pixel_is_weaker_than_a_hull_of_the_same_peak() -> None:
+    scores = np.array([[9.0, 0, 9, 8, 7], [0, 0, 0, 6, 0]])
+    single, hull = sorted(find(scores > 2, scores), key=lambda o: o.size)
+    assert hull.score_top == pytest.approx(math.sqrt((81 + 64 + 49) / 3))
+    assert single.score_top == pytest.approx(9 / math.sqrt(3))

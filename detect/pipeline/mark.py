@@ -150,19 +150,23 @@ class Marker:
         clutter, share = self._clutter, self._strata
         low = min(LOW * of_sea.model.q90, threshold.value)
         afloat = marking.find_among(*self._open(low), above=threshold.value, **self._options)
+        by_peaks = threshold.method == "peaks"
+        if by_peaks:
+            afloat = [o for o in afloat if o.score_top > threshold.value]
         rated = []
-        for rank, o in enumerate(afloat, start=1):  # the highest score first
-            rate = clutter.false_per_km2(o.score_max, o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1)
+        for rank, o in enumerate(sorted(afloat, key=lambda o: -o.score_top), start=1):
+            rate = clutter.false_per_km2(o.score_top, o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1)
             real = 1 - min(rate * clutter.area / rank, 1.0)
             rated.append(Rated(o, "afloat", share * rate, real))
-        most = share * clutter.false_per_km2(threshold.value)
-        beside = [o for o in marking.find_among(*self._beside, **self._options) if o.score_max > threshold.value]
+        most = share * (clutter.false_per_km2(threshold.value) if by_peaks else len(afloat) / clutter.area)
+        dimmest = max(threshold.value, clutter.large[1])  # quays are dim; what clutter may reach shows no ship
+        beside = [o for o in marking.find_among(*self._beside, **self._options) if o.score_max > dimmest]
         for rank, o in enumerate(sorted(beside, key=_likeness, reverse=True), start=1):
             rate = share * (rank + _UNKNOWN_PIERS) / clutter.area  # each of them may be a pier
             if not rate > most:
                 rated.append(Rated(o, "alongside", rate, math.nan))
         if clutter.area > 0:
-            rated.sort(key=lambda r: (r.false_per_km2, -r.found.score_max))
+            rated.sort(key=lambda r: (r.false_per_km2, -r.found.score_top))
         return [replace(r, found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
 
     def write(self, threshold: Threshold, scratch: Scratch, progress: Progress | None) -> int | None:

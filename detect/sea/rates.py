@@ -53,7 +53,7 @@ class Clutter:
     low : float
         Score from which on peaks are counted.
     peaks : (objects,) ndarray
-        Peak scores of unconfirmed candidates, ascending.
+        `score_top` of unconfirmed candidates, ascending.
     area : float
         Of the sea that was searched [km2]; NaN where pixels have no size.
     confirmed, confirmed_pixels : int
@@ -84,7 +84,7 @@ class Clutter:
         return math.isfinite(self.shape)
 
     def false_per_km2(self, score: float, pixels: int = 1) -> float:
-        """Expected false objects per km2 whose peak is at least so high.
+        """Expected false objects per km2 whose `score_top` is at least so high.
 
         Of these only the share of large candidates is as large as an object that is large and bright: give its pixels
         where it has a ship's shape (slicks, shoals and clouds are large, too, and are no clutter of pixels).
@@ -95,9 +95,9 @@ class Clutter:
     def _of_peak(self, score: float) -> float:
         if not self.area > 0:
             return math.nan
-        if score <= self.low:
-            return _MOST_RATE
         above = len(self.peaks) - int(np.searchsorted(self.peaks, score, side="left"))
+        if score <= self.low and above == len(self.peaks):
+            return _MOST_RATE
         if above or not self.fitted:
             return max(above, 1) / self.area  # every candidate that is not confirmed counts as false
         y, least = ((x - self.low) / self.scale for x in (score, self.peaks[-1]))
@@ -106,7 +106,7 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """Score that so many false objects per km2 are expected to exceed.
+        """`score_top` that so many false objects per km2 are expected to exceed.
 
         Raises
         ------
@@ -174,7 +174,7 @@ def clutter_of(
     if pixels:
         tail = _without(tail, np.concatenate(taken))
     low = LOW * q90
-    peaks = np.sort([o.score_max for o, known in zip(candidates, sure, strict=True) if not known]).astype(np.float64)
+    peaks = np.sort([o.score_top for o, known in zip(candidates, sure, strict=True) if not known]).astype(np.float64)
     shape = scale = math.nan
     if len(peaks) > _LEAST:
         excess = peaks[peaks > low] - low

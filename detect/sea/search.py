@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from deglint.errors import InputError
 
-from ..objects import find
+from ..objects import find, find_among
 from ..threshold import Tail, Threshold
 from .model import SeaModel, fit, score
 from .rates import LOW, Clutter, clutter_of
@@ -97,9 +97,10 @@ def score_scene(
     area = pixel * pixel
     clutter = clutter_of(tail, candidates, parts, model.q90, area=tail.n * area / 1e6, fine=model.side == "both")
     threshold = clutter.threshold(pfa)
-    found = find(threshold.exceeded(searched), scores, pixel_area=area)
+    rows, columns = np.nonzero(searched > min(LOW * model.q90, threshold.value))
+    found = find_among(rows, columns, searched[rows, columns], above=threshold.value, pixel_area=area)
     records = [
         {"label": o.label, "score": o.score_max, "pixels": o.size, "area_m2": o.area, "row": o.centroid[0],
-         "column": o.centroid[1], "false_per_km2": clutter.false_per_km2(o.score_max)} for o in found
+         "column": o.centroid[1], "false_per_km2": clutter.false_per_km2(o.score_top)} for o in found
     ]  # fmt: skip
     return Search(scores, classes, records, threshold, clutter, model)
