@@ -176,12 +176,13 @@ def _do(job: Job, again: bool, order: Order, request: str, threads: int, line: A
             last[0] = now
             line.send(("progress", (stage, done, total)))
 
-    extras: dict[str, Any] = {("model_file" if k == "model" else k): path for k, path in job.extras.items()}
+    extras: dict[str, Any] = {name: getattr(job.outputs, name) for name in order.extras}
+    if "model" in extras:
+        extras["model_file"] = extras.pop("model")
     try:
         result = remove_glint(
-            job.scene.source, job.image, order.recipe, sensor=order.sensor, nodata=order.nodata, **order.stated(),
-            grid=order.grid, threads=threads, progress=progress, overwrite=again, dtype=order.dtype,
-            options=order.options, request=request, **extras,
+            job.scene.source, job.outputs.image, order.recipe, **order.opening(), threads=threads, progress=progress,
+            overwrite=again, dtype=order.dtype, options=order.options, request=request, **extras,
         )  # fmt: skip
     except NoWaterError as error:
         return outcome(job, NO_WATER, str(error), time.perf_counter() - begun)

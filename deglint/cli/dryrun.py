@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from ..pipeline import Recipe
     from ..scene import Scene
 
 Sizes = Mapping[str, int | None]
@@ -47,30 +46,28 @@ def read_bytes(scene: Scene) -> int:
     return scene.height * scene.width * len(scene.bands) * raster_of(scene).info.dtype.itemsize
 
 
-def removal(inputs: Sequence[str], output: str, recipe: Recipe, given: Mapping[str, Any]) -> None:
+def removal(inputs: Sequence[str], output: str, given: Mapping[str, Any]) -> None:
     """What `deglint remove` would do: it opens the scene, fits the recipe, and writes nothing."""
     import numpy as np
 
-    from ..pipeline import fit_scene, load_model
-    from ..pipeline.outputs import Outputs
+    from ..pipeline import Outputs, fit_scene, load_model
     from ..raster.environment import environment
     from ..raster.targets import check_image, check_targets
     from ..readers import open_scene
     from .options import opening
+    from .remove import outputs_of, recipe_of
 
-    extra: dict[str, Any] = {name: given[name] for name in ("flags", "amount", "stderr", "picture")}
-    extra |= {"sample": given["save_sample"], "model": given["save_model"]}
-    extra = {name: value and Path(value) for name, value in extra.items()} | {"dtype": given["dtype"]}
-    targets = Outputs(Path(output), **extra)
+    wanted, used = outputs_of(dict(given)), recipe_of(dict(given))
+    targets = Outputs(Path(output), model=wanted.pop("model_file"), **wanted)
     with environment():
         check_targets(targets.every(), {"the input": list(inputs)}, overwrite=given["overwrite"])
         check_image(targets.image)
         scene = open_scene(list(inputs), **opening(given), grid=given["grid"])
         begun = time.perf_counter()
         if given["model_in"]:
-            model, used = load_model(given["model_in"]), recipe
+            model = load_model(given["model_in"])
         else:
-            fitted = fit_scene(scene, recipe, threads=given["threads"])
+            fitted = fit_scene(scene, used, threads=given["threads"])
             model, used = fitted.model, fitted.recipe
     took, pixels, bands = time.perf_counter() - begun, scene.height * scene.width, len(model.fits)
     data = read_bytes(scene)
