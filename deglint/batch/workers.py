@@ -196,6 +196,7 @@ def _do(job: Job, again: bool, order: Order, request: str, threads: int, line: A
 
 
 def _reason(error: Exception) -> str:
+    """Why a scene failed, in one line."""
     if isinstance(error, MemoryError):
         return "out of memory. Use fewer --jobs, or a machine with more."
     line = " ".join(str(error).split())

@@ -21,7 +21,9 @@ from ..raster.environment import enter_thread, environment
 from ..raster.output import Layout, Scratch, plain, write_bytes, write_json, write_text
 from ..raster.targets import Reads, check_image, check_targets
 from ..readers.areas import Area, open_area
+from ..readers.opening import open_scene
 from ..readers.roles import find_band
+from ..readers.stac import files_of
 from ..readers.stated import Names, Numbers
 from ..readers.undeclared import settled
 from ..remove import GlintModel
@@ -64,10 +66,8 @@ def remove_glint(
         Output, a local GeoTIFF. `image`.json is written beside it.
     recipe : Recipe, optional
         What to do; finds everything out by itself by default.
-    model : GlintModel, optional
-        Apply this model, fitted before, instead of fitting one.
-    chain : Chain, optional
-        With `model`: the compensation that was fitted with it.
+    model, chain : GlintModel and Chain, optional
+        Apply this model, and the compensation that was fitted with it, instead of fitting one.
     sensor, nodata, grid, bands, wavelengths, scale, offset
         As `deglint.open_scene`.
     threads : int, optional
@@ -75,8 +75,8 @@ def remove_glint(
     progress : callable, optional
         progress(stage, done, total).
     cluster : Cluster, optional
-        Workers that pass over the tiles in place of threads (`deglint.pipeline.cluster.connect`); they must see the
-        input and the output's directory. The result is the same to the bit.
+        Workers in place of threads (`deglint.pipeline.cluster.connect`), which see the input and the output's
+        directory. The result is the same to the bit.
     **outputs
         flags, amount, stderr, sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`.
 
@@ -93,8 +93,6 @@ def remove_glint(
     --------
     >>> remove_glint("scene.tif", "clean.tif", Recipe(method="hedley"))  # doctest: +SKIP
     """
-    from ..readers import open_scene
-
     outputs["model"] = outputs.pop("model_file", None)
     targets = Outputs(Path(as_path(image, "image")), **outputs)
     recipe = recipe or Recipe()
@@ -124,8 +122,6 @@ class _Run:
 
 def _checked(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> Checksum:
     """Refuse outputs that cannot be written; begin on the checksum of what is read."""
-    from ..readers.stac import files_of
-
     given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
     files = [file for name in given for file in files_of(name)]
     named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": str(sensor or "")}
