@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any
 
 from ..errors import DeglintError, NoWaterError
 from ..pipeline.run import remove_glint
@@ -144,16 +144,12 @@ def _serve(line: Any, order: Order, request: str, threads: int, talks: bool) -> 
         logging.getLogger("deglint").setLevel(logging.INFO)
         logging.getLogger("deglint").addHandler(_Forward(line))
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
+        signal.signal(number, signal.default_int_handler)  # as Ctrl-C does
     threading.Thread(target=_watch_parent, daemon=True).start()
     with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
         while (task := line.recv()) is not None:
             job, again = task
             line.send(("end", _do(job, again, order, request, threads, line)))
-
-
-def _interrupt(_signal: int, _frame: Any) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 def _watch_parent() -> None:
