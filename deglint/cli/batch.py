@@ -24,7 +24,7 @@ from .running import printable
 log = logging.getLogger(__name__)
 
 
-OPTIONS = with_options(
+batch_options = with_options(
     click.option("--jobs", type=click.IntRange(1, 1024), default=1, metavar="N",
                  help="Scenes at the same time, each in a process of its own."),
     click.option("--threads", type=click.IntRange(1, 1024), metavar="N", show_default="all processors, shared out",
@@ -47,7 +47,7 @@ OPTIONS = with_options(
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("recipe", type=FILE, metavar="RECIPE.toml")
 @click.argument("scenes", nargs=-1, required=True, type=FILE, metavar="SCENES...")
-@OPTIONS
+@batch_options
 def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     """Remove sun glint from many SCENES as RECIPE.toml says.
 

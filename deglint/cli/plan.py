@@ -81,7 +81,7 @@ def _numbers(chosen: slice) -> list[Callable[..., Any]]:
     return [click.option(name, type=float, metavar=unit, help=said) for name, unit, said in NUMBER_OPTIONS[chosen]]
 
 
-OPTIONS = with_options(
+mission_options = with_options(
     click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE",
                  help="Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; repeat."),
     click.option("--mission", type=FILE, metavar="FILE.toml", help="Mission file; options win over it."),
@@ -106,7 +106,7 @@ OPTIONS = with_options(
     click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors and the plan."),
 )  # fmt: skip
 """Options that describe a mission, and what to write."""
-MODE_OPTIONS = with_options(
+mode_options = with_options(
     click.option("--from", "start", metavar="ISO", help="Sweep over time: from when,"),
     click.option("--to", "end", metavar="ISO", help="until when,"),
     click.option("--every", callback=duration, metavar="30min", help="and how often; 30min by default."),
@@ -145,8 +145,8 @@ class _Plan(Grouped):
 
 
 @click.command(cls=_Plan, context_settings={"help_option_names": ["-h", "--help"]})
-@OPTIONS
-@MODE_OPTIONS
+@mission_options
+@mode_options
 def plan(**given: Any) -> None:
     """Say from where to look at an object under water so that sun glint does not spoil it.
 

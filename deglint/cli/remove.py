@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..pipeline import Recipe
 
 
-OPTIONS = with_options(
+remove_options = with_options(
     click.option("--method", type=click.Choice(["auto", *METHOD_NAMES]), default="auto",
                  help="How to remove glint; auto: the candidate with the least expected error on sample tiles."),
     click.option("--sample", type=FileName("auto", "all"), default="auto", metavar="auto|all|FILE.geojson|WINDOW",
@@ -95,7 +95,7 @@ OPTIONS = with_options(
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("inputs", nargs=-1, type=FILE, metavar="IN [IN ...]")
 @click.argument("output", type=FILE, metavar="OUT")
-@OPTIONS
+@remove_options
 @on_cluster
 @common
 def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:

@@ -91,7 +91,7 @@ class _Simulate(Grouped):
     }  # fmt: skip
 
 
-OPTIONS = with_options(
+simulate_options = with_options(
     click.option("--preset", type=click.Choice(PRESET_NAMES), default="thesis", help="Sensor."),
     click.option("--size", default="512", callback=size, metavar="N|ROWSxCOLUMNS", help="Of the image [pixel]."),
     click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default."),
@@ -137,7 +137,7 @@ OPTIONS = with_options(
 
 @click.command(cls=_Simulate, context_settings=SETTINGS)
 @click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
-@OPTIONS
+@simulate_options
 def simulate(out: Path, **given: Any) -> None:
     """Simulate the sea as a sensor sees it: OUT.tif, its truth beside it, and OUT.json with all parameters.
 

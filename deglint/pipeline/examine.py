@@ -51,7 +51,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     budget = raster_of(scene).budget = Budget(look_seconds(), LOOK_READS)
     try:
         with environment():
-            fitted = _look(scene, recipe, threads or default_threads(), out)
+            fitted = _fit_noted(scene, recipe, threads or default_threads(), out)
     except DeglintError as error:
         out["reason"] = str(error) if not budget.over else _not_seen(scene, budget)
         return out
@@ -70,7 +70,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     return out
 
 
-def _look(scene: Scene, recipe: Recipe, threads: int, out: dict[str, Any]) -> Fitted:
+def _fit_noted(scene: Scene, recipe: Recipe, threads: int, out: dict[str, Any]) -> Fitted:
     """Fit the recipe; what is known on the way goes into `out`, also where the fit fails."""
     notes = out["notes"]
     request, said = make_request(scene, recipe)
