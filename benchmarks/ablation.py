@@ -24,7 +24,7 @@ from deglint import Recipe
 from deglint.choose import Choice
 from deglint.compensate import background
 from deglint.errors import DeglintError
-from deglint.pipeline import training
+from deglint.pipeline import sample
 from deglint.remove import wiener
 
 from .scenes import Known, changed, deglinted, scenes
@@ -87,7 +87,7 @@ PIECES = {
     "posterior": Piece(partial(without, "posterior")),
     "outlines": Piece(same, lambda: changed(background, "_limit", lambda *_: None), "identify-level"),
     "ringing": Piece(same, lambda: changed(background, "ringing", nothing), "identify-level"),
-    "red edge as reference": Piece(same, lambda: changed(training, "more_references", nothing), "posterior"),
+    "red edge as reference": Piece(same, lambda: changed(sample, "more_references", nothing), "posterior"),
     "faint weighting": Piece(same, lambda: changed(wiener, "fit", partial(evenly, wiener.fit)), "posterior"),
     "second window": Piece(
         lambda _: ("auto", "auto"), lambda: changed(CANDIDATES, "windows", partial(first, CANDIDATES.windows))

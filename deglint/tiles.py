@@ -60,6 +60,11 @@ class Tile:
         """(rows, columns)."""
         return self.row1 - self.row0, self.col1 - self.col0
 
+    @property
+    def pixels(self) -> int:
+        """Number of its pixels."""
+        return (self.row1 - self.row0) * (self.col1 - self.col0)
+
     def grown(self, halo: int, height: int, width: int) -> Tile:
         """The tile with a halo around it, as far as the scene goes."""
         return Tile(
@@ -124,7 +129,7 @@ def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
 
     A regular lattice in row-major order, shifted from row to row, always the same for the same tiles.
     """
-    area = max(t.shape[0] * t.shape[1] for t in everything)
+    area = max(t.pixels for t in everything)
     wanted = max(pixels // area, 1)
     if len(everything) <= wanted:
         return list(everything)

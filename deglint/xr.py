@@ -30,8 +30,9 @@ from .errors import DeglintError, InputError, NoWaterError
 from .pipeline import Fitted, Recipe, fit_scene
 from .pipeline.chunks import DetachedSource, over_tiles
 from .pipeline.correct import Correction
+from .pipeline.fit import given_model
 from .pipeline.outputs import DTYPES
-from .pipeline.run import correction, given_model
+from .pipeline.run import correction
 from .readers.areas import open_area
 from .readers.arrays import BANDS, axes, open_array
 from .readers.undeclared import settled
@@ -245,7 +246,7 @@ def need_xarray() -> Any:
 
 
 def _corrected(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
-    return work.on(scene)(tile).raw
+    return replace(work, scene=scene)(tile).raw
 
 
 def _correction(scene: Scene, fitted: Fitted, dtype: str | None) -> Correction:

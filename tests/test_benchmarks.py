@@ -16,7 +16,7 @@ from benchmarks.processes import in_turns
 from deglint import open_scene
 from deglint.choose import Candidate, Choice, Trial
 from deglint.compensate import background
-from deglint.pipeline import training
+from deglint.pipeline import sample
 from deglint.remove import wiener
 from deglint.simulate import simulate
 
@@ -158,7 +158,7 @@ def test_pieces_are_dropped_from_the_chosen_chain():
 
 @pytest.mark.parametrize("name", [n for n, p in ablation.PIECES.items() if p.change is not nullcontext])
 def test_pieces_are_replaced_for_a_while(name):
-    homes = background, training, wiener, ablation.CANDIDATES
+    homes = background, sample, wiener, ablation.CANDIDATES
     before = [dict(vars(home)) for home in homes]
     with ablation.PIECES[name].change():
         differ = [

@@ -7,8 +7,7 @@ import pytest
 import rasterio
 
 from deglint import Recipe, open_scene, remove_glint
-from deglint.pipeline.flags import CORRECTABLE, NEGLIGIBLE, NOT_ASSESSED, UNCORRECTABLE, glint_classes
-from deglint.pipeline.sky import sky_glint
+from deglint.pipeline.flags import CORRECTABLE, NEGLIGIBLE, NOT_ASSESSED, UNCORRECTABLE, glint_classes, sky_glint
 from deglint.simulate import Setup, simulate
 
 HEDLEY = Recipe(method="hedley", sample="0,50,100,30", mask="0,0,60,80", compensate="off")

@@ -6,13 +6,13 @@ What was made before is known again by the recipe and by the checksums of input 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from ..checksum import are_as, is_as
 from ..errors import DeglintError, InputError
+from ..pipeline import Outputs
 from ..raster.environment import environment
 from ..raster.targets import check_unread
 from ..readers.scenes import ListedScene
@@ -25,20 +25,10 @@ TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no
 
 @dataclass(frozen=True)
 class Job:
-    """One scene of a batch, and the names of its outputs."""
+    """One scene of a batch, and its outputs."""
 
     scene: ListedScene
-    image: Path
-    extras: Mapping[str, Path]
-
-    @property
-    def sidecar(self) -> Path:
-        """Name of the sidecar."""
-        return self.image.with_name(self.image.name + ".json")
-
-    def every(self) -> list[Path]:
-        """All outputs."""
-        return [self.image, self.sidecar, *self.extras.values()]
+    outputs: Outputs
 
 
 @dataclass(frozen=True)
@@ -86,17 +76,18 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = 
     for scene in scenes:
         image = order.directory / order.name.replace("{name}", scene.name)
         stem = image.with_suffix("").name
-        jobs.append(Job(scene, image, {k: image.with_name(f"{stem}_{k}{EXTRAS[k]}") for k in order.extras}))
-    names = Counter(p.name for job in jobs for p in job.every())
+        extras: Any = {name: image.with_name(f"{stem}_{name}{EXTRAS[name]}") for name in order.extras}
+        jobs.append(Job(scene, Outputs(image, **extras)))
+    names = Counter(path.name for job in jobs for path in job.outputs.every())
     for job in jobs:
-        twice = next((p for p in job.every() if names[p.name] > 1), None)
-        if twice:
-            them = ", ".join(j.scene.paths[0] for j in jobs if twice in j.every())
+        if twice := next((path for path in job.outputs.every() if names[path.name] > 1), None):
+            them = ", ".join(j.scene.paths[0] for j in jobs if twice in j.outputs.every())
             raise InputError(
                 f"several scenes would be written to {twice}: {them[:300]}. Give them names of their own, in a CSV "
                 "with columns path and name."
             )
-    there = [p for job in jobs for p in job.every() if p.exists()]  # what is not there yet can be no file that is read
+    # what is not there yet can be no file that is read
+    there = [path for job in jobs for path in job.outputs.every() if path.exists()]
     if there:
         scenes_files = [p for job in jobs for name in job.scene.source for p in (name, *files_of(name))]
         named = [order.recipe.sample, order.recipe.mask, order.sensor or "", *reads]
@@ -107,27 +98,28 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = 
 
 def state_of(job: Job, request: str) -> tuple[str, str]:
     """Whether a scene is finished, to do, or in the way of its doing ("failed"), and why."""
-    there = [p for p in job.every() if p.exists()]
+    image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
+    there = [p for p in every if p.exists()]
     if not there:
         return TODO, ""
-    if job.sidecar not in there:
+    if sidecar not in there:
         return FAILED, f"{there[0]} exists and was not made by this batch"
     try:
-        said = read_json(str(job.sidecar), "sidecar")
+        said = read_json(str(sidecar), "sidecar")
         batch = said.get("batch") or {}
         inputs = {i["path"]: i for i in batch.get("inputs") or []}
         outputs = dict(batch.get("outputs") or {})
     except (DeglintError, KeyError, TypeError, ValueError, AttributeError):
-        return FAILED, f"{job.sidecar} exists and is no sidecar of deglint"
+        return FAILED, f"{sidecar} exists and is no sidecar of deglint"
     if batch.get("request") != request:
-        return FAILED, f"{job.image} was made by another recipe"
+        return FAILED, f"{image} was made by another recipe"
     with environment():
         same = are_as([p for name in job.scene.source for p in files_of(name)], inputs)
     if not same:
-        return FAILED, f"{job.image} was made of another state of the scene"
-    if len(there) < len(job.every()):
+        return FAILED, f"{image} was made of another state of the scene"
+    if len(there) < len(every):
         return TODO, "was stopped while it was moved into place"
-    changed = [p for p in job.every() if p != job.sidecar and not is_as(p, outputs.get(p.name, {"bytes": -1}))]
+    changed = [p for p in every if p != sidecar and not is_as(p, outputs.get(p.name, {"bytes": -1}))]
     if changed:
         return FAILED, f"{changed[0]} is not as it was made"
     return FINISHED, ""
@@ -136,4 +128,4 @@ def state_of(job: Job, request: str) -> tuple[str, str]:
 def outcome(job: Job, status: str, reason: str = "", seconds: float = 0.0, **more: Any) -> Outcome:
     """A row for a job."""
     inputs = ";".join(job.scene.paths)
-    return Outcome(job.scene.name, inputs, str(job.image), status, reason, round(seconds, 3), **more)
+    return Outcome(job.scene.name, inputs, str(job.outputs.image), status, reason, round(seconds, 3), **more)

@@ -71,15 +71,11 @@ class Order:
         if self.dtype is not None and self.dtype not in DTYPES:
             raise InputError(f"[output] dtype {self.dtype!r} is not one of {', '.join(DTYPES)}.")
 
-    def stated(self) -> dict[str, Any]:
-        """What the order states of the bands, as `deglint.open_scene` takes it."""
-        given = {
-            "bands": ",".join(self.bands),
-            "wavelengths": self.wavelengths,
-            "scale": self.scale,
-            "offset": self.offset,
-        }
-        return {k: v or None for k, v in given.items()}
+    def opening(self) -> dict[str, Any]:
+        """What the order says of the input, as `deglint.open_scene` takes it."""
+        stated = {"wavelengths": self.wavelengths, "scale": self.scale, "offset": self.offset}
+        given = {name: value or None for name, value in (stated | {"bands": ",".join(self.bands)}).items()}
+        return given | {"sensor": self.sensor, "nodata": self.nodata, "grid": self.grid}
 
     def request(self) -> str:
         """A checksum of all that the result depends on but the scene: the same order, the same text."""

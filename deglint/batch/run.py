@@ -6,8 +6,8 @@ What is finished is known by recipe and checksums, so a batch that was stopped -
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,7 @@ def run_batch(
     threads : int, optional
         Of each process; all processors, shared out, by default.
     overwrite : bool
-        Make again what exists and was made by another recipe or of another input. What is finished is never made again.
+        Make again what was made by another recipe or of another input; what is finished is never made again.
     dry_run : bool
         Only say what would be done.
     say : callable, optional
@@ -57,6 +57,8 @@ def run_batch(
     if processes < 1:
         raise InputError(f"jobs: want at least 1, got {processes}.")
     jobs, request = jobs_of(order, scenes, reads), order.request()
+    found: dict[int, Outcome] = {}
+    todo: dict[int, tuple[Job, bool]] = {}
 
     def tell(what: str, about: Any) -> None:
         if what == "end" and about.status == DONE:
@@ -64,19 +66,12 @@ def run_batch(
         if say is not None:
             say(what, about)
 
-    with ExitStack() as stack:
-        if not dry_run:
-            _prepare(order.directory)
-            stack.enter_context(claimed(order.directory))
-        found: dict[int, Outcome] = {}
-        todo: dict[int, tuple[Job, bool]] = {}
+    with nullcontext() if dry_run else _claimed(order.directory):
         for i, job in enumerate(jobs):
             begun = time.perf_counter()
             status, why = state_of(job, request)
-            if status == FAILED and overwrite:
-                status = TODO
-            elif status == FAILED:
-                why += ". Give --overwrite to make it again"
+            if status == FAILED:
+                status, why = (TODO, why) if overwrite else (FAILED, f"{why}. Give --overwrite to make it again")
             if status == TODO and not dry_run:
                 todo[i] = job, overwrite or bool(why)
                 continue
@@ -86,9 +81,13 @@ def run_batch(
     return [found[i] for i in range(len(jobs))]
 
 
-def _prepare(directory: Path) -> None:
+@contextmanager
+def _claimed(directory: Path) -> Iterator[None]:
+    """Make the directory of the outputs, and keep other batches from it."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise WriteError(f"the directory {directory} cannot be made: {error.strerror}. Choose another.") from error
     check_target(directory / "x.tif", overwrite=True)
+    with claimed(directory):
+        yield

@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any
 
 from ..errors import DeglintError, NoWaterError
 from ..pipeline.run import remove_glint
@@ -144,16 +144,12 @@ def _serve(line: Any, order: Order, request: str, threads: int, talks: bool) -> 
         logging.getLogger("deglint").setLevel(logging.INFO)
         logging.getLogger("deglint").addHandler(_Forward(line))
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
+        signal.signal(number, signal.default_int_handler)  # as Ctrl-C does
     threading.Thread(target=_watch_parent, daemon=True).start()
     with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
         while (task := line.recv()) is not None:
             job, again = task
             line.send(("end", _do(job, again, order, request, threads, line)))
-
-
-def _interrupt(_signal: int, _frame: Any) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 def _watch_parent() -> None:
@@ -176,12 +172,13 @@ def _do(job: Job, again: bool, order: Order, request: str, threads: int, line: A
             last[0] = now
             line.send(("progress", (stage, done, total)))
 
-    extras: dict[str, Any] = {("model_file" if k == "model" else k): path for k, path in job.extras.items()}
+    extras: dict[str, Any] = {name: getattr(job.outputs, name) for name in order.extras}
+    if "model" in extras:
+        extras["model_file"] = extras.pop("model")
     try:
         result = remove_glint(
-            job.scene.source, job.image, order.recipe, sensor=order.sensor, nodata=order.nodata, **order.stated(),
-            grid=order.grid, threads=threads, progress=progress, overwrite=again, dtype=order.dtype,
-            options=order.options, request=request, **extras,
+            job.scene.source, job.outputs.image, order.recipe, **order.opening(), threads=threads, progress=progress,
+            overwrite=again, dtype=order.dtype, options=order.options, request=request, **extras,
         )  # fmt: skip
     except NoWaterError as error:
         return outcome(job, NO_WATER, str(error), time.perf_counter() - begun)
@@ -195,6 +192,7 @@ def _do(job: Job, again: bool, order: Order, request: str, threads: int, line: A
 
 
 def _reason(error: Exception) -> str:
+    """Why a scene failed, in one line."""
     if isinstance(error, MemoryError):
         return "out of memory. Use fewer --jobs, or a machine with more."
     line = " ".join(str(error).split())

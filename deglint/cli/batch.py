@@ -7,6 +7,7 @@ import io
 import json
 import logging
 import time
+from collections import Counter
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -17,42 +18,36 @@ from ..shown import shown
 from ..timing import TimeLeft, duration
 from .console import Console
 from .grouped import SETTINGS, Grouped
-from .options import FILE
+from .options import FILE, with_options
 from .running import printable
 
 log = logging.getLogger(__name__)
 
 
+batch_options = with_options(
+    click.option("--jobs", type=click.IntRange(1, 1024), default=1, metavar="N",
+                 help="Scenes at the same time, each in a process of its own."),
+    click.option("--threads", type=click.IntRange(1, 1024), metavar="N", show_default="all processors, shared out",
+                 help="Threads of each."),
+    click.option("--overwrite", is_flag=True,
+                 help="Make again what exists and was made by another recipe or of another input. What is finished is "
+                      "never made again."),
+    click.option("--directory", type=FILE, metavar="DIR", help="Where outputs go, in place of the recipe's directory."),
+    click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing."),
+    click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON."),
+    click.option("--table", type=FILE, metavar="FILE.csv",
+                 help="Write the summary as CSV, too, in place of an older one."),
+    click.option("-v", "--verbose", count=True, show_default=False,
+                 help="Log what is decided for each scene, too; -vv: a traceback where it fails."),
+    click.option("-q", "--quiet", is_flag=True, help="Print the summary and errors only."),
+)  # fmt: skip
+"""Options of the command, in the order of `--help`."""
+
+
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("recipe", type=FILE, metavar="RECIPE.toml")
 @click.argument("scenes", nargs=-1, required=True, type=FILE, metavar="SCENES...")
-@click.option(
-    "--jobs",
-    type=click.IntRange(1, 1024),
-    default=1,
-    metavar="N",
-    help="Scenes at the same time, each in a process of its own.",
-)
-@click.option(
-    "--threads",
-    type=click.IntRange(1, 1024),
-    metavar="N",
-    show_default="all processors, shared out",
-    help="Threads of each.",
-)
-@click.option(
-    "--overwrite",
-    is_flag=True,
-    help="Make again what exists and was made by another recipe or of another input. What is finished is "
-    "never made again.",
-)
-@click.option("--directory", type=FILE, metavar="DIR", help="Where outputs go, in place of the recipe's directory.")
-@click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON.")
-@click.option("--table", type=FILE, metavar="FILE.csv", help="Write the summary as CSV, too, in place of an older one.")
-@click.option("-v", "--verbose", count=True, show_default=False,
-              help="Log what is decided for each scene, too; -vv: a traceback where it fails.")  # fmt: skip
-@click.option("-q", "--quiet", is_flag=True, help="Print the summary and errors only.")
+@batch_options
 def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     """Remove sun glint from many SCENES as RECIPE.toml says.
 
@@ -103,8 +98,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
             from .dryrun import batch_size
 
             todo = [scene.paths for scene, o in zip(listed, found, strict=True) if o.status == TODO]
-            stated = {"sensor": order.sensor, "nodata": order.nodata, "grid": order.grid, **order.stated()}
-            click.echo(batch_size(todo, stated))
+            click.echo(batch_size(todo, order.opening()))
     if any(o.status == FAILED for o in found):
         raise click.exceptions.Exit(1)
 
@@ -118,9 +112,7 @@ def summary(found: list[Any]) -> list[str]:
         rows.append((printable(o.name), o.status, f"{o.seconds:.1f}", share, o.method, printable(why)))
     widths = [max(len(row[i]) for row in rows) for i in range(5)]
     out = ["  ".join([*(c.ljust(w) for c, w in zip(row[:5], widths, strict=True)), row[5]]).rstrip() for row in rows]
-    counts: dict[str, int] = {}
-    for o in found:
-        counts[o.status] = counts.get(o.status, 0) + 1
+    counts = Counter(o.status for o in found)
     return [*out, "", f"{len(found)} scenes: " + ", ".join(f"{n} {status}" for status, n in counts.items())]
 
 

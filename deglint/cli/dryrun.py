@@ -12,11 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from ..pipeline import Recipe
     from ..scene import Scene
-
-Sizes = Mapping[str, int | None]
-"""Files, and the bytes of their pixels; None where they hold no pixels."""
 
 
 def size(count: float) -> str:
@@ -28,18 +24,6 @@ def size(count: float) -> str:
     return f"{count:.3g} TB"
 
 
-def say(files: Sizes, about: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> None:
-    """Print what would be written, as lines or as JSON."""
-    if as_json:
-        from ..raster.output import plain
-
-        click.echo(json.dumps(plain({**about, "files": files}), indent=2))
-        return
-    for line in (*lines, *(f"would write {name}" + (f" ({size(b)})" if b else "") for name, b in files.items())):
-        click.echo(line)
-    click.echo(f"{len(files)} files, {size(sum(b or 0 for b in files.values()))} of pixels before compression")
-
-
 def read_bytes(scene: Scene) -> int:
     """Bytes of the pixels of a scene as they are stored, before compression."""
     from ..pipeline.overview import raster_of
@@ -47,36 +31,36 @@ def read_bytes(scene: Scene) -> int:
     return scene.height * scene.width * len(scene.bands) * raster_of(scene).info.dtype.itemsize
 
 
-def removal(inputs: Sequence[str], output: str, recipe: Recipe, given: Mapping[str, Any]) -> None:
+def removal(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
     """What `deglint remove` would do: it opens the scene, fits the recipe, and writes nothing."""
     import numpy as np
 
-    from ..pipeline import fit_scene, load_model
-    from ..pipeline.outputs import Outputs
+    from ..pipeline import Outputs, fit_scene, load_model
     from ..raster.environment import environment
+    from ..raster.output import plain
     from ..raster.targets import check_image, check_targets
     from ..readers import open_scene
     from .options import opening
+    from .remove import outputs_of, recipe_of
 
-    extra: dict[str, Any] = {name: given[name] for name in ("flags", "amount", "stderr", "picture")}
-    extra |= {"sample": given["save_sample"], "model": given["save_model"]}
-    extra = {name: value and Path(value) for name, value in extra.items()} | {"dtype": given["dtype"]}
-    targets = Outputs(Path(output), **extra)
+    wanted, used = outputs_of(given), recipe_of(given)
+    targets = Outputs(Path(output), model=wanted.pop("model_file"), **wanted)
     with environment():
         check_targets(targets.every(), {"the input": list(inputs)}, overwrite=given["overwrite"])
         check_image(targets.image)
         scene = open_scene(list(inputs), **opening(given), grid=given["grid"])
         begun = time.perf_counter()
         if given["model_in"]:
-            model, used = load_model(given["model_in"]), recipe
+            model = load_model(given["model_in"])
         else:
-            fitted = fit_scene(scene, recipe, threads=given["threads"])
+            fitted = fit_scene(scene, used, threads=given["threads"])
             model, used = fitted.model, fitted.recipe
     took, pixels, bands = time.perf_counter() - begun, scene.height * scene.width, len(model.fits)
     data = read_bytes(scene)
     image = data if given["dtype"] is None else pixels * len(scene.bands) * np.dtype(given["dtype"]).itemsize
     per_file: dict[Path | None, int] = {targets.image: image, targets.flags: 2 * pixels,
                 targets.amount: 4 * pixels * bands, targets.stderr: 4 * pixels * bands}  # fmt: skip
+    # bytes of the pixels of each file; None where it holds none
     files = {str(path): per_file.get(path) for path in targets.every()}
     nir = [scene.names[b] for b in model.index_bands]
     about = {"input": list(inputs), "nir": nir, "read_bytes": data, "fit_seconds": took, "recipe": asdict(used)}
@@ -84,7 +68,12 @@ def removal(inputs: Sequence[str], output: str, recipe: Recipe, given: Mapping[s
     lines = [f"{scene.path}: {scene.height} x {scene.width} pixels, bands {', '.join(scene.names)}",
              f"NIR: {', '.join(nir) or 'none'}", "recipe: " + ", ".join(resolved),
              f"fit in {took:.2f} s; the correction reads {size(data)} of pixels once"]  # fmt: skip
-    say(files, about, lines, as_json=given["as_json"])
+    if given["as_json"]:
+        click.echo(json.dumps(plain({**about, "files": files}), indent=2))
+        return
+    lines += [f"would write {name}" + (f" ({size(count)})" if count else "") for name, count in files.items()]
+    lines += [f"{len(files)} files, {size(sum(n or 0 for n in files.values()))} of pixels before compression"]
+    click.echo("\n".join(lines))
 
 
 def batch_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> str:

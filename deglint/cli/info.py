@@ -15,13 +15,8 @@ from .options import FILE, FileName, common, opening
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("inputs", nargs=-1, required=True, type=FILE, metavar="IN [IN ...]")
-@click.option(
-    "--sample",
-    type=FileName("auto", "all"),
-    default="auto",
-    metavar="auto|all|FILE.geojson|WINDOW",
-    help="Deep, glinted water to judge by.",
-)
+@click.option("--sample", type=FileName("auto", "all"), default="auto", metavar="auto|all|FILE.geojson|WINDOW",
+              help="Deep, glinted water to judge by.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout, and nothing else.")
 @common
 def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> None:
@@ -43,8 +38,7 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
     if as_json:
         click.echo(json.dumps(found, indent=2))
         return
-    for line in lines(found):
-        click.echo(line)
+    click.echo("\n".join(lines(found)))
 
 
 def lines(found: dict[str, Any]) -> list[str]:

@@ -88,33 +88,39 @@ def nodata(_ctx: click.Context, _param: click.Parameter, value: str | None) -> f
         raise click.BadParameter(f"{value!r} is not a number, nan or none.") from None
 
 
-def common(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Options that say how to read the input and how much to tell."""
-    for option in reversed(
-        [
-            click.option("--sensor", type=FileName(presets=True), metavar="NAME|FILE.toml",
-                         help="Preset that fills in what the file does not say of its bands (worldview3, sentinel2, "
-                         "planetscope, micasense, landsat8, ...), or a file of a "
-                         "sensor of your own."),
-            click.option("--bands", "band_names", metavar="NAME,NAME,...", help="What the bands are called, in the "
-                         "file's order, such as 'blue,green,red,nir', where the file does not say it. (-b chooses.)"),
-            click.option("--wavelengths", metavar="NM,NM,...", help="Their centres, such as 475,560,668,842."),
-            click.option("--scale", metavar="N[,N...]", help="Physical values are numbers in the file times this, for "
-                         "all bands or each, in place of what the file says."),
-            click.option("--offset", metavar="N[,N...]", help="And this is added, such as -0.1."),
-            click.option("--nir", multiple=True, callback=names, metavar="BAND[,BAND]",
-                         show_default="deduced from the wavelengths", help="NIR band by name or number (from 1)."),
-            click.option("--nodata", callback=nodata, metavar="NUMBER|nan|none",
-                         help="Value that means: not valid; none: every number is data."),
-            click.option("--threads", type=click.IntRange(1, 1024), metavar="N",
-                         show_default="all processors", help="The result does not depend on it."),
-            click.option("-v", "--verbose", count=True, show_default=False,
-                         help="Log the reasons of decisions, too; -vv: a traceback where it fails."),
-            click.option("-q", "--quiet", is_flag=True, help="Log errors only."),
-        ]
-    ):  # fmt: skip
-        command = option(command)
-    return command
+def with_options(*options: Callable[..., Any]) -> Callable[[Any], Any]:
+    """A decorator that gives a command many options, in the order of `--help`."""
+
+    def decorate(command: Any) -> Any:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+common = with_options(
+    click.option("--sensor", type=FileName(presets=True), metavar="NAME|FILE.toml",
+                 help="Preset that fills in what the file does not say of its bands (worldview3, sentinel2, "
+                 "planetscope, micasense, landsat8, ...), or a file of a "
+                 "sensor of your own."),
+    click.option("--bands", "band_names", metavar="NAME,NAME,...", help="What the bands are called, in the "
+                 "file's order, such as 'blue,green,red,nir', where the file does not say it. (-b chooses.)"),
+    click.option("--wavelengths", metavar="NM,NM,...", help="Their centres, such as 475,560,668,842."),
+    click.option("--scale", metavar="N[,N...]", help="Physical values are numbers in the file times this, for "
+                 "all bands or each, in place of what the file says."),
+    click.option("--offset", metavar="N[,N...]", help="And this is added, such as -0.1."),
+    click.option("--nir", multiple=True, callback=names, metavar="BAND[,BAND]",
+                 show_default="deduced from the wavelengths", help="NIR band by name or number (from 1)."),
+    click.option("--nodata", callback=nodata, metavar="NUMBER|nan|none",
+                 help="Value that means: not valid; none: every number is data."),
+    click.option("--threads", type=click.IntRange(1, 1024), metavar="N",
+                 show_default="all processors", help="The result does not depend on it."),
+    click.option("-v", "--verbose", count=True, show_default=False,
+                 help="Log the reasons of decisions, too; -vv: a traceback where it fails."),
+    click.option("-q", "--quiet", is_flag=True, help="Log errors only."),
+)  # fmt: skip
+"""Options that say how to read the input and how much to tell."""
 
 
 def opening(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -132,20 +138,15 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
         )
 
 
-def on_cluster(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Options that name workers in place of threads."""
-    for option in reversed(
-        [
-            click.option("--cluster", metavar="tcp://HOST:PORT", help="Work on this dask cluster, whose workers see "
-                         "the input and the output's directory."),
-            click.option("--workers", type=click.IntRange(1, 1024), metavar="N",
-                         help="Work on N processes of this machine in place of threads."),
-            click.option("--worker-memory", metavar="SIZE", help="With --workers: what each may hold, such as 1GiB; its"
-                         " share of the machine's by default. One that holds more is ended, and its tiles done again."),
-        ]
-    ):  # fmt: skip
-        command = option(command)
-    return command
+on_cluster = with_options(
+    click.option("--cluster", metavar="tcp://HOST:PORT", help="Work on this dask cluster, whose workers see "
+                 "the input and the output's directory."),
+    click.option("--workers", type=click.IntRange(1, 1024), metavar="N",
+                 help="Work on N processes of this machine in place of threads."),
+    click.option("--worker-memory", metavar="SIZE", help="With --workers: what each may hold, such as 1GiB; its"
+                 " share of the machine's by default. One that holds more is ended, and its tiles done again."),
+)  # fmt: skip
+"""Options that name workers in place of threads."""
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import click
 
 from .grouped import Grouped
-from .options import FILE
+from .options import FILE, with_options
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ def duration(_ctx: click.Context, _param: click.Parameter, value: str | None) ->
     return minutes
 
 
-NUMBER_OPTIONS = (  # option, unit, what it says
+NUMBER_OPTIONS: tuple[tuple[str, str, str], ...] = (  # option, unit, what it says
     ("--lat", "DEG", "Latitude, north positive."),
     ("--lon", "DEG", "Longitude, east positive."),
     ("--wind-height", "M", "Height of the wind; 10 by default."),
@@ -76,57 +76,52 @@ NUMBER_OPTIONS = (  # option, unit, what it says
 )
 
 
-def _options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Options that describe a mission, and what to write."""
-    numbers = [click.option(name, type=float, metavar=unit, help=said) for name, unit, said in NUMBER_OPTIONS]
-    words = [
-        click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE",
-                     help="Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; repeat."),
-        click.option("--mission", type=FILE, metavar="FILE.toml", help="Mission file; options win over it."),
-        click.option("--place", type=FILE, metavar="FILE", help="Raster or GeoJSON whose middle is the place."),
-        click.option("--time", metavar="ISO", help="UTC, such as 2026-06-21T18:00Z; now by default."),
-        click.option("--sun", callback=at("zenith", "azimuth", "20.5@270.2"), metavar="ZENITH@AZIMUTH",
-                     help="The sun's angles, in place of place and time."),
-        click.option("--wind", callback=at("speed", "from", "7@310"), metavar="M/S@FROM",
-                     help="Wind at 10 m, and the azimuth it blows from; 5@0 by default."),
-    ]  # fmt: skip
-    more = [
-        click.option("--pressure", metavar="HPA", help="1013.25 by default; or with its unit, 29.9inHg."),
-        click.option("--sensor", metavar="NAME", help=f"{', '.join(SENSOR_NAMES)}; thesis by default."),
-        click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands that count; all by default."),
-        click.option("--slopes", type=click.Choice(SLOPE_NAMES), help="Model of slopes; cox-munk by default."),
-        click.option("--sky", type=click.Choice(SKY_NAMES), help="harrison-coombes, the clear sky, by default."),
-        click.option("--water", type=click.Choice(WATER_NAMES), help="It scatters (default), or only absorbs."),
-        click.option("--show", metavar="BAND", help="Band in the picture; all together by default."),
-        click.option("--overwrite", is_flag=True, help="Replace files that are there."),
-        click.option("--json", "as_json", is_flag=True, help="Print the plan in short as JSON on stdout."),
-        click.option("-v", "--verbose", count=True, help="-vv: a traceback where it fails."),
-        click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors and the plan."),
-    ]
-    for option in reversed([*words[:2], *numbers[:2], *words[2:], *numbers[2:], *more]):
-        command = option(command)
-    return command
+def _numbers(chosen: slice) -> list[Callable[..., Any]]:
+    """Options of single numbers."""
+    return [click.option(name, type=float, metavar=unit, help=said) for name, unit, said in NUMBER_OPTIONS[chosen]]
 
 
-def _modes(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Options that ask for more than one reticle."""
-    for option in reversed([
-        click.option("--from", "start", metavar="ISO", help="Sweep over time: from when,"),
-        click.option("--to", "end", metavar="ISO", help="until when,"),
-        click.option("--every", callback=duration, metavar="30min", help="and how often; 30min by default."),
-        click.option("--wind-within", callback=at("speed", "turn", "2@30"), metavar="M/S@DEG",
-                     help="The wind is known to plus or minus this: intervals, and what is good under all of them."),
-        click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),
-        click.option("--altitude", type=float, default=300.0, metavar="M", help="--fov: above the sea; 300."),
-        click.option("--pitch", type=float, default=0.0, metavar="DEG", help="--fov: it looks forward by this,"),
-        click.option("--roll", type=float, default=0.0, metavar="DEG", help="and to the right by this."),
-        click.option("--serve", is_flag=True, help="Open a page with sliders on this machine; Ctrl-C ends it."),
-        click.option("--port", type=click.IntRange(0, 65535), default=8765, metavar="N",
-                     help="--serve: 8765 by default; 0 takes a free one."),
-        click.option("--no-browser", is_flag=True, help="--serve: only say the address."),
-    ]):  # fmt: skip
-        command = option(command)
-    return command
+mission_options = with_options(
+    click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE",
+                 help="Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; repeat."),
+    click.option("--mission", type=FILE, metavar="FILE.toml", help="Mission file; options win over it."),
+    *_numbers(slice(2)),
+    click.option("--place", type=FILE, metavar="FILE", help="Raster or GeoJSON whose middle is the place."),
+    click.option("--time", metavar="ISO", help="UTC, such as 2026-06-21T18:00Z; now by default."),
+    click.option("--sun", callback=at("zenith", "azimuth", "20.5@270.2"), metavar="ZENITH@AZIMUTH",
+                 help="The sun's angles, in place of place and time."),
+    click.option("--wind", callback=at("speed", "from", "7@310"), metavar="M/S@FROM",
+                 help="Wind at 10 m, and the azimuth it blows from; 5@0 by default."),
+    *_numbers(slice(2, None)),
+    click.option("--pressure", metavar="HPA", help="1013.25 by default; or with its unit, 29.9inHg."),
+    click.option("--sensor", metavar="NAME", help=f"{', '.join(SENSOR_NAMES)}; thesis by default."),
+    click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands that count; all by default."),
+    click.option("--slopes", type=click.Choice(SLOPE_NAMES), help="Model of slopes; cox-munk by default."),
+    click.option("--sky", type=click.Choice(SKY_NAMES), help="harrison-coombes, the clear sky, by default."),
+    click.option("--water", type=click.Choice(WATER_NAMES), help="It scatters (default), or only absorbs."),
+    click.option("--show", metavar="BAND", help="Band in the picture; all together by default."),
+    click.option("--overwrite", is_flag=True, help="Replace files that are there."),
+    click.option("--json", "as_json", is_flag=True, help="Print the plan in short as JSON on stdout."),
+    click.option("-v", "--verbose", count=True, help="-vv: a traceback where it fails."),
+    click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors and the plan."),
+)  # fmt: skip
+"""Options that describe a mission, and what to write."""
+mode_options = with_options(
+    click.option("--from", "start", metavar="ISO", help="Sweep over time: from when,"),
+    click.option("--to", "end", metavar="ISO", help="until when,"),
+    click.option("--every", callback=duration, metavar="30min", help="and how often; 30min by default."),
+    click.option("--wind-within", callback=at("speed", "turn", "2@30"), metavar="M/S@DEG",
+                 help="The wind is known to plus or minus this: intervals, and what is good under all of them."),
+    click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),
+    click.option("--altitude", type=float, default=300.0, metavar="M", help="--fov: above the sea; 300."),
+    click.option("--pitch", type=float, default=0.0, metavar="DEG", help="--fov: it looks forward by this,"),
+    click.option("--roll", type=float, default=0.0, metavar="DEG", help="and to the right by this."),
+    click.option("--serve", is_flag=True, help="Open a page with sliders on this machine; Ctrl-C ends it."),
+    click.option("--port", type=click.IntRange(0, 65535), default=8765, metavar="N",
+                 help="--serve: 8765 by default; 0 takes a free one."),
+    click.option("--no-browser", is_flag=True, help="--serve: only say the address."),
+)  # fmt: skip
+"""Options that ask for more than one reticle."""
 
 
 class _Plan(Grouped):
@@ -150,8 +145,8 @@ class _Plan(Grouped):
 
 
 @click.command(cls=_Plan, context_settings={"help_option_names": ["-h", "--help"]})
-@_options
-@_modes
+@mission_options
+@mode_options
 def plan(**given: Any) -> None:
     """Say from where to look at an object under water so that sun glint does not spoil it.
 
@@ -211,25 +206,17 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
         "place": {"latitude": latitude, "longitude": longitude, "time": given["time"]},
         "sun": given["sun"] or {},
         "wind": (given["wind"] or {}) | {"height": given["wind_height"], "mean": given["wind_mean"]},
-        "air": {
-            "air_mass_type": given["air_mass"],
-            **{name: given[name] for name in ("humidity", "water_vapour", "visibility", "ozone", "pressure")},
-        },
+        "air": {"air_mass_type": given["air_mass"],
+                **{name: given[name] for name in ("humidity", "water_vapour", "visibility", "ozone", "pressure")}},
         "water": {"chlorophyll": given["chlorophyll"], "model": given["water"]},
         "object": {"depth": given["depth"], "reflectance": given["reflectance"]},
         "sensor": {"preset": given["sensor"], "bands": bands},
-        "limits": {
-            "glint": given["max_glint"],
-            "glint_probability": given["max_glint_probability"],
-            "tolerance": given["tolerance"],
-            "sky_ratio": given["max_sky_ratio"],
-            "sky_probability": given["max_sky_share"],
-            "snr": given["min_contrast"],
-            "ner": given["ner"],
-        },
+        "limits": {"glint": given["max_glint"], "glint_probability": given["max_glint_probability"],
+                   "tolerance": given["tolerance"], "sky_ratio": given["max_sky_ratio"],
+                   "sky_probability": given["max_sky_share"], "snr": given["min_contrast"], "ner": given["ner"]},
         "view": {"step": given["step"], "widest": given["widest"]},
         "models": {"slopes": given["slopes"], "sky": given["sky"]},
-    }
+    }  # fmt: skip
     kept = {name: {k: v for k, v in values.items() if v is not None} for name, values in tables.items()}
     return {name: values for name, values in kept.items() if values}
 

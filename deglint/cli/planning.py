@@ -68,31 +68,29 @@ def mode_of(given: Given) -> Mode:
 
 
 def _reticle(given: Given, mission: Any, _console: Console) -> None:
+    """What one viewing hemisphere looks like."""
     from ..plan import reticle
     from ..plan.advice import best_geometry, quality, sentence
     from ..plan.dataset import summary
+    from ..plan.draw import png
+    from ..plan.picture import picture
     from ..raster.planned import write_plan
 
-    found = reticle(mission)
-    if given["show"]:
-        found.index(given["show"])
-
-    def picture() -> bytes:
-        from ..plan.draw import png
-        from ..plan.picture import picture as drawn
-
-        return png(drawn(found, band=given["show"]))
-
+    found, band = reticle(mission), given["show"]
+    if band:
+        found.index(band)
     if given["outs"]:
-        write_plan(found, given["outs"], picture, overwrite=given["overwrite"])
+        write_plan(found, given["outs"], lambda: png(picture(found, band=band)), overwrite=given["overwrite"])
     if given["as_json"]:
         _print(summary(found))
         return
-    geometry = best_geometry(found, band=given["show"])
+    geometry = best_geometry(found, band=band)
     click.echo(sentence(geometry) + ("" if geometry is None else f"\n{quality(geometry)}"))
 
 
 def _sweep(given: Given, mission: Any, console: Console) -> None:
+    """A sweep over time."""
+    from ..plan.charts import day_picture, selected
     from ..plan.sweep import numbers, plans, table, times
 
     when = times(given["start"], given["end"], given["every"] or 30.0)
@@ -102,12 +100,9 @@ def _sweep(given: Given, mission: Any, console: Console) -> None:
         found.append(plan)
         console.progress("sweep", len(moments), len(when))
 
-    def picture() -> bytes:
-        from ..plan.charts import day_picture, selected
-        from ..plan.draw import png
-
+    def picture() -> Any:
         kept = {k: plan for k in selected(moments) if (plan := found[k]) is not None}
-        return png(day_picture(mission, moments, kept))
+        return day_picture(mission, moments, kept)
 
     _finish(given, picture, numbers(mission, moments), table(moments))
 
@@ -124,21 +119,18 @@ def _day(given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _winds(given: Given, mission: Any, _console: Console) -> None:
+    """What is good under every wind of an interval."""
+    from ..plan.charts import wind_picture
     from ..plan.uncertainty import numbers, wind_ensemble, words
 
     within = {"turn": 30.0, **given["wind_within"]}
     found = wind_ensemble(mission, **within)
-
-    def picture() -> bytes:
-        from ..plan.charts import wind_picture
-        from ..plan.draw import png
-
-        return png(wind_picture(found, **within))
-
-    _finish(given, picture, numbers(found, **within), words(found))
+    _finish(given, lambda: wind_picture(found, **within), numbers(found, **within), words(found))
 
 
 def _line(given: Given, mission: Any, _console: Console) -> None:
+    """The best heading of a flight line."""
+    from ..plan.charts import line_picture
     from ..plan.swath import FieldOfView, alternatives, flight_line, numbers, words
 
     across, _, along = given["fov"].lower().partition("x")
@@ -148,15 +140,9 @@ def _line(given: Given, mission: Any, _console: Console) -> None:
         raise click.UsageError(f"--fov {given['fov']!r} is not ACROSS or ACROSSxALONG degrees.") from None
     view = FieldOfView(**angles, altitude=given["altitude"], pitch=given["pitch"], roll=given["roll"])
     found = flight_line(mission, view)
-    said = words(found, others := alternatives(mission, found))
-
-    def picture() -> bytes:
-        from ..plan.charts import line_picture
-        from ..plan.draw import png
-
-        return png(line_picture(mission, found, said))
-
-    _finish(given, picture, numbers(mission, found, others), said)
+    others = alternatives(mission, found)
+    said = words(found, others)
+    _finish(given, lambda: line_picture(mission, found, said), numbers(mission, found, others), said)
 
 
 def _daylight(_given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -170,6 +156,7 @@ def _daylight(_given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _serve(given: Given, mission: Any, _console: Console) -> None:
+    """A page with sliders, until it is interrupted."""
     from ..plan.serve import serve
 
     if mission.moment is not None and not given["time"]:
@@ -177,20 +164,20 @@ def _serve(given: Given, mission: Any, _console: Console) -> None:
     serve(mission, port=given["port"], say=log.info, browser=not given["no_browser"])
 
 
-def _finish(given: Given, picture: Callable[[], bytes], numbers: Mapping[str, Any], lines: list[str]) -> None:
+def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any], lines: list[str]) -> None:
     """Write the files that were asked for, and print what was found."""
+    from ..plan.draw import png
     from ..raster.planned import write_numbers
 
     if given["outs"]:
         outs: dict[Path, bytes | Mapping[str, Any]] = {}
         for path in given["outs"]:
-            outs[path] = picture() if path.suffix.lower() == ".png" else numbers
+            outs[path] = png(picture()) if path.suffix.lower() == ".png" else numbers
         write_numbers(outs, overwrite=given["overwrite"])
     if given["as_json"]:
         _print(numbers)
         return
-    for line in lines:
-        click.echo(line)
+    click.echo("\n".join(lines))
 
 
 def _print(numbers: Mapping[str, Any]) -> None:

@@ -22,141 +22,79 @@ from .options import (
     needs_output,
     on_cluster,
     opening,
-)
-from .running import Progress
+    with_options,
+)  # fmt: skip
 
 if TYPE_CHECKING:
-    from ..pipeline import Recipe, Result
+    from ..pipeline import Recipe
+
+
+remove_options = with_options(
+    click.option("--method", type=AutoOr("METHODS"), default="auto",
+                 help="How to remove glint; auto: the candidate with the least expected error on sample tiles."),
+    click.option("--sample", type=FileName("auto", "all"), default="auto", metavar="auto|all|FILE.geojson|WINDOW",
+                 help="Water to fit to; auto: all open water for wiener, else deep, glinted water. WINDOW is "
+                      "column,row,width,height in pixels."),
+    click.option("--compensate", type=FileName("auto", "thesis", "off"), default="auto",
+                 metavar="auto|thesis|off|STAGES",
+                 help="Stages around the removal, for glint that the NIR does not predict: those of the best candidate "
+                      "(auto), the chain of the thesis, nothing (off), or stages such as 'psf:2, identify-level:13, "
+                      "replace-level, remove'."),
+    click.option("--smallest-object", default="", metavar="WIDTH",
+                 show_default="4m, or 16px where the size of a pixel is not known",
+                 help="Width of the smallest target that compensation must keep, such as 4m or 16px."),
+    click.option("--mask", type=AREA, default="auto", metavar="auto|none|FILE|WINDOW",
+                 help="What to correct: water found in the scene, everything, or a raster (not 0) or GeoJSON."),
+    click.option("-b", "--band", "bands", multiple=True, callback=names, metavar="BAND[,BAND]",
+                 show_default="all of shorter wavelength than the NIR",
+                 help="Bands to correct, by name or number (from 1). The others are copied."),
+    click.option("--regression", type=AutoOr("REGRESSIONS"), default="auto",
+                 help="How slopes are fitted; auto: detrended for an automatic sample, else ols."),
+    click.option("--tolerance", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="SHARE",
+                 help="Relative standard error of the slopes, such as 0.01, at which enough of the sample is read: "
+                      "squares spread over it are read until every band that is corrected is known so well, or all is "
+                      "read. Without it, the whole sample that was named, or the usual 0.3 million pixels where it is "
+                      "found."),
+    click.option("--floor-percentile", type=click.FloatRange(0, 100), default=0.0, metavar="PERCENT",
+                 help="Level of the NIR for hedley: this percentile of the sample; 0 is its minimum, as published."),
+    click.option("--nir-use", type=click.Choice(["auto", "mean", "best", "set"]), default="auto",
+                 help="Of several NIR bands take the mean, the best for each band, or the one taken at the same time."),
+    click.option("--rrs-factor", type=float, default=3.141592653589793, metavar="FACTOR",
+                 show_default="pi, for reflectance",
+                 help="For goodman: values are this many times remote-sensing reflectance."),
+    click.option("--model", "model_in", type=FILE, metavar="FILE",
+                 help="Apply this saved model instead of fitting one."),
+    click.option("--save-model", type=FILE, metavar="FILE", help="Write the fitted model, to apply to another scene."),
+    click.option("--save-sample", type=FILE, metavar="FILE.geojson", help="Write the outline of the sample."),
+    click.option("--flags", type=FILE, metavar="FILE",
+                 help="Write a raster of flags: 1 nodata, 2 not water, 4 corrected, 8 negative after, 16 saturated "
+                      "before, 32 clipped, 64 replaced, 128 protected. Second band: class of sun glint (CEOS-ARD), 1 "
+                      "negligible, 2 correctable, 3 uncorrectable."),
+    click.option("--amount", type=FILE, metavar="FILE",
+                 help="Write the amount of sun glint that was removed (float32, physical units), with the modelled sky "
+                      "glint in its tags and in the sidecar."),
+    click.option("--stderr", type=FILE, metavar="FILE",
+                 help="Write the standard error of every pixel of the bands that may change (float32, "
+                      "physical units)."),
+    click.option("--picture", type=FILE, metavar="FILE.png", help="Write a before/after picture."),
+    click.option("--dtype", type=click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"]),
+                 show_default="that of the input",
+                 help="Type of the output. Values of integer types are rounded, and clipped to the range of the type."),
+    click.option("--co", "options", multiple=True, callback=creation_options, metavar="NAME=VALUE",
+                 help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out."),
+    click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest",
+                 help="Of several files, the one whose grid to use."),
+    click.option("--overwrite", is_flag=True, help="Replace outputs that exist."),
+    click.option("--dry-run", is_flag=True, help="Fit, say what would be done and written, and write nothing."),
+    click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout."),
+)  # fmt: skip
+"""Options of the command, in the order of `--help`."""
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("inputs", nargs=-1, type=FILE, metavar="IN [IN ...]")
 @click.argument("output", type=FILE, metavar="OUT")
-@click.option(
-    "--method",
-    type=AutoOr("METHODS"),
-    default="auto",
-    help="How to remove glint; auto: the candidate with the least expected error on sample tiles.",
-)
-@click.option(
-    "--sample",
-    type=FileName("auto", "all"),
-    default="auto",
-    metavar="auto|all|FILE.geojson|WINDOW",
-    help="Water to fit to; auto: all open water for wiener, else deep, glinted water. WINDOW is "
-    "column,row,width,height in pixels.",
-)
-@click.option(
-    "--compensate",
-    type=FileName("auto", "thesis", "off"),
-    default="auto",
-    metavar="auto|thesis|off|STAGES",
-    help="Stages around the removal, for glint that the NIR does not predict: those of the best candidate (auto), "
-    "the chain of the thesis, nothing (off), or stages such as 'psf:2, identify-level:13, replace-level, remove'.",
-)
-@click.option(
-    "--smallest-object",
-    default="",
-    metavar="WIDTH",
-    show_default="4m, or 16px where the size of a pixel is not known",
-    help="Width of the smallest target that compensation must keep, such as 4m or 16px.",
-)
-@click.option(
-    "--mask",
-    type=AREA,
-    default="auto",
-    metavar="auto|none|FILE|WINDOW",
-    help="What to correct: water found in the scene, everything, or a raster (not 0) or GeoJSON.",
-)
-@click.option(
-    "-b",
-    "--band",
-    "bands",
-    multiple=True,
-    callback=names,
-    metavar="BAND[,BAND]",
-    show_default="all of shorter wavelength than the NIR",
-    help="Bands to correct, by name or number (from 1). The others are copied.",
-)
-@click.option(
-    "--regression",
-    type=AutoOr("REGRESSIONS"),
-    default="auto",
-    help="How slopes are fitted; auto: detrended for an automatic sample, else ols.",
-)
-@click.option(
-    "--tolerance",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    metavar="SHARE",
-    help="Relative standard error of the slopes, such as 0.01, at which enough of the sample is read: squares spread "
-    "over it are read until every band that is corrected is known so well, or all is read. Without it, the whole "
-    "sample that was named, or the usual 0.3 million pixels where it is found.",
-)
-@click.option(
-    "--floor-percentile",
-    type=click.FloatRange(0, 100),
-    default=0.0,
-    metavar="PERCENT",
-    help="Level of the NIR for hedley: this percentile of the sample; 0 is its minimum, as published.",
-)
-@click.option(
-    "--nir-use",
-    type=click.Choice(["auto", "mean", "best", "set"]),
-    default="auto",
-    help="Of several NIR bands take the mean, the best for each band, or the one taken at the same time.",
-)
-@click.option(
-    "--rrs-factor",
-    type=float,
-    default=3.141592653589793,
-    metavar="FACTOR",
-    show_default="pi, for reflectance",
-    help="For goodman: values are this many times remote-sensing reflectance.",
-)
-@click.option("--model", "model_in", type=FILE, metavar="FILE", help="Apply this saved model instead of fitting one.")
-@click.option("--save-model", type=FILE, metavar="FILE", help="Write the fitted model, to apply to another scene.")
-@click.option("--save-sample", type=FILE, metavar="FILE.geojson", help="Write the outline of the sample.")
-@click.option(
-    "--flags",
-    type=FILE,
-    metavar="FILE",
-    help="Write a raster of flags: 1 nodata, 2 not water, 4 corrected, 8 negative "
-    "after, 16 saturated before, 32 clipped, 64 replaced, 128 protected. Second band: class of sun glint (CEOS-ARD), "
-    "1 negligible, 2 correctable, 3 uncorrectable.",
-)
-@click.option(
-    "--amount",
-    type=FILE,
-    metavar="FILE",
-    help="Write the amount of sun glint that was removed (float32, physical units), with the modelled sky glint in its "
-    "tags and in the sidecar.",
-)
-@click.option(
-    "--stderr",
-    type=FILE,
-    metavar="FILE",
-    help="Write the standard error of every pixel of the bands that may change (float32, physical units).",
-)
-@click.option("--picture", type=FILE, metavar="FILE.png", help="Write a before/after picture.")
-@click.option(
-    "--dtype",
-    type=click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"]),
-    show_default="that of the input",
-    help="Type of the output. Values of integer types are rounded, and clipped to the range of the type.",
-)
-@click.option(
-    "--co",
-    "options",
-    multiple=True,
-    callback=creation_options,
-    metavar="NAME=VALUE",
-    help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
-)
-@click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest",
-              help="Of several files, the one whose grid to use.")  # fmt: skip
-@click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
-@click.option("--dry-run", is_flag=True, help="Fit, say what would be done and written, and write nothing.")
-@click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
+@remove_options
 @on_cluster
 @common
 def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
@@ -172,9 +110,8 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     deglint remove scene.tif clean.tif --flags flags.tif --dry-run
     """  # fmt: skip
     needs_output(inputs, output, "deglint remove")
-    if given["model_in"] and (
-        given["tolerance"] or any(given[k] != "auto" for k in ("method", "sample", "regression"))
-    ):
+    saved = given["model_in"]
+    if saved and (given["tolerance"] or any(given[k] != "auto" for k in ("method", "sample", "regression"))):
         raise click.UsageError(
             "--model applies a fit that is there: leave out --method, --sample, --regression and --tolerance."
         )
@@ -182,16 +119,23 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         from .dryrun import removal
 
         with Console(given):
-            removal(inputs, output, _recipe(given), given)
+            removal(inputs, output, given)
         return
     begin_checksum(inputs)
-    with Console(given) as console:
-        result = _removed(inputs, output, given, console.progress)
+    with Console(given) as console, cluster_of(given) as cluster:
+        from ..pipeline import load_chain, load_model, remove_glint
+
+        model, chain = (load_model(saved), load_chain(saved)) if saved else (None, None)
+        result = remove_glint(
+            list(inputs), output, recipe_of(given), model=model, chain=chain, **opening(given), grid=given["grid"],
+            threads=given["threads"], cluster=cluster, progress=console.progress, **outputs_of(given),
+            overwrite=given["overwrite"], options=given["options"], reads=[saved] if saved else [],
+        )  # fmt: skip
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
 
 
-def _recipe(given: dict[str, Any]) -> Recipe:
+def recipe_of(given: dict[str, Any]) -> Recipe:
     """The recipe that the options name."""
     from ..pipeline import Recipe
 
@@ -200,17 +144,7 @@ def _recipe(given: dict[str, Any]) -> Recipe:
     return Recipe(**{name: given[name] for name in fields}, tolerance=given["tolerance"] or 0.0)
 
 
-def _removed(inputs: tuple[str, ...], output: str, given: dict[str, Any], progress: Progress) -> Result:
-    """Do what the options say."""
-    from ..pipeline import load_chain, load_model, remove_glint
-
-    with cluster_of(given) as cluster:
-        return remove_glint(
-            list(inputs), output, _recipe(given), model=load_model(given["model_in"]) if given["model_in"] else None,
-            chain=load_chain(given["model_in"]) if given["model_in"] else None,
-            **opening(given), grid=given["grid"], threads=given["threads"], cluster=cluster, progress=progress,
-            flags=given["flags"], amount=given["amount"], stderr=given["stderr"],
-            sample=given["save_sample"],
-            model_file=given["save_model"], picture=given["picture"], overwrite=given["overwrite"],
-            dtype=given["dtype"], options=given["options"], reads=[given["model_in"]] if given["model_in"] else [],
-        )  # fmt: skip
+def outputs_of(given: dict[str, Any]) -> dict[str, Any]:
+    """What the options say of the outputs, as `deglint.remove_glint` takes it."""
+    same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype")}
+    return same | {"sample": given["save_sample"], "model_file": given["save_model"]}

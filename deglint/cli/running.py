@@ -13,7 +13,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from importlib import import_module
-from typing import Any, NoReturn
+from typing import Any
 
 import click
 from click.shell_completion import shell_complete
@@ -67,7 +67,7 @@ def run(cli: click.Group, program: str, arguments: list[str]) -> int:
         return shell_complete(cli, {}, program, f"_{program.upper()}_COMPLETE", complete)
     _moved().clear()  # of an earlier command in this process
     colour = False if os.environ.get("NO_COLOR") else None  # None: where a terminal shows them
-    with _terminable(), _own_stderr() as aside, _nothing_hidden():
+    with _terminable(), _own_stderr() as show_aside, _nothing_hidden():
         try:
             with cli.make_context(
                 program, list(arguments), color=colour
@@ -85,10 +85,10 @@ def run(cli: click.Group, program: str, arguments: list[str]) -> int:
             code, said = _explained(error)
             if _verbosity(arguments) > 1:
                 traceback.print_exc()
-                aside.show()
+                show_aside()
             click.echo(said.replace("Error:", click.style("Error:", fg="red"), 1), err=True, color=colour)
             return code
-        aside.show()
+        show_aside()
         return 0
 
 
@@ -153,18 +153,15 @@ def _verbosity(arguments: list[str]) -> int:
     return sum(a.count("v") for a in short) + arguments.count("--verbose")
 
 
-def _interrupt(_signal: int, _frame: Any) -> NoReturn:
-    raise KeyboardInterrupt
-
-
 @contextlib.contextmanager
 def _terminable() -> Iterator[None]:
     """Being told to end (kill, a closed terminal) is like Ctrl-C: leave nothing behind."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may say what a signal does
         return
-    ends = [s for s in (signal.SIGTERM, getattr(signal, "SIGHUP", None)) if s is not None]
-    before = {s: signal.signal(s, _interrupt) for s in ends if signal.getsignal(s) == signal.SIG_DFL}
+    ends = [signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+    interrupt = signal.default_int_handler
+    before = {s: signal.signal(s, interrupt) for s in ends if signal.getsignal(s) == signal.SIG_DFL}
     try:
         yield
     finally:
@@ -172,28 +169,21 @@ def _terminable() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-class _Aside:
-    """What libraries write to the process's stderr by themselves (libtiff does so where a disk is full)."""
-
-    def __init__(self, file: Any) -> None:
-        self._file = file
-
-    def show(self) -> None:
-        """Write it to the real stderr after all."""
-        if self._file is not None:
-            self._file.seek(0)
-            sys.stderr.write(self._file.read().decode(errors="replace"))
-
-
 @contextlib.contextmanager
-def _own_stderr() -> Iterator[_Aside]:
-    """Keep stderr for deglint's own lines; what C libraries print there is put aside."""
+def _own_stderr() -> Iterator[Callable[[], None]]:
+    """Keep stderr for deglint's own lines. What C libraries print there is put aside (libtiff does so where a disk is
+    full); yields what shows it after all."""
     if sys.stderr is None:  # closed by the caller; 2 may be any other file by now
-        yield _Aside(None)
+        yield lambda: None
         return
     real = os.dup(2)
     python_stderr = sys.stderr
     with _nameless() as file, open(real, "w", buffering=1, errors="replace") as own:  # noqa: PTH123
+
+        def show() -> None:
+            file.seek(0)
+            sys.stderr.write(file.read().decode(errors="replace"))
+
         ours = _writes_to(python_stderr, 2)
         sys.stderr = own if ours else python_stderr
         hooks = sys.excepthook, sys.unraisablehook
@@ -201,7 +191,7 @@ def _own_stderr() -> Iterator[_Aside]:
         sys.excepthook, sys.unraisablehook = (lambda *_: None), (lambda _: None)
         os.dup2(file.fileno(), 2)
         try:
-            yield _Aside(file)
+            yield show
         finally:
             sys.excepthook, sys.unraisablehook = hooks
             own.flush()

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import click
 
 from .grouped import SETTINGS, Grouped
+from .options import with_options
 
 log = logging.getLogger(__name__)
 
@@ -90,52 +91,53 @@ class _Simulate(Grouped):
     }  # fmt: skip
 
 
+simulate_options = with_options(
+    click.option("--preset", type=click.Choice(PRESET_NAMES), default="thesis", help="Sensor."),
+    click.option("--size", default="512", callback=size, metavar="N|ROWSxCOLUMNS", help="Of the image [pixel]."),
+    click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default."),
+    click.option("--wind-from", type=float, default=30.0, metavar="DEG", help="Azimuth that it blows from."),
+    click.option("--delay", type=float, multiple=True, metavar="S", help="From band to band; the sensor's by default."),
+    click.option("--sun-zenith", type=float, default=40.0, metavar="DEG"),
+    click.option("--sun-azimuth", type=float, default=135.0, metavar="DEG"),
+    click.option("--view-zenith", type=float, default=0.0, metavar="DEG"),
+    click.option("--view-azimuth", type=float, default=0.0, metavar="DEG", help="Of the sensor, seen from the sea."),
+    click.option("--chlorophyll", type=float, default=0.5, metavar="MG/M3"),
+    click.option("--sky", type=click.Choice(SKY_NAMES), default="cardioidal", help="Its radiance."),
+    click.option("--spectrum", type=click.Choice(SPECTRUM_NAMES), default="elfouhaily", help="Of the waves."),
+    click.option("--slopes", type=click.Choice(SIMULATED_SLOPES), default="cox-munk",
+                 help="What the mean glint follows."),
+    click.option("--fetch", type=float, default=100e3, metavar="M", help="For JONSWAP."),
+    click.option("--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water."),
+    click.option("--depth", type=float, default=5.0, metavar="M", help="Of the objects."),
+    click.option("--bottom", callback=depths, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m]."),
+    click.option("--texture", type=float, default=0.4, metavar="SHARE", help="--bottom: covered by patches of algae."),
+    click.option("--coast", type=float, default=0.0, metavar="M", help="Width of land along the right edge."),
+    click.option("--foam", default="0", callback=whitecaps, metavar="SHARE|auto", help="Whitecaps; auto: of the wind."),
+    click.option("--boat", multiple=True, callback=boats, metavar="RIGHT,DOWN,M/S@DEG",
+                 help="A boat of 8 m: its place [m], speed and heading."),
+    click.option("--supersample", type=int, default=4, metavar="N", help="Facets per pixel, each way."),
+    click.option("--patch", type=float, default=0.005, metavar="M", help="Patches of like slope; 0: no sparkle."),
+    click.option("--misregistration", type=float, default=0.0, metavar="PIXELS", help="Bands are off by up to this."),
+    click.option("--striping", type=float, default=0.0, metavar="%", help="Standard deviation of the columns' gain."),
+    click.option("--resampling", type=click.Choice(KERNEL_NAMES), help="The image is interpolated from another grid."),
+    click.option("--jpeg", type=click.IntRange(1, 100), metavar="QUALITY", help="The image went through a JPEG."),
+    click.option("--seed", type=int, default=0, metavar="N", help="Same seed, same scene."),
+    click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too."),
+    click.option("--grid", is_flag=True,
+                 help="All winds, delays, viewing geometries and f-numbers, into the directory OUT."),
+    click.option("--overwrite", is_flag=True, help="Replace files that are there."),
+    click.option("--dry-run", is_flag=True, help="Say which scenes would be written and how large they are, and stop."),
+    click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="All processors by default."),
+    click.option("--json", "as_json", is_flag=True, help="Print the names of the files as JSON on stdout."),
+    click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails."),
+    click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
+)  # fmt: skip
+"""Options of the command, in the order of `--help`."""
+
+
 @click.command(cls=_Simulate, context_settings=SETTINGS)
 @click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
-@click.option("--preset", type=click.Choice(PRESET_NAMES), default="thesis", help="Sensor.")
-@click.option("--size", default="512", callback=size, metavar="N|ROWSxCOLUMNS", help="Of the image [pixel].")
-@click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default.")
-@click.option("--wind-from", type=float, default=30.0, metavar="DEG", help="Azimuth that it blows from.")
-@click.option("--delay", type=float, multiple=True, metavar="S", help="From band to band; the sensor's by default.")
-@click.option("--sun-zenith", type=float, default=40.0, metavar="DEG")
-@click.option("--sun-azimuth", type=float, default=135.0, metavar="DEG")
-@click.option("--view-zenith", type=float, default=0.0, metavar="DEG")
-@click.option("--view-azimuth", type=float, default=0.0, metavar="DEG", help="Of the sensor, seen from the sea.")
-@click.option("--chlorophyll", type=float, default=0.5, metavar="MG/M3")
-@click.option("--sky", type=click.Choice(SKY_NAMES), default="cardioidal", help="Its radiance.")
-@click.option("--spectrum", type=click.Choice(SPECTRUM_NAMES), default="elfouhaily", help="Of the waves.")
-@click.option("--slopes", type=click.Choice(SIMULATED_SLOPES), default="cox-munk", help="What the mean glint follows.")
-@click.option("--fetch", type=float, default=100e3, metavar="M", help="For JONSWAP.")
-@click.option("--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water.")
-@click.option("--depth", type=float, default=5.0, metavar="M", help="Of the objects.")
-@click.option("--bottom", callback=depths, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m].")
-@click.option("--texture", type=float, default=0.4, metavar="SHARE", help="--bottom: covered by patches of algae.")
-@click.option("--coast", type=float, default=0.0, metavar="M", help="Width of land along the right edge.")
-@click.option("--foam", default="0", callback=whitecaps, metavar="SHARE|auto", help="Whitecaps; auto: of the wind.")
-@click.option(
-    "--boat",
-    multiple=True,
-    callback=boats,
-    metavar="RIGHT,DOWN,M/S@DEG",
-    help="A boat of 8 m: its place [m], speed and heading.",
-)
-@click.option("--supersample", type=int, default=4, metavar="N", help="Facets per pixel, each way.")
-@click.option("--patch", type=float, default=0.005, metavar="M", help="Patches of like slope; 0: no sparkle.")
-@click.option("--misregistration", type=float, default=0.0, metavar="PIXELS", help="Bands are off by up to this.")
-@click.option("--striping", type=float, default=0.0, metavar="%", help="Standard deviation of the columns' gain.")
-@click.option("--resampling", type=click.Choice(KERNEL_NAMES), help="The image is interpolated from another grid.")
-@click.option("--jpeg", type=click.IntRange(1, 100), metavar="QUALITY", help="The image went through a JPEG.")
-@click.option("--seed", type=int, default=0, metavar="N", help="Same seed, same scene.")
-@click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too.")
-@click.option(
-    "--grid", is_flag=True, help="All winds, delays, viewing geometries and f-numbers, into the directory OUT."
-)
-@click.option("--overwrite", is_flag=True, help="Replace files that are there.")
-@click.option("--dry-run", is_flag=True, help="Say which scenes would be written and how large they are, and stop.")
-@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="All processors by default.")
-@click.option("--json", "as_json", is_flag=True, help="Print the names of the files as JSON on stdout.")
-@click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
-@click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
+@simulate_options
 def simulate(out: Path, **given: Any) -> None:
     """Simulate the sea as a sensor sees it: OUT.tif, its truth beside it, and OUT.json with all parameters.
 

@@ -16,17 +16,14 @@ if TYPE_CHECKING:
     from .sidecar import load_chain, load_model
 
 _HOMES = {
-    "FLAGS": "flags",
-    "GLINT_CLASSES": "flags",
-    "Fitted": "fit",
-    "Outputs": "outputs",
-    "Recipe": "recipe",
-    "Result": "outputs",
-    "fit_scene": "fit",
-    "load_chain": "sidecar",
-    "load_model": "sidecar",
-    "remove_glint": "run",
+    "flags": ("FLAGS", "GLINT_CLASSES"),
+    "fit": ("Fitted", "fit_scene"),
+    "outputs": ("Outputs", "Result"),
+    "recipe": ("Recipe",),
+    "run": ("remove_glint",),
+    "sidecar": ("load_chain", "load_model"),
 }
+"""The modules, and the names that live there."""
 
 __all__ = [
     "FLAGS", "GLINT_CLASSES", "Fitted", "Outputs", "Recipe", "Result", "fit_scene", "load_chain", "load_model",
@@ -36,8 +33,9 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Load a name from the module it lives in."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+    for module, names in _HOMES.items():
+        if name in names:
+            return getattr(import_module(f".{module}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -8,17 +8,18 @@ others do them again, with the same result.
 
 from __future__ import annotations
 
+import logging
+import os
 import re
 import secrets
 import shutil
 import socket
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,11 @@ WORKER_PATIENCE = 60.0
 _POLL = 5.0
 _RECOUNT = 16
 _CONNECT = 15.0
+_NO_WORKER = f"the cluster has had no worker for {WORKER_PATIENCE:g} s. Start some."
+_KILLED = (
+    "a tile has brought down several workers, most likely for want of memory. Give each worker more memory, or fewer "
+    "threads."
+)
 _LOST = "lost the cluster: its scheduler does not answer any more. Start one, and give the command again."
 
 
@@ -52,19 +58,14 @@ class Cluster:
         return self.start()
 
     def run(
-        self,
-        everything: Sequence[Tile],
-        work: Callable[[Tile], Any],
-        *,
-        threads: int = 1,  # noqa: ARG002
-        progress: Callable[[int, int], None] | None = None,
-        start: Callable[[], None] | None = None,  # noqa: ARG002
-        combine: Combine | None = None,
-    ) -> Iterator[tuple[Tile, Any]]:
+        self, everything: Sequence[Tile], work: Callable[[Tile], Any], *,
+        progress: Callable[[int, int], None] | None = None, combine: Combine | None = None, **_of_threads: Any,
+    ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
         """Do work on every tile and yield (tile, result) in order, as `deglint.tiles.run` does.
 
-        Threads are those of the workers; each task enters GDAL's environment by itself. What `combine` makes of a row
-        of tiles is made on a worker, to which the others send theirs: it alone comes here.
+        Its options of threads are not used: threads are those of the workers, and each task enters GDAL's environment
+        by itself. What `combine` makes of a row of tiles is made on a worker, to which the others send theirs: it alone
+        comes here.
 
         Raises
         ------
@@ -73,7 +74,7 @@ class Cluster:
         """
         import cloudpickle
 
-        shipped = self.client.submit(_Shipped, cloudpickle.dumps(work), key=f"deglint-work-{secrets.token_hex(8)}")
+        shipped = self.client.submit(bytes, cloudpickle.dumps(work), key=f"deglint-work-{secrets.token_hex(8)}")
         rows = [[tile] for tile in everything] if combine is None else rows_of(everything)
         todo, waiting = iter(rows), deque[tuple[list[Tile], Any]]()
         done = given = most = 0
@@ -84,7 +85,10 @@ class Cluster:
                     with _scheduler():
                         counted, most = done, TILES_AHEAD * max(sum(self.client.nthreads().values()), 1)
                 while given - done < most and (row := next(todo, None)) is not None:
-                    waiting.append((row, self._submit(shipped, row, combine)))
+                    found = [self.client.submit(_do, shipped, tile, pure=False) for tile in row]  # stays on the workers
+                    future = found[0] if combine is None else self.client.submit(combine, found, pure=False)
+                    waiting.append((row, future))
+                    del found, future
                     given += len(row)
                 row, future = waiting.popleft()
                 yield hull(row), self._result(future)
@@ -94,11 +98,6 @@ class Cluster:
                     progress(done, len(everything))
         finally:
             self.client.cancel([future for _row, future in waiting])  # what they wait for is then wanted by nobody
-
-    def _submit(self, shipped: Any, row: list[Tile], combine: Combine | None) -> Any:
-        """What a row comes to, some time; what its tiles come to stays on the workers."""
-        found = [self.client.submit(_do, shipped, tile, pure=False) for tile in row]
-        return found[0] if combine is None else self.client.submit(combine, found, pure=False)
 
     @contextmanager
     def by_files(self, target: Path, layouts: Mapping[str, Layout]) -> Iterator[Run]:
@@ -146,14 +145,9 @@ class Cluster:
                 if threads:
                     without = time.monotonic()
                 elif time.monotonic() - without > WORKER_PATIENCE:
-                    raise DeglintError(
-                        f"the cluster has had no worker for {WORKER_PATIENCE:g} s. Start some."
-                    ) from error
+                    raise DeglintError(_NO_WORKER) from error
             except KilledWorker as error:
-                raise DeglintError(
-                    "a tile has brought down several workers, most likely for want of memory. Give each worker more "
-                    "memory, or fewer threads."
-                ) from error
+                raise DeglintError(_KILLED) from error
             except (FutureCancelledError, OSError) as error:
                 if isinstance(error, DeglintError):
                     raise
@@ -241,18 +235,17 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
         def start() -> Any:
             if workers is None:
                 return stack.enter_context(_client(Client, address))
-            options = {
-                "dashboard_address": "127.0.0.1:0",
-                "scheduler_kwargs": {"dashboard": False},
-                "host": "127.0.0.1",
-            }
-            local = LocalCluster(workers, threads_per_worker=1, processes=True, memory_limit=memory, **options)
+            local = LocalCluster(
+                workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
+                dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
+            )  # fmt: skip
             return stack.enter_context(Client(stack.enter_context(local), set_as_default=False))
 
         yield Cluster(start)
 
 
 def _client(kind: Any, address: str | None) -> Any:
+    """A client of the scheduler at an address, once it has a worker."""
     try:
         client = kind(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
@@ -276,37 +269,27 @@ def _scheduler() -> Iterator[None]:
         raise DeglintError(_LOST) from error
 
 
-class _Shipped:
-    """Work as a worker holds it: bytes that may go on to another worker, unpacked once in each process."""
+@lru_cache(maxsize=2)
+def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
+    """The work that bytes hold, unpacked once in each worker process."""
+    import cloudpickle
+    import cv2
+    from threadpoolctl import threadpool_limits
 
-    def __init__(self, packed: bytes) -> None:
-        self._packed = packed
-        self._lock, self._work = threading.Lock(), None
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _Shipped, (self._packed,)
-
-    def __call__(self, tile: Tile) -> Any:
-        with self._lock:
-            if self._work is None:
-                import cv2
-                from threadpoolctl import threadpool_limits
-
-                cv2.setNumThreads(1)  # the worker's threads are all the threads
-                threadpool_limits(1, user_api="blas")
-                import cloudpickle
-
-                self._work = cloudpickle.loads(self._packed)  # from the scheduler, never from a disk
-        return self._work(tile)  # type: ignore[misc]
+    cv2.setNumThreads(1)  # the worker's threads are all the threads
+    threadpool_limits(1, user_api="blas")
+    work: Callable[[Tile], Any] = cloudpickle.loads(packed)  # from the scheduler, never from a disk
+    return work
 
 
-def _do(shipped: _Shipped, tile: Tile) -> Any:
+def _do(packed: bytes, tile: Tile) -> Any:
+    """Do the work on a tile; a refusal goes back without its cause, which may not travel."""
     with environment():
         try:
-            return shipped(tile)
+            return _unpacked(packed)(tile)
         except DeglintError as error:
             refusal = type(error)(str(error))
-    raise refusal  # without its cause, which may not travel
+    raise refusal
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,8 +337,7 @@ def _remove(folder: Path) -> None:
 
 
 def _umask() -> int:
-    import os
-
+    """The permissions that this process withholds from new files."""
     umask = os.umask(0)
     os.umask(umask)
     return umask
@@ -372,8 +354,6 @@ def _peak() -> int:
 
 def _quiet() -> None:
     """The workers' comings and goings are no news: what matters becomes an error."""
-    import logging
-
     for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker"):
         logging.getLogger(name).setLevel(logging.ERROR)
     for name in ("distributed.client", "distributed.utils"):  # tracebacks of what is told in one line

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -65,17 +65,19 @@ class Errors:
 
 @dataclass(eq=False)
 class _Block:
-    """A tile as it was read, and with the pixels around it that the correction looks at."""
+    """A tile as it was read, with the pixels around it that the correction looks at, and what is done to it."""
 
     tile: Tile
     outer: Tile
     raw: Any
     valid: Any
     wide: Any  # physical values, with the pixels around
-    water: Mask | None = None  # where it may be corrected, with the pixels around; None: everywhere
-    known: Mask | None = None  # where the tile is valid; None: everywhere
-    where: Mask | None = None  # where it is to be corrected, valid water; None: everywhere
-    replaced: Mask | None = None  # (band, row, column)
+    water: Mask | None  # where it may be corrected, with the pixels around; None: everywhere
+    known: Mask  # where the tile is valid
+    where: Mask  # where it is to be corrected: valid water
+    removed: list[int] = field(default_factory=list)  # bands that are corrected there
+    rewritten: dict[int, Mask] = field(default_factory=dict)  # bands without a removal, where the chain changed them
+    replaced: Mask | None = None  # (band, row, column), with a chain
     targets: Mask | None = None
     errors: Any = None  # (band, row, column) standard errors, with a chain
 
@@ -83,6 +85,16 @@ class _Block:
     def place(self) -> tuple[slice, slice, slice]:
         """Where the tile lies in the block."""
         return place_in(self.tile, self.outer)
+
+    @property
+    def part(self) -> Mask | None:
+        """Where it is to be corrected; None: everywhere, for which numpy and OpenCV need no mask."""
+        return None if self.where.all() else self.where
+
+    @property
+    def corrected(self) -> bool:
+        """Some band is changed."""
+        return bool(self.removed or self.rewritten)
 
 
 @dataclass(frozen=True)
@@ -135,30 +147,25 @@ class Correction:
         """No band may change and nothing is to be written of single pixels: nothing is computed either."""
         return not self.changed and not (self.want_flags or self.want_amount)
 
-    def on(self, scene: Scene) -> Correction:
-        """The same for another source of the scene's pixels."""
-        return replace(self, scene=scene)
-
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and bring it into the output's type."""
         if self.copies:
             return self._copied(tile)
         block = self._read(tile)
+        own = block.wide[block.place]
         wanted = self.amount_bands if self.want_amount else self.changed
-        before = block.wide[block.place][wanted].copy() if self.want_flags or self.want_amount else None
-        saturated = self._saturated(block.wide[block.place])
-        physical, done = self._corrected(block)
-        error = self._stderr(block, physical, done) if self.errors is not None else None
-        tally = self._tally(block, done)
+        before = own[wanted] if self.want_flags or self.want_amount else None
+        saturated = self._saturated(own)
+        physical = self._corrected(block)
+        error = self._stderr(block, physical) if self.errors is not None else None
+        tally = self._tally(block)
         tally.saturated = saturated.sum(axis=(1, 2))
-        flags = self._flags(block, done) if self.want_flags else None
-        if flags is not None and saturated.any():
-            flags[saturated.any(axis=0)] |= SATURATED
-        out = self._encoded(block, physical, done, flags, tally)
+        full = np.asarray(saturated.any(axis=0))
+        flags = self._flags(block, full) if self.want_flags else None
+        out = self._encoded(block, physical, flags, tally)
         amount = None if before is None else np.subtract(before, physical[wanted], dtype=np.float32)
         if flags is not None and amount is not None:
-            full, water = np.asarray(saturated.any(axis=0)), _or_all(block.where)
-            classes = glint_classes(amount[: len(self.changed)], np.array(self.noise), full, water)
+            classes = glint_classes(amount[: len(self.changed)], np.array(self.noise), full, block.where)
             tally.glint = np.bincount(classes.ravel(), minlength=tally.glint.size)
             flags = np.stack([flags, classes])
         file_valid = self._file_valid(block.raw, block.valid)
@@ -166,20 +173,19 @@ class Correction:
 
     def physical(self, tile: Tile) -> npt.NDArray[Any]:
         """Read a tile and correct it: physical values of all bands."""
-        return self._corrected(self._read(tile))[0]
+        return self._corrected(self._read(tile))
 
     def changed_water(self, tile: Tile) -> tuple[npt.NDArray[Any], Mask]:
         """The same of the bands that may change, and where the tile was to be corrected."""
         block = self._read(tile)
-        where = np.ones(tile.shape, np.bool_) if block.where is None else block.where
-        return self._corrected(block)[0][self.changed], where
+        return self._corrected(block)[self.changed], block.where
 
     def _copied(self, tile: Tile) -> Corrected:
         """A tile as it is, in the output's type."""
         raw, valid = raster_of(self.scene).read_raw(tile.window)
         file_valid = self._file_valid(raw, valid)
         raw, lost = relaid(raw, valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
-        tally = PixelCounts(len(self.scene.bands), total=tile.shape[0] * tile.shape[1], copied=True)
+        tally = PixelCounts(len(self.scene.bands), total=tile.pixels, copied=True)
         if lost is not None:
             tally.clipped = np.count_nonzero(lost, axis=(1, 2))
         return Corrected(raw, tally, file_valid)
@@ -191,24 +197,14 @@ class Correction:
         raw, valid = source.read_raw(outer.window)
         wide = source.to_physical(raw, valid)
         place = place_in(tile, outer)
-        block = _Block(tile, outer, raw[place], None if valid is None else valid[place], wide)
-        block.known = self._known(wide[place], raw.dtype, valid)
-        block.water = self.water_in(outer, wide)
-        own = None if block.water is None else block.water[place[1:]]
-        block.where = block.known if own is None else own if block.known is None else own & block.known
-        if block.where is not None and block.where.all():
-            block.where = None
-        return block
-
-    def _known(self, physical: Any, dtype: np.dtype[Any], valid: Any) -> Mask | None:
-        """Where all that the correction looks at is valid; None where it is everywhere."""
-        if valid is None and dtype.kind in "iu":
-            return None
-        bands = range(len(physical)) if self.chain.runs else self.model.index_bands
-        finite = np.ones(physical.shape[1:], np.bool_)
-        for band in bands:
-            finite &= np.isfinite(physical[band])
-        return None if finite.all() else finite
+        known = np.ones(tile.shape, np.bool_)
+        if valid is not None or raw.dtype.kind not in "iu":
+            for band in range(len(wide)) if self.chain.runs else self.model.index_bands:
+                known &= np.isfinite(wide[place][band])
+        water_there = self.water_in(outer, wide)
+        where = known if water_there is None else known & water_there[place[1:]]
+        own_valid = None if valid is None else valid[place]
+        return _Block(tile, outer, raw[place], own_valid, wide, water_there, known, where)
 
     def water_in(self, tile: Tile, physical: Any) -> Mask | None:
         """Where a tile, of which these are the physical values, may be corrected; None for everywhere."""
@@ -227,34 +223,36 @@ class Correction:
             np.greater_equal(physical[i], limit, out=out[i])
         return out
 
-    def _corrected(self, block: _Block) -> tuple[Any, list[tuple[list[int], Mask | None]]]:
-        """Physical values of the tile after the correction; which bands changed, and where (None: everywhere)."""
+    def _corrected(self, block: _Block) -> Any:
+        """Physical values of the tile after the correction; the block is told which bands changed, and where."""
         physical = np.ascontiguousarray(block.wide[block.place])
         if not physical.flags.writeable or np.shares_memory(physical, block.raw):
             physical = physical.copy()
-        if not self.changed or (block.where is not None and not block.where.any()):
-            return physical, []
-        removed = [f.band for f in self.model.fits]
+        if not self.changed or not block.where.any():
+            return physical
         if self.chain.runs:
-            return physical, self._compensate(block, physical)
+            self._compensate(block, physical)
+            return physical
         if self.model.references:
             origin, crop = (block.outer.row0, block.outer.col0), block.tile.crop_of(block.outer)
             water = np.ones(block.outer.shape, np.bool_) if block.water is None else block.water
             found, block.targets = glint(block.wide, self.model, water, origin, crop)
+            part = True if block.part is None else block.part
             for band, amount in found.items():
-                np.subtract(physical[band], amount, out=physical[band], where=_or_all(block.where))
+                np.subtract(physical[band], amount, out=physical[band], where=part)
         else:
-            apply(physical, self.model, where=block.where, out=physical)
-        return physical, [(removed, block.where)]
+            apply(physical, self.model, where=block.part, out=physical)
+        block.removed = [f.band for f in self.model.fits]
+        return physical
 
-    def _compensate(self, block: _Block, physical: Any) -> list[tuple[list[int], Mask | None]]:
+    def _compensate(self, block: _Block, physical: Any) -> None:
         """Apply the chain, cell by cell, and put what it makes of the water into `physical`."""
         removed = {f.band for f in self.model.fits}
         block.replaced = np.zeros(physical.shape, np.bool_)
         block.errors = np.zeros(physical.shape if self.errors is not None else 0, np.float32)
         block.targets = np.zeros(physical.shape[1:], np.bool_)
         for state, core, within in self._states(block):
-            where = _or_all(None if block.where is None else block.where[within[1:]])
+            where = block.where[within[1:]]
             clean = with_targets(state)[core]
             if self.errors is not None:
                 block.errors[within] = self._stderr_of(state)[core]
@@ -265,9 +263,9 @@ class Correction:
             for band in self.changed:
                 place = where if band in removed else block.replaced[within][band] | block.targets[within[1:]]
                 np.copyto(physical[within][band], clean[band], where=place, casting="same_kind")
-        done: list[tuple[list[int], Mask | None]] = [(sorted(removed & set(self.changed)), block.where)]
-        done += [([b], block.replaced[b] | block.targets) for b in self.changed if b not in removed]
-        return [(bands, place) for bands, place in done if bands and (place is None or place.any())]
+        block.removed = sorted(removed & set(self.changed))
+        rewritten = {b: block.replaced[b] | block.targets for b in self.changed if b not in removed}
+        block.rewritten = {band: place for band, place in rewritten.items() if place.any()}
 
     @property
     def chain_halo(self) -> int:
@@ -280,15 +278,16 @@ class Correction:
         for row in range(tile.row0, tile.row1, CHAIN_CELL):
             for column in range(tile.col0, tile.col1, CHAIN_CELL):
                 cell = Tile(row, min(row + CHAIN_CELL, tile.row1), column, min(column + CHAIN_CELL, tile.col1))
-                if block.where is not None and not block.where[place_in(cell, tile)[1:]].any():
+                within = place_in(cell, tile)
+                if not block.where[within[1:]].any():
                     continue
                 wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)
                 around = place_in(wide, outer)
                 water = None if block.water is None else block.water[around[1:]]
                 state = State.of(block.wide[around], water, (cell.row0, cell.col0))
-                yield apply_chain(state, self.chain, self.model), place_in(cell, wide), place_in(cell, tile)
+                yield apply_chain(state, self.chain, self.model), place_in(cell, wide), within
 
-    def _stderr(self, block: _Block, physical: Any, done: list[Any]) -> npt.NDArray[np.float32]:
+    def _stderr(self, block: _Block, physical: Any) -> npt.NDArray[np.float32]:
         """Standard errors of the bands that may change; NaN where nothing was corrected."""
         out = block.errors
         if out is None:
@@ -298,7 +297,7 @@ class Correction:
         if np.dtype(self.layout.dtype).kind in "iu":  # rounded to integers of the file
             steps = np.array(raster_of(self.scene).info.scales, np.float32)
             out = np.sqrt(out**2 + (steps**2 / 12)[:, None, None])
-        known = np.isfinite(physical) & _or_all(block.where) & bool(done)
+        known = np.isfinite(physical) & block.where & block.corrected
         return np.where(known, out, np.nan)[self.changed].astype(np.float32)
 
     def _stderr_of(self, state: State) -> npt.NDArray[np.float32]:
@@ -307,43 +306,42 @@ class Correction:
         state = state if self.errors.left is None else self.errors.left.apply(state)
         return stderr(state, self.model, self.errors.replaced)
 
-    def _tally(self, block: _Block, done: list[tuple[list[int], Mask | None]]) -> PixelCounts:
-        tally = PixelCounts(len(self.scene.bands), total=block.tile.shape[0] * block.tile.shape[1])
-        tally.usable = tally.total if block.where is None else int(np.count_nonzero(block.where))
-        tally.nodata = 0 if block.known is None else tally.total - int(np.count_nonzero(block.known))
+    def _tally(self, block: _Block) -> PixelCounts:
+        """Count the pixels of a tile by what became of them."""
+        tally = PixelCounts(len(self.scene.bands), total=block.tile.pixels)
+        tally.usable = int(np.count_nonzero(block.where))
+        tally.nodata = tally.total - int(np.count_nonzero(block.known))
         tally.not_water = tally.total - tally.usable - tally.nodata
-        tally.corrected = tally.usable if done else 0
+        tally.corrected = tally.usable if block.corrected else 0
         if block.replaced is not None:
             tally.replaced = np.count_nonzero(block.replaced, axis=(1, 2))
         if block.targets is not None:
-            beside = block.targets if block.where is None else block.targets & block.where
-            tally.protected = int(np.count_nonzero(beside))
-        for bands, place in done:
-            if place is not None and place is not block.where:
-                tally.rewritten[bands] = np.count_nonzero(place)
+            tally.protected = int(np.count_nonzero(block.targets & block.where))
+        for band, place in block.rewritten.items():
+            tally.rewritten[band] = np.count_nonzero(place)
         return tally
 
-    def _flags(self, block: _Block, done: list[Any]) -> npt.NDArray[np.uint8]:
+    def _flags(self, block: _Block, saturated: Mask) -> npt.NDArray[np.uint8]:
+        """Flags of a tile, but for what `encode` finds."""
         flags = np.full(block.tile.shape, NOT_WATER, np.uint8)
-        where = _or_all(block.where)
-        np.copyto(flags, np.uint8(CORRECTED if done else 0), where=where)
-        for mask, bit in ((None if block.replaced is None else block.replaced.any(axis=0), REPLACED),
-                          (block.targets, PROTECTED)):  # fmt: skip
-            if mask is not None:
-                flags[mask & where] |= bit
-        if block.known is not None:
-            flags[~block.known] = NODATA
+        flags[block.where] = CORRECTED if block.corrected else 0
+        if block.replaced is not None:
+            flags[block.replaced.any(axis=0) & block.where] |= REPLACED
+        if block.targets is not None:
+            flags[block.targets & block.where] |= PROTECTED
+        flags[~block.known] = NODATA
+        flags |= np.where(saturated, np.uint8(SATURATED), np.uint8(0))
         return flags
 
-    def _encoded(
-        self, block: _Block, physical: Any, done: list[Any], flags: Any, tally: PixelCounts
-    ) -> npt.NDArray[Any]:
+    def _encoded(self, block: _Block, physical: Any, flags: Any, tally: PixelCounts) -> npt.NDArray[Any]:
         """The tile as it stands in the file; what was negative and clipped is counted."""
         info = raster_of(self.scene).info
         raw = np.ascontiguousarray(block.raw)
         raw = raw if raw.flags.writeable and raw is not block.wide else raw.copy()
         raw, lost = relaid(raw, block.valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
-        for bands, place in done:
+        changes: list[tuple[list[int], Mask | None]] = [(block.removed, block.part)] if block.removed else []
+        changes += [([band], place) for band, place in block.rewritten.items()]
+        for bands, place in changes:
             counts = encode(
                 physical, raw, bands=bands, scales=info.scales, offsets=info.offsets, where=place,
                 nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
@@ -365,8 +363,3 @@ class Correction:
         if raw.dtype.kind == "f" and np.dtype(self.layout.dtype).kind != "f":
             found = found & np.isfinite(raw).all(axis=0)
         return found
-
-
-def _or_all(mask: Mask | None) -> Any:
-    """For numpy's `where`."""
-    return True if mask is None else mask

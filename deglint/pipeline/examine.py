@@ -17,7 +17,7 @@ from ..readers.place import ground_size
 from ..readers.undeclared import settled
 from ..scene import Scene
 from ..tiles import Tile, default_threads
-from .fit import fit_scene
+from .fit import Fitted, fit_scene
 from .overview import overview_of, raster_of
 from .recipe import Recipe, make_request
 
@@ -43,47 +43,51 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(nir=8).")
-    threads = threads or default_threads()
     scene = settled(scene)
-    out: dict[str, Any] = _header(scene)
     notes: list[str] = list(scene.notes)
-    out |= {"nir": None, "valid_fraction": None, "water_fraction": None, "looked_at_pixels": None,
-            "glint_level": None, "r2": None, "slopes": None,
-            "suggested_method": None, "reason": None, "choice": None, "tried": [], "notes": notes}  # fmt: skip
+    unknown = ("nir", "valid_fraction", "water_fraction", "looked_at_pixels", "glint_level", "r2", "slopes",
+               "suggested_method", "reason", "choice")  # fmt: skip
+    out: dict[str, Any] = _header(scene) | dict.fromkeys(unknown) | {"tried": [], "notes": notes}
     budget = raster_of(scene).budget = Budget(look_seconds(), LOOK_READS)
     try:
         with environment():
-            request, said = make_request(scene, recipe)
-            notes += [n for n in said if n not in notes]
-            out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
-            nir = request.indexes[0].bands[0]
-            overview = overview_of(scene, nir, threads, wanted=True)
-            out |= _validity(scene, overview.tiles, nir, threads)
-            water = overview.water
-            try:
-                fitted = fit_scene(scene, recipe, threads=threads)
-                water = fitted.water or water
-            finally:
-                if water is not None:
-                    out["water_fraction"] = water.water_fraction
-                    notes.append(water.reason)
+            fitted = _fit_noted(scene, recipe, threads or default_threads(), out)
     except DeglintError as error:
         out["reason"] = str(error) if not budget.over else _not_seen(scene, budget)
         return out
     finally:
         raster_of(scene).budget = None
-    model, choice = fitted.model, fitted.choice
-    sample = fitted.numbers["sample"]
-    if sample:
+    if sample := fitted.numbers["sample"]:
         out |= {k: sample[k] for k in ("r2", "slopes", "glint_level")}
-    if choice is not None:
+    if (choice := fitted.choice) is not None:
+        copied = choice.best.method == "copy"
         out["choice"], out["tried"] = choice.numbers(), choice.lines()
-        out["suggested_method"] = None if choice.best.method == "copy" else choice.best.name
-        out["reason"] = choice.why_copied if choice.best.method == "copy" else choice.why
+        out["suggested_method"] = None if copied else choice.best.name
+        out["reason"] = choice.why_copied if copied else choice.why
     else:
-        out["suggested_method"], out["reason"] = model.method, "as it was asked for"
+        out["suggested_method"], out["reason"] = fitted.model.method, "as it was asked for"
     notes += [n for n in fitted.notes if n not in notes and n not in out["tried"]]
     return out
+
+
+def _fit_noted(scene: Scene, recipe: Recipe, threads: int, out: dict[str, Any]) -> Fitted:
+    """Fit the recipe; what is known on the way goes into `out`, also where the fit fails."""
+    notes = out["notes"]
+    request, said = make_request(scene, recipe)
+    notes += [n for n in said if n not in notes]
+    out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
+    nir = request.indexes[0].bands[0]
+    overview = overview_of(scene, nir, threads, wanted=True)
+    out |= _validity(scene, overview.tiles, nir, threads)
+    water = overview.water
+    try:
+        fitted = fit_scene(scene, recipe, threads=threads)
+        water = fitted.water or water
+    finally:
+        if water is not None:
+            out["water_fraction"] = water.water_fraction
+            notes.append(water.reason)
+    return fitted
 
 
 def _not_seen(scene: Scene, budget: Budget) -> str:

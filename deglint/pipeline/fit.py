@@ -14,20 +14,38 @@ from .. import tiles as tiling
 from ..checks import check_kind, checked_keywords
 from ..choose import Choice
 from ..compensate import Chain, fit_chain
-from ..errors import FitError, NoWaterError
+from ..errors import FitError, InputError, NoWaterError
 from ..masks import WaterRule
+from ..moments import CELL
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
 from ..readers.undeclared import Undeclared, undeclared
-from ..remove import METHODS, FitRequest, GlintModel, SamplePlan, combine, gather, wiener
+from ..remove import METHODS, GlintModel, SamplePlan, combine, gather, wiener
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
-from .log import log_choice, log_compensation, log_model, log_nir, log_sample, log_scene, log_water
-from .overview import TILE_SIDE, check_size, core_of, overviews, role_bands, where_to_sample
+from .overview import TILE_SIDE, check_size, core_of, overview_of, overviews, role_bands, where_to_sample
 from .recipe import Recipe, make_request
-from .sample import Sampler, Training, sampler_of, strips_finder, strips_of_footprints, training_reader
-from .tolerance import Sampling, short_of
-from .training import HALO, Job, Progress, chosen, read_training, removal_of, sample_of, setting
+from .sample import (
+    HALO,
+    Job,
+    Progress,
+    Sampler,
+    Training,
+    chosen,
+    read_training,
+    removal_of,
+    sample_of,
+    sampler_of,
+    setting,
+    strips_finder,
+    strips_of_footprints,
+    training_reader,
+)  # fmt: skip
+from .sidecar import log, log_model, log_nir, log_scene, log_water, why
+from .tolerance import Sampling
+
+Sampled = tuple[GlintModel, dict[str, Any], dict[str, Any] | None]
+"""A model, the numbers of its sample, and the sample's outline as GeoJSON where that is wanted."""
 
 
 @dataclass(frozen=True)
@@ -75,14 +93,9 @@ class Fitted:
 
 @checked_keywords()
 def fit_scene(
-    scene: Scene,
-    recipe: Recipe | None = None,
-    *,
-    threads: int | None = None,
-    want_sample: bool = False,
-    progress: Progress | None = None,
-    run: tiling.Run = tiling.run,
-) -> Fitted:
+    scene: Scene, recipe: Recipe | None = None, *, threads: int | None = None, want_sample: bool = False,
+    progress: Progress | None = None, run: tiling.Run = tiling.run,
+) -> Fitted:  # fmt: skip
     """Fit a recipe to a scene without correcting it.
 
     Parameters
@@ -119,48 +132,53 @@ def fit_scene(
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
-    threads = threads or default_threads()
     with environment():
         found = undeclared(scene)
-        scene = found.on(scene)
-        log_scene(scene)
-        check_size(scene, recipe)
-        request, notes = make_request(scene, recipe)
-        log_nir(scene, [b for i in request.indexes for b in i.bands], notes)
-        nir = request.indexes[0].bands[0]
-        if _is_sampled(recipe):
-            recipe = replace(recipe, sample=where_to_sample(scene, recipe, nir, threads))
-        wanted = recipe.mask == "auto" or (_is_sampled(recipe) and recipe.sample == "auto")
-        usual = "detrended" if recipe.sample == "auto" else "ols"
-        request = replace(request, regression=usual if recipe.regression == "auto" else recipe.regression)
-        for overview in overviews(scene, nir, threads, wanted=wanted):
-            job = Job(scene, recipe, request, overview, threads, tuple(notes), progress, run, want_sample)
-            try:
-                fitted = _fit(job)
-                if overview.whole or recipe.sample != "auto" or not short_of(fitted.numbers):
-                    return replace(fitted, undeclared=found)
-            except (NoWaterError, FitError):
-                # an overview of a part may have missed the water, or the deep of it: look at more
-                if overview.whole or (recipe.sample != "auto" and (not overview.water or overview.water.has_water)):
-                    raise
+        fitted = _fit_overviews(found.on(scene), recipe, threads or default_threads(), want_sample, progress, run)
+        return replace(fitted, undeclared=found)
+
+
+def _fit_overviews(
+    scene: Scene, recipe: Recipe, threads: int, want_sample: bool, progress: Progress | None, run: tiling.Run
+) -> Fitted:
+    """Fit to a first overview; where it holds too little of the sea, to more and more of the scene."""
+    log_scene(scene)
+    check_size(scene, recipe)
+    request, notes = make_request(scene, recipe)
+    log_nir(scene, [b for i in request.indexes for b in i.bands], notes)
+    nir = request.indexes[0].bands[0]
+    method = METHODS.get(recipe.method)  # None: auto, which takes one that learns from a sample
+    sampled = method is None or method.plan is not None or method.neighbours or recipe.chain != "off"
+    if sampled:
+        recipe = replace(recipe, sample=where_to_sample(scene, recipe, nir, threads))
+    found = recipe.sample == "auto"
+    if recipe.regression == "auto":
+        request = replace(request, regression="detrended" if found else "ols")
+    for overview in overviews(scene, nir, threads, wanted=recipe.mask == "auto" or (sampled and found)):
+        job = Job(scene, recipe, request, overview, threads, tuple(notes), progress, run, want_sample)
+        try:
+            fitted = _fit(job)
+        except (NoWaterError, FitError):
+            # an overview of a part may have missed the water, or the deep of it: look at more
+            if overview.whole or (not found and (not overview.water or overview.water.has_water)):
+                raise
+            continue
+        tolerance = (fitted.numbers["sample"] or {}).get("tolerance") or {"met": True}
+        if tolerance["met"] or overview.whole or not found:
+            return fitted
     raise AssertionError("unreachable: the last overview is of everything")
 
 
-def _is_sampled(recipe: Recipe) -> bool:
-    """Whether the method learns from a sample; `auto` takes one that does."""
-    method = METHODS.get(recipe.method)
-    return method is None or method.plan is not None or method.neighbours or recipe.chain != "off"
-
-
 def _fit(job: Job) -> Fitted:
-    scene, recipe, overview = job.scene, job.recipe, job.overview
+    """Fit what a recipe says to one overview of a scene."""
+    recipe, overview = job.recipe, job.overview
     notes = list(job.notes)
     if overview.water is not None:
         if not overview.water.has_water:
             raise NoWaterError(overview.water.reason)
         notes.append(overview.water.reason)
     log_water(overview.water, recipe.mask)
-    sampler = sampler_of(scene, recipe, overview, job.threads) if recipe.sample != "auto" else None
+    sampler = sampler_of(job.scene, recipe, overview, job.threads) if recipe.sample != "auto" else None
     method, text, choice, training = recipe.method, recipe.chain, None, None
     if method == "auto" and text == "auto":
         training = read_training(job, sampler, HALO)
@@ -168,26 +186,33 @@ def _fit(job: Job) -> Fitted:
         choice = chosen(job, training)
         method, text = choice.best.method, choice.best.chain
         notes += choice.lines()
-        log_choice(choice)
+        first, *others = choice.lines() or ["no candidate could be tried: wiener"]
+        log.info("%s", first)
+        why(others)
     method = "wiener" if method == "auto" else method
-    log_compensation(text)
-    chain = Chain()
-    if method == "copy":
-        model, sample, outline = _nothing(job.request, choice), None, None
+    log.info("compensation: %s", "none" if text == "off" else text)
+    chain, sample, outline = Chain(), None, None
+    if choice is not None and method == "copy":
+        warnings = (f"{choice.why_copied}. Nothing was corrected.",)
+        model = GlintModel("wiener", job.request.indexes, (), job.request.names, warnings=warnings)
     elif text != "off":
-        chain, model, sample, outline = _fit_chain(job, training or read_training(job, sampler, HALO), text, method)
+        training = training or read_training(job, sampler, HALO)
+        found = fit_chain(text, sample_of(training), setting(job), removal_of(job, training, method))
+        chain, (model, sample, outline) = found.chain, _with_sample(job, training, found.model)
     elif METHODS[method].neighbours:
         model, sample, outline = _fit_neighbours(job, sampler)
     elif METHODS[method].plan is None:
-        model, sample, outline = METHODS[method].fit(job.request, None), None, None
+        model = METHODS[method].fit(job.request, None)
     else:
         model, sample, outline = _fit_sampled(job, sampler, method)
     notes += (sample or {}).pop("notes", [])
     log_model(model, notes[len(job.notes) :])
-    floor = 0.0 if choice else recipe.floor_percentile
-    regression = "auto" if METHODS.get(method) is None or METHODS[method].neighbours else model.regression or "auto"
-    resolved = replace(recipe, method="auto" if method == "copy" else model.method, regression=regression,
-                       floor_percentile=floor, compensate=text, smallest_object="")  # fmt: skip
+    regresses = method in METHODS and not METHODS[method].neighbours
+    resolved = replace(
+        recipe, method="auto" if method == "copy" else model.method, compensate=text, smallest_object="",
+        regression=(regresses and model.regression) or "auto",
+        floor_percentile=0.0 if choice else recipe.floor_percentile,
+    )  # fmt: skip
     numbers = {
         "water": overview.water.numbers() if overview.water else None,
         "sample": sample,
@@ -198,62 +223,36 @@ def _fit(job: Job) -> Fitted:
     return Fitted(model, resolved, tuple(notes), numbers, outline, water, role_bands(overview.roles), chain, choice)
 
 
-def _nothing(request: FitRequest, choice: Choice | None) -> GlintModel:
-    """A model that corrects nothing."""
-    why = "" if choice is None else choice.why_copied
-    return GlintModel("wiener", request.indexes, (), request.names, warnings=(f"{why}. Nothing was corrected.",))
-
-
-def _fit_chain(
-    job: Job, training: Sequence[Training], text: str, method: str
-) -> tuple[Chain, GlintModel, dict[str, Any], dict[str, Any] | None]:
-    """Stages and a removal, from tiles that are held in memory."""
-    found = fit_chain(text, sample_of(training), setting(job), removal_of(job, training, method))
-    return found.chain, found.model, *_said(job, training, found.model)
-
-
-def _fit_neighbours(job: Job, sampler: Sampler | None) -> tuple[GlintModel, dict[str, Any], dict[str, Any] | None]:
+def _fit_neighbours(job: Job, sampler: Sampler | None) -> Sampled:
     """A method that looks at neighbours, from tiles of open water that are held in memory."""
     training = read_training(job, sampler, 0)
     read = training_reader(job.scene, job.overview, sampler)
     at_once = tiling.affordable(job.threads, (TILE_SIDE, TILE_SIDE), 2 * len(job.scene.bands))
     strips = strips_of_footprints(job.scene, job.request.correct[0]) or strips_finder(job.scene, read, at_once)
     request = replace(job.request, regression="detrended")
-    model = wiener.fit(request, [t.as_sample() for t in training], strips=strips)
-    return model, *_said(job, training, model)
+    return _with_sample(job, training, wiener.fit(request, [t.as_sample() for t in training], strips=strips))
 
 
-def _said(job: Job, training: Sequence[Training], model: GlintModel) -> tuple[dict[str, Any], dict[str, Any] | None]:
-    """Numbers of a sample that was held in memory, and its outline where that is wanted."""
+def _with_sample(job: Job, training: Sequence[Training], model: GlintModel) -> Sampled:
+    """A model with the numbers of its sample, which was held in memory."""
     pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
-    box = _union([_box(t.sample, t.tile) for t in training])
-    log_sample(pixels, _place(box))
-    numbers = {
-        "kind": job.recipe.sample,
-        "pixels": pixels,
-        "rows_columns": box,
-        "share_of_scene": pixels / (job.scene.height * job.scene.width),
-        "r2": {f.name: f.r2 for f in model.fits},
-        "slopes": {f.name: f.slope for f in model.fits},
-        "glint_level": model.level_interval and model.level_interval[2] - model.level_interval[1],
-    }
+    numbers = _numbers(job, model, pixels, _union([_box(t.sample, t.tile) for t in training]))
+    numbers["glint_level"] = model.level_interval and model.level_interval[2] - model.level_interval[1]
     if not job.want_sample:
-        return numbers, None
+        return model, numbers, None
     features = [f for t in training for f in to_geojson(t.sample, (t.tile.row0, t.tile.col0), job.scene)]
-    return numbers, collection(features, job.scene)
+    return model, numbers, collection(features, job.scene)
 
 
-def _fit_sampled(
-    job: Job, given: Sampler | None, method: str
-) -> tuple[GlintModel, dict[str, Any], dict[str, Any] | None]:
+def _fit_sampled(job: Job, given: Sampler | None, method: str) -> Sampled:
     """A method of single pixels, by one pass over its sample."""
-    scene, request, outlined = job.scene, job.request, job.want_sample
+    scene, request = job.scene, job.request
     sampler = given or sampler_of(scene, job.recipe, job.overview, job.threads)
     plan = METHODS[method].plan(request)  # type: ignore[misc]
     sampling = Sampling(scene, sampler, request, method, plan, job.recipe.tolerance)
     halo = max(plan.halo, 0)
     columns = sorted({*plan.read_bands, *sampler.bands})
-    rows, reach = [columns.index(b) for b in plan.read_bands], halo + sampler.halo
+    rows, reach, outlined = [columns.index(b) for b in plan.read_bands], halo + sampler.halo, job.want_sample
 
     def work(plan: SamplePlan, tile: Tile) -> Any:
         outer = tile.grown(reach, scene.height, scene.width)
@@ -279,20 +278,10 @@ def _fit_sampled(
     model = METHODS[method].fit(request, stats)
     model = replace(model, warnings=(*model.warnings, *doubts))
     box = _union(boxes)
-    log_sample(stats.moments.n, _place(box))
-    numbers = {
-        "kind": job.recipe.sample,
-        "pixels": stats.moments.n,
-        "rows_columns": box,
-        "share_of_scene": stats.moments.n / (scene.height * scene.width),
-        **sampler.numbers,
-        "r2": {f.name: f.r2 for f in model.fits},
-        "slopes": {f.name: f.slope for f in model.fits},
-        "glint_level": None,
-        "notes": [*notes, f"sample ({job.recipe.sample}): {stats.moments.n} pixels, {_place(box)}"],
-    }
+    numbers = _numbers(job, model, stats.moments.n, box) | sampler.numbers
+    numbers["notes"] = [*notes, f"sample ({job.recipe.sample}): {stats.moments.n} pixels, {_place(box)}"]
     numbers |= {"tolerance": tolerance} if tolerance else {}
-    return model, numbers, collection(features, scene) if job.want_sample else None
+    return model, numbers, collection(features, scene) if outlined else None
 
 
 def _row_of(
@@ -303,25 +292,77 @@ def _row_of(
     return combine(parts, plan), _union(boxes), [f for some in features for f in some]
 
 
+def _numbers(job: Job, model: GlintModel, pixels: int, box: Window | None) -> dict[str, Any]:
+    """What the sidecar says of a sample; the log says where it lies."""
+    log.info("sample: %d pixels, %s", pixels, _place(box))
+    return {
+        "kind": job.recipe.sample,
+        "pixels": pixels,
+        "rows_columns": box,
+        "share_of_scene": pixels / (job.scene.height * job.scene.width),
+        "r2": {f.name: f.r2 for f in model.fits},
+        "slopes": {f.name: f.slope for f in model.fits},
+        "glint_level": None,
+    }
+
+
 def _box(mask: npt.NDArray[np.bool_], tile: Tile) -> Window | None:
+    """The smallest window of the scene around the pixels of a tile's mask."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
         return None
-    return (
-        (tile.row0 + int(rows[0]), tile.row0 + int(rows[-1]) + 1),
-        (tile.col0 + int(columns[0]), tile.col0 + int(columns[-1]) + 1),
-    )
+    top, left = tile.row0 + int(rows[0]), tile.col0 + int(columns[0])
+    return (top, tile.row0 + int(rows[-1]) + 1), (left, tile.col0 + int(columns[-1]) + 1)
 
 
 def _union(boxes: Sequence[Window | None]) -> Window | None:
+    """The smallest window around some windows."""
     real = [b for b in boxes if b is not None]
     if not real:
         return None
-    return (
-        (min(b[0][0] for b in real), max(b[0][1] for b in real)),
-        (min(b[1][0] for b in real), max(b[1][1] for b in real)),
-    )
+    tops, bottoms = zip(*(rows for rows, _columns in real), strict=True)
+    lefts, rights = zip(*(columns for _rows, columns in real), strict=True)
+    return (min(tops), max(bottoms)), (min(lefts), max(rights))
 
 
 def _place(box: Window | None) -> str:
+    """A window in words."""
     return "nowhere" if box is None else f"rows {box[0][0]}-{box[0][1]}, columns {box[1][0]}-{box[1][1]}"
+
+
+def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
+    """A model that was fitted before, made ready for this scene.
+
+    Raises
+    ------
+    InputError
+        The scene lacks a band that the model needs.
+    NoWaterError
+        The scene holds no water.
+    """
+    log_scene(scene)
+    chain = chain if chain is not None and recipe.compensate != "off" else Chain()
+    if chain.runs and [n.casefold() for n in model.band_names] != [n.casefold() for n in scene.names]:
+        raise InputError(
+            f"the compensation was fitted to bands {', '.join(model.band_names)} in this order; the scene has "
+            f"{', '.join(scene.names)}. Fit it to a scene like this one."
+        )
+    model = model.for_bands(scene.names)
+    if model.strips is not None and len(model.strips.rows) != -(-scene.height // CELL):
+        raise InputError("the model holds the detector strips of another scene: fit it to this one.")
+    notes = [f"model {model.method}, fitted before"]
+    rule: WaterRule | None = None
+    bands: tuple[int, ...] = ()
+    if recipe.mask == "auto":
+        overview = overview_of(scene, model.index_bands[0], threads, wanted=True)
+        rule, bands = overview.water, role_bands(overview.roles)
+        if rule is not None:
+            if not rule.has_water:
+                raise NoWaterError(rule.reason)
+            notes.append(rule.reason)
+    log_water(rule, recipe.mask)
+    log_model(model, notes[:1])
+    resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
+    water = rule.numbers() if rule else None
+    numbers = {"water": water, "sample": None, "choice": None, "compensation": chain.numbers()}
+    return Fitted(model, resolved, tuple(notes), numbers, None, rule, bands, chain)

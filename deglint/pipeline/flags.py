@@ -1,13 +1,17 @@
-"""The rasters beside the image: flags, classes of sun glint, amounts and standard errors.
+"""The rasters beside the image: flags, classes of sun glint, amounts and standard errors; and the amount of sky glint.
 
 The classes and amounts are those of CEOS Analysis Ready Data, Product Family Specification Aquatic Reflectance,
 version 2.0.1 (2026), per-pixel metadata "Sun Glint" (2.9) and "Sky Glint" (2.10), https://ceos.org/ard. It asks
 whether sun glint in a pixel is negligible, correctable (moderate) or uncorrectable (severe), and for the amounts of
 both for each pixel and spectral band. Version 1.0 (2022) says "absent" in place of "negligible".
+
+Sky glint is what the sea mirrors of the light of the sky. A removal of sun glint does not measure it, as it is nearly
+even over a scene: it is modelled, not removed.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,12 +20,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..physics import sky
+from ..physics.atmosphere import WAVELENGTH_RANGE, Air, irradiance
+from ..physics.glint import VIEW_LIMIT
 from ..raster.output import Layout
-from ..scene import FloatArray
+from ..readers.products.metadata import number
+from ..scene import FloatArray, Scene
+from .overview import raster_of
 
 if TYPE_CHECKING:
     from .correct import Correction
     from .outputs import Outputs, PixelCounts
+
+log = logging.getLogger("deglint.pipeline")
 
 FLAGS = {
     1: "nodata: not valid, copied",
@@ -39,6 +50,19 @@ GLINT_CLASSES = {0: "not assessed", 1: "negligible", 2: "correctable (moderate)"
 """Values of its second band: sun glint in the pixel before the correction."""
 NOT_ASSESSED, NEGLIGIBLE, CORRECTABLE, UNCORRECTABLE = GLINT_CLASSES
 SPECIFICATION = "CEOS-ARD Aquatic Reflectance 2.0.1"
+SKY_MODEL = "harrison-coombes"
+"""The sky of the value: clear, as the irradiance is, and as it is where sun glint is seen."""
+SKY_WINDS = (5.0, 1.0, 15.0)
+"""Wind of the value and of the range [m/s]: the default of simulations, calm and strong; where it is not stated."""
+VISIBILITIES = (40.0, 15.0, 80.0)
+"""Visibility of the value and of the range [km]: the default of plans and simulations, haze and hardly any."""
+_ANGLE_TAGS = {
+    "sun zenith angle": ("sun_zenith_deg", "sun_elevation"),
+    "sun azimuth": ("sun_azimuth_deg", "sun_azimuth"),
+    "view zenith angle": ("view_zenith_deg", "view_elevation"),
+    "view azimuth": ("view_azimuth_deg", "view_azimuth"),
+}
+"""Tags that state each angle."""
 
 
 def glint_classes(
@@ -79,30 +103,101 @@ def glint_numbers(work: Correction, tally: PixelCounts) -> dict[str, Any]:
     return {"specification": SPECIFICATION, "pixels": pixels, "negligible_up_to": noise}
 
 
-def beside(work: Correction, targets: Outputs, sky: Mapping[str, Any] | None) -> dict[str, tuple[Path, Layout]]:
-    """The rasters beside the image, by the fields of a tile's result: their names, and what they are like."""
+def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | None) -> dict[str, tuple[Path, Layout]]:
+    """The rasters beside the image, by the fields of a tile's result: their names, and what they are like.
+
+    `modelled` is what `sky_glint` says of the scene.
+    """
     info, bands = work.layout.info, tuple(work.amount_bands)
     options: dict[str, Any] = {"options": targets.options, "scaled": False, "tile": work.layout.tile}
     found = {}
     if targets.flags:
         tags = {f"CLASS_{value}": meaning for value, meaning in GLINT_CLASSES.items()}
         own = replace(info, band_tags=({}, {"": {**tags, "SPECIFICATION": SPECIFICATION}}, *info.band_tags[2:]))
-        options_of_codes = {"names": ("flags", "sun glint class"), "flags": FLAGS, **options}
-        found["flags"] = targets.flags, Layout(own, (0, 1), "uint8", None, **options_of_codes)
-    amounts = replace(info, band_tags=tuple(_with_sky(info.band_tags[b], b, work, sky) for b in range(info.count)))
-    for path, what, said, kept in (
-        (targets.amount, "amount", "sun glint in", amounts), (targets.stderr, "stderr", "standard error of", info),
-    ):  # fmt: skip
-        if path:
-            names = tuple(f"{said} {work.scene.bands[b].name}" for b in bands)
-            found[what] = path, Layout(kept, bands, "float32", float("nan"), names=names, **options)
+        names = "flags", "sun glint class"
+        found["flags"] = targets.flags, Layout(own, (0, 1), "uint8", None, names=names, flags=FLAGS, **options)
+
+    def values(what: str, kept: Any) -> Layout:
+        names = tuple(f"{what} {work.scene.bands[b].name}" for b in bands)
+        return Layout(kept, bands, "float32", float("nan"), names=names, **options)
+
+    if targets.amount:
+        sky_of = modelled["reflectance"] if modelled else {}
+        tags_of = tuple(_with_sky(tags, sky_of.get(band.name))
+                        for tags, band in zip(info.band_tags, work.scene.bands, strict=True))  # fmt: skip
+        found["amount"] = targets.amount, values("sun glint in", replace(info, band_tags=tags_of))
+    if targets.stderr:
+        found["stderr"] = targets.stderr, values("standard error of", info)
     return found
 
 
-def _with_sky(tags: Mapping[str, Any], band: int, work: Correction, sky: Mapping[str, Any] | None) -> Mapping[str, Any]:
+def _with_sky(tags: Mapping[str, Any], value: float | None) -> Mapping[str, Any]:
     """A band's tags, with its modelled sky glint where that is known."""
-    value = sky and sky["reflectance"].get(work.scene.bands[band].name)
     if not value:
         return tags
     said = {"SKY_GLINT_REFLECTANCE": f"{value:.4g}", "SKY_GLINT": "modelled at the water surface, not removed"}
     return {**tags, "": {**tags.get("", {}), **said}}
+
+
+def sky_glint(scene: Scene) -> dict[str, Any] | None:
+    r"""Sky-glint reflectance at the water surface, for each band: the same for all pixels.
+
+    .. math:: \rho = \pi L / (E_{sun} + E_{sky})
+
+    with L the mirrored radiance (`deglint.physics.sky.reflectance`) and the irradiance of Gregg and Carder (1990).
+
+    Parameters
+    ----------
+    scene : Scene
+        Its tags state where the sun and the sensor stand, as those of some products and of simulated scenes do.
+
+    Returns
+    -------
+    dict or None
+        `reflectance` of each band of 300 to 1000 nm by name [1]; `range`, the lowest and the highest over three skies,
+        `VISIBILITIES` and `SKY_WINDS`; and from what they follow. None where the scene does not state it; the log then
+        says so.
+    """
+    tags = {k.casefold(): v for part in raster_of(scene).info.tags.values() for k, v in part.items()}
+    stated = {name: _angle(tags, *names, zenith="zenith" in name) for name, names in _ANGLE_TAGS.items()}
+    angles = {name: angle for name, angle in stated.items() if angle is not None}
+    low, high = WAVELENGTH_RANGE
+    known = {b.name: b.wavelength for b in scene.bands if b.wavelength and low <= b.wavelength <= high}
+    missing = [name for name in _ANGLE_TAGS if name not in angles]
+    missing += [] if known else [f"a wavelength of {low:g} to {high:g} nm"]
+    if missing:
+        log.info("sky glint: not modelled, the scene does not state: %s", ", ".join(missing))
+        return None
+    wind, blows_from = number(tags.get("wind_m_s")) or 0.0, number(tags.get("wind_from_deg")) or 0.0
+    winds = (wind,) if 0.0 < wind <= max(SKY_WINDS) else SKY_WINDS
+    sun, sun_azimuth, view, view_azimuth = angles.values()
+    place = view, view_azimuth, sun, sun_azimuth
+    mirrored = {
+        model: np.pi * sky.reflectance(*place, wind=winds, wind_from=blows_from, model=model)
+        for model in sky.SKY_MODELS
+    }
+    air = Air(humidity=80.0, water_vapour=2.5, wind=winds[0], wind_mean=winds[0])  # as plans and simulations have it
+    light = [irradiance(list(known.values()), sun, air, visibility=v) for v in VISIBILITIES]
+    share = np.array([x.diffuse / (x.diffuse + x.direct) for x in light])
+    every = np.multiply.outer(np.array(list(mirrored.values())).ravel(), share)
+    value = dict(zip(known, map(float, mirrored[SKY_MODEL][0] * share[0]), strict=True))
+    said = ", ".join(f"{name} {v:.4f}" for name, v in value.items())
+    log.info("sky glint: modelled, not removed; reflectance at the surface %s", said)
+    return {
+        "reflectance": value,
+        "range": dict(zip(known, np.stack([every.min(axis=(0, 1)), every.max(axis=(0, 1))], axis=1), strict=True)),
+        "removed": False,
+        "angles": angles,
+        "wind": winds[0],
+        "wind_stated": winds is not SKY_WINDS,
+        "visibility": VISIBILITIES[0],
+        "sky": SKY_MODEL,
+    }
+
+
+def _angle(tags: Mapping[str, Any], name: str, other: str, *, zenith: bool) -> float | None:
+    """An angle from its tag, a zenith angle also from an elevation; None where it is not stated or impossible."""
+    angle = number(tags.get(name))
+    if angle is None and (angle := number(tags.get(other))) is not None and zenith:
+        angle = 90.0 - angle
+    return None if angle is None or (zenith and not 0.0 <= angle <= VIEW_LIMIT) else angle

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..checks import check_choice
+from ..checks import as_path, check_choice
 from ..errors import DeglintError
 from ..raster.environment import environment
 from ..scene import Band, FloatArray
@@ -18,7 +18,9 @@ from .fit import Fitted
 from .flags import GLINT_CLASSES
 from .overview import raster_of
 
-_PER_BAND = ("replaced", "rewritten", "negative", "clipped", "saturated")
+Counts = npt.NDArray[np.int64]
+BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")
+"""Outputs beside the image and its sidecar."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
 """Types that an output may be given."""
 
@@ -61,6 +63,9 @@ class Outputs:
     reads: Sequence[str | Path] = ()
 
     def __post_init__(self) -> None:
+        for name in ("image", *BESIDE):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, Path(as_path(value, name)))
         if self.dtype is not None:
             check_choice(self.dtype, list(DTYPES), "dtype")
 
@@ -71,8 +76,8 @@ class Outputs:
 
     def every(self) -> list[Path]:
         """All files that will be written."""
-        extra = (self.flags, self.amount, self.stderr, self.sample, self.model, self.picture)
-        return [self.image, self.sidecar, *(p for p in extra if p is not None)]
+        beside = (getattr(self, name) for name in BESIDE)
+        return [self.image, self.sidecar, *(path for path in beside if path is not None)]
 
 
 @dataclass
@@ -88,24 +93,23 @@ class PixelCounts:
     corrected: int = 0
     protected: int = 0
     usable: int = 0
-    replaced: npt.NDArray[np.int64] = field(init=False)
-    rewritten: npt.NDArray[np.int64] = field(init=False)
-    negative: npt.NDArray[np.int64] = field(init=False)
-    clipped: npt.NDArray[np.int64] = field(init=False)
-    saturated: npt.NDArray[np.int64] = field(init=False)
-    glint: npt.NDArray[np.int64] = field(init=False)  # by class of sun glint
+    replaced: Counts = field(init=False)
+    rewritten: Counts = field(init=False)
+    negative: Counts = field(init=False)
+    clipped: Counts = field(init=False)
+    saturated: Counts = field(init=False)
+    glint: Counts = field(init=False)  # by class of sun glint
 
     def __post_init__(self) -> None:
-        for name in _PER_BAND:
+        for name in ("replaced", "rewritten", "negative", "clipped", "saturated"):
             setattr(self, name, np.zeros(self.bands, np.int64))
         self.glint = np.zeros(len(GLINT_CLASSES), np.int64)
 
     def add(self, other: PixelCounts) -> None:
         """Add a tile's counts."""
-        counts = ("total", "nodata", "not_water", "usable", "corrected", "protected", "glint")
-        self.copied |= other.copied
-        for name in (*counts, *_PER_BAND):
+        for name in {f.name for f in fields(self)} - {"bands", "copied"}:
             setattr(self, name, getattr(self, name) + getattr(other, name))
+        self.copied |= other.copied
 
 
 @dataclass(frozen=True)

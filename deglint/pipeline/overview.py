@@ -104,9 +104,12 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
     def work(tile: Tile) -> list[Tile]:
         valid = np.isfinite(scene.source.read(tile.window, [nir])[0])
-        inside = (Tile(*_moved(t, tile)) for t in tiling.tiles(*tile.shape, (TILE_SIDE, TILE_SIDE)))
-        return [t for t in inside if valid[t.row0 - tile.row0 : t.row1 - tile.row0,
-                                           t.col0 - tile.col0 : t.col1 - tile.col0].any()]  # fmt: skip
+        row, column = tile.row0, tile.col0
+        return [
+            Tile(row + t.row0, row + t.row1, column + t.col0, column + t.col1)
+            for t in tiling.tiles(*tile.shape, (TILE_SIDE, TILE_SIDE))
+            if valid[t.row0 : t.row1, t.col0 : t.col1].any()
+        ]
 
     at_once = tiling.affordable(threads, shape, len(scene.bands))
     everything = tiling.tiles(scene.height, scene.width, shape)
@@ -114,10 +117,6 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
     share = max(1, total // (TILE_SIDE**2 * MOST_TILES))
     found = [t for _t, part in tiling.run(everything, work, threads=at_once, start=enter_thread) for t in part[::share]]
     return found[:: max(1, -(-len(found) * TILE_SIDE**2 // MOST_OVERVIEW))]
-
-
-def _moved(inner: Tile, outer: Tile) -> tuple[int, int, int, int]:
-    return inner.row0 + outer.row0, inner.row1 + outer.row0, inner.col0 + outer.col0, inner.col1 + outer.col0
 
 
 def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overview:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,29 +17,28 @@ from ..checks import as_path, check_kind, check_number, checked_keywords, descri
 from ..checksum import Checksum, fingerprint
 from ..compensate import Chain
 from ..errors import InputError, NoWaterError
-from ..masks import WaterRule
-from ..moments import CELL as STRIP_CELL
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Layout, Scratch, plain, write_bytes, write_json, write_text
 from ..raster.targets import Reads, check_image, check_targets
 from ..readers.areas import Area, open_area
+from ..readers.opening import open_scene
 from ..readers.roles import find_band
+from ..readers.stac import files_of
 from ..readers.stated import Names, Numbers
 from ..readers.undeclared import settled
 from ..remove import GlintModel
 from ..report import before_after
 from ..scene import FloatArray, Scene, Window
+from ..tiles import Tile
 from ..timing import Reporter
 from .cluster import Cluster, writing_images
 from .correct import CHAIN_CELL, Correction
-from .fit import Fitted, Progress, fit_scene
-from .flags import beside, glint_numbers
-from .log import log_model, log_result, log_scene, log_water
+from .fit import Fitted, Progress, fit_scene, given_model
+from .flags import beside, glint_numbers, sky_glint
 from .outputs import Outputs, PixelCounts, Result
-from .overview import block_of, overview_of, raster_of, role_bands, tile_shape_of
+from .overview import block_of, place_in, raster_of, tile_shape_of
 from .recipe import Recipe
-from .sidecar import saved, sidecar
-from .sky import sky_glint
+from .sidecar import log_result, saved, sidecar
 from .uncertain import with_noise, with_stderr
 
 CHAIN_COPIES = 3
@@ -50,24 +50,12 @@ STRIP = 4 << 20
 @checked_keywords("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options",
                   "request", "reads")  # fmt: skip
 def remove_glint(
-    source: str | Path | Sequence[str | Path],
-    image: str | Path,
-    recipe: Recipe | None = None,
-    *,
-    model: GlintModel | None = None,
-    chain: Chain | None = None,
-    sensor: str | Path | None = None,
-    nodata: float | str | None = None,
-    grid: str | int | None = None,
-    bands: Names | None = None,
-    wavelengths: Numbers | None = None,
-    scale: Numbers | None = None,
-    offset: Numbers | None = None,
-    threads: int | None = None,
-    progress: Progress | None = None,
-    cluster: Cluster | None = None,
-    **outputs: Any,
-) -> Result:
+    source: str | Path | Sequence[str | Path], image: str | Path, recipe: Recipe | None = None, *,
+    model: GlintModel | None = None, chain: Chain | None = None, sensor: str | Path | None = None,
+    nodata: float | str | None = None, grid: str | int | None = None, bands: Names | None = None,
+    wavelengths: Numbers | None = None, scale: Numbers | None = None, offset: Numbers | None = None,
+    threads: int | None = None, progress: Progress | None = None, cluster: Cluster | None = None, **outputs: Any,
+) -> Result:  # fmt: skip
     """Remove glint from a raster file.
 
     Parameters
@@ -78,10 +66,8 @@ def remove_glint(
         Output, a local GeoTIFF. `image`.json is written beside it.
     recipe : Recipe, optional
         What to do; finds everything out by itself by default.
-    model : GlintModel, optional
-        Apply this model, fitted before, instead of fitting one.
-    chain : Chain, optional
-        With `model`: the compensation that was fitted with it.
+    model, chain : GlintModel and Chain, optional
+        Apply this model, and the compensation that was fitted with it, instead of fitting one.
     sensor, nodata, grid, bands, wavelengths, scale, offset
         As `deglint.open_scene`.
     threads : int, optional
@@ -89,8 +75,8 @@ def remove_glint(
     progress : callable, optional
         progress(stage, done, total).
     cluster : Cluster, optional
-        Workers that pass over the tiles in place of threads (`deglint.pipeline.cluster.connect`); they must see the
-        input and the output's directory. The result is the same to the bit.
+        Workers in place of threads (`deglint.pipeline.cluster.connect`), which see the input and the output's
+        directory. The result is the same to the bit.
     **outputs
         flags, amount, stderr, sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`.
 
@@ -107,65 +93,73 @@ def remove_glint(
     --------
     >>> remove_glint("scene.tif", "clean.tif", Recipe(method="hedley"))  # doctest: +SKIP
     """
-    from ..readers import open_scene
-    from ..readers.stac import files_of
-
-    if "model_file" in outputs:
-        outputs["model"] = outputs.pop("model_file")
-    paths: dict[str, Any] = {k: Path(as_path(v, k)) if _is_path(k, v) else v for k, v in outputs.items()}
-    targets = Outputs(Path(as_path(image, "image")), **paths)
+    outputs["model"] = outputs.pop("model_file", None)
+    targets = Outputs(Path(as_path(image, "image")), **outputs)
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     if model is not None:
         check_kind(model, GlintModel, "model", "Read a saved one with deglint.pipeline.load_model.")
     if threads is not None:
         check_number(threads, 1, 1024, "threads")
+    stated: dict[str, Any] = {"bands": bands, "wavelengths": wavelengths, "scale": scale, "offset": offset}
     with environment():
-        given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
-        files = [file for name in given for file in files_of(name)]
-        named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": str(sensor or "")}
-        reads: Reads = {"the input": [*given, *files], **{k: [v] for k, v in named.items()}, "an input": targets.reads}
-        check_targets(targets.every(), reads, overwrite=targets.overwrite)
-        check_image(targets.image)
-        # before it is opened: what changes from now on is noticed
-        checksum = Checksum(files, [recipe.sample, recipe.mask, *map(str, targets.reads)])
-        scene = open_scene(
-            source, sensor=sensor, nodata=nodata, grid=grid, bands=bands, wavelengths=wavelengths, scale=scale,
-            offset=offset,
-        )  # fmt: skip
-        scene = settled(scene)
+        checksum = _checked(source, recipe, sensor, targets)
+        scene = settled(open_scene(source, sensor=sensor, nodata=nodata, grid=grid, **stated))
+        run = _Run(threads or tiling.default_threads(), progress or Reporter(), cluster)
         with raster_of(scene):
-            return _run(
-                scene, checksum, recipe, targets, model, chain, threads or tiling.default_threads(),
-                progress or Reporter(), cluster,
-            )  # fmt: skip
+            return _deglinted(scene, recipe, targets, checksum, (model, chain), run)
 
 
-def _run(
-    scene: Scene, checksum: Checksum, recipe: Recipe, targets: Outputs, model: GlintModel | None, chain: Chain | None,
-    threads: int, progress: Progress | None, cluster: Cluster | None,
+@dataclass(frozen=True)
+class _Run:
+    """What passes over the tiles, what is told of it, and when it began."""
+
+    threads: int
+    progress: Progress
+    cluster: Cluster | None
+    begun: float = field(default_factory=time.perf_counter)
+
+
+def _checked(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> Checksum:
+    """Refuse outputs that cannot be written; begin on the checksum of what is read."""
+    given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
+    files = [file for name in given for file in files_of(name)]
+    named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": str(sensor or "")}
+    reads: Reads = {"the input": [*given, *files], **{k: [v] for k, v in named.items()}, "an input": targets.reads}
+    check_targets(targets.every(), reads, overwrite=targets.overwrite)
+    check_image(targets.image)
+    # begun before the scene is opened: what changes from now on is noticed
+    return Checksum(files, [recipe.sample, recipe.mask, *map(str, targets.reads)])
+
+
+def _deglinted(
+    scene: Scene, recipe: Recipe, targets: Outputs, checksum: Checksum,
+    saved_fit: tuple[GlintModel | None, Chain | None], run: _Run,
 ) -> Result:  # fmt: skip
-    begun = time.perf_counter()
-    area, notes = _mask_of(recipe, scene)
+    """Fit a scene, or take a saved fit; correct it and write all that is wanted."""
+    model, chain = saved_fit
     if model is None:
-        run = tiling.run if cluster is None else cluster.run
+        over = tiling.run if run.cluster is None else run.cluster.run
         want = targets.sample is not None
-        fitted = fit_scene(scene, recipe, threads=threads, want_sample=want, progress=progress, run=run)
+        fitted = fit_scene(scene, recipe, threads=run.threads, want_sample=want, progress=run.progress, run=over)
     else:
-        fitted = given_model(scene, recipe, model, threads, chain)
+        fitted = given_model(scene, recipe, model, run.threads, chain)
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
-    fitted = replace(fitted, notes=(*fitted.notes, *notes))
+    area = _mask_of(recipe.mask, scene)
+    note = getattr(area, "note", "")
+    fitted = replace(fitted, notes=(*fitted.notes, *([note] if note else [])))
     work = correction(scene, fitted, targets=targets, dtype=targets.dtype, area=area)
-    work = with_noise(work, threads) if targets.flags else work
-    sky = sky_glint(scene) if targets.amount else None
+    if targets.flags:
+        work = with_noise(work, run.threads)
     if targets.stderr:
         if not work.changed:
             raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
-        work = with_stderr(work, threads)
+        work = with_stderr(work, run.threads)
         work = replace(work, layout=replace(work.layout, tile=_tile_shape(work)))
+    sky = sky_glint(scene) if targets.amount else None
     with Scratch(overwrite=targets.overwrite) as scratch:
-        tally = _write_tiles(scratch, work, targets, threads, progress, cluster, sky)
+        tally = _write_tiles(scratch, work, targets, sky, run)
         if tally.corrected == 0 and fitted.model.fits:
             why = "every pixel is nodata" if tally.nodata == tally.total else "no pixel is water inside the mask"
             raise NoWaterError(f"nothing to correct in {scene.path}: {why}. Check --nodata and --mask.")
@@ -175,25 +169,21 @@ def _run(
             write_text(scratch, targets.model, saved(fitted) + "\n")
         if targets.picture:
             write_bytes(scratch, targets.picture, before_after(scene, scratch.file(targets.image), fitted.model))
-        said = plain(sidecar(scene, fitted, targets, tally, checksum, time.perf_counter() - begun))
+        said = plain(sidecar(scene, fitted, targets, tally, checksum, time.perf_counter() - run.begun))
         said |= plain({"sun_glint": glint_numbers(work, tally)}) if targets.flags else {}
         said |= plain({"sky_glint": sky}) if sky else {}
-        said |= {"cluster": cluster.numbers()} if cluster else {}
+        said |= {"cluster": run.cluster.numbers()} if run.cluster else {}
         if targets.request:
             made = {p.name: fingerprint(scratch.file(p)) for p in targets.every() if p != targets.sidecar}
             said["batch"] = {"request": targets.request, "inputs": checksum.fingerprints(), "outputs": made}
         write_json(scratch, targets.sidecar, said)
-    log_result(scene, fitted.model, targets.image, tally, said)
+    log_result(scene, fitted, said)
     return Result(fitted, tally, said, tuple(said["warnings"]))
 
 
-def _mask_of(recipe: Recipe, scene: Scene) -> tuple[Area | None, tuple[str, ...]]:
-    """The mask that the recipe names, where it does, and what was assumed of it."""
-    if recipe.mask in ("auto", "none"):
-        return None, ()
-    area = open_area(recipe.mask, scene, "--mask")
-    note = getattr(area, "note", "")
-    return area, (note,) if note else ()
+def _mask_of(mask: str, scene: Scene) -> Area | None:
+    """The area that a recipe's mask names, where it names one."""
+    return None if mask in ("auto", "none") else open_area(mask, scene, "--mask")
 
 
 def correction(
@@ -241,18 +231,18 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 
 
 def _write_tiles(
-    scratch: Scratch, work: Correction, targets: Outputs, threads: int, progress: Progress | None,
-    cluster: Cluster | None, sky: Mapping[str, Any] | None,
-) -> PixelCounts:  # fmt: skip
+    scratch: Scratch, work: Correction, targets: Outputs, sky: Mapping[str, Any] | None, run: _Run
+) -> PixelCounts:
+    """Correct all tiles, write them and the rasters beside the image, and count pixels."""
     scene, image = work.scene, work.layout
     everything = tiling.tiles(scene.height, scene.width, image.tile)
-    at_once = tiling.affordable(threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
+    at_once = tiling.affordable(run.threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
     tally = PixelCounts(len(scene.bands))
-    note = (lambda done, total: progress("correct", done, total)) if progress else None
     images = {"raw": (targets.image, image)} | beside(work, targets, sky)
-    opened = writing_images(scratch, targets.image, images, cluster)
-    with one_thread_each(), opened as (run, writers):
-        for tile, done in run(everything, work, threads=at_once, progress=note, start=enter_thread):
+    opened = writing_images(scratch, targets.image, images, run.cluster)
+    options: dict[str, Any] = {"progress": partial(run.progress, "correct"), "start": enter_thread}
+    with one_thread_each(), opened as (over, writers):
+        for tile, done in over(everything, work, threads=at_once, **options):
             for what, writer in writers.items():
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
@@ -307,63 +297,21 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     if not (0 <= top < bottom <= scene.height and 0 <= left < right <= scene.width):
         raise InputError(f"window {window} is not inside a scene of {scene.height} x {scene.width} pixels.")
     wanted = mask or fitted.recipe.mask
-    area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
-    work = correction(scene, fitted if wanted == "auto" else replace(fitted, water=None), area=area)
+    fitted = fitted if wanted == "auto" else replace(fitted, water=None)
+    work = correction(scene, fitted, area=_mask_of(wanted, scene))
     everything = tiling.tiles(scene.height, scene.width, work.layout.tile)
-    out, report = None, Reporter()
+    whole, out, report = Tile(top, bottom, left, right), None, Reporter()
     with environment():
         for done, tile in enumerate(everything):
             report("correct", done, len(everything))
-            rows = max(tile.row0, top), min(tile.row1, bottom)
-            columns = max(tile.col0, left), min(tile.col1, right)
-            if rows[0] >= rows[1] or columns[0] >= columns[1]:
-                continue
-            part = work.physical(tile)
-            if out is None:
-                out = np.empty((len(part), bottom - top, right - left), part.dtype)
-            out[:, rows[0] - top : rows[1] - top, columns[0] - left : columns[1] - left] = part[
-                :, rows[0] - tile.row0 : rows[1] - tile.row0, columns[0] - tile.col0 : columns[1] - tile.col0
-            ]
+            part = Tile(max(tile.row0, top), min(tile.row1, bottom), max(tile.col0, left), min(tile.col1, right))
+            if part.row0 < part.row1 and part.col0 < part.col1:
+                clean = work.physical(tile)
+                if out is None:
+                    out = np.empty((len(clean), *whole.shape), clean.dtype)
+                out[place_in(part, whole)] = clean[place_in(part, tile)]
     assert out is not None
     return out
-
-
-def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
-    """A model that was fitted before, made ready for this scene.
-
-    Raises
-    ------
-    InputError
-        The scene lacks a band that the model needs.
-    NoWaterError
-        The scene holds no water.
-    """
-    log_scene(scene)
-    chain = chain if chain is not None and recipe.compensate != "off" else Chain()
-    if chain.runs and [n.casefold() for n in model.band_names] != [n.casefold() for n in scene.names]:
-        raise InputError(
-            f"the compensation was fitted to bands {', '.join(model.band_names)} in this order; the scene has "
-            f"{', '.join(scene.names)}. Fit it to a scene like this one."
-        )
-    model = model.for_bands(scene.names)
-    if model.strips is not None and len(model.strips.rows) != -(-scene.height // STRIP_CELL):
-        raise InputError("the model holds the detector strips of another scene: fit it to this one.")
-    notes = [f"model {model.method}, fitted before"]
-    rule: WaterRule | None = None
-    bands: tuple[int, ...] = ()
-    if recipe.mask == "auto":
-        overview = overview_of(scene, model.index_bands[0], threads, wanted=True)
-        rule, bands = overview.water, role_bands(overview.roles)
-        if rule is not None:
-            if not rule.has_water:
-                raise NoWaterError(rule.reason)
-            notes.append(rule.reason)
-    log_water(rule, recipe.mask)
-    log_model(model, notes[:1])
-    resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
-    numbers = {"water": rule.numbers() if rule else None, "sample": None, "choice": None}
-    numbers["compensation"] = chain.numbers()
-    return Fitted(model, resolved, tuple(notes), numbers, None, rule, bands, chain)
 
 
 def marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
@@ -379,7 +327,3 @@ def marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
     if value is not None and limits.min <= value <= limits.max and float(value).is_integer():
         return value, masked
     return None, masked or value is not None or source.info.dtype.kind == "f"
-
-
-def _is_path(name: str, value: Any) -> bool:
-    return name in ("flags", "amount", "stderr", "sample", "model", "picture") and value is not None

@@ -1,29 +1,68 @@
-"""Where the sample is: found in the scene, drawn by hand, a window, or everywhere."""
+"""Where the sample is, the tiles to learn from, and the recipes that are tried on them.
+
+A sample is found in the scene, drawn by hand, a window, or everything.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
+from ..choose import Choice, choose
+from ..compensate import Background, Chain, FitRemoval, Sample, Setting, State, system_psf, typical_psf
 from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
+from ..masks.find import COARSE_PIXEL
 from ..moments import CELL
 from ..raster.environment import enter_thread
 from ..readers.areas import open_area
-from ..remove import SampleTile
+from ..readers.optics import optics_of, pixel_size
+from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise, mixture, wiener
+from ..remove.further import more_references
 from ..remove.strips import Strips, filled
 from ..remove.wiener import StripFinder
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
 from .overview import OVERVIEW_PIXELS, TILE_SIDE, Overview, core_of, place_in, read_overview, role_bands, tile_shape_of
-from .recipe import Recipe
+from .recipe import Recipe, smallest_object
 
 Mask = npt.NDArray[np.bool_]
+Progress = Callable[[str, int, int], None]
+LEAST_PERCENTILE = 1.0
+"""Percentile of the prediction that is its level where glint covers all of the sample [%]: the least but for noise. As
+many pixels again as have glint beyond doubt are taken to have some that is too faint for that; the middle of the others
+is the level."""
+HALO = 64
+"""Pixels around a tile that are read with it, and which its first stages look at: windows, kernels, clumps [pixel]."""
+TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
+"""Number and side of the squares that candidates are tried on, and pixels around them [pixel]: the time of a trial, two
+to three seconds on two processors, grows with them."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a fit works on."""
+
+    scene: Scene
+    recipe: Recipe
+    request: FitRequest
+    overview: Overview
+    threads: int
+    notes: tuple[str, ...]
+    progress: Progress | None
+    run: tiling.Run
+    want_sample: bool
+
+    def note(self) -> Any:
+        """For `tiling.run`."""
+        return None if self.progress is None else partial(self.progress, "fit")
 
 
 @dataclass(frozen=True)
@@ -31,7 +70,7 @@ class Sampler:
     """Where the sample is: tiles to read, a mask for a block of some bands, and rows and columns that hold it all."""
 
     tiles: Sequence[Tile]
-    mask: Callable[[Any, Sequence[int], Tile], npt.NDArray[np.bool_]]
+    mask: Callable[[Any, Sequence[int], Tile], Mask]
     bands: tuple[int, ...] = ()
     halo: int = 0
     pixels: int = 0
@@ -49,19 +88,19 @@ def sampler_of(scene: Scene, recipe: Recipe, overview: Overview, threads: int) -
     """
     if recipe.sample == "auto":
         return _auto_sampler(scene, overview, threads)
-    shape = tile_shape_of(scene)
-    if recipe.sample == "all":
-        everything = tiling.tiles(scene.height, scene.width, shape)
-        window = (0, scene.height), (0, scene.width)
-        pixels = scene.height * scene.width
-        return Sampler(everything, lambda _b, _c, t: np.ones(t.shape, np.bool_), pixels=pixels, bounds=window)
-    area = open_area(recipe.sample, scene, "--sample")
-    (top, bottom), (left, right) = area.bounds
-    inside = tiles_over(scene, area.bounds, shape)
-    note = getattr(area, "note", "")
-    numbers = {"crs": note} if note else {}
+    bounds: Window = (0, scene.height), (0, scene.width)
+    area, numbers = None, {}
+    if recipe.sample != "all":
+        area = open_area(recipe.sample, scene, "--sample")
+        bounds, note = area.bounds, getattr(area, "note", "")
+        numbers = {"crs": note} if note else {}
+
+    def mask(_block: Any, _columns: Sequence[int], tile: Tile) -> Mask:
+        return np.ones(tile.shape, np.bool_) if area is None else area.read(tile.window)
+
+    (top, bottom), (left, right) = bounds
     pixels = (bottom - top) * (right - left)
-    return Sampler(inside, lambda _b, _c, t: area.read(t.window), pixels=pixels, numbers=numbers, bounds=area.bounds)
+    return Sampler(tiles_over(scene, bounds, tile_shape_of(scene)), mask, (), 0, pixels, numbers, bounds)
 
 
 def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
@@ -86,7 +125,7 @@ def _auto_sampler(scene: Scene, overview: Overview, threads: int) -> Sampler:
     def mask(block: Any, columns: Sequence[int], _tile: Tile) -> Mask:
         return deep_water(block[[columns.index(b) for b in bands]], rule)
 
-    pixels = sum(t.shape[0] * t.shape[1] for t in overview.tiles)
+    pixels = sum(tile.pixels for tile in overview.tiles)
     return Sampler(overview.tiles, mask, bands, rule.halo, pixels, numbers)
 
 
@@ -168,20 +207,6 @@ def training_reader(
     return work
 
 
-def tiles_of(scene: Scene, sampler: Sampler) -> list[Tile]:
-    """So many tiles of a sample as an overview may hold; the same ones however the file is stored."""
-    if sampler.bounds is None:
-        return some(sampler.tiles)
-    return some(tiles_over(scene, sampler.bounds, (TILE_SIDE, TILE_SIDE)))
-
-
-def some(tiles: Sequence[Tile]) -> list[Tile]:
-    """So many of the tiles as an overview may hold."""
-    if sum(t.shape[0] * t.shape[1] for t in tiles) <= 2 * OVERVIEW_PIXELS:
-        return list(tiles)
-    return tiling.spread(tiles, OVERVIEW_PIXELS)
-
-
 def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
     """Strips by the footprints of a band's detectors, odd and even; None where there are none, or of one kind alone."""
     if scene.footprints is None:
@@ -208,3 +233,81 @@ def strips_finder(scene: Scene, read: Callable[[Tile], Training], threads: int) 
         return Strips.of(filled(known))
 
     return find
+
+
+def setting(job: Job) -> Setting:
+    """What stages need to know of the scene."""
+    optics, wavelengths = optics_of(job.scene), [b.wavelength for b in job.scene.bands]
+    psfs = None
+    if all(w and 300 <= w <= 2500 for w in wavelengths):
+        known = {} if optics is None else {"f_number": optics.f_number, "pitch": optics.pitch, "smear": optics.smear}
+        psfs = tuple(system_psf(w, **known) if known else typical_psf(w) for w in wavelengths if w)
+    nir = tuple(dict.fromkeys(b for i in job.request.indexes for b in i.bands))
+    return Setting(job.scene.bands, nir, psfs)
+
+
+def read_training(job: Job, sampler: Sampler | None, halo: int) -> list[Training]:
+    """Tiles to learn from, in memory: so many as an overview may hold, the same ones however the file is stored."""
+    places: Sequence[Tile] = job.overview.tiles if sampler is None else sampler.tiles
+    if sampler is not None and sampler.bounds is not None:
+        places = tiles_over(job.scene, sampler.bounds, (TILE_SIDE, TILE_SIDE))
+    if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
+        places = tiling.spread(places, OVERVIEW_PIXELS)
+    at_once = tiling.affordable(job.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(job.scene.bands))
+    read = training_reader(job.scene, job.overview, sampler, halo)
+    return [t for _p, t in tiling.run(places, read, threads=at_once, start=enter_thread, progress=job.note())]
+
+
+def sample_of(training: Sequence[Training]) -> Sample:
+    """Tiles as stages take them."""
+    states = tuple(State.of(t.block, t.water, (t.outer.row0, t.outer.col0)) for t in training)
+    return Sample(states, tuple(t.inside & s.water for t, s in zip(training, states, strict=True)))
+
+
+def removal_of(job: Job, training: Sequence[Training], method: str) -> FitRemoval:
+    """What fits a method to tiles, as the stages before the removal leave them."""
+
+    def fit(sample: Sample, chain: Chain) -> GlintModel:
+        images = [s.image for s in sample.states]
+        if not METHODS[method].neighbours:
+            return fit_pointwise(method, job.request, images, sample.inside)
+        tiles = [t.as_sample(image) for t, image in zip(training, images, strict=True)]
+        covers = [stage.cover for stage in chain.before if isinstance(stage, Background)]
+        if covers:
+            return mixture.fit(job.request, tiles, max(50 * (1 - 2 * covers[-1]), LEAST_PERCENTILE))
+        request = replace(job.request, regression="detrended")
+        if chain.text != "remove":  # the posterior mean follows
+            request = replace(request, faint=True)
+            request = replace(request, more=more_references(request, tiles))
+        return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
+
+    return fit
+
+
+def chosen(job: Job, training: Sequence[Training]) -> Choice:
+    """Try candidate recipes on parts of those tiles that hold most of the sample."""
+    parts = sorted((_part_of(t, job.scene) for t in training), key=lambda p: -int(p.sample.sum()))[:TRIED]
+    pixel, rule = pixel_size(job.scene), job.overview.water
+
+    def removal(method: str) -> FitRemoval:
+        return removal_of(job, parts, method)
+
+    with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
+        return choose(
+            sample_of(parts), setting(job), job.request.correct, removal,
+            width=smallest_object(job.recipe.smallest_object, pixel),
+            fine=pixel is not None and pixel < COARSE_PIXEL,
+            coarse=rule is not None and rule.window == 1,
+            each=pool.map,
+        )  # fmt: skip
+
+
+def _part_of(found: Training, scene: Scene) -> Training:
+    """The first rows and columns of a tile, with fewer pixels around them."""
+    tile = found.tile
+    last = min(tile.row0 + TRIED_SIDE, tile.row1), min(tile.col0 + TRIED_SIDE, tile.col1)
+    part = Tile(tile.row0, last[0], tile.col0, last[1])
+    outer = part.grown(TRIED_HALO, scene.height, scene.width)
+    place = place_in(outer, found.outer)
+    block, water = np.ascontiguousarray(found.block[place]), np.ascontiguousarray(found.water[place[1:]])
+    return Training(part, outer, block, water, np.ascontiguousarray(found.sample[: part.shape[0], : part.shape[1]]))

@@ -1,17 +1,21 @@
-"""What the sidecar says: with what, on what, how, and what came of it. Made by the program, read by people and
-programs."""
+"""Say what is done: a log line for each decision while the work goes on, and the sidecar beside the output.
+
+INFO has one short line for each decision, DEBUG the reasons. The sidecar has everything, for people and programs.
+"""
 
 from __future__ import annotations
 
 import json
+import logging
 import platform
-from collections.abc import Sequence
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from .. import __version__
 from ..compensate.stages import Chain, chain_from
 from ..errors import InputError
+from ..masks import WaterRule
 from ..readers.text import read_text
 from ..remove import GlintModel
 from ..scene import Scene
@@ -21,7 +25,76 @@ if TYPE_CHECKING:
     from .fit import Fitted
     from .outputs import Outputs, PixelCounts
 
+log = logging.getLogger("deglint.pipeline")
+
+Read = TypeVar("Read")
 COPIED = "no band needs a correction: copied as they are, and not counted by kind"
+
+
+def why(lines: Sequence[str]) -> None:
+    """Log reasons, which -v shows."""
+    for line in lines:
+        log.debug("  %s", line)
+
+
+def log_scene(scene: Scene) -> None:
+    """Log what was opened: size, sensor, band delays."""
+    sensor = f", sensor {scene.sensor}" if scene.sensor else ""
+    first, *others = scene.path.split(", ")
+    name = f"{first} and {len(others)} more" if others else first
+    log.info("%s: %d bands, %d x %d pixels%s", name, len(scene.bands), scene.width, scene.height, sensor)
+    times = [b.time_offset for b in scene.bands if b.time_offset is not None]
+    if len(times) > 1:
+        source = f"known for {scene.sensor}" if scene.sensor else "read from file"
+        log.info("band delays %s: up to %.0f ms", source, 1e3 * (max(times) - min(times)))
+    for line in scene.notes:  # what a product gives and lacks, and what was assumed, is not for -v alone
+        log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
+
+
+def log_nir(scene: Scene, bands: Sequence[int], notes: Sequence[str]) -> None:
+    """Log which bands show the glint."""
+    said = []
+    for index in bands:
+        band, number = scene.bands[index], f"band {index + 1}"
+        name = number if band.name.casefold() == number else f"{number} {band.name}"
+        said.append(name + (f" ({band.wavelength:g} nm)" if band.wavelength else ""))
+    log.info("NIR: %s", ", ".join(said))
+    for note in notes:
+        if doubt := note.partition("; warning: ")[2]:
+            log.warning("%s", doubt)
+    why(notes)
+
+
+def log_water(rule: WaterRule | None, mask: str) -> None:
+    """Log what is corrected."""
+    if rule is not None and rule.has_water:
+        log.info("water: %s", rule.reason)
+    elif mask == "none":
+        log.info("mask: none, every valid pixel is corrected")
+    elif mask != "auto":
+        log.info("mask: %s", mask)
+
+
+def log_model(model: GlintModel, notes: Sequence[str]) -> None:
+    """Log the method, its bands, and its warnings."""
+    bands = ", ".join(f.name for f in model.fits) or "none"
+    log.info("method: %s; bands to correct: %s", model.method, bands)
+    why([*notes, *str(replace(model, warnings=())).splitlines()[1:]])
+    for warning in model.warnings:
+        log.warning("%s", warning)
+
+
+def log_result(scene: Scene, fitted: Fitted, said: dict[str, Any]) -> None:
+    """Log what became of the bands and pixels, as the sidecar says it."""
+    pixels = said["pixels"]
+    copied = [n for n in scene.names if n not in pixels["changed"]]
+    parts = [f"corrected: {', '.join(pixels['changed'])}"] if pixels["changed"] else []
+    parts += [f"copied: {', '.join(copied)}"] if copied else []
+    log.info("bands %s", "; ".join(parts))
+    for warning in said["warnings"][len(fitted.model.warnings) :]:  # the model's were logged when it was fitted
+        log.warning("%s", warning)
+    corrected, total, seconds = pixels["corrected"], pixels["total"], said["seconds"]
+    log.info("%s: %d of %d pixels corrected in %.2f s", said["output"], corrected, total, seconds)
 
 
 def sidecar(
@@ -29,7 +102,14 @@ def sidecar(
 ) -> dict[str, Any]:
     """Everything about a run, as plain numbers and words."""
     names = scene.names
-    warnings = [*fitted.model.warnings, *_losses(names, tally)]
+
+    def by_band(counts: Any) -> dict[str, Any]:
+        return dict(zip(names, counts, strict=True))
+
+    counted = not tally.copied
+    removed = {f.band for f in fitted.model.fits}
+    # pixels of each band that differ from the input, at most
+    changed = by_band(tally.corrected if i in removed else int(tally.rewritten[i]) for i in range(len(names)))
     return {
         "deglint": __version__,
         "versions": versions(),
@@ -38,29 +118,29 @@ def sidecar(
         "product": scene.product,
         "sensor": scene.sensor,
         "bands": [asdict(b) for b in scene.bands],
-        "recipe": resolved(fitted),
+        "recipe": _resolved(fitted),
         "model": asdict(fitted.model),
         **fitted.numbers,
-        "skipped": skipped(fitted, names, tally),
+        "skipped": _skipped(fitted, names, tally),
         "pixels": {
             "total": tally.total,
-            "nodata": None if tally.copied else tally.nodata,
-            "not_water": None if tally.copied else tally.not_water,
+            "nodata": tally.nodata if counted else None,
+            "not_water": tally.not_water if counted else None,
             "corrected": tally.corrected,
             "protected": tally.protected,
-            "changed": changed(fitted, names, tally),
-            "replaced": dict(zip(names, tally.replaced, strict=True)),
-            "negative_after": dict(zip(names, tally.negative, strict=True)),
-            "saturated_before": None if tally.copied else dict(zip(names, tally.saturated, strict=True)),
-            "clipped": dict(zip(names, tally.clipped, strict=True)),
+            "changed": {name: n for name, n in changed.items() if n},
+            "replaced": by_band(tally.replaced),
+            "negative_after": by_band(tally.negative),
+            "saturated_before": by_band(tally.saturated) if counted else None,
+            "clipped": by_band(tally.clipped),
         },
         "notes": [*scene.notes, *fitted.notes],
-        "warnings": warnings,
+        "warnings": [*fitted.model.warnings, *_losses(names, tally)],
         "seconds": round(seconds, 3),
     }
 
 
-def resolved(fitted: Fitted) -> dict[str, Any]:
+def _resolved(fitted: Fitted) -> dict[str, Any]:
     """The recipe with the bands that were taken where it left them to be found."""
     recipe, model = asdict(fitted.recipe), fitted.model
     recipe["regression"] = model.regression
@@ -71,14 +151,7 @@ def resolved(fitted: Fitted) -> dict[str, Any]:
     return recipe
 
 
-def changed(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, int]:
-    """Pixels of each band that differ from the input, at most; bands that are copied are not named."""
-    removed = {f.band for f in fitted.model.fits}
-    counts = [tally.corrected if i in removed else int(tally.rewritten[i]) for i in range(len(names))]
-    return {name: n for name, n in zip(names, counts, strict=True) if n}
-
-
-def skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
+def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
     """What was not done, and why."""
     out = {"pixels": COPIED} if tally.copied else {}
     if fitted.recipe.mask == "none":
@@ -90,10 +163,9 @@ def skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[st
     corrected = {f.band for f in fitted.model.fits}
     for i, name in enumerate(names):
         if i not in corrected:
-            why = "glint reference" if i in fitted.model.index_bands else "not among the bands to correct"
-            copied = not tally.rewritten[i]
-            done = "copied" if copied else f"no glint removed, {tally.rewritten[i]} pixels replaced by compensation"
-            out[name] = f"{why}: {done}"
+            reason = "glint reference" if i in fitted.model.index_bands else "not among the bands to correct"
+            replaced = f"no glint removed, {tally.rewritten[i]} pixels replaced by compensation"
+            out[name] = f"{reason}: {replaced if tally.rewritten[i] else 'copied'}"
     return out
 
 
@@ -111,15 +183,12 @@ def versions() -> dict[str, str]:
 
 
 def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
+    """Warnings of values that the output cannot hold, or that are no physical ones."""
+    kinds = {"below zero after correction": tally.negative, "clipped to the integer range": tally.clipped}
     said = []
-    for what, counts in (
-        ("below zero after correction", tally.negative),
-        ("clipped to the integer range", tally.clipped),
-    ):
-        worst = [(n, name) for name, n in zip(names, counts, strict=True) if n]
-        if worst:
-            listed = ", ".join(f"{name} {n}" for n, name in worst)
-            said.append(f"pixels {what} (of {tally.corrected} corrected): {listed}")
+    for kind, counts in kinds.items():
+        if bands := ", ".join(f"{name} {n}" for name, n in zip(names, counts, strict=True) if n):
+            said.append(f"pixels {kind} (of {tally.corrected} corrected): {bands}")
     return said
 
 
@@ -139,11 +208,7 @@ def load_model(path: str) -> GlintModel:
     ReadError, InputError
         No such file, or not a saved model.
     """
-    text = read_text(path, "--model")
-    try:
-        return GlintModel.from_json(text)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    return _load(path, GlintModel.from_json)
 
 
 def load_chain(path: str) -> Chain:
@@ -154,11 +219,18 @@ def load_chain(path: str) -> Chain:
     ReadError, InputError
         No such file, or not a saved compensation.
     """
+
+    def read(text: str) -> Chain:
+        found = json.loads(text).get("compensation")
+        return chain_from(found) if found else Chain()
+
+    return _load(path, read)
+
+
+def _load(path: str, read: Callable[[str], Read]) -> Read:
+    """Read a saved fit; errors name the file."""
     text = read_text(path, "--model")
     try:
-        found = json.loads(text).get("compensation")
-        if not found:
-            return Chain()
-        return chain_from(found)
+        return read(text)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(f"{path}: {error}") from error

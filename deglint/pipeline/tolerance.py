@@ -11,7 +11,7 @@ when it stops, depends on the scene's pixels alone: not on the file's blocks, no
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -67,40 +67,39 @@ class Sampling:
 
     def __post_init__(self) -> None:
         self.pool = _pool(self.scene, self.sampler) if self.tolerance else list(self.sampler.tiles)
-        self.total = sum(map(_area, self.pool))
+        self.total = sum(tile.pixels for tile in self.pool)
 
     @property
     def largest(self) -> tuple[int, int]:
         """Rows and columns of the largest tile."""
-        return max(self.pool, key=_area).shape
+        return max(self.pool, key=lambda tile: tile.pixels).shape
 
     def __iter__(self) -> Iterator[tuple[Sequence[Tile], SamplePlan]]:
         if not self.tolerance:
             pixels = self.sampler.pixels
-            share = max(1, -(-pixels // KEPT_PIXELS))
-            self.plan = replace(self.plan, share=share, levels=levels_for(pixels))
             self.taken = self.total
+            self._plan_for(pixels, max(1, -(-pixels // KEPT_PIXELS)))
             yield self.pool, self.plan
             return
         wanted, done = OVERVIEW_PIXELS, set[Tile]()
-        while True:
-            chosen = _spread(self.pool, min(wanted, self.total))
-            batch = [t for t in chosen if t not in done]
-            done.update(batch)
-            self.taken += sum(map(_area, batch))
-            share = 1 << max(0, math.ceil(math.log2(self.taken / KEPT_PIXELS)))
-            self.plan = replace(self.plan, share=share, levels=levels_for(self.taken))
-            if batch:
-                yield batch, self.plan
-                worst = self._worst()
-                if worst <= self.tolerance:
-                    return
-                grows = READ_MARGIN * (worst / self.tolerance) ** 2 if math.isfinite(worst) else GROWTH[1]
-                wanted = int(self.taken * min(max(grows, GROWTH[0]), GROWTH[1]))
-            else:
+        while len(done) < len(self.pool):
+            batch = [tile for tile in _spread(self.pool, min(wanted, self.total)) if tile not in done]
+            if not batch:
                 wanted = int(wanted * GROWTH[0])
-            if len(done) == len(self.pool):
+                continue
+            done.update(batch)
+            self.taken += sum(tile.pixels for tile in batch)
+            self._plan_for(self.taken, 1 << max(0, math.ceil(math.log2(self.taken / KEPT_PIXELS))))
+            yield batch, self.plan
+            worst = self._worst()
+            if worst <= self.tolerance:
                 return
+            grows = READ_MARGIN * (worst / self.tolerance) ** 2 if math.isfinite(worst) else GROWTH[1]
+            wanted = int(self.taken * min(max(grows, GROWTH[0]), GROWTH[1]))
+
+    def _plan_for(self, taken: int, share: int) -> None:
+        """Fit the plan to the pixels of all batches; one single pixel in `share` is kept."""
+        self.plan = replace(self.plan, share=share, levels=levels_for(taken))
 
     def statistics(self) -> SampleStatistics:
         """What all that was read says."""
@@ -147,21 +146,15 @@ class Sampling:
         }
         reached = f"reached {self.errors[worst]:.2g} (worst, {worst})" if worst else "no band is waited for"
         part = f"with {self.taken} of {whole} pixels read ({1 - self.taken / whole:.0%} skipped)"
-        note = f"tolerance {self.tolerance:g} of the slopes: {reached} {part}"
-        if numbers["met"]:
-            return numbers, [note], []
+        notes = [f"tolerance {self.tolerance:g} of the slopes: {reached} {part}"]
+        if met:
+            return numbers, notes, []
         if self.cells < LEAST_CELLS:
-            known = (
-                f"most of the sample's glint is in {self.cells:.0f} squares of 64 pixels, too few to know the error by"
-            )
+            few = f"{self.cells:.0f} squares of 64 pixels, too few to know the error by"
+            known = f"most of the sample's glint is in {few}"
         else:
             known = f"the slopes' error is {self.errors[worst or '']:.2g} in {worst}"
-        return numbers, [note], [f"the tolerance {self.tolerance:g} was not reached: {known}."]
-
-
-def short_of(numbers: Mapping[str, Any]) -> bool:
-    """Whether a fit, of which these are the numbers, did not reach the tolerance that was asked for."""
-    return ((numbers["sample"] or {}).get("tolerance") or {}).get("met") is False
+        return numbers, notes, [f"the tolerance {self.tolerance:g} was not reached: {known}."]
 
 
 def _pool(scene: Scene, sampler: Sampler) -> list[Tile]:
@@ -173,17 +166,13 @@ def _pool(scene: Scene, sampler: Sampler) -> list[Tile]:
 
 def _spread(pool: Sequence[Tile], pixels: int) -> list[Tile]:
     """Some tiles, evenly spread, that hold at least so many pixels."""
-    wanted, everything = pixels, sum(map(_area, pool))
+    wanted, everything = pixels, sum(tile.pixels for tile in pool)
     while wanted < everything:
         chosen = tiling.spread(pool, wanted)
-        if sum(map(_area, chosen)) >= pixels:
+        if sum(tile.pixels for tile in chosen) >= pixels:
             return chosen
         wanted = int(GROWTH[0] * wanted)
     return list(pool)
-
-
-def _area(tile: Tile) -> int:
-    return tile.shape[0] * tile.shape[1]
 
 
 def _thinned(part: SamplePart, share: int) -> SamplePart:

@@ -133,7 +133,9 @@ def gather(
                 for column in range(SIDE)
             ]
             own = [plane[cell] for plane in values[len(references) :]]
-            w = mask.astype(np.float64) if weight is None else mask * weight[cell].astype(np.float64)
+            w = mask.astype(np.float64)
+            if weight is not None:
+                w *= weight[cell]
             grams.append(_gram(np.stack([*shifted, *own], axis=1), w))
             pixels.append(int(mask.sum()))
             places.append((origin[0] + top, origin[1] + left))
