@@ -1,9 +1,12 @@
 """Sparkle and land: what is glint is water, however wide it is, and what is land stays land beside it."""
 
+import cv2
 import numpy as np
 import pytest
 
-from deglint.masks import fit_water, water
+from deglint.masks import Roles, fit_water, water
+from deglint.physics.presets import preset
+from deglint.simulate import Bottom, Setup, simulate
 
 from .test_masks import LAND, ROLES, open_water, put, sparkling_sea
 
@@ -29,8 +32,6 @@ def test_clumps_of_sparkle_are_water_up_to_the_size_of_waves():
 
 def test_bright_spots_are_glint_at_fine_pixels_and_boats_at_coarse_ones():
     scene, spots = open_water(glint=0.0), np.zeros((200, 240), np.uint8)
-    import cv2
-
     rows, columns = np.random.default_rng(6).integers(10, 190, (2, 60))
     spots[rows, columns] = 1
     spots = cv2.dilate(spots, np.ones((7, 7), np.uint8)) > 0
@@ -68,3 +69,17 @@ def test_sparkle_is_water_and_land_beside_it_is_not(pixel):
     assert rule.window > 1
     assert found[~land].mean() > 0.99
     assert found[land].mean() < 0.01
+
+
+def test_dry_sand_beside_a_sparkling_shallow_stays_land():
+    """Its red is above its green and its NIR below its blue: its colour votes for neither, and only the gap tells."""
+    setup = Setup(
+        sensor=preset("worldview3"), size=(192, 192), wind=8.0, seed=5, bottom=Bottom(depth=(20.0, 2.0)), coast=60.0
+    )
+    scene = simulate(setup)
+    land = cv2.erode((scene.truth[7] > 0.045).astype(np.uint8), np.ones((5, 5))) > 0
+    steps = [b.full_scale / 2047 for b in setup.sensor.bands]  # of 11 bits
+    image = (scene.image * np.array(steps)[:, None, None]).astype(np.float32)
+    rule = fit_water([image], Roles(nir=7, blue=1, green=2, red=4), pixel=1.24)
+    assert land.mean() > 0.1
+    assert not water(image, rule)[land].any()

@@ -51,6 +51,9 @@ BEYOND = 1.4
 where as many pixels have the colour of water as have not."""
 INTO_GAP = 0.25
 """The threshold lies in the gap, nearer to the water: ships, piers and mixed pixels fill the rest."""
+RARE_GLINT = 1e-3
+"""Share of the votes for water from which on the gap between water and land is sought where glint is sparkle: what lies
+above has as many pixels of sparkle as of mixed pixels of a shore."""
 GAP_BINS = 64
 """Bins of the histogram in which the gap between water and land is sought."""
 
@@ -275,12 +278,13 @@ def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: 
     few = last // DARKEST + 1
     darkest = float(np.median(contrast[:few]))
     sheet = float(np.median(nir[:few])) + MAX_SHEET * abs(darkest)
-    alone, highest = last == nir.size - 1, float(nir[last])  # nothing else is in view
+    alone = last == nir.size - 1  # nothing else is in view
     water = nir[: max(int(np.searchsorted(nir[: last + 1], sheet, "right")), 1)]
     level, end = (float(p) for p in np.percentile(water, (50, 99)))
     tail = level + max(TAIL * (end - level), LEAST_TAIL * abs(darkest))
     if sparkle:
-        threshold = sheet if alone else min(highest, sheet)
+        nearly = int(np.argmax(won >= (1 - RARE_GLINT) * won[last]))
+        threshold = sheet if alone else min(_emptiest(nir[nearly : last + 1]), sheet)
     elif alone:
         threshold = min(tail, sheet)
     else:
@@ -306,3 +310,13 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
     line = np.linspace(density[peak], density[-1], bins - peak)
     bend = edges[1:][peak + int(np.argmax(line - density[peak:]))]
     return float(bend + INTO_GAP * (high - bend))
+
+
+def _emptiest(nir: FloatArray) -> float:
+    """The end of sorted values, or the highest place before it that is as empty as any: dry sand votes for neither."""
+    if not nir[-1] > nir[0]:
+        return float(nir[-1])
+    counts, edges = np.histogram(nir, GAP_BINS)
+    least = int(counts.min())
+    chance = least + 2 * np.sqrt(least) + 1  # two standard deviations of a count, and one pixel
+    return float(edges[1:][np.flatnonzero(counts <= chance)[-1]])

@@ -6,7 +6,7 @@ import math
 import pytest
 
 import deglint
-from deglint.pipeline.sky import sky_glint
+from deglint.pipeline.flags import sky_glint
 from deglint.readers.products.metadata import angle_tags
 
 NAMES = ("sun_elevation", "sun_azimuth", "view_elevation", "view_azimuth")
