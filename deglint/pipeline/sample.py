@@ -288,9 +288,10 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
     """Try candidate recipes on parts of those tiles that hold most of the sample."""
     parts = sorted((_part_of(t, job.scene) for t in training), key=lambda p: -int(p.sample.sum()))[:TRIED]
     pixel, rule = pixel_size(job.scene), job.overview.water
+    trial = replace(job, request=replace(job.request, level_error=False))
 
     def removal(method: str) -> FitRemoval:
-        return removal_of(job, parts, method)
+        return removal_of(trial, parts, method)
 
     with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
         return choose(

@@ -59,6 +59,7 @@ def _taken_from_water(request: FitRequest, tiles: Sequence[SampleTile], more: tu
     import cv2
 
     tiles = tiles[:: max(len(tiles) // TEST_TILES, 1)]
+    request = replace(request, level_error=False)
     plain, longer = fit(request, tiles), fit(replace(request, more=more), tiles)
     shorter = [f.band for f in longer.fits if f.band not in more]
     changes: list[list[FloatArray]] = [[] for _ in shorter]

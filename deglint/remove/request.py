@@ -58,6 +58,8 @@ class FitRequest:
     level_percentile : float, optional
         Percentile of the prediction that is the level of `wiener` [%], where strong glint has been replaced: what is
         left lies evenly about it, and may be negative.
+    level_error : bool
+        Estimate the standard error of that level: half the time of a fit, not needed where fits are compared.
     """
 
     bands: tuple[Band, ...]
@@ -70,6 +72,7 @@ class FitRequest:
     more: tuple[int, ...] = ()
     faint: bool = False
     level_percentile: float | None = None
+    level_error: bool = True
 
     def __post_init__(self) -> None:
         if self.regression not in REGRESSIONS:

@@ -365,7 +365,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     apart = np.concatenate(places)
     share = None if request.level_percentile is None else 2 * request.level_percentile
     level, interval = shared_level(prediction, value, slopes, apart, share)
-    error = shared_level_error(prediction, value, slopes, apart, share)
+    error = shared_level_error(prediction, value, slopes, apart, share) if request.level_error else None
     indexes = tuple(replace(i, level=float(at)) for i, at in zip(model.indexes, level, strict=True))
     second = tuple(replace(i, level=float(at)) for i, at in zip(model.second, level, strict=False))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
