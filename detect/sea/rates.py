@@ -34,6 +34,9 @@ sparkle are smaller."""
 _BODY = 60
 """Pixels of a candidate that is no clutter whatever its peak, where pixels are finer than a boat: noise that is
 averaged over 5 by 5 pixels has clumps of up to some 50."""
+_SMALLEST_KEPT = 12.6
+"""Area that it has at least there, whatever its peak [m2]: what removal leaves of a clump of glint is narrower than the
+smallest object that removal keeps, a disc of 4 m."""
 _ENOUGH = 10
 """Scores above a quantile that are enough to take it: fewer may all be pixels of one object."""
 _LEAST = 50
@@ -168,7 +171,9 @@ def clutter_of(
         Whether pixels are finer than a boat.
     """
     peak = _CONFIRMED[fine] * q90
-    sure = [(o.size >= _LARGE_OBJECTS[fine] and o.score_max > peak) or (fine and o.size >= _BODY) for o in candidates]
+    kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
+    large, body = max(_LARGE_OBJECTS[fine], kept), max(_BODY, kept) if fine else math.inf
+    sure = [(o.size >= large and o.score_max > peak) or o.size >= body for o in candidates]
     taken = [s for s, known in zip(scores, sure, strict=True) if known]
     pixels = sum(len(s) for s in taken)
     if pixels:

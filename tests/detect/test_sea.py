@@ -247,6 +247,17 @@ def test_a_body_of_many_fine_pixels_is_no_clutter():
     assert kept == [0, 1]
 
 
+@pytest.mark.parametrize(("side", "confirmed"), [(10, 0), (15, 1)])
+def test_what_is_narrower_than_the_smallest_object_is_clutter_however_bright(side, confirmed):
+    """At 0.25 m: 6 and 14 m2, for a disc of 4 m."""
+    scores = np.abs(np.random.default_rng(0).normal(0, 1, (300, 300)))
+    scores[50 : 50 + side, 50 : 50 + side] = 30.0
+    candidates = find(scores > 5, scores)
+    parts = [scores[slice(*o.bounds[0]), slice(*o.bounds[1])][o.footprint] for o in candidates]
+    area = scores.size * 0.25**2 / 1e6
+    assert sea.clutter_of(Tail.of(scores), candidates, parts, 1.6, area=area, fine=True).confirmed == confirmed
+
+
 def test_a_tail_without_a_mean_gives_its_quantile():
     rng = np.random.default_rng(0)
     scores = np.concatenate([np.abs(rng.normal(0, 1, 99_000)), 5 + rng.pareto(0.6, 1000)])
