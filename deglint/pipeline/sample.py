@@ -16,7 +16,9 @@ import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..choose import Choice, choose
-from ..compensate import Background, Chain, FitRemoval, Sample, Setting, State, system_psf, typical_psf
+from ..compensate import (
+    Background, Chain, FitRemoval, ReplaceLevel, Sample, Setting, State, system_psf, typical_psf,
+)  # fmt: skip
 from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
 from ..masks.find import COARSE_PIXEL
@@ -35,10 +37,9 @@ from .recipe import Recipe, smallest_object
 
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
-LEAST_PERCENTILE = 1.0
-"""Percentile of the prediction that is its level where glint covers all of the sample [%]: the least but for noise. As
-many pixels again as have glint beyond doubt are taken to have some that is too faint for that; the middle of the others
-is the level."""
+LEAST_PERCENTILE = 0.5
+"""Percentile of the prediction that is its level where glint covers all of the sample [%]: the least but for noise. Else
+it is the middle of the pixels without glint."""
 HALO = 64
 """Pixels around a tile that are read with it, and which its first stages look at: windows, kernels, clumps [pixel]."""
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
@@ -272,9 +273,12 @@ def removal_of(job: Job, training: Sequence[Training], method: str) -> FitRemova
         if not METHODS[method].neighbours:
             return fit_pointwise(method, job.request, images, sample.inside)
         tiles = [t.as_sample(image) for t, image in zip(training, images, strict=True)]
-        covers = [stage.cover for stage in chain.before if isinstance(stage, Background)]
-        if covers:
-            return mixture.fit(job.request, tiles, max(50 * (1 - 2 * covers[-1]), LEAST_PERCENTILE))
+        background = next((stage for stage in reversed(chain.before) if isinstance(stage, Background)), None)
+        if background is not None:
+            percentile = max(50 * background.clear, LEAST_PERCENTILE)
+            replaced = any(isinstance(stage, ReplaceLevel) for stage in chain.before)
+            inner = _within(tiles, background.size)
+            return mixture.fit(job.request, inner, percentile, background.cut if replaced else None)
         request = replace(job.request, regression="detrended")
         if chain.text != "remove":  # the posterior mean follows
             request = replace(request, faint=True)
@@ -282,6 +286,16 @@ def removal_of(job: Job, training: Sequence[Training], method: str) -> FitRemova
         return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
 
     return fit
+
+
+def _within(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
+    """Tiles whose sample keeps a window's width from land, where openings are too dark; unless most is as near as that."""
+    import cv2
+
+    window = np.ones((2 * size - 1,) * 2, np.uint8)
+    inner = [replace(t, sample=t.sample & cv2.erode(t.water.view(np.uint8), window).view(np.bool_)) for t in tiles]
+    enough = 2 * sum(int(t.sample.sum()) for t in inner) >= sum(int(t.sample.sum()) for t in tiles)
+    return inner if enough else list(tiles)
 
 
 def chosen(job: Job, training: Sequence[Training]) -> Choice:
