@@ -18,6 +18,6 @@ from .uncertainty import ReplacedError, fit_replaced, stderr
 
 __all__ = [
     "PSF", "STAGES", "THESIS_CHAIN", "Background", "Chain", "FitRemoval", "FittedChain", "Posterior", "ReplaceLevel",
-    "ReplacedError", "Sample", "Setting", "State", "apply_chain", "clump_width", "fit_chain", "fit_posterior", "fit_replaced",
-    "parse", "stderr", "system_psf", "typical_psf", "with_targets",
+    "ReplacedError", "Sample", "Setting", "State", "apply_chain", "clump_width", "fit_chain", "fit_posterior",
+    "fit_replaced", "parse", "stderr", "system_psf", "typical_psf", "with_targets",
 ]  # fmt: skip

@@ -16,9 +16,7 @@ import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..choose import Choice, choose
-from ..compensate import (
-    Background, Chain, FitRemoval, ReplaceLevel, Sample, Setting, State, system_psf, typical_psf,
-)  # fmt: skip
+from ..compensate import Background, Chain, FitRemoval, ReplaceLevel, Sample, Setting, State, system_psf, typical_psf
 from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
 from ..masks.find import COARSE_PIXEL
@@ -38,8 +36,8 @@ from .recipe import Recipe, smallest_object
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
 LEAST_PERCENTILE = 0.5
-"""Percentile of the prediction that is its level where glint covers all of the sample [%]: the least but for noise. Else
-it is the middle of the pixels without glint."""
+"""Percentile of the prediction that is its level where glint covers all of the sample [%]: the least but for noise.
+Else it is the middle of the pixels without glint."""
 HALO = 64
 """Pixels around a tile that are read with it, and which its first stages look at: windows, kernels, clumps [pixel]."""
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
@@ -289,7 +287,7 @@ def removal_of(job: Job, training: Sequence[Training], method: str) -> FitRemova
 
 
 def _within(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
-    """Tiles whose sample keeps a window's width from land, where openings are too dark; unless most is as near as that."""
+    """Tiles whose sample keeps a window from land, where openings are too dark; as they are where most is that near."""
     import cv2
 
     window = np.ones((2 * size - 1,) * 2, np.uint8)
