@@ -51,8 +51,8 @@ TABLE_ENTRIES = 2048
 LEAST_VARIANCE = np.float32(0.01)
 """Variance of the water relative to that of noise where none is seen: a tenth of the noise's standard deviation."""
 UNKNOWN = np.float32(1e6)
-"""Variance of left-over glint, relative to that of noise, in pixels that are saturated, or zero or less in a band that
-is corrected: they tell nothing of the water."""
+"""Variance of left-over glint, relative to that of noise, in pixels that tell nothing of the water: saturated ones, and
+for the posterior mean those that are zero or less in a band that is corrected."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ class Posterior:
         for band, limit in zip(state.raw, self.saturation, strict=True):
             if np.isfinite(limit):
                 unknown |= band >= limit
-        for left in self.left:  # resampling digs pits beside glint, which end at zero
+        for left in self.left if self.resolved else ():  # resampling digs pits beside glint, which end at zero
             unknown |= state.raw[left.band] <= 0
         for left in self.left:
             b, s2 = left.band, np.float32(left.sigma**2)

@@ -31,7 +31,7 @@ MOSTLY_CLEAR, LEAST_CLEAR = 0.05, 40.0
 """Where the lower half of the predictions spans less than this share of what strong glint spans (from the median to the
 99th percentile), most pixels have no glint and differ by noise, whose lowest is no level: more percent are taken [%].
 Pixels that resolve sparkle have .007 to .02, pixels of 1.2 m .07, of 10 m .4."""
-AROUND, SPARSE = 3, 0.1
+AVERAGED, SPARSE = 3, 0.1
 """Where that span is less than a tenth there is water without glint, and the least glint is sought in means of 3 x 3
 pixels: a kernel that sharpens the NIR amplifies its noise, whose least values would be taken for the level. Wider spans
 are of pixels that do not resolve glint, which differ as they should."""
@@ -189,7 +189,7 @@ class LevelSample:
     prediction, value : (band, pixel) ndarray
         What the kernels predict in each band, and its values.
     around : (pixel,) ndarray, optional
-        Mean over `AROUND` x `AROUND` pixels of the prediction of all bands together; the pixel's own by default.
+        Mean over `AVERAGED` x `AVERAGED` pixels of the prediction of all bands together; the pixel's own by default.
     apart : (pixel,) ndarray of bool, optional
         Pixels that may be the least; all by default.
     """
@@ -217,9 +217,10 @@ def shared_level(
     if sample.apart is not None and sample.apart.any():
         sample, together = sample.some(sample.apart), together[sample.apart]
     span = (middle - float(np.percentile(together, LEAST_GLINT / 2))) / max(strong - middle, np.finfo(float).tiny)
+    sparse = share is None and span < SPARSE and sample.around is not None
     if share is None:
         share = LEAST_CLEAR if span < MOSTLY_CLEAR else LEAST_GLINT
-    order = together if sample.around is None or span >= SPARSE else sample.around
+    order = sample.around if sparse else together
     least = order <= np.percentile(order, share)
     prediction, value = sample.prediction, sample.value
     level = np.median(prediction[:, least], axis=1)

@@ -37,8 +37,8 @@ from .wiener import SampleTile
 
 MIXTURE_SIDE = 3
 """Side of the kernels [pixel]."""
-ROUNDS = 5
-"""Of reweighting: the error on simulated seas changes by less than 1 % after the third."""
+REWEIGHTED = 5
+"""Rounds of reweighting: the error on simulated seas changes by less than 1 % after the third."""
 LEAST_LEFT = 0.1
 """Share of the median mean square that a square is taken to have at least, so that no even one decides alone."""
 TURBID = np.array([(400, 0.3), (490, 0.5), (560, 1.0), (660, 1.0), (710, 0.6), (740, 0.2), (850, 0.1)])
@@ -62,8 +62,8 @@ def fit(
     percentile : float
         Of the prediction, as its level [%].
     cut : sequence of float, optional
-        How far the mean of each band of the scene lies too low, since noise above the background was replaced; it is
-        given back with the level.
+        How far the mean of each band of the scene lies too low, since noise above the background was replaced; the level
+        is raised by it.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def _fitted(
 def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> npt.NDArray[np.float64]:
     """Coefficients (input, 1) that leave the least sum of root mean squares of the squares."""
     weight = np.ones(len(grams.grams))
-    for _ in range(ROUNDS):
+    for _ in range(REWEIGHTED):
         found = solve(np.tensordot(weight, grams.grams, 1), inputs, output)
         left = np.array([float(unexplained(g, inputs, output, found)[0]) for g in grams.grams]) / grams.pixels
         least = LEAST_LEFT * float(np.median(left))

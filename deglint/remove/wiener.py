@@ -63,7 +63,7 @@ from .kernels import (
     merge,
     offsets,
 )  # fmt: skip
-from .levels import AROUND, LevelSample, apart_from_sparkle, shared_level, shared_level_error
+from .levels import AVERAGED, LevelSample, apart_from_sparkle, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
 from .predict import bordered, predicted
@@ -362,7 +362,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
             references = {band: bordered(values) for band, values in tile.references.items()}
             found = np.stack([predicted(references, model, k, tile.origin) for k in range(len(model.indexes))])
             together = np.tensordot(slopes, found, 1)
-            around = np.asarray(cv2.blur(together, (AROUND, AROUND)))
+            around = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
             planes = (found, np.stack(tile.bands), around, apart_from_sparkle(together, tile.sample))
             parts.append(tuple(p[..., tile.sample] for p in planes))
     sample = LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
