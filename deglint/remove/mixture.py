@@ -62,8 +62,8 @@ def fit(
     percentile : float
         Of the prediction, as its level [%].
     cut : sequence of float, optional
-        How far the mean of each band of the scene lies too low, since noise above the background was replaced; the level
-        is raised by it.
+        How far the mean of each band of the scene is too low, as noise above the background was replaced; the level is
+        raised by it.
 
     Raises
     ------
