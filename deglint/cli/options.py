@@ -140,7 +140,7 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
 
 on_cluster = with_options(
     click.option("--cluster", metavar="tcp://HOST:PORT", help="Work on this dask cluster, whose workers see "
-                 "the input and the output's directory."),
+                 "the input."),
     click.option("--workers", type=click.IntRange(1, 1024), metavar="N",
                  help="Work on N processes of this machine in place of threads."),
     click.option("--worker-memory", metavar="SIZE", help="With --workers: what each may hold, such as 1GiB; its"

@@ -1,35 +1,26 @@
 """Pass over a scene's tiles on the workers of a dask cluster: processes of this machine, or other machines.
 
-A `Cluster` does what `deglint.tiles.run` does on threads. Every worker opens the input for itself, and what tells of a
-tile travels as small numbers. A tile's pixels go by way of files beside the output: the worker compresses and writes
-them there, and their blocks are copied into the output as they are. A worker that dies loses the tiles it was at:
-others do them again, with the same result.
+A `Cluster` does what `deglint.tiles.run` does on threads. Every worker opens the input for itself; results come back to
+the calling process, which writes them. Other workers repeat the tiles of a worker that dies, with the same result.
 """
 
 from __future__ import annotations
 
 import logging
-import os
 import re
 import secrets
-import shutil
-import socket
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
-from ..errors import DeglintError, InputError, WriteError
+from ..errors import DeglintError, InputError
 from ..raster.environment import environment
-from ..raster.output import Layout, Scratch, writing
-from ..raster.parts import Part, write_part, writing_parts
-from ..raster.scratch import beside
-from ..tiles import Combine, Run, Tile, hull, rows_of
-from ..tiles import run as run_on_threads
+from ..tiles import Combine, Tile, hull, rows_of
 
 TILES_AHEAD = 3
 """Tiles that each thread of a worker has been given, or has done and not been asked for."""
@@ -99,33 +90,6 @@ class Cluster:
         finally:
             self.client.cancel([future for _row, future in waiting])  # what they wait for is then wanted by nobody
 
-    @contextmanager
-    def by_files(self, target: Path, layouts: Mapping[str, Layout]) -> Iterator[Run]:
-        """`run` for results that hold images, as parts (`deglint.raster.parts`) beside `target`, which are removed.
-
-        `layouts` has what the images are like, by the names of the results' fields.
-        """
-        try:
-            folder = beside(target, "parts")
-            folder.mkdir(mode=0o700)
-        except OSError as error:
-            raise WriteError(f"cannot write beside {target}: {error.strerror or error}.") from error
-        try:
-            folder.chmod(0o777 & ~_umask())  # workers may be other users
-            yield partial(self._run_by_files, folder, layouts)
-        finally:
-            _remove(folder)
-
-    def _run_by_files(
-        self, folder: Path, layouts: Mapping[str, Layout], everything: Sequence[Tile], work: Callable[[Tile], Any],
-        **options: Any,
-    ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
-        for tile, done in self.run(everything, _ToFiles(work, folder, layouts), **options):
-            yield tile, done
-            for part in (getattr(done, name) for name in layouts):
-                if part is not None:
-                    part.path.unlink(missing_ok=True)  # gives the disk back
-
     def _result(self, future: Any) -> Any:
         from distributed import KilledWorker
         from distributed.client import FutureCancelledError
@@ -165,38 +129,14 @@ class Cluster:
 
 
 @contextmanager
-def writing_images(
-    scratch: Scratch, target: Path, images: Mapping[str, tuple[Path, Layout]], cluster: Cluster | None
-) -> Iterator[tuple[Run, dict[str, Any]]]:
-    """What passes over the tiles, and what writes each image: on threads, or as parts from the workers of a cluster.
-
-    Parameters
-    ----------
-    scratch : Scratch
-    target : Path
-        Beside which parts may lie for a while.
-    images : mapping
-        By the fields of a tile's result: their names, and what they are like.
-    cluster : Cluster, optional
-    """
-    with ExitStack() as stack:
-        run: Run = run_on_threads
-        way: Any = writing
-        if cluster is not None:
-            layouts = {what: layout for what, (_path, layout) in images.items()}
-            run, way = stack.enter_context(cluster.by_files(target, layouts)), writing_parts
-        yield run, {what: stack.enter_context(way(scratch, *image)) for what, image in images.items()}
-
-
-@contextmanager
 def connect(address: str | None = None, *, workers: int | None = None, memory: str = "auto") -> Iterator[Cluster]:
     """Connect to a cluster, or start one of this machine's processes for as long as it is needed.
 
     Parameters
     ----------
     address : str, optional
-        Of a dask scheduler, such as "tcp://10.0.0.5:8786". Workers must have deglint, and see the input and the
-        output's directory under the same names.
+        Of a dask scheduler, such as "tcp://10.0.0.5:8786". Workers must have deglint, and see the input under
+        the same name.
     workers : int, optional
         In place of an address: so many processes of this machine, of one thread each.
     memory : str
@@ -239,7 +179,8 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
                 workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
                 dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
             )  # fmt: skip
-            return stack.enter_context(Client(stack.enter_context(local), set_as_default=False))
+            inside = stack.enter_context(local)
+            return stack.enter_context(Client(inside, set_as_default=False, direct_to_workers=True))
 
         yield Cluster(start)
 
@@ -290,57 +231,6 @@ def _do(packed: bytes, tile: Tile) -> Any:
         except DeglintError as error:
             refusal = type(error)(str(error))
     raise refusal
-
-
-@dataclass(frozen=True, eq=False)
-class _ToFiles:
-    """Work whose images are left as parts in files; `layouts` says what images they are parts of, by field."""
-
-    work: Callable[[Tile], Any]
-    folder: Path
-    layouts: Mapping[str, Layout]
-
-    def __call__(self, tile: Tile) -> Any:
-        done = self.work(tile)
-        kept: dict[str, Any] = {}
-        for name, layout in self.layouts.items():
-            if (array := getattr(done, name)) is not None:
-                valid = done.valid if layout.masked else None
-                kept[name] = self._write(f"{tile.row0}-{tile.col0}-{name}.npy", array, valid)
-        if hasattr(done, "valid"):
-            kept["valid"] = None  # it is in the part
-        return replace(done, **kept)
-
-    def _write(self, name: str, array: Any, valid: Any) -> Part:
-        """All of it or nothing: a worker may be ended at any time, and another be doing the same tile."""
-        if not self.folder.is_dir():
-            raise WriteError(
-                f"a worker on {socket.gethostname()} does not see {self.folder.parent}. Workers need the output's "
-                "directory, under the same name."
-            )
-        scratch, path = self.folder / f"{secrets.token_hex(4)}-{name}", self.folder / name
-        part = write_part(scratch, array, valid)
-        try:
-            scratch.replace(path)
-        except OSError as error:
-            raise WriteError(f"cannot write in {self.folder.parent}: {error.strerror or error}.") from error
-        return replace(part, path=path)
-
-
-def _remove(folder: Path) -> None:
-    """Remove a directory, in which workers that have not heard of the end may still be writing."""
-    for _ in range(50):
-        shutil.rmtree(folder, ignore_errors=True)
-        if not folder.exists():
-            return
-        time.sleep(0.1)
-
-
-def _umask() -> int:
-    """The permissions that this process withholds from new files."""
-    umask = os.umask(0)
-    os.umask(umask)
-    return umask
 
 
 def _peak() -> int:

@@ -18,7 +18,7 @@ from ..checksum import Checksum, fingerprint
 from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..raster.environment import enter_thread, environment
-from ..raster.output import Layout, Scratch, plain, write_bytes, write_json, write_text
+from ..raster.output import Layout, Scratch, plain, write_bytes, write_json, write_text, writing_all
 from ..raster.targets import Reads, check_image, check_targets
 from ..readers.areas import Area, open_area
 from ..readers.opening import open_scene
@@ -31,7 +31,7 @@ from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
 from ..timing import Reporter
-from .cluster import Cluster, writing_images
+from .cluster import Cluster
 from .correct import CHAIN_CELL, Correction
 from .fit import Fitted, Progress, fit_scene, given_model
 from .flags import beside, glint_numbers, sky_glint
@@ -75,8 +75,8 @@ def remove_glint(
     progress : callable, optional
         progress(stage, done, total).
     cluster : Cluster, optional
-        Workers in place of threads (`deglint.pipeline.cluster.connect`), which see the input and the output's
-        directory. The result is the same to the bit.
+        Workers in place of threads (`deglint.pipeline.cluster.connect`), which see the input. The
+        result is the same to the bit.
     **outputs
         flags, amount, stderr, sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`.
 
@@ -119,6 +119,11 @@ class _Run:
     cluster: Cluster | None
     begun: float = field(default_factory=time.perf_counter)
 
+    @property
+    def over(self) -> tiling.Run:
+        """What does work on tiles."""
+        return tiling.run if self.cluster is None else self.cluster.run
+
 
 def _checked(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> Checksum:
     """Refuse outputs that cannot be written; begin on the checksum of what is read."""
@@ -139,9 +144,8 @@ def _deglinted(
     """Fit a scene, or take a saved fit; correct it and write all that is wanted."""
     model, chain = saved_fit
     if model is None:
-        over = tiling.run if run.cluster is None else run.cluster.run
         want = targets.sample is not None
-        fitted = fit_scene(scene, recipe, threads=run.threads, want_sample=want, progress=run.progress, run=over)
+        fitted = fit_scene(scene, recipe, threads=run.threads, want_sample=want, progress=run.progress, run=run.over)
     else:
         fitted = given_model(scene, recipe, model, run.threads, chain)
     if targets.sample and fitted.sample is None:
@@ -239,10 +243,9 @@ def _write_tiles(
     at_once = tiling.affordable(run.threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
     tally = PixelCounts(len(scene.bands))
     images = {"raw": (targets.image, image)} | beside(work, targets, sky)
-    opened = writing_images(scratch, targets.image, images, run.cluster)
     options: dict[str, Any] = {"progress": partial(run.progress, "correct"), "start": enter_thread}
-    with one_thread_each(), opened as (over, writers):
-        for tile, done in over(everything, work, threads=at_once, **options):
+    with one_thread_each(), writing_all(scratch, images) as writers:
+        for tile, done in run.over(everything, work, threads=at_once, **options):
             for what, writer in writers.items():
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
