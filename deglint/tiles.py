@@ -74,6 +74,11 @@ class Tile:
             min(self.col1 + halo, width),
         )
 
+    def within(self, outer: Tile) -> tuple[Any, slice, slice]:
+        """Where the tile lies in an array of a larger one, (row, column) or with bands before them."""
+        rows = slice(self.row0 - outer.row0, self.row1 - outer.row0)
+        return ..., rows, slice(self.col0 - outer.col0, self.col1 - outer.col0)
+
     def crop_of(self, outer: Tile) -> tuple[int, int, int, int]:
         """Rows above and below, columns left and right, by which `outer` exceeds this tile."""
         return (

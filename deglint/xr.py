@@ -29,7 +29,7 @@ from .compensate import Chain
 from .errors import DeglintError, InputError, NoWaterError
 from .pipeline import Fitted, Recipe, fit_scene
 from .pipeline.chunks import DetachedSource, over_tiles
-from .pipeline.correct import Correction
+from .pipeline.correct import CHAIN_CELL, Correction
 from .pipeline.fit import given_model
 from .pipeline.outputs import DTYPES
 from .pipeline.run import correction
@@ -135,7 +135,8 @@ def apply(
         opened = replace(opened, scene=fitted.undeclared.on(opened.scene))
     work = _correction(opened.scene, fitted, dtype)
     every = (len(opened.scene.bands), np.dtype(work.layout.dtype))
-    return opened.like(over_tiles(opened, partial(_corrected, work), work.halo, every, step=work.step, threads=threads))
+    step = CHAIN_CELL if work.by_cells else 1
+    return opened.like(over_tiles(opened, partial(_corrected, work), work.halo, every, step=step, threads=threads))
 
 
 @checked_keywords()

@@ -23,7 +23,7 @@ from ..readers.undeclared import Undeclared, undeclared
 from ..remove import METHODS, GlintModel, SamplePlan, combine, gather, wiener
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
-from .overview import TILE_SIDE, check_size, core_of, overview_of, overviews, role_bands, where_to_sample
+from .overview import TILE_SIDE, check_size, overview_of, overviews, role_bands, where_to_sample
 from .recipe import Recipe, make_request
 from .sample import (
     HALO,
@@ -255,14 +255,13 @@ def _fit_sampled(job: Job, given: Sampler | None, method: str) -> Sampled:
     rows, reach, outlined = [columns.index(b) for b in plan.read_bands], halo + sampler.halo, job.want_sample
 
     def work(plan: SamplePlan, tile: Tile) -> Any:
-        outer = tile.grown(reach, scene.height, scene.width)
-        middle = tile.grown(halo, scene.height, scene.width)
+        outer, middle = (tile.grown(n, scene.height, scene.width) for n in (reach, halo))
         block: Any = scene.source.read(outer.window, columns)
         mask = sampler.mask(block, columns, outer)
-        inner = core_of(middle.crop_of(outer), mask.shape)
-        mask, block = mask[inner], block[(slice(None), *inner)][rows]
+        inner = middle.within(outer)
+        mask, block = mask[inner], block[inner][rows]
         part = gather(block, mask, plan, origin=(tile.row0, tile.col0), crop=tile.crop_of(middle))
-        mask = mask[core_of(tile.crop_of(middle), mask.shape)]
+        mask = mask[tile.within(middle)]
         return part, _box(mask, tile), to_geojson(mask, (tile.row0, tile.col0), scene) if outlined else []
 
     features, boxes = [], []

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from ..checks import as_path, check_choice
 from ..errors import DeglintError
 from ..raster.environment import environment
 from ..scene import Band, FloatArray
 from .fit import Fitted
-from .flags import GLINT_CLASSES
 from .overview import raster_of
 
-Counts = npt.NDArray[np.int64]
 BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")
 """Outputs beside the image and its sidecar."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
@@ -82,34 +77,29 @@ class Outputs:
 
 @dataclass
 class PixelCounts:
-    """Pixels of the whole run; bands in scene order. What was `copied` was not computed: only its total is known;
-    `rewritten` counts pixels of bands without a removal that compensation changed."""
+    """Pixels of a tile or of the whole run; counts of bands are arrays in scene order, or 0.
 
-    bands: int
+    What was copied was not computed: only its total is known. `rewritten` counts pixels of bands without a removal that
+    compensation changed, `glint` those of each class of sun glint.
+    """
+
     total: int = 0
-    copied: bool = False
+    copied: int = 0  # tiles
     nodata: int = 0
     not_water: int = 0
     corrected: int = 0
     protected: int = 0
-    usable: int = 0
-    replaced: Counts = field(init=False)
-    rewritten: Counts = field(init=False)
-    negative: Counts = field(init=False)
-    clipped: Counts = field(init=False)
-    saturated: Counts = field(init=False)
-    glint: Counts = field(init=False)  # by class of sun glint
-
-    def __post_init__(self) -> None:
-        for name in ("replaced", "rewritten", "negative", "clipped", "saturated"):
-            setattr(self, name, np.zeros(self.bands, np.int64))
-        self.glint = np.zeros(len(GLINT_CLASSES), np.int64)
+    replaced: Any = 0
+    rewritten: Any = 0
+    negative: Any = 0
+    clipped: Any = 0
+    saturated: Any = 0
+    glint: Any = 0
 
     def add(self, other: PixelCounts) -> None:
         """Add a tile's counts."""
-        for name in {f.name for f in fields(self)} - {"bands", "copied"}:
-            setattr(self, name, getattr(self, name) + getattr(other, name))
-        self.copied |= other.copied
+        for name, count in vars(other).items():
+            setattr(self, name, getattr(self, name) + count)
 
 
 @dataclass(frozen=True)

@@ -174,16 +174,6 @@ def read_overview(scene: Scene, chosen: Sequence[Tile], roles: Roles, threads: i
     return [block for _tile, block in found]
 
 
-def core_of(crop: tuple[int, int, int, int], shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """The part of an array that is not halo, whose widths `crop` gives."""
-    return slice(crop[0], shape[0] - crop[1]), slice(crop[2], shape[1] - crop[3])
-
-
-def place_in(tile: Tile, outer: Tile) -> tuple[slice, slice, slice]:
-    """Where a tile lies in the block of a larger one."""
-    return (slice(None), *core_of(tile.crop_of(outer), outer.shape))
-
-
 def block_of(scene: Scene) -> tuple[int, int]:
     """Rows and columns of the blocks that the scene is stored in."""
     return raster_of(scene).info.block_shapes[0]

@@ -36,7 +36,7 @@ from .correct import CHAIN_CELL, Correction
 from .fit import Fitted, Progress, fit_scene, given_model
 from .flags import beside, glint_numbers, sky_glint
 from .outputs import Outputs, PixelCounts, Result
-from .overview import block_of, place_in, raster_of, tile_shape_of
+from .overview import block_of, raster_of, tile_shape_of
 from .recipe import Recipe
 from .sidecar import log_result, saved, sidecar
 from .uncertain import with_noise, with_stderr
@@ -241,7 +241,7 @@ def _write_tiles(
     scene, image = work.scene, work.layout
     everything = tiling.tiles(scene.height, scene.width, image.tile)
     at_once = tiling.affordable(run.threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
-    tally = PixelCounts(len(scene.bands))
+    tally = PixelCounts()
     images = {"raw": (targets.image, image)} | beside(work, targets, sky)
     options: dict[str, Any] = {"progress": partial(run.progress, "correct"), "start": enter_thread}
     with one_thread_each(), writing_all(scratch, images) as writers:
@@ -309,10 +309,10 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
             report("correct", done, len(everything))
             part = Tile(max(tile.row0, top), min(tile.row1, bottom), max(tile.col0, left), min(tile.col1, right))
             if part.row0 < part.row1 and part.col0 < part.col1:
-                clean = work.physical(tile)
+                clean, _where = work.corrected(tile)
                 if out is None:
                     out = np.empty((len(clean), *whole.shape), clean.dtype)
-                out[place_in(part, whole)] = clean[place_in(part, tile)]
+                out[part.within(whole)] = clean[part.within(tile)]
     assert out is not None
     return out
 

@@ -30,7 +30,7 @@ from ..remove.strips import Strips, filled
 from ..remove.wiener import StripFinder
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
-from .overview import OVERVIEW_PIXELS, TILE_SIDE, Overview, core_of, place_in, read_overview, role_bands, tile_shape_of
+from .overview import OVERVIEW_PIXELS, TILE_SIDE, Overview, read_overview, role_bands, tile_shape_of
 from .recipe import Recipe, smallest_object
 
 Mask = npt.NDArray[np.bool_]
@@ -73,9 +73,20 @@ class Sampler:
     mask: Callable[[Any, Sequence[int], Tile], Mask]
     bands: tuple[int, ...] = ()
     halo: int = 0
-    pixels: int = 0
     numbers: dict[str, Any] = field(default_factory=dict)
     bounds: Window | None = None
+
+    @property
+    def pixels(self) -> int:
+        """Pixels that the sample may lie in."""
+        if self.bounds is None:
+            return sum(tile.pixels for tile in self.tiles)
+        (top, bottom), (left, right) = self.bounds
+        return (bottom - top) * (right - left)
+
+    def squares(self, scene: Scene) -> Sequence[Tile]:
+        """Squares that the sample may be read from: the same ones however the file is stored."""
+        return self.tiles if self.bounds is None else tiles_over(scene, self.bounds, (TILE_SIDE, TILE_SIDE))
 
 
 def sampler_of(scene: Scene, recipe: Recipe, overview: Overview, threads: int) -> Sampler:
@@ -98,9 +109,7 @@ def sampler_of(scene: Scene, recipe: Recipe, overview: Overview, threads: int) -
     def mask(_block: Any, _columns: Sequence[int], tile: Tile) -> Mask:
         return np.ones(tile.shape, np.bool_) if area is None else area.read(tile.window)
 
-    (top, bottom), (left, right) = bounds
-    pixels = (bottom - top) * (right - left)
-    return Sampler(tiles_over(scene, bounds, tile_shape_of(scene)), mask, (), 0, pixels, numbers, bounds)
+    return Sampler(tiles_over(scene, bounds, tile_shape_of(scene)), mask, numbers=numbers, bounds=bounds)
 
 
 def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
@@ -125,64 +134,37 @@ def _auto_sampler(scene: Scene, overview: Overview, threads: int) -> Sampler:
     def mask(block: Any, columns: Sequence[int], _tile: Tile) -> Mask:
         return deep_water(block[[columns.index(b) for b in bands]], rule)
 
-    pixels = sum(tile.pixels for tile in overview.tiles)
-    return Sampler(overview.tiles, mask, bands, rule.halo, pixels, numbers)
+    return Sampler(overview.tiles, mask, bands, rule.halo, numbers)
 
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A tile of a scene to learn from, with the pixels around it that stages need.
-
-    Attributes
-    ----------
-    tile, outer : Tile
-        Without and with these pixels.
-    block : (band, row, column) ndarray
-        Of `outer`, physical values of all bands.
-    water : (row, column) bool ndarray
-        Of `outer`, where it is water.
-    sample : (row, column) bool ndarray
-        Of `tile`: water to learn from, away from shores, or the sample that the user named.
-    """
+    """A tile of a scene to learn from, with the pixels around it that stages need."""
 
     tile: Tile
-    outer: Tile
-    block: FloatArray
-    water: Mask
-    sample: Mask
-
-    @property
-    def core(self) -> tuple[slice, slice]:
-        """Where the tile lies in the block."""
-        return core_of(self.tile.crop_of(self.outer), self.outer.shape)
+    outer: Tile  # with the pixels around
+    block: FloatArray  # of `outer`, physical values of all bands
+    water: Mask  # of `outer`, where it is water
+    sample: Mask  # of `tile`: water to learn from, away from shores, or the sample that the user named
 
     @property
     def inside(self) -> Mask:
         """The sample, in the block."""
         out = np.zeros(self.outer.shape, np.bool_)
-        out[self.core] = self.sample
+        out[self.tile.within(self.outer)] = self.sample
         return out
 
     def as_sample(self, image: FloatArray | None = None) -> SampleTile:
         """For methods that look at neighbours: the tile, or what stages have made of the block."""
-        block = np.ascontiguousarray((self.block if image is None else image)[(slice(None), *self.core)])
-        return SampleTile(block, np.ascontiguousarray(self.water[self.core]), self.sample,
-                          (self.tile.row0, self.tile.col0))  # fmt: skip
+        core = self.tile.within(self.outer)
+        block = np.ascontiguousarray((self.block if image is None else image)[core])
+        return SampleTile(block, np.ascontiguousarray(self.water[core]), self.sample, (self.tile.row0, self.tile.col0))
 
 
 def training_reader(
     scene: Scene, overview: Overview, sampler: Sampler | None, halo: int = 0
 ) -> Callable[[Tile], Training]:
-    """What reads a tile to learn from, with so many pixels around it.
-
-    Parameters
-    ----------
-    scene : Scene
-    overview : Overview
-    sampler : Sampler, optional
-        The sample that the user named; all open water by default.
-    halo : int
-    """
+    """What reads a tile to learn from, with `halo` pixels around it: of the sampler, or of all open water."""
     rule, every = overview.water, list(range(len(scene.bands)))
     named = rule is None or (sampler is not None and not halo)
     reach = 0 if rule is None or named else rule.halo
@@ -191,16 +173,16 @@ def training_reader(
         outer = tile.grown(halo, scene.height, scene.width)
         wide = outer.grown(reach, scene.height, scene.width)
         read = scene.source.read(wide.window, every)
-        place = place_in(outer, wide)
+        place = outer.within(wide)
         block, found = np.ascontiguousarray(read[place]), np.ones(outer.shape, np.bool_)
         if rule is not None and not named:
-            found = np.ascontiguousarray(water([read[b] for b in role_bands(overview.roles)], rule)[place[1:]])
-        core = core_of(tile.crop_of(outer), outer.shape)
+            found = np.ascontiguousarray(water([read[b] for b in role_bands(overview.roles)], rule)[place])
+        core = tile.within(outer)
         if sampler is None:
             away = away_from_shore(found)[core]
             sample = away if away.any() else found[core]
         else:
-            sample = sampler.mask(block[(slice(None), *core)], every, tile)
+            sample = sampler.mask(block[core], every, tile)
             found[core] = sample if not halo else found[core] | sample
         return Training(tile, outer, block, found, np.ascontiguousarray(sample))
 
@@ -248,9 +230,7 @@ def setting(job: Job) -> Setting:
 
 def read_training(job: Job, sampler: Sampler | None, halo: int) -> list[Training]:
     """Tiles to learn from, in memory: so many as an overview may hold, the same ones however the file is stored."""
-    places: Sequence[Tile] = job.overview.tiles if sampler is None else sampler.tiles
-    if sampler is not None and sampler.bounds is not None:
-        places = tiles_over(job.scene, sampler.bounds, (TILE_SIDE, TILE_SIDE))
+    places: Sequence[Tile] = job.overview.tiles if sampler is None else sampler.squares(job.scene)
     if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
         places = tiling.spread(places, OVERVIEW_PIXELS)
     at_once = tiling.affordable(job.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(job.scene.bands))
@@ -309,6 +289,6 @@ def _part_of(found: Training, scene: Scene) -> Training:
     last = min(tile.row0 + TRIED_SIDE, tile.row1), min(tile.col0 + TRIED_SIDE, tile.col1)
     part = Tile(tile.row0, last[0], tile.col0, last[1])
     outer = part.grown(TRIED_HALO, scene.height, scene.width)
-    place = place_in(outer, found.outer)
-    block, water = np.ascontiguousarray(found.block[place]), np.ascontiguousarray(found.water[place[1:]])
+    place = outer.within(found.outer)
+    block, water = np.ascontiguousarray(found.block[place]), np.ascontiguousarray(found.water[place])
     return Training(part, outer, block, water, np.ascontiguousarray(found.sample[: part.shape[0], : part.shape[1]]))

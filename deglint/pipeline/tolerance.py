@@ -23,8 +23,8 @@ from ..remove.request import MIN_PIXELS
 from ..remove.statistics import SamplePart
 from ..scene import Scene
 from ..tiles import Tile
-from .overview import OVERVIEW_PIXELS, TILE_SIDE
-from .sample import Sampler, tiles_over
+from .overview import OVERVIEW_PIXELS
+from .sample import Sampler
 
 KEPT_PIXELS = 1 << 20
 """Most single pixels that are kept for a percentile or a mode."""
@@ -39,34 +39,21 @@ READ_MARGIN = 1.1
 
 @dataclass(eq=False)
 class Sampling:
-    """The batches of a sample: `for tiles, plan in sampling`, and after each `take(parts)`.
-
-    Attributes
-    ----------
-    scene : Scene
-    sampler : Sampler
-    request : FitRequest
-    method : str
-        Key of `METHODS`.
-    plan : SamplePlan
-        What the method gathers.
-    tolerance : float
-        Relative standard error wanted; 0: everything is one batch.
-    """
+    """The batches of a sample: `for tiles, plan in sampling`, with what is gathered of each appended to `parts`."""
 
     scene: Scene
     sampler: Sampler
     request: FitRequest
     method: str
     plan: SamplePlan
-    tolerance: float = 0.0
+    tolerance: float = 0.0  # relative standard error wanted; 0: everything is one batch
     errors: dict[str, float] = field(default_factory=dict)
     parts: list[SamplePart] = field(default_factory=list)
     taken: int = 0
     cells: float = 0.0
 
     def __post_init__(self) -> None:
-        self.pool = _pool(self.scene, self.sampler) if self.tolerance else list(self.sampler.tiles)
+        self.pool = list(self.sampler.squares(self.scene) if self.tolerance else self.sampler.tiles)
         self.total = sum(tile.pixels for tile in self.pool)
 
     @property
@@ -155,13 +142,6 @@ class Sampling:
         else:
             known = f"the slopes' error is {self.errors[worst or '']:.2g} in {worst}"
         return numbers, notes, [f"the tolerance {self.tolerance:g} was not reached: {known}."]
-
-
-def _pool(scene: Scene, sampler: Sampler) -> list[Tile]:
-    """Squares that the sample may be read from; the same ones however the file is stored."""
-    if sampler.bounds is None:
-        return list(sampler.tiles)
-    return tiles_over(scene, sampler.bounds, (TILE_SIDE, TILE_SIDE))
 
 
 def _spread(pool: Sequence[Tile], pixels: int) -> list[Tile]:

@@ -14,7 +14,7 @@ from ..remove.noise import noise
 from ..scene import Scene
 from ..tiles import Tile
 from .correct import Correction, Errors
-from .overview import core_of, raster_of
+from .overview import raster_of
 
 TILES = 8
 """Tiles that are learnt from: spread over the scene, and few, as each is corrected twice more."""
@@ -41,7 +41,7 @@ def with_stderr(work: Correction, threads: int) -> Correction:
         block = scene.source.read(outer.window, list(range(len(scene.bands))))
         state = State.of(block, work.water_in(outer, block), (outer.row0, outer.col0))
         inside = np.zeros(outer.shape, np.bool_)
-        inside[core_of(tile.crop_of(outer), outer.shape)] = True
+        inside[tile.within(outer)] = True
         return state, inside & state.water
 
     some = _tiles_of(scene)
@@ -65,10 +65,10 @@ def with_noise(work: Correction, threads: int) -> Correction:
     """The same correction, with the noise of the corrected bands: that of the pixels, and of rounding in the file."""
     scene, info = work.scene, raster_of(work.scene).info
     some = _tiles_of(scene)
-    done = [part for _t, part in tiling.run(some, work.changed_water, threads=threads, start=enter_thread)]
-    inside = [where for _p, where in done]
+    done = [part for _t, part in tiling.run(some, work.corrected, threads=threads, start=enter_thread)]
     steps = [info.scales[b] if np.dtype(work.layout.dtype).kind in "iu" else 0.0 for b in work.changed]
-    found = [noise([np.nan_to_num(p[i]) for p, _w in done], inside) for i in range(len(work.changed))]
+    inside = [where for _p, where in done]
+    found = [noise([np.nan_to_num(p[b]) for p, _w in done], inside) for b in work.changed]
     return replace(work, noise=tuple(float(np.hypot(n, s / 12**0.5)) for n, s in zip(found, steps, strict=True)))
 
 
