@@ -57,14 +57,12 @@ class Fitted:
     model : GlintModel
     recipe : Recipe
         With every "auto" resolved.
-    notes : tuple of str
-        What was decided, one line each, for the log.
-    numbers : dict
-        The same as numbers, for the sidecar.
+    notes, numbers : tuple of str, dict
+        What was decided, a line each for the log, and as numbers for the sidecar.
     sample : dict or None
         The sample as GeoJSON, where it was asked for.
-    water : WaterRule or None
-        How water is distinguished, where it has to be; `water_bands` are the 0-based scene bands that it looks at.
+    water, water_bands : WaterRule or None, tuple of int
+        How water is distinguished, where it has to be, and the 0-based scene bands that the rule looks at.
     chain : Chain
         Stages of compensation around the removal; empty where there are none.
     choice : Choice, optional
