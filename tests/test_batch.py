@@ -196,7 +196,7 @@ def test_a_table_replaces_nothing_but_a_table(deglint, place):
 
 CRASH = """
     import os, signal, sys
-    import deglint.batch.workers as workers
+    import deglint.batch.run as workers
     whole = workers.remove_glint
     def remove(paths, *arguments, **options):
         if paths[0].endswith("b.tif"):
@@ -317,8 +317,8 @@ def test_a_csv_of_scenes_in_two_files_each_runs(deglint, place, sea, write):
         ("[recipe]\nmethod = 'magic'", "method 'magic' is not one of auto, .*hedley"),
         ("[recipe]\nmetod = 'joyce'", r"\[recipe\] metod is not one of bands, compensate"),
         ("[recipe]\nfloor_percentile = 'much'", "want a number"),
-        ("[recipe]\nbands = {a = 1}", "want a list of names"),
-        ("[recipe]\nnir = true", "want a list of names"),
+        ("[recipe]\nbands = {a = 1}", "bands: want names or numbers"),
+        ("[recipe]\nnir = true", "nir: want names or numbers"),
         ("[output]\nname = 'out.tif'", "must hold {name}"),
         ("[output]\nname = '../{name}.tif'", "no file name can be made"),
         ("[output]\nextras = ['magic']", "is not one of flags, amount"),

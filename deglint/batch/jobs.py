@@ -33,31 +33,17 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one scene: a row of the summary.
-
-    Attributes
-    ----------
-    name, inputs, output : str
-    status : {"done", "finished before", "to do", "no water", "failed"}
-    reason : str
-        Why, where it failed, has no water, or is to be done again.
-    seconds : float
-    method : str
-    corrected : float, optional
-        Share of the pixels that were corrected.
-    warnings : int
-        How many the sidecar holds.
-    """
+    """What came of one scene: a row of the summary."""
 
     name: str
     inputs: str
     output: str
-    status: str
-    reason: str = ""
+    status: str  # "done", "finished before", "to do", "no water" or "failed"
+    reason: str = ""  # why, where it failed, has no water, or is to be done again
     seconds: float = 0.0
     method: str = ""
-    corrected: float | None = None
-    warnings: int = 0
+    corrected: float | None = None  # share of the pixels
+    warnings: int = 0  # how many the sidecar holds
 
 
 Say = Callable[[str, Any], None]

@@ -9,12 +9,13 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
+from ..checks import check_choice, check_kind, described
 from ..checksum import fingerprints
 from ..errors import InputError
 from ..pipeline.outputs import DTYPES
-from ..pipeline.recipe import Recipe
+from ..pipeline.recipe import Recipe, band_names
 from ..readers.scenes import checked_name
 from ..readers.text import read_text
 
@@ -22,54 +23,50 @@ MOST_RECIPE_BYTES = 1 << 20
 """Largest recipe file that is read [byte]."""
 EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
 """Outputs beside the image that a recipe may ask for, and how their names end."""
+OF_OUTPUT = ("directory", "name", "extras", "dtype", "options")
+OF_INPUT = ("sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset", "assets")
 
 
 @dataclass(frozen=True)
 class Order:
-    """What a batch does with every scene: the tables [recipe], [input] and [output] of a recipe file.
-
-    Attributes
-    ----------
-    recipe : Recipe
-    directory : Path
-        Where outputs go; made where it is missing.
-    name : str
-        What the image of a scene is called; "{name}" stands for the scene's name.
-    extras : tuple of str
-        Keys of `EXTRAS` that are written too, as "{name}_flags.tif" and so on.
-    dtype : str, optional
-    options : mapping
-        GDAL creation options.
-    sensor, nodata, grid, bands, wavelengths, scale, offset
-        As `deglint.open_scene`.
-    assets : tuple of str
-        Assets of a STAC Item that are the bands.
-    """
+    """What a batch does with every scene: the tables [recipe], [output] and [input] of a recipe file."""
 
     recipe: Recipe = field(default_factory=Recipe)
-    directory: Path = Path()
-    name: str = "{name}_deglinted.tif"
-    extras: tuple[str, ...] = ()
+    directory: Path = Path()  # of the outputs; made where it is missing
+    name: str = "{name}_deglinted.tif"  # of the image of a scene; "{name}" stands for the scene's name
+    extras: tuple[str, ...] = ()  # keys of `EXTRAS` that are written too, as "{name}_flags.tif" and so on
     dtype: str | None = None
-    options: Mapping[str, str] = field(default_factory=dict)
-    sensor: str | None = None
+    options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
+    sensor: str | None = None  # this and what follows: as `deglint.open_scene`
     nodata: float | str | None = None
     grid: str | None = None
     bands: tuple[str, ...] = ()
     wavelengths: tuple[float, ...] = ()
     scale: tuple[float, ...] = ()
     offset: tuple[float, ...] = ()
-    assets: tuple[str, ...] = ()
+    assets: tuple[str, ...] = ()  # of a STAC Item that are the bands
 
     def __post_init__(self) -> None:
+        for name in ("name", "dtype", "sensor", "grid"):
+            if (text := getattr(self, name)) is not None:
+                check_kind(text, str, name, "Write it in quotes.")
+        for name in ("extras", "bands", "assets"):
+            object.__setattr__(self, name, band_names(getattr(self, name), name))
+        for name in ("wavelengths", "scale", "offset"):
+            object.__setattr__(self, name, _numbers(name, getattr(self, name)))
+        if self.nodata is not None:
+            object.__setattr__(self, "nodata", *_numbers("nodata", self.nodata))
+        object.__setattr__(self, "options", _options(self.options))
+        if not isinstance(self.directory, (str, os.PathLike)):
+            raise InputError(f"directory: want a text, got {described(self.directory)}.")
+        object.__setattr__(self, "directory", Path(self.directory))
         if "{name}" not in self.name or Path(self.name).suffix.lower() not in (".tif", ".tiff"):
             raise InputError(f"[output] name {self.name!r} must hold {{name}} and end in .tif, as {{name}}_clean.tif.")
         checked_name(self.name.replace("{name}", "x"), "[output] name")
-        unknown = [e for e in self.extras if e not in EXTRAS]
-        if unknown:
-            raise InputError(f"[output] extras: {', '.join(unknown)} is not one of {', '.join(EXTRAS)}.")
-        if self.dtype is not None and self.dtype not in DTYPES:
-            raise InputError(f"[output] dtype {self.dtype!r} is not one of {', '.join(DTYPES)}.")
+        for extra in self.extras:
+            check_choice(extra, list(EXTRAS), "[output] extras:")
+        if self.dtype is not None:
+            check_choice(self.dtype, list(DTYPES), "[output] dtype")
 
     def opening(self) -> dict[str, Any]:
         """What the order says of the input, as `deglint.open_scene` takes it."""
@@ -89,16 +86,10 @@ class Order:
 
 
 def read_order(path: str, directory: str | None = None) -> Order:
-    """Read a recipe file.
+    """Read a recipe file, whose outputs go into `directory` where that is given.
 
-    Parameters
-    ----------
-    path : str
-        TOML with the tables ``[recipe]`` (fields of `Recipe`), ``[input]`` (sensor, nodata, grid, bands,
-        wavelengths, scale, offset, assets) and
-        ``[output]`` (directory, name, extras, dtype, options); every one may be left out.
-    directory : str, optional
-        Where outputs go, in place of the recipe's.
+    It is TOML with the tables [recipe] (fields of `Recipe`), [input] (`OF_INPUT`) and [output] (`OF_OUTPUT`); every one
+    may be left out.
 
     Raises
     ------
@@ -112,63 +103,36 @@ def read_order(path: str, directory: str | None = None) -> Order:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # numbers of thousands of digits are no TOMLDecodeError
         raise InputError(f"{path} is not TOML: {str(error) or 'it is nested too deep'}.") from error
-    allowed = {
-        "recipe": {f.name for f in fields(Recipe)},
-        "input": {"sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset", "assets"},
-        "output": {"directory", "name", "extras", "dtype", "options"},
-    }
-    given: dict[str, Any] = {}
+    allowed = {"recipe": [f.name for f in fields(Recipe)], "input": OF_INPUT, "output": OF_OUTPUT}
     for table, values in document.items():
         if table not in allowed or not isinstance(values, dict):
             raise InputError(f"{path}: {table!r} is not one of the tables [recipe], [input], [output].")
         for name in values:
             if name not in allowed[table]:
                 raise InputError(f"{path}: [{table}] {name} is not one of {', '.join(sorted(allowed[table]))}.")
-        types = get_type_hints(Recipe if table == "recipe" else Order)
-        read = {name: _value(f"{path}: [{table}] {name}", types[name], value) for name, value in values.items()}
-        if table == "recipe":
-            given["recipe"] = _named(path, Recipe, read)
-        else:
-            given |= read
-    if directory is not None:
-        given["directory"] = Path(directory)
-    elif Path(os.path.normpath(given.get("directory", "."))).parts[:1] == (os.pardir,):
+    output = document.get("output", {})
+    try:
+        order = Order(Recipe(**document.get("recipe", {})), **output, **document.get("input", {}))
+        if directory is not None:
+            return Order(**(vars(order) | {"directory": directory}))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    if Path(os.path.normpath(order.directory)).parts[:1] == (os.pardir,):
         raise InputError(
-            f"{path}: [output] directory {str(given['directory'])[:200]!r} leads out of the directory that the batch "
+            f"{path}: [output] directory {str(order.directory)[:200]!r} leads out of the directory that the batch "
             "runs in. If that is wanted, say it on the command line: --directory DIR."
         )
-    order: Order = _named(path, Order, given)
     return order
 
 
-def _named(path: str, kind: Any, given: Mapping[str, Any]) -> Any:
-    try:
-        return kind(**given)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+def _numbers(name: str, value: Any) -> tuple[float, ...]:
+    values = value if isinstance(value, (list, tuple)) else [value]
+    if not all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values):
+        raise InputError(f"{name}: want a number or a list of numbers, got {described(value)}.")
+    return tuple(map(float, values))
 
 
-def _value(what: str, kind: Any, value: Any) -> Any:
-    """A value of a recipe file as its field has it."""
-    text = str(kind)
-    if "tuple[float" in text:
-        values = value if isinstance(value, list) else [value]
-        if values and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values):
-            return tuple(map(float, values))
-        raise InputError(f"{what}: want a number or a list of numbers, got {str(value)[:80]!r}.")
-    if "tuple" in text:
-        values = [value] if isinstance(value, (str, int)) and not isinstance(value, bool) else value
-        if isinstance(values, list) and all(isinstance(v, (str, int)) and not isinstance(v, bool) for v in values):
-            return tuple(map(str, values))
-        raise InputError(f"{what}: want a list of names, got {str(value)[:80]!r}.")
-    if "Mapping" in text:
-        if isinstance(value, dict) and all(isinstance(v, (str, int)) for v in value.values()):
-            return {k: ("YES" if v else "NO") if isinstance(v, bool) else str(v) for k, v in value.items()}
-        raise InputError(f"{what}: want NAME = VALUE pairs, got {str(value)[:80]!r}.")
-    if "float" in text:
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
-            return float(value)
-        raise InputError(f"{what}: want a number, got {str(value)[:80]!r}.")
-    if not isinstance(value, str):
-        raise InputError(f"{what}: want a text, got {str(value)[:80]!r}.")
-    return Path(value) if "Path" in text else value
+def _options(value: Any) -> dict[str, str]:
+    if not isinstance(value, Mapping) or not all(isinstance(v, (str, int)) for v in value.values()):
+        raise InputError(f"options: want NAME = VALUE pairs, got {described(value)}.")
+    return {k: ("YES" if v else "NO") if isinstance(v, bool) else str(v) for k, v in value.items()}
