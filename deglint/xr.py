@@ -32,8 +32,7 @@ from .pipeline.chunks import DetachedSource, over_tiles
 from .pipeline.correct import CHAIN_CELL, Correction
 from .pipeline.fit import given_model
 from .pipeline.outputs import DTYPES
-from .pipeline.run import correction
-from .readers.areas import open_area
+from .pipeline.prepare import correction
 from .readers.arrays import BANDS, axes, open_array
 from .readers.undeclared import settled
 from .remove import GlintModel
@@ -255,9 +254,7 @@ def _correction(scene: Scene, fitted: Fitted, dtype: str | None) -> Correction:
     info = scene.source.info  # type: ignore[attr-defined]
     if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
-    recipe = fitted.recipe
-    area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "mask")
-    work = correction(scene, fitted, dtype=dtype, area=area)
+    work = correction(scene, fitted, dtype=dtype)
     return replace(work, scene=replace(scene, source=DetachedSource()), layout=replace(work.layout, masked=False))
 
 

@@ -109,12 +109,12 @@ def _run_jobs(
                 with contextlib.suppress(OSError):  # it died: its line says so below
                     line.send(todo[number])
             for line in wait(list(busy)):
-                process, number, begun = busy[line]  # type: ignore[index]
+                process, number, begun = busy[line]
                 done = _hear(line, process, todo[number][0], begun, say)
                 if done is not None:
                     found[number] = done
                     say("end", done)
-                    del busy[line]  # type: ignore[arg-type]
+                    del busy[line]
                     if process.is_alive():
                         idle[line] = process
     finally:
