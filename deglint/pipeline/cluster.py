@@ -12,7 +12,7 @@ import secrets
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -73,7 +73,7 @@ class Cluster:
         try:
             for _ in rows:
                 if done - counted >= _RECOUNT:
-                    with _scheduler():
+                    with _answering():
                         counted, most = done, TILES_AHEAD * max(sum(self.client.nthreads().values()), 1)
                 while given - done < most and (row := next(todo, None)) is not None:
                     found = [self.client.submit(_do, shipped, tile, pure=False) for tile in row]  # stays on the workers
@@ -93,33 +93,28 @@ class Cluster:
     def _result(self, future: Any) -> Any:
         from distributed import KilledWorker
         from distributed.client import FutureCancelledError
-        from distributed.comm import CommClosedError
 
         without = time.monotonic()
         while True:
             try:
-                return future.result(timeout=_POLL)
-            except TimeoutError as error:
-                try:
-                    if future.done():  # just now; or the work itself has run out of time
-                        return future.result()
-                    threads = self.client.nthreads()
-                except (FutureCancelledError, CommClosedError) as lost:
-                    raise DeglintError(_LOST) from lost
-                if threads:
+                with suppress(TimeoutError):
+                    return future.result(timeout=_POLL)
+                if future.done():  # just now; or the work itself has run out of time
+                    return future.result()
+                if self.client.nthreads():
                     without = time.monotonic()
-                elif time.monotonic() - without > WORKER_PATIENCE:
-                    raise DeglintError(_NO_WORKER) from error
+            except DeglintError:
+                raise
             except KilledWorker as error:
                 raise DeglintError(_KILLED) from error
             except (FutureCancelledError, OSError) as error:
-                if isinstance(error, DeglintError):
-                    raise
                 raise DeglintError(_LOST) from error
+            if time.monotonic() - without > WORKER_PATIENCE:
+                raise DeglintError(_NO_WORKER)
 
     def memory(self) -> dict[str, int]:
         """Most memory that each worker process has held so far [byte]; empty where none was needed."""
-        with _scheduler():
+        with _answering():
             return dict(self.client.run(_peak)) if "client" in vars(self) else {}
 
     def numbers(self) -> dict[str, Any]:
@@ -202,8 +197,8 @@ def _client(kind: Any, address: str | None) -> Any:
 
 
 @contextmanager
-def _scheduler() -> Iterator[None]:
-    """Asking the scheduler, which may be gone."""
+def _answering() -> Iterator[None]:
+    """One line where the scheduler does not answer."""
     try:
         yield
     except (OSError, RuntimeError) as error:
