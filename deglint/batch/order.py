@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -17,10 +16,8 @@ from ..errors import InputError
 from ..pipeline.outputs import DTYPES
 from ..pipeline.recipe import Recipe, band_names
 from ..readers.scenes import checked_name
-from ..readers.text import read_text
+from ..readers.text import read_toml
 
-MOST_RECIPE_BYTES = 1 << 20
-"""Largest recipe file that is read [byte]."""
 EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
 """Outputs beside the image that a recipe may ask for, and how their names end."""
 OF_OUTPUT = ("directory", "name", "extras", "dtype", "options")
@@ -98,11 +95,7 @@ def read_order(path: str, directory: str | None = None) -> Order:
     InputError
         Not TOML, or a name or value that is not allowed, such as a directory above the one that the batch runs in.
     """
-    text = read_text(path, "recipe", MOST_RECIPE_BYTES)
-    try:
-        document = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # numbers of thousands of digits are no TOMLDecodeError
-        raise InputError(f"{path} is not TOML: {str(error) or 'it is nested too deep'}.") from error
+    document = read_toml(path, "recipe")
     allowed = {"recipe": [f.name for f in fields(Recipe)], "input": OF_INPUT, "output": OF_OUTPUT}
     for table, values in document.items():
         if table not in allowed or not isinstance(values, dict):

@@ -159,33 +159,18 @@ def plan(**given: Any) -> None:
     deglint plan --lat 36.8 --lon -122 --serve
     """
     from ..plan.missionfile import merged, mission_from
+    from ..readers.text import read_toml
     from . import planning
     from .console import Console
 
     mode = planning.mode_of(given)
     mode.check(given)
-    tables = merged(_file(given["mission"]), _tables(given))
+    tables = merged(read_toml(given["mission"], "--mission") if given["mission"] else {}, _tables(given))
     mission = mission_from(mode.prepared(given, tables), given["mission"] or "the options")
     with Console(given) as console:
         for line in _assumed(given, tables, mission) if mode is not planning.SERVE else []:
             log.info(line)
         mode.run(given, mission, console)
-
-
-def _file(path: str | None) -> dict[str, Any]:
-    """Tables of a mission file."""
-    if path is None:
-        return {}
-    import tomllib
-
-    from ..errors import InputError
-    from ..readers.text import read_text
-
-    text = read_text(path, "--mission", 1 << 20)
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # numbers of thousands of digits are no TOMLDecodeError
-        raise InputError(f"{path} (--mission) is not TOML: {str(error) or 'it is nested too deep'}.") from error
 
 
 def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:

@@ -24,36 +24,20 @@ DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
 class Outputs:
     """Where results go.
 
-    Attributes
-    ----------
-    image : Path
-        The deglinted raster; its sidecar is `image` with ".json" appended.
-    flags, amount, stderr, sample, model, picture : Path, optional
-        Flags and classes of sun glint, amounts of sun glint removed, standard errors, the sample as GeoJSON, the fitted
-        model, a before/after picture.
-    overwrite : bool
-        Replace what exists.
-    dtype : str, optional
-        Type of the image; the input's by default.
-    options : mapping
-        GDAL creation options.
-    request : str, optional
-        What a batch calls this work; the sidecar then says it, and what the outputs are like, to know them again.
-    reads : sequence of paths
-        Files that were read for this work beside the scene and what the recipe names, such as a saved model: no output
-        may replace them.
+    With a `request`, what a batch calls this work, the sidecar says it and what the outputs are like, to know them
+    again. No output may replace `reads`, files that were read beside the scene and what the recipe names.
     """
 
-    image: Path
-    flags: Path | None = None
-    amount: Path | None = None
-    stderr: Path | None = None
-    sample: Path | None = None
-    model: Path | None = None
-    picture: Path | None = None
-    overwrite: bool = False
-    dtype: str | None = None
-    options: Mapping[str, str] = field(default_factory=dict)
+    image: Path  # the deglinted raster; its sidecar is this with ".json" appended
+    flags: Path | None = None  # flags and classes of sun glint
+    amount: Path | None = None  # amounts of sun glint removed
+    stderr: Path | None = None  # standard errors
+    sample: Path | None = None  # the sample as GeoJSON
+    model: Path | None = None  # the fitted model
+    picture: Path | None = None  # before and after
+    overwrite: bool = False  # replace what exists
+    dtype: str | None = None  # of the image; the input's by default
+    options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
     request: str | None = None
     reads: Sequence[str | Path] = ()
 

@@ -38,24 +38,12 @@ MOST_TILES = 1 << 18
 
 @dataclass(frozen=True)
 class Overview:
-    """What an overview of a scene found.
+    """What an overview of a scene found."""
 
-    Attributes
-    ----------
-    tiles : tuple of Tile
-        That were read.
-    roles : Roles
-        Of the scene's bands.
-    water : WaterRule or None
-        None where the scene has no visible band to tell water by, or was told what is water.
-    whole : bool
-        Everything was read.
-    """
-
-    tiles: tuple[Tile, ...]
-    roles: Roles
-    water: WaterRule | None
-    whole: bool
+    tiles: tuple[Tile, ...]  # that were read
+    roles: Roles  # of the scene's bands
+    water: WaterRule | None  # None: no visible band to tell water by, or the user has said what is water
+    whole: bool  # everything was read
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:

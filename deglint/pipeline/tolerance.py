@@ -63,9 +63,8 @@ class Sampling:
 
     def __iter__(self) -> Iterator[tuple[Sequence[Tile], SamplePlan]]:
         if not self.tolerance:
-            pixels = self.sampler.pixels
-            self.taken = self.total
-            self._plan_for(pixels, max(1, -(-pixels // KEPT_PIXELS)))
+            pixels, self.taken = self.sampler.pixels, self.total
+            self.plan = replace(self.plan, share=max(1, -(-pixels // KEPT_PIXELS)), levels=levels_for(pixels))
             yield self.pool, self.plan
             return
         wanted, done = OVERVIEW_PIXELS, set[Tile]()
@@ -76,17 +75,14 @@ class Sampling:
                 continue
             done.update(batch)
             self.taken += sum(tile.pixels for tile in batch)
-            self._plan_for(self.taken, 1 << max(0, math.ceil(math.log2(self.taken / KEPT_PIXELS))))
+            share = 1 << max(0, math.ceil(math.log2(self.taken / KEPT_PIXELS)))  # one single pixel in so many is kept
+            self.plan = replace(self.plan, share=share, levels=levels_for(self.taken))
             yield batch, self.plan
             worst = self._worst()
             if worst <= self.tolerance:
                 return
             grows = READ_MARGIN * (worst / self.tolerance) ** 2 if math.isfinite(worst) else GROWTH[1]
             wanted = int(self.taken * min(max(grows, GROWTH[0]), GROWTH[1]))
-
-    def _plan_for(self, taken: int, share: int) -> None:
-        """Fit the plan to the pixels of all batches; one single pixel in `share` is kept."""
-        self.plan = replace(self.plan, share=share, levels=levels_for(taken))
 
     def statistics(self) -> SampleStatistics:
         """What all that was read says."""
