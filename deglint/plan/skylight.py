@@ -39,10 +39,8 @@ class Wind:
 class Skylight:
     """Mirrored skylight at viewing geometries."""
 
-    mean: Array
-    """Radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]."""
-    brighter: Array
-    """Share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]."""
+    mean: Array  # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
+    brighter: Array  # share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]
 
     def share_above(self, level: Array) -> Array:
         """Share of the sea whose facets mirror more than `level` [1/sr]; both (band, zenith, azimuth)."""
@@ -87,14 +85,10 @@ def _carried(
     reach = len(weights(place[:1])) // 2 - 1
     first = (first if periodic else np.clip(first, reach, count - 2 - reach)) - reach
     shape = [-1 if k == axis else 1 for k in range(values.ndim)]
-    parts = [
+    return sum(
         np.take(values, (first + i) % count, axis=axis) * weight.astype(np.float32).reshape(shape)
         for i, weight in enumerate(weights(place - first))
-    ]
-    out = parts[0]
-    for part in parts[1:]:
-        out += part
-    return out
+    )
 
 
 def _cubic(x: Array) -> tuple[Array, ...]:

@@ -178,14 +178,11 @@ class _World:
 
     setup: Setup
     lit: Light
-    labels: Numbers
-    """Number of the submerged object, from 1."""
+    labels: Numbers  # number of the submerged object, from 1
     depth: Array | None
-    patches: npt.NDArray[np.bool_] | None
-    """Where the second material of the bottom lies."""
+    patches: npt.NDArray[np.bool_] | None  # where the second material of the bottom lies
     cover: Cover | None
-    matt: Array
-    """Radiance of the materials of the cover, (material, band)."""
+    matt: Array  # radiance of the materials of the cover, (material, band)
 
     @classmethod
     def of(cls, setup: Setup) -> _World:
