@@ -17,9 +17,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import DeglintError, InputError, NoWaterError, WriteError
+from ..errors import DeglintError, InputError, NoWaterError
 from ..pipeline.run import remove_glint
-from ..raster.scratch import MOVED, claimed
+from ..raster.scratch import MOVED, claimed, make_directory
 from ..raster.targets import check_target
 from ..readers.scenes import ListedScene
 from ..tiles import default_threads
@@ -79,10 +79,7 @@ def run_batch(
 @contextlib.contextmanager
 def _claimed(directory: Path) -> Iterator[None]:
     """Make the directory of the outputs, and keep other batches from it."""
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WriteError(f"the directory {directory} cannot be made: {error.strerror}. Choose another.") from error
+    make_directory(directory, parents=True)
     check_target(directory / "x.tif", overwrite=True)
     with claimed(directory):
         yield

@@ -26,12 +26,8 @@ WIDEST_LINE = 110
 class Console(logging.Handler):
     """Handler of the project's loggers, installed while it is entered.
 
-    Parameters
-    ----------
-    given : mapping
-        The command's options: "verbose" (how often -v is given) and "quiet".
-    level : int
-        Lowest level that is shown with neither -v nor -q.
+    `given` holds the command's options "verbose" (how often -v is given) and "quiet"; `level` is the lowest that is
+    shown with neither.
     """
 
     def __init__(self, given: dict[str, Any], level: int = logging.INFO) -> None:

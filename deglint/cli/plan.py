@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import click
 
 from .grouped import Grouped
-from .options import FILE, with_options
+from .options import FILE, parsed, with_options
 
 log = logging.getLogger(__name__)
 
@@ -25,31 +25,23 @@ WATER_NAMES = ("scattering", "absorption")
 def at(first: str, second: str, example: str) -> Callable[..., dict[str, float] | None]:
     """A callback that reads "A@B" into {first: A, second: B}, or "A" alone."""
 
-    def read(_ctx: click.Context, _param: click.Parameter, value: str | None) -> dict[str, float] | None:
-        if value is None:
-            return None
-        head, sign, tail = value.partition("@")
-        try:
-            return {first: float(head)} | ({second: float(tail)} if sign else {})
-        except ValueError:
-            raise click.BadParameter(f"{value!r} is not like {example}.") from None
+    def read(text: str) -> dict[str, float]:
+        head, sign, tail = text.partition("@")
+        return {first: float(head)} | ({second: float(tail)} if sign else {})
 
-    return read
+    return parsed(read, f"is not like {example}.")
 
 
-def duration(_ctx: click.Context, _param: click.Parameter, value: str | None) -> float | None:
+def minutes(text: str) -> float:
     """Minutes of "30min", "1h" or "0.5h"; a number alone is minutes."""
-    if value is None:
-        return None
-    found = re.fullmatch(r"\s*([0-9.]+)\s*(min|m|h)?\s*", value)
-    try:
-        minutes = float(found[1]) * (60.0 if found[2] == "h" else 1.0) if found else 0.0
-    except ValueError:
-        minutes = 0.0
-    if not 1.0 <= minutes <= 1440.0:
-        raise click.BadParameter(f"{value!r} is not like 30min or 1h, from 1 minute to a day.")
-    return minutes
+    found = re.fullmatch(r"\s*([0-9.]+)\s*(min|m|h)?\s*", text)
+    count = float(found[1]) * (60.0 if found[2] == "h" else 1.0) if found else 0.0
+    if not 1.0 <= count <= 1440.0:
+        raise ValueError
+    return count
 
+
+DURATION = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
 
 NUMBER_OPTIONS: tuple[tuple[str, str, str], ...] = (  # option, unit, what it says
     ("--lat", "DEG", "Latitude, north positive."),
@@ -109,7 +101,7 @@ mission_options = with_options(
 mode_options = with_options(
     click.option("--from", "start", metavar="ISO", help="Sweep over time: from when,"),
     click.option("--to", "end", metavar="ISO", help="until when,"),
-    click.option("--every", callback=duration, metavar="30min", help="and how often; 30min by default."),
+    click.option("--every", callback=DURATION, metavar="30min", help="and how often; 30min by default."),
     click.option("--wind-within", callback=at("speed", "turn", "2@30"), metavar="M/S@DEG",
                  help="The wind is known to plus or minus this: intervals, and what is good under all of them."),
     click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),

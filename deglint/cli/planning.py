@@ -20,20 +20,11 @@ Given = dict[str, Any]
 
 @dataclass(frozen=True)
 class Mode:
-    """One question to the planner.
+    """One question to the planner."""
 
-    Attributes
-    ----------
-    kinds : tuple of str
-        Endings of files that it writes.
-    run : callable
-        Takes the options, the mission and where to show progress.
-    prepared : callable
-        Takes the options and the tables of a mission; gives the tables to make the mission of.
-    """
-
-    kinds: tuple[str, ...]
-    run: Callable[[Given, Any, Any], None]
+    kinds: tuple[str, ...]  # endings of files that it writes
+    run: Callable[[Given, Any, Any], None]  # takes the options, the mission and where to show progress
+    # takes the options and the tables of a mission; gives the tables to make the mission of
     prepared: Callable[[Given, Mapping[str, Any]], Mapping[str, Any]] = lambda _given, tables: tables
 
     def check(self, given: Given) -> None:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import click
 
 from .grouped import SETTINGS, Grouped
-from .options import with_options
+from .options import parsed, with_options
 
 log = logging.getLogger(__name__)
 
@@ -26,52 +26,31 @@ SIMULATED_SLOPES = ("cox-munk", "cox-munk-gaussian")
 SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
 
 
-def size(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int, int]:
+def _size(text: str) -> tuple[int, int]:
     """Read "512" or "ROWSxCOLUMNS"."""
-    try:
-        parts = [int(part) for part in value.lower().split("x")]
-        rows, columns = parts if len(parts) == 2 else (*parts, *parts)
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is not a number of pixels, nor ROWSxCOLUMNS.") from None
+    rows, columns = (int(part) for part in (text.lower() if "x" in text.lower() else f"{text}x{text}").split("x"))
     if not all(LEAST_SIDE <= side <= MOST_SIDE for side in (rows, columns)):
         raise click.BadParameter(f"a side must be {LEAST_SIDE} to {MOST_SIDE} pixels, got {rows} x {columns}.")
     return rows, columns
 
 
-def depths(_ctx: click.Context, _param: click.Parameter, value: str | None) -> tuple[float, float] | None:
+def _depths(text: str) -> tuple[float, float]:
     """Read "LEFT:RIGHT" depths [m]."""
-    if value is None:
-        return None
-    left, _, right = value.partition(":")
-    try:
-        return float(left), float(right or left)
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is not like 25:3, the depth at the left and at the right edge.") from None
+    left, _, right = text.partition(":")
+    return float(left), float(right or left)
 
 
-def boats(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ...]) -> tuple[tuple[float, ...], ...]:
-    """Read "RIGHT,DOWN,SPEED@HEADING" of each boat: [m], [m], [m/s], [deg]."""
-    out = []
-    for text in value:
-        try:
-            place, _, heading = text.partition("@")
-            right, down, speed = (float(part) for part in place.split(","))
-            out.append((right, down, speed, float(heading or 0.0)))
-        except ValueError:
-            raise click.BadParameter(
-                f"{text!r} is not like 20,35,6@60: RIGHT,DOWN [m], SPEED [m/s] @ HEADING."
-            ) from None
-    return tuple(out)
+def _boat(text: str) -> tuple[float, ...]:
+    """Read "RIGHT,DOWN,SPEED@HEADING": [m], [m], [m/s], [deg]."""
+    place, _, heading = text.partition("@")
+    right, down, speed = (float(part) for part in place.split(","))
+    return right, down, speed, float(heading or 0.0)
 
 
-def whitecaps(_ctx: click.Context, _param: click.Parameter, value: str) -> float | None:
-    """Read a share, or "auto"."""
-    if value == "auto":
-        return None
-    try:
-        return float(value)
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is neither a share, such as 0.01, nor auto.") from None
+SIZE = parsed(_size, "is not a number of pixels, nor ROWSxCOLUMNS.")
+DEPTHS = parsed(_depths, "is not like 25:3, the depth at the left and at the right edge.")
+BOATS = parsed(_boat, "is not like 20,35,6@60: RIGHT,DOWN [m], SPEED [m/s] @ HEADING.")
+WHITECAPS = parsed(lambda text: None if text == "auto" else float(text), "is neither a share, such as 0.01, nor auto.")
 
 
 class _Simulate(Grouped):
@@ -93,7 +72,7 @@ class _Simulate(Grouped):
 
 simulate_options = with_options(
     click.option("--preset", type=click.Choice(PRESET_NAMES), default="thesis", help="Sensor."),
-    click.option("--size", default="512", callback=size, metavar="N|ROWSxCOLUMNS", help="Of the image [pixel]."),
+    click.option("--size", default="512", callback=SIZE, metavar="N|ROWSxCOLUMNS", help="Of the image [pixel]."),
     click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default."),
     click.option("--wind-from", type=float, default=30.0, metavar="DEG", help="Azimuth that it blows from."),
     click.option("--delay", type=float, multiple=True, metavar="S", help="From band to band; the sensor's by default."),
@@ -109,11 +88,11 @@ simulate_options = with_options(
     click.option("--fetch", type=float, default=100e3, metavar="M", help="For JONSWAP."),
     click.option("--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water."),
     click.option("--depth", type=float, default=5.0, metavar="M", help="Of the objects."),
-    click.option("--bottom", callback=depths, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m]."),
+    click.option("--bottom", callback=DEPTHS, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m]."),
     click.option("--texture", type=float, default=0.4, metavar="SHARE", help="--bottom: covered by patches of algae."),
     click.option("--coast", type=float, default=0.0, metavar="M", help="Width of land along the right edge."),
-    click.option("--foam", default="0", callback=whitecaps, metavar="SHARE|auto", help="Whitecaps; auto: of the wind."),
-    click.option("--boat", multiple=True, callback=boats, metavar="RIGHT,DOWN,M/S@DEG",
+    click.option("--foam", default="0", callback=WHITECAPS, metavar="SHARE|auto", help="Whitecaps; auto: of the wind."),
+    click.option("--boat", multiple=True, callback=BOATS, metavar="RIGHT,DOWN,M/S@DEG",
                  help="A boat of 8 m: its place [m], speed and heading."),
     click.option("--supersample", type=int, default=4, metavar="N", help="Facets per pixel, each way."),
     click.option("--patch", type=float, default=0.005, metavar="M", help="Patches of like slope; 0: no sparkle."),
@@ -146,6 +125,7 @@ def simulate(out: Path, **given: Any) -> None:
     deglint simulate --bottom 20:2 --coast 8 --foam auto --boat 20,30,6@60 reef
     deglint simulate --grid --size 256 --wind 5 --wind 9 experiments
     """
+    from ..raster.scratch import make_directory
     from ..raster.simulated import check_free, write_scene
     from ..simulate import simulate as make
     from .console import Console
@@ -156,7 +136,7 @@ def simulate(out: Path, **given: Any) -> None:
         _announce(setups, given)
         return
     if given["grid"]:
-        _make(out)
+        make_directory(out)
     for name, _setup in setups:
         check_free(name, overwrite=given["overwrite"])
     bands = len(setups[0][1].sensor.bands)
@@ -177,16 +157,6 @@ def simulate(out: Path, **given: Any) -> None:
             log.info("%d of %d: %s, wind %g m/s, seed %d", count + 1, len(setups), files[0], setup.wind, setup.seed)
     if given["as_json"]:
         click.echo(json.dumps(written))
-
-
-def _make(directory: Path) -> None:
-    """Make the directory of a grid."""
-    from ..errors import WriteError
-
-    try:
-        directory.mkdir(exist_ok=True)
-    except OSError as error:
-        raise WriteError(f"cannot make the directory {directory}: {error.strerror}. Name another one.") from error
 
 
 def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:

@@ -20,18 +20,7 @@ from ..remove import GlintModel, apply
 from ..remove.predict import glint
 from ..scene import Scene
 from ..tiles import Tile
-from .flags import (
-    CLIPPED,
-    CORRECTED,
-    GLINT_CLASSES,
-    NEGATIVE,
-    NODATA,
-    NOT_WATER,
-    PROTECTED,
-    REPLACED,
-    SATURATED,
-    glint_classes,
-)
+from . import flags as bits
 from .outputs import PixelCounts
 from .overview import raster_of
 
@@ -51,19 +40,6 @@ class Corrected:
     flags: npt.NDArray[np.uint8] | None = None
     amount: npt.NDArray[np.float32] | None = None
     stderr: npt.NDArray[np.float32] | None = None
-
-
-@dataclass(frozen=True)
-class Errors:
-    """What standard errors follow from, beside the model and the chain."""
-
-    replaced: tuple[ReplacedError, ...] = ()  # of pixels that an opening has replaced, and of the others
-    left: Posterior | None = None  # of what a removal alone leaves
-
-    @property
-    def halo(self) -> int:
-        """Pixels around a tile that the stages and the removal need."""
-        return span_halo(self.replaced) + (0 if self.left is None else self.left.halo)
 
 
 @dataclass(eq=False)
@@ -115,7 +91,9 @@ class Correction:
     want_flags: bool = False
     want_amount: bool = False
     noise: tuple[float, ...] = ()  # of the bands that may change, for the classes of sun glint
-    errors: Errors | None = None
+    want_stderr: bool = False
+    replaced: tuple[ReplacedError, ...] = ()  # errors of pixels that an opening has replaced, and of the others
+    left: Posterior | None = None  # of what a removal alone leaves
 
     @property
     def changed(self) -> list[int]:
@@ -137,12 +115,12 @@ class Correction:
     @property
     def chain_halo(self) -> int:
         """Pixels around a cell that the chain and the removal look at."""
-        return self.chain.halo + self.model.halo + (0 if self.errors is None else self.errors.halo)
+        return self.chain.halo + self.model.halo + span_halo(self.replaced) + (self.left.halo if self.left else 0)
 
     @property
     def by_cells(self) -> bool:
         """The tile is computed in cells of the scene."""
-        return self.chain.runs or self.errors is not None
+        return self.chain.runs or self.want_stderr
 
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and bring it into the output's type."""
@@ -156,7 +134,7 @@ class Correction:
         physical = self._corrected(block)
         flags = self._flags(block, full)
         tally = _counted(block, flags, saturated)
-        error = self._stderr(block, physical) if self.errors is not None else None
+        error = self._stderr(block, physical) if self.want_stderr else None
         out = self._encoded(block, physical, flags if self.want_flags else None, tally)
         valid = self._file_valid(block.raw, block.valid)
         done = Corrected(out, tally, valid, stderr=error)
@@ -164,8 +142,8 @@ class Correction:
             return done
         amount = np.subtract(before, physical[wanted], dtype=np.float32)
         if self.want_flags:
-            classes = glint_classes(amount[: len(self.changed)], np.array(self.noise), full, block.where)
-            tally.glint = np.bincount(classes.ravel(), minlength=len(GLINT_CLASSES))
+            classes = bits.glint_classes(amount[: len(self.changed)], np.array(self.noise), full, block.where)
+            tally.glint = np.bincount(classes.ravel(), minlength=len(bits.GLINT_CLASSES))
             done = replace(done, flags=np.stack([flags, classes]))
         return replace(done, amount=amount) if self.want_amount else done
 
@@ -244,12 +222,12 @@ class Correction:
         """Apply the chain, cell by cell, and put what it makes of the water into `physical`."""
         removed = {f.band for f in self.model.fits}
         block.replaced = np.zeros(physical.shape, np.bool_)
-        block.errors = np.zeros(physical.shape if self.errors is not None else 0, np.float32)
+        block.errors = np.zeros(physical.shape if self.want_stderr else 0, np.float32)
         block.targets = np.zeros(physical.shape[1:], np.bool_)
         for state, core, within in self._states(block):
             where = block.where[within]
             clean = with_targets(state)[core]
-            if self.errors is not None:
+            if self.want_stderr:
                 block.errors[within] = self._stderr_of(state)[core]
             if state.replaced is not None:
                 block.replaced[within] = state.replaced[core] & where
@@ -292,20 +270,18 @@ class Correction:
 
     def _stderr_of(self, state: State) -> npt.NDArray[np.float32]:
         """Standard errors of all bands of a block, after the chain."""
-        assert self.errors is not None
-        state = state if self.errors.left is None else self.errors.left.apply(state)
-        return stderr(state, self.model, self.errors.replaced)
+        return stderr(self.left.apply(state) if self.left else state, self.model, self.replaced)
 
     def _flags(self, block: _Block, saturated: Mask) -> npt.NDArray[np.uint8]:
         """Flags of a tile, but for what `encode` finds."""
-        flags = np.full(block.tile.shape, NOT_WATER, np.uint8)
-        flags[block.where] = CORRECTED if block.corrected else 0
+        flags = np.full(block.tile.shape, bits.NOT_WATER, np.uint8)
+        flags[block.where] = bits.CORRECTED if block.corrected else 0
         if block.replaced is not None:
-            flags[block.replaced.any(axis=0) & block.where] |= REPLACED
+            flags[block.replaced.any(axis=0) & block.where] |= bits.REPLACED
         if block.targets is not None:
-            flags[block.targets & block.where] |= PROTECTED
-        flags[~block.known] = NODATA
-        flags |= np.where(saturated, np.uint8(SATURATED), np.uint8(0))
+            flags[block.targets & block.where] |= bits.PROTECTED
+        flags[~block.known] = bits.NODATA
+        flags |= np.where(saturated, np.uint8(bits.SATURATED), np.uint8(0))
         return flags
 
     def _encoded(self, block: _Block, physical: Any, flags: Any, tally: PixelCounts) -> npt.NDArray[Any]:
@@ -319,7 +295,7 @@ class Correction:
         for bands, place in changes:
             counts = encode(
                 physical, raw, bands=bands, scales=info.scales, offsets=info.offsets, where=place,
-                nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
+                nodata=self.layout.nodata, flags=flags, marks=(bits.NEGATIVE, bits.CLIPPED),
             )  # fmt: skip
             tally.negative, tally.clipped = tally.negative + counts.negative, tally.clipped + counts.clipped
             if lost is not None:
@@ -327,7 +303,7 @@ class Correction:
         if lost is not None:
             tally.clipped = tally.clipped + np.count_nonzero(lost, axis=(1, 2))
             if flags is not None:
-                flags[lost.any(axis=0)] |= CLIPPED
+                flags[lost.any(axis=0)] |= bits.CLIPPED
         return raw
 
     def _file_valid(self, raw: Any, valid: Any) -> Mask | None:
@@ -342,7 +318,8 @@ class Correction:
 
 def _counted(block: _Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[np.bool_]) -> PixelCounts:
     """Count the pixels of a tile by what became of them."""
-    kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
+    kinds = {"nodata": bits.NODATA, "not_water": bits.NOT_WATER, "corrected": bits.CORRECTED,
+             "protected": bits.PROTECTED}  # fmt: skip
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
     if block.replaced is not None:
         counts["replaced"] = np.count_nonzero(block.replaced, axis=(1, 2))

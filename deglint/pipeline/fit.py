@@ -13,34 +13,20 @@ import numpy.typing as npt
 from .. import tiles as tiling
 from ..checks import check_kind, checked_keywords
 from ..choose import Choice
-from ..compensate import Chain, fit_chain
+from ..compensate import Chain
 from ..errors import FitError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
 from ..readers.undeclared import Undeclared, undeclared
-from ..remove import METHODS, GlintModel, SamplePlan, combine, gather, wiener
+from ..remove import METHODS, GlintModel, SamplePlan, combine, gather
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
-from .overview import TILE_SIDE, check_size, overview_of, overviews, role_bands, where_to_sample
+from . import sample as learning
+from .overview import check_size, overview_of, overviews, role_bands, where_to_sample
 from .recipe import Recipe, make_request
-from .sample import (
-    HALO,
-    Job,
-    Progress,
-    Sampler,
-    Training,
-    chosen,
-    read_training,
-    removal_of,
-    sample_of,
-    sampler_of,
-    setting,
-    strips_finder,
-    strips_of_footprints,
-    training_reader,
-)  # fmt: skip
+from .sample import Job, Progress, Sampler, Training
 from .sidecar import log, log_model, log_nir, log_scene, log_water, why
 from .tolerance import Sampling
 
@@ -176,12 +162,12 @@ def _fit(job: Job) -> Fitted:
             raise NoWaterError(overview.water.reason)
         notes.append(overview.water.reason)
     log_water(overview.water, recipe.mask)
-    sampler = sampler_of(job.scene, recipe, overview, job.threads) if recipe.sample != "auto" else None
+    sampler = learning.sampler_of(job.scene, recipe, overview, job.threads) if recipe.sample != "auto" else None
     method, text, choice, training = recipe.method, recipe.chain, None, None
     if method == "auto" and text == "auto":
-        training = read_training(job, sampler, HALO)
+        training = learning.read_training(job, sampler, learning.HALO)
         job = replace(job, progress=None)  # the tiles have been counted
-        choice = chosen(job, training)
+        choice = learning.chosen(job, training)
         method, text = choice.best.method, choice.best.chain
         notes += choice.lines()
         first, *others = choice.lines() or ["no candidate could be tried: wiener"]
@@ -194,11 +180,12 @@ def _fit(job: Job) -> Fitted:
         warnings = (f"{choice.why_copied}. Nothing was corrected.",)
         model = GlintModel("wiener", job.request.indexes, (), job.request.names, warnings=warnings)
     elif text != "off":
-        training = training or read_training(job, sampler, HALO)
-        found = fit_chain(text, sample_of(training), setting(job), removal_of(job, training, method))
+        training = training or learning.read_training(job, sampler, learning.HALO)
+        found = learning.fit_compensated(job, training, text, method)
         chain, (model, sample, outline) = found.chain, _with_sample(job, training, found.model)
     elif METHODS[method].neighbours:
-        model, sample, outline = _fit_neighbours(job, sampler)
+        training = learning.read_training(job, sampler, 0)
+        model, sample, outline = _with_sample(job, training, learning.fit_neighbours(job, training, sampler))
     elif METHODS[method].plan is None:
         model = METHODS[method].fit(job.request, None)
     else:
@@ -221,16 +208,6 @@ def _fit(job: Job) -> Fitted:
     return Fitted(model, resolved, tuple(notes), numbers, outline, water, role_bands(overview.roles), chain, choice)
 
 
-def _fit_neighbours(job: Job, sampler: Sampler | None) -> Sampled:
-    """A method that looks at neighbours, from tiles of open water that are held in memory."""
-    training = read_training(job, sampler, 0)
-    read = training_reader(job.scene, job.overview, sampler)
-    at_once = tiling.affordable(job.threads, (TILE_SIDE, TILE_SIDE), 2 * len(job.scene.bands))
-    strips = strips_of_footprints(job.scene, job.request.correct[0]) or strips_finder(job.scene, read, at_once)
-    request = replace(job.request, regression="detrended")
-    return _with_sample(job, training, wiener.fit(request, [t.as_sample() for t in training], strips=strips))
-
-
 def _with_sample(job: Job, training: Sequence[Training], model: GlintModel) -> Sampled:
     """A model with the numbers of its sample, which was held in memory."""
     pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
@@ -245,7 +222,7 @@ def _with_sample(job: Job, training: Sequence[Training], model: GlintModel) -> S
 def _fit_sampled(job: Job, given: Sampler | None, method: str) -> Sampled:
     """A method of single pixels, by one pass over its sample."""
     scene, request = job.scene, job.request
-    sampler = given or sampler_of(scene, job.recipe, job.overview, job.threads)
+    sampler = given or learning.sampler_of(scene, job.recipe, job.overview, job.threads)
     plan = METHODS[method].plan(request)  # type: ignore[misc]
     sampling = Sampling(scene, sampler, request, method, plan, job.recipe.tolerance)
     halo = max(plan.halo, 0)

@@ -17,7 +17,7 @@ from ..readers.roles import find_band
 from ..remove.noise import noise
 from ..scene import Scene
 from ..tiles import Tile
-from .correct import CHAIN_CELL, Correction, Errors
+from .correct import CHAIN_CELL, Correction
 from .fit import Fitted
 from .outputs import Outputs
 from .overview import block_of, raster_of, tile_shape_of
@@ -118,11 +118,11 @@ def with_stderr(work: Correction, threads: int) -> Correction:
     after = Sample(tuple(apply_chain(s, work.chain, work.model) for s in before.states), inside)
     if opens:
         errors = fit_replaced(before, after, lambda s: apply_chain(s, work.chain, work.model))
-        return replace(work, errors=Errors(errors))
+        return replace(work, want_stderr=True, replaced=errors)
     if any(isinstance(stage, Posterior) for stage in work.chain.after):
-        return replace(work, errors=Errors())
+        return replace(work, want_stderr=True)
     left = fit_posterior(after, Setting(scene.bands, tuple(work.model.index_bands) or (0,)))
-    return replace(work, errors=Errors((), replace(left, resolved=False)))
+    return replace(work, want_stderr=True, left=replace(left, resolved=False))
 
 
 def with_noise(work: Correction, threads: int) -> Correction:

@@ -16,7 +16,18 @@ import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..choose import Choice, choose
-from ..compensate import Background, Chain, FitRemoval, Sample, Setting, State, system_psf, typical_psf
+from ..compensate import (
+    Background,
+    Chain,
+    FitRemoval,
+    FittedChain,
+    Sample,
+    Setting,
+    State,
+    fit_chain,
+    system_psf,
+    typical_psf,
+)
 from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
 from ..masks.find import COARSE_PIXEL
@@ -262,6 +273,20 @@ def removal_of(job: Job, training: Sequence[Training], method: str) -> FitRemova
         return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
 
     return fit
+
+
+def fit_compensated(job: Job, training: Sequence[Training], text: str, method: str) -> FittedChain:
+    """Fit a chain of stages, with a method in it, to tiles."""
+    return fit_chain(text, sample_of(training), setting(job), removal_of(job, training, method))
+
+
+def fit_neighbours(job: Job, training: Sequence[Training], sampler: Sampler | None) -> GlintModel:
+    """Fit the method that looks at neighbours to tiles of open water."""
+    read = training_reader(job.scene, job.overview, sampler)
+    at_once = tiling.affordable(job.threads, (TILE_SIDE, TILE_SIDE), 2 * len(job.scene.bands))
+    strips = strips_of_footprints(job.scene, job.request.correct[0]) or strips_finder(job.scene, read, at_once)
+    request = replace(job.request, regression="detrended")
+    return wiener.fit(request, [t.as_sample() for t in training], strips=strips)
 
 
 def chosen(job: Job, training: Sequence[Training]) -> Choice:

@@ -139,12 +139,8 @@ class Reticle:
 
     def counts(self) -> dict[str, Array]:
         """Electrons of each component, (band, zenith, azimuth): thesis, eq. 2.23."""
-        parts = {
-            "background": self.light.background,
-            "object": self.light.target,
-            "sky": self.sky_radiance,
-            "glint": self.glint_radiance,
-        }
+        parts = {"background": self.light.background, "object": self.light.target, "sky": self.sky_radiance,
+                 "glint": self.glint_radiance}  # fmt: skip
         sensor, bands = self.mission.sensor, self.mission.channels
         return {
             name: np.stack([electrons(layer, sensor, band) for layer, band in zip(part, bands, strict=True)])

@@ -86,12 +86,8 @@ def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
         The port is taken.
     """
 
-    class Handler(_Handler):
-        base = mission
-        drawing = threading.BoundedSemaphore(PLANS_AT_ONCE)
-
     try:
-        return _Server((ADDRESS, port), Handler)
+        return _Server(mission, port)
     except OSError as error:
         raise InputError(f"port {port} cannot be had: {error.strerror}. Give another --port, or 0.") from error
 
@@ -102,6 +98,10 @@ class _Server(ThreadingHTTPServer):
     request_queue_size = 128
     daemon_threads = True
 
+    def __init__(self, mission: Mission, port: int) -> None:
+        super().__init__((ADDRESS, port), _Handler)
+        self.mission, self.drawing = mission, threading.BoundedSemaphore(PLANS_AT_ONCE)
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a client that is gone."""
         if not isinstance(sys.exception(), (ConnectionError, TimeoutError)):
@@ -111,8 +111,7 @@ class _Server(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     """Answers GET / with the page and GET /plan?... with a plan."""
 
-    base: Mission
-    drawing: threading.BoundedSemaphore
+    server: _Server
     protocol_version = "HTTP/1.1"
     server_version = "deglint"
     sys_version = ""
@@ -129,7 +128,8 @@ class _Handler(BaseHTTPRequestHandler):
         if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
             self._send(HTTPStatus.FORBIDDEN, "text/plain", b"this page is not for other sites\n")
             return
-        if not self._is_ours():
+        # Host names the loopback address, so that no other site's name can be pointed here
+        if self.headers.get("Host", "") not in (f"{host}:{self.server.server_port}" for host in (ADDRESS, "localhost")):
             self._send(HTTPStatus.MISDIRECTED_REQUEST, "text/plain", b"this page is for this machine only\n")
             return
         parts = urlsplit(self.path)
@@ -140,15 +140,10 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             self._send(HTTPStatus.NOT_FOUND, "text/plain", b"there is / and /plan\n")
 
-    def _is_ours(self) -> bool:
-        """Host names the loopback address, so that no other site's name can be pointed here."""
-        port = int(getattr(self.server, "server_port", 0))
-        return self.headers.get("Host", "") in {f"{ADDRESS}:{port}", f"localhost:{port}"}
-
     def _page(self) -> None:
         nonce = secrets.token_urlsafe(16)
         text = resources.files(__package__).joinpath("page.html").read_text(encoding="utf-8")
-        start = json.dumps(_start(self.base)).replace("<", "\\u003c")
+        start = json.dumps(_start(self.server.mission)).replace("<", "\\u003c")
         text = text.replace("{{nonce}}", nonce).replace("{{start}}", start)
         policy = (
             f"default-src 'none'; img-src data:; connect-src 'self'; style-src 'nonce-{nonce}';"
@@ -157,17 +152,17 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(HTTPStatus.OK, "text/html; charset=utf-8", text.encode(), {"Content-Security-Policy": policy})
 
     def _plan(self, asked: Mapping[str, str]) -> None:
-        if not self.drawing.acquire(timeout=WAIT):
+        if not self.server.drawing.acquire(timeout=WAIT):
             self.close_connection = True
             busy = json.dumps({"error": f"busy: {PLANS_AT_ONCE} plans are drawn at a time. Try again."}).encode()
             self._send(HTTPStatus.SERVICE_UNAVAILABLE, "application/json", busy, {"Retry-After": f"{WAIT:.0f}"})
             return
         try:
-            found, status = answer(self.base, asked), HTTPStatus.OK
+            found, status = answer(self.server.mission, asked), HTTPStatus.OK
         except DeglintError as error:
             found, status = {"error": str(error)}, HTTPStatus.BAD_REQUEST
         finally:
-            self.drawing.release()
+            self.server.drawing.release()
         self._send(status, "application/json", json.dumps(found).encode())
 
     def _send(self, status: HTTPStatus, kind: str, body: bytes, headers: Mapping[str, str] | None = None) -> None:
