@@ -47,7 +47,7 @@ class Outcome:
 
 
 Say = Callable[[str, Any], None]
-"""say("begin", name), say("progress", (name, stage, done, total)), say("end", Outcome)."""
+"""say("begin", name), say("end", Outcome)."""
 
 
 def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = ()) -> list[Job]:

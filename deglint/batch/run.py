@@ -29,8 +29,6 @@ from .order import Order
 log = logging.getLogger(__name__)
 STOP_PATIENCE = 10.0
 """How long a worker may take to clean up when it is stopped [s]."""
-_REPORT_EVERY = 0.2
-"""Least time between two words on progress [s]."""
 
 
 def run_batch(
@@ -107,7 +105,7 @@ def _run_jobs(
                     line.send(todo[number])
             for line in wait(list(busy)):
                 process, number, begun = busy[line]
-                done = _hear(line, process, todo[number][0], begun, say)
+                done = _hear(line, process, todo[number][0], begun)
                 if done is not None:
                     found[number] = done
                     say("end", done)
@@ -137,10 +135,10 @@ def _start(order: Order, request: str, threads: int) -> tuple[Any, Any]:
     return ours, process
 
 
-def _hear(line: Any, process: Any, job: Job, begun: float, say: Say) -> Outcome | None:
+def _hear(line: Any, process: Any, job: Job, begun: float) -> Outcome | None:
     """What a worker says; the outcome of its job where that is known."""
     try:
-        what, about = line.recv()
+        said = line.recv()
     except (EOFError, OSError):
         process.join()
         code = process.exitcode
@@ -150,13 +148,9 @@ def _hear(line: Any, process: Any, job: Job, begun: float, say: Say) -> Outcome 
         if code == -signal.SIGKILL:
             why += ": out of memory, perhaps; try fewer --jobs"
         return outcome(job, FAILED, why, time.perf_counter() - begun)
-    if what == "end":
-        done: Outcome = about
-        return done
-    if what == "log":
-        log.log(about[0], "%s: %s", job.scene.name, about[1])
-    else:
-        say(what, (job.scene.name, *about))
+    if isinstance(said, Outcome):
+        return said
+    log.log(said[0], "%s: %s", job.scene.name, said[1])
     return None
 
 
@@ -179,21 +173,24 @@ class _Forward(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         with contextlib.suppress(OSError):
-            self._line.send(("log", (record.levelno, record.getMessage())))
+            self._line.send((record.levelno, record.getMessage()))
 
 
 def _serve(line: Any, order: Order, request: str, threads: int, talks: bool) -> None:
-    """A worker's life: take jobs until there are no more, or the batch is gone; it sends its log if it `talks`."""
-    if talks:
-        logging.getLogger("deglint").setLevel(logging.INFO)
-        logging.getLogger("deglint").addHandler(_Forward(line))
+    """A worker's life: take jobs until there are no more, or the batch is gone.
+
+    It sends its log if it `talks`, else what the log says of the time that is left.
+    """
+    sent = logging.getLogger("deglint" if talks else "deglint.timing")
+    sent.setLevel(logging.INFO)
+    sent.addHandler(_Forward(line))
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)  # as Ctrl-C does
     threading.Thread(target=_watch_parent, daemon=True).start()
     with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
         while (task := line.recv()) is not None:
             job, again = task
-            line.send(("end", _do(job, again, order, request, threads, line)))
+            line.send(_do(job, again, order, request, threads))
 
 
 def _watch_parent() -> None:
@@ -206,22 +203,14 @@ def _watch_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _do(job: Job, again: bool, order: Order, request: str, threads: int, line: Any) -> Outcome:
+def _do(job: Job, again: bool, order: Order, request: str, threads: int) -> Outcome:
     begun = time.perf_counter()
-    last = [0.0]
-
-    def progress(stage: str, done: int, total: int) -> None:
-        now = time.perf_counter()
-        if now - last[0] > _REPORT_EVERY:
-            last[0] = now
-            line.send(("progress", (stage, done, total)))
-
     extras: dict[str, Any] = {name: getattr(job.outputs, name) for name in order.extras}
     if "model" in extras:
         extras["model_file"] = extras.pop("model")
     try:
         result = remove_glint(
-            job.scene.source, job.outputs.image, order.recipe, **order.opening(), threads=threads, progress=progress,
+            job.scene.source, job.outputs.image, order.recipe, **order.opening(), threads=threads,
             overwrite=again, dtype=order.dtype, options=order.options, request=request, **extras,
         )  # fmt: skip
     except NoWaterError as error:
