@@ -294,9 +294,8 @@ def _union(boxes: Sequence[Window | None]) -> Window | None:
     real = [b for b in boxes if b is not None]
     if not real:
         return None
-    tops, bottoms = zip(*(rows for rows, _columns in real), strict=True)
-    lefts, rights = zip(*(columns for _rows, columns in real), strict=True)
-    return (min(tops), max(bottoms)), (min(lefts), max(rights))
+    (top, left), (bottom, right) = np.min(real, axis=0)[:, 0].tolist(), np.max(real, axis=0)[:, 1].tolist()
+    return (top, bottom), (left, right)
 
 
 def _place(box: Window | None) -> str:

@@ -37,6 +37,7 @@ from .outputs import Outputs, PixelCounts, Result
 from .overview import raster_of
 from .prepare import correction
 from .recipe import Recipe
+from .sample import tiles_over
 from .sidecar import log_result, saved, sidecar
 
 CHAIN_COPIES = 3
@@ -239,16 +240,13 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     if not (0 <= top < bottom <= scene.height and 0 <= left < right <= scene.width):
         raise InputError(f"window {window} is not inside a scene of {scene.height} x {scene.width} pixels.")
     work = correction(scene, fitted, mask=mask)
-    everything = tiling.tiles(scene.height, scene.width, work.layout.tile)
-    whole, out, report = Tile(top, bottom, left, right), None, Reporter()
+    whole, out = Tile(top, bottom, left, right), np.empty(0)
+    everything = tiles_over(scene, whole.window, work.layout.tile)
+    options: dict[str, Any] = {"progress": partial(Reporter(), "correct"), "start": enter_thread}
     with environment():
-        for done, tile in enumerate(everything):
-            report("correct", done, len(everything))
+        for tile, (clean, _where) in tiling.run(everything, work.corrected, **options):
             part = Tile(max(tile.row0, top), min(tile.row1, bottom), max(tile.col0, left), min(tile.col1, right))
-            if part.row0 < part.row1 and part.col0 < part.col1:
-                clean, _where = work.corrected(tile)
-                if out is None:
-                    out = np.empty((len(clean), *whole.shape), clean.dtype)
-                out[part.within(whole)] = clean[part.within(tile)]
-    assert out is not None
+            if not out.size:
+                out = np.empty((len(clean), *whole.shape), clean.dtype)
+            out[part.within(whole)] = clean[part.within(tile)]
     return out

@@ -71,10 +71,8 @@ def log_water(rule: WaterRule | None, mask: str) -> None:
     """Log what is corrected."""
     if rule is not None and rule.has_water:
         log.info("water: %s", rule.reason)
-    elif mask == "none":
-        log.info("mask: none, every valid pixel is corrected")
     elif mask != "auto":
-        log.info("mask: %s", mask)
+        log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")
 
 
 def log_model(model: GlintModel, notes: Sequence[str]) -> None:
@@ -108,11 +106,10 @@ def sidecar(
     def by_band(counts: Any) -> dict[str, Any]:
         return dict(zip(names, np.broadcast_to(counts, len(names)), strict=True))
 
-    counted = not tally.copied
-    removed = {f.band for f in fitted.model.fits}
+    counted, rewritten = not tally.copied, by_band(tally.rewritten)
+    removed = {names[f.band] for f in fitted.model.fits}
     # pixels of each band that differ from the input, at most
-    rewritten = by_band(tally.rewritten)
-    changed = {name: tally.corrected if i in removed else rewritten[name] for i, name in enumerate(names)}
+    changed = {name: tally.corrected if name in removed else rewritten[name] for name in names}
     return {
         "deglint": __version__,
         "versions": versions(),
@@ -176,12 +173,8 @@ def versions() -> dict[str, str]:
     """Versions of what the numbers depend on."""
     import rasterio
 
-    return {
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "rasterio": rasterio.__version__,
-        "gdal": rasterio.__gdal_version__,
-    }
+    return {"python": platform.python_version(), "numpy": np.__version__, "rasterio": rasterio.__version__,
+            "gdal": rasterio.__gdal_version__}  # fmt: skip
 
 
 def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:

@@ -189,20 +189,16 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
     InputError
         A value cannot be used, or the sun is down.
     """
-    tables: dict[str, dict[str, Any]] = {}
-    for name, text in asked.items():
-        if name in _PAGE_NUMBERS:
-            table, key = _PAGE_NUMBERS[name]
-            try:
-                tables.setdefault(table, {})[key] = float(text)
-            except ValueError:
-                raise InputError(f"{name} must be a number, got {text[:40]!r}.") from None
-        elif name == "time":
-            tables.setdefault("place", {})["time"] = text
-        elif name not in ("sensor", "band"):
-            raise InputError(
-                f"there is no {name[:40]!r} to set; there are {', '.join(_PAGE_NUMBERS)}, time, sensor, band."
-            )
+    tables: dict[str, dict[str, Any]] = {"place": {"time": asked["time"]}} if "time" in asked else {}
+    for name in asked.keys() - {"time", "sensor", "band"}:
+        if name not in _PAGE_NUMBERS:
+            known = f"{', '.join(_PAGE_NUMBERS)}, time, sensor, band"
+            raise InputError(f"there is no {name[:40]!r} to set; there are {known}.")
+        table, key = _PAGE_NUMBERS[name]
+        try:
+            tables.setdefault(table, {})[key] = float(asked[name])
+        except ValueError:
+            raise InputError(f"{name} must be a number, got {asked[name][:40]!r}.") from None
     given = tables_of(base)
     if base.air is None:  # it follows from wind, place and time, so it follows the sliders
         del given["air"], given["wind"]["mean"]
