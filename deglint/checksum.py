@@ -38,10 +38,7 @@ class Checksum:
     def result(self) -> list[dict[str, Any]]:
         """For each file its name, size [byte] and checksum (8 hexadecimal digits), or None.
 
-        Raises
-        ------
-        ReadError
-            A file was changed while it was read: what was made of it is of no one state of it.
+        Raises ReadError: a file was changed while it was read: what was made of it is of no one state of it.
         """
         self._thread.join()
         if changed := self.changed():

@@ -53,10 +53,7 @@ Say = Callable[[str, Any], None]
 def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = ()) -> list[Job]:
     """The work on each scene; `reads` are files that were read beside the scenes and what the recipe names.
 
-    Raises
-    ------
-    InputError
-        Two scenes would be written to one file, or a file that is read would be written over.
+    Raises InputError: two scenes would be written to one file, or a file that is read would be written over.
     """
     jobs = []
     for scene in scenes:

@@ -88,12 +88,8 @@ def read_order(path: str, directory: str | None = None) -> Order:
     It is TOML with the tables [recipe] (fields of `Recipe`), [input] (`OF_INPUT`) and [output] (`OF_OUTPUT`); every one
     may be left out.
 
-    Raises
-    ------
-    ReadError
-        No such file.
-    InputError
-        Not TOML, or a name or value that is not allowed, such as a directory above the one that the batch runs in.
+    Raises ReadError: no such file; InputError: not TOML, or a name or value that is not allowed, such as a directory
+    above the one that the batch runs in.
     """
     document = read_toml(path, "recipe")
     allowed = {"recipe": [f.name for f in fields(Recipe)], "input": OF_INPUT, "output": OF_OUTPUT}

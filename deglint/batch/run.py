@@ -42,10 +42,8 @@ def run_batch(
     input; what is finished is never made again. `dry_run` only says what would be done. `say` is told what happens.
     `reads` are files that were read for this batch, such as its recipe: no output may replace them.
 
-    Raises
-    ------
-    InputError, WriteError
-        Names that clash, a directory that cannot be written to, or another batch at work in it: nothing was begun.
+    Raises InputError, WriteError: names that clash, a directory that cannot be written to, or another batch at work in
+    it: nothing was begun.
     """
     if processes < 1:
         raise InputError(f"jobs: want at least 1, got {processes}.")

@@ -58,10 +58,7 @@ class Cluster:
         by itself. What `combine` makes of a row of tiles is made on a worker, to which the others send theirs: it alone
         comes here.
 
-        Raises
-        ------
-        DeglintError
-            What the work itself raised; or there are no workers any more, or too little memory.
+        Raises DeglintError: what the work itself raised; or there are no workers any more, or too little memory.
         """
         import cloudpickle
 

@@ -306,12 +306,7 @@ def _place(box: Window | None) -> str:
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
     """A model that was fitted before, made ready for this scene.
 
-    Raises
-    ------
-    InputError
-        The scene lacks a band that the model needs.
-    NoWaterError
-        The scene holds no water.
+    Raises InputError: the scene lacks a band that the model needs; NoWaterError: the scene holds no water.
     """
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()

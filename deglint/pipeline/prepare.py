@@ -89,10 +89,8 @@ def marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
 def with_stderr(work: Correction, threads: int) -> Correction:
     """The same correction, which gives standard errors as well.
 
-    Raises
-    ------
-    FitError, InputError
-        No band is corrected, no water in the tiles, or a compensation whose error is not known.
+    Raises FitError, InputError: no band is corrected, no water in the tiles, or a compensation whose error is not
+    known.
     """
     if not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")

@@ -207,10 +207,7 @@ UNKNOWN_OBJECT = 16.0
 def smallest_object(text: str | None, pixel: float | None) -> float:
     """Width of the smallest object to keep [pixel], from "4m", "16px" or nothing.
 
-    Raises
-    ------
-    InputError
-        Not a length, or metres where the size of a pixel is not known.
+    Raises InputError: not a length, or metres where the size of a pixel is not known.
     """
     if not text:
         return UNKNOWN_OBJECT if pixel is None else SMALLEST_OBJECT / pixel

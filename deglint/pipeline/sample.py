@@ -103,10 +103,7 @@ class Sampler:
 def sampler_of(scene: Scene, recipe: Recipe, overview: Overview, threads: int) -> Sampler:
     """The sampler that a recipe asks for.
 
-    Raises
-    ------
-    FitError, InputError, ReadError
-        No sample can be found, or the one that was named cannot be used.
+    Raises FitError, InputError, ReadError: no sample can be found, or the one that was named cannot be used.
     """
     if recipe.sample == "auto":
         return _auto_sampler(scene, overview, threads)

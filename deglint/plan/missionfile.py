@@ -46,10 +46,7 @@ _SENSOR_KEYS = ("preset", "bands", "band", "name", *(f.name for f in fields(Sens
 def mission_from(tables: Tables, name: str = "the mission") -> Mission:
     """A mission from tables as above; `name` stands for the file in messages.
 
-    Raises
-    ------
-    InputError
-        A table or key is not known, or a value cannot be used.
+    Raises InputError: a table or key is not known, or a value cannot be used.
 
     Examples
     --------
@@ -115,10 +112,7 @@ def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
 def pressure(value: Any) -> float:
     """Pressure [hPa] from a number in hPa, or words such as "29.9 inHg" and "762 mmHg".
 
-    Raises
-    ------
-    InputError
-        It is neither.
+    Raises InputError: it is neither.
 
     Examples
     --------

@@ -27,10 +27,7 @@ _HOW = (
 def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to look from") -> Image:
     """Draw a plan, of all bands together or of one band alone.
 
-    Raises
-    ------
-    BandError
-        There is no such band.
+    Raises BandError: there is no such band.
     """
     contrast, patterns = layers(plan, band)
     geometry = best_geometry(plan, band=band)

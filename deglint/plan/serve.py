@@ -56,10 +56,7 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
 
     Port 0 takes a free one; `say` is called with each line to show, such as the address of the page.
 
-    Raises
-    ------
-    InputError
-        The port is taken.
+    Raises InputError: the port is taken.
     """
     server = make_server(mission, port)
     answer(mission, {})  # the first drawing loads what draws; no one need wait for it
@@ -80,10 +77,7 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
 def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
     """The server, bound to the loopback address and not yet serving.
 
-    Raises
-    ------
-    InputError
-        The port is taken.
+    Raises InputError: the port is taken.
     """
 
     try:
@@ -184,10 +178,7 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
 
     `asked` holds values of the sliders by name; those not named stay as in `base`.
 
-    Raises
-    ------
-    InputError
-        A value cannot be used, or the sun is down.
+    Raises InputError: a value cannot be used, or the sun is down.
     """
     tables: dict[str, dict[str, Any]] = {"place": {"time": asked["time"]}} if "time" in asked else {}
     for name in asked.keys() - {"time", "sensor", "band"}:

@@ -51,10 +51,7 @@ def wind_ensemble(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -
     The speed is known to plus or minus `speed` [m/s], cut to what the models hold for; the direction is known to plus
     or minus `turn` [degree], where 180 is not at all.
 
-    Raises
-    ------
-    InputError
-        A value is out of range.
+    Raises InputError: a value is out of range.
     """
     within("wind speed uncertainty", speed, 0.0, 20.0, "m/s", "Give plus or minus how much.")
     within("wind direction uncertainty", turn, 0.0, 180.0, "degrees", "180 stands for not known at all.")
