@@ -140,14 +140,10 @@ def test_memory_of_a_worker_is_told_and_below_its_limit(cluster, scene, tmp_path
     assert 0 < noted["most_memory_of_one_MB"] <= max(held.values()) / 1e6 + 0.1
 
 
-def test_rows_of_tiles_are_reduced_on_the_workers(cluster):
-    """What comes to this process is one result a row, and it is the same as on threads."""
+def test_tiles_come_in_order(cluster):
     everything = tiles(300, 500, (100, 100))
-    options = {"work": operator.attrgetter("col0", "row1"), "combine": sorted}
-    assert list(cluster.run(everything, **options)) == list(run_threads(everything, **options))
-    made = [pid for _row, pid in cluster.run(everything, hash, combine=lambda _: os.getpid())]
-    assert len(made) == 3
-    assert set(made) <= set(cluster.client.run(os.getpid).values())
+    work = operator.attrgetter("col0", "row1")
+    assert list(cluster.run(everything, work)) == list(run_threads(everything, work))
 
 
 def test_commands_take_the_address_of_a_cluster(cluster, deglint, scene, tmp_path):

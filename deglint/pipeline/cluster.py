@@ -20,7 +20,7 @@ from typing import Any
 
 from ..errors import DeglintError, InputError
 from ..raster.environment import environment
-from ..tiles import Combine, Tile, hull, rows_of
+from ..tiles import Tile
 
 TILES_AHEAD = 3
 """Tiles that each thread of a worker has been given, or has done and not been asked for."""
@@ -50,42 +50,33 @@ class Cluster:
 
     def run(
         self, everything: Sequence[Tile], work: Callable[[Tile], Any], *,
-        progress: Callable[[int, int], None] | None = None, combine: Combine | None = None, **_of_threads: Any,
+        progress: Callable[[int, int], None] | None = None, **_of_threads: Any,
     ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
         """Do work on every tile and yield (tile, result) in order, as `deglint.tiles.run` does.
 
         Its options of threads are not used: threads are those of the workers, and each task enters GDAL's environment
-        by itself. What `combine` makes of a row of tiles is made on a worker, to which the others send theirs: it alone
-        comes here.
+        by itself.
 
         Raises DeglintError: what the work itself raised; or there are no workers any more, or too little memory.
         """
         import cloudpickle
 
         shipped = self.client.submit(bytes, cloudpickle.dumps(work), key=f"deglint-work-{secrets.token_hex(8)}")
-        rows = [[tile] for tile in everything] if combine is None else rows_of(everything)
-        todo, waiting = iter(rows), deque[tuple[list[Tile], Any]]()
-        done = given = most = 0
-        counted = -_RECOUNT
+        todo, waiting, most = iter(everything), deque[tuple[Tile, Any]](), 0
         try:
-            for _ in rows:
-                if done - counted >= _RECOUNT:
+            for done in range(len(everything)):
+                if done % _RECOUNT == 0:
                     with _answering():
-                        counted, most = done, TILES_AHEAD * max(sum(self.client.nthreads().values()), 1)
-                while given - done < most and (row := next(todo, None)) is not None:
-                    found = [self.client.submit(_do, shipped, tile, pure=False) for tile in row]  # stays on the workers
-                    future = found[0] if combine is None else self.client.submit(combine, found, pure=False)
-                    waiting.append((row, future))
-                    del found, future
-                    given += len(row)
-                row, future = waiting.popleft()
-                yield hull(row), self._result(future)
+                        most = TILES_AHEAD * max(sum(self.client.nthreads().values()), 1)
+                while len(waiting) < most and (tile := next(todo, None)) is not None:
+                    waiting.append((tile, self.client.submit(_do, shipped, tile, pure=False)))
+                tile, future = waiting.popleft()
+                yield tile, self._result(future)
                 del future
-                done += len(row)
                 if progress:
-                    progress(done, len(everything))
+                    progress(done + 1, len(everything))
         finally:
-            self.client.cancel([future for _row, future in waiting])  # what they wait for is then wanted by nobody
+            self.client.cancel([future for _tile, future in waiting])
 
     def _result(self, future: Any) -> Any:
         from distributed import KilledWorker

@@ -120,5 +120,5 @@ def _header(scene: Scene) -> dict[str, Any]:
 
 def _validity(scene: Scene, looked: tuple[Tile, ...], nir: int, threads: int) -> dict[str, Any]:
     reads = tiling.run(looked, lambda t: scene.source.read(t.window, [nir]), threads=threads, start=enter_thread)
-    total, valid = np.sum([(block.size, np.count_nonzero(np.isfinite(block))) for _tile, block in reads], axis=0)
-    return {"valid_fraction": valid / total, "looked_at_pixels": int(total)}
+    valid = np.array([(int(np.isfinite(block).sum()), block.size) for _tile, block in reads]).sum(axis=0)
+    return {"valid_fraction": float(valid[0] / valid[1]), "looked_at_pixels": int(valid[1])}

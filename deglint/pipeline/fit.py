@@ -243,7 +243,8 @@ def _fit_sampled(job: Job, given: Sampler | None, method: str) -> Sampled:
     at_once = tiling.affordable(job.threads, sampling.largest, 4 * len(columns))  # statistics take several copies
     options: dict[str, Any] = {"threads": at_once, "progress": job.note(), "start": enter_thread}
     for tiles, plan in sampling:
-        for _row, (part, box, found) in job.run(tiles, partial(work, plan), combine=partial(_row_of, plan), **options):
+        done = job.run(tiles, partial(work, plan), **options)
+        for part, box, found in tiling.by_rows(done, partial(_row_of, plan)):
             sampling.parts.append(part)
             boxes.append(box)
             features += found

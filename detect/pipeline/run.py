@@ -242,9 +242,9 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
         area = None if silent.area is None else silent.area.read(tile.window)
         return Part.of(block, both(silent.mask.read(tile), area), (tile.row0, tile.col0), share)
 
-    rows = run(plan.tiles, gather, combine=Part.merge, progress=plan.note("fit"), threads=plan.threads,
-               start=enter_thread)  # fmt: skip
-    return Part.merge([part for _row, part in rows]).background(recipe.covariance, ridge=recipe.ridge, names=plan.names)
+    done = run(plan.tiles, gather, progress=plan.note("fit"), threads=plan.threads, start=enter_thread)
+    whole = Part.merge(list(tiling.by_rows(done, Part.merge)))
+    return whole.background(recipe.covariance, ridge=recipe.ridge, names=plan.names)
 
 
 def _law(recipe: Recipe, ready: Detector | None, background: Background | None, bands: int) -> Law | None:
