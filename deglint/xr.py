@@ -296,10 +296,7 @@ class Deglint:
 
     def apply(self, fitted: Fitted | GlintModel, **options: Any) -> Any:
         """Correct with what was fitted: see `deglint.xr.apply`."""
-
-        def work(array: Any) -> Any:
-            return apply(array, fitted, **options)
-
+        work: Callable[[Any], Any] = partial(apply, fitted=fitted, **options)
         return work(self._given) if hasattr(self._given, "data") else _by_variables(self._given, work)
 
     def remove(self, recipe: Recipe | str = "auto", **options: Any) -> Any:

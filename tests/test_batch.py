@@ -11,8 +11,7 @@ import textwrap
 import numpy as np
 import pytest
 
-from deglint.batch.jobs import jobs_of, state_of
-from deglint.batch.order import read_order
+from deglint.batch.jobs import jobs_of, read_order, state_of
 from deglint.batch.run import run_batch
 from deglint.errors import InputError, ReadError, WriteError
 from deglint.raster.scratch import claimed

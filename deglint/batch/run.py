@@ -23,8 +23,7 @@ from ..raster.scratch import MOVED, claimed, make_directory
 from ..raster.targets import check_target
 from ..readers.scenes import ListedScene
 from ..tiles import default_threads
-from .jobs import DONE, FAILED, NO_WATER, TODO, Job, Outcome, Say, jobs_of, outcome, state_of
-from .order import Order
+from .jobs import DONE, FAILED, NO_WATER, TODO, Job, Order, Outcome, Say, jobs_of, outcome, state_of
 
 log = logging.getLogger(__name__)
 STOP_PATIENCE = 10.0

@@ -71,8 +71,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     dtype = "uint16"
     options = {COMPRESS = "ZSTD"}
     """  # fmt: skip
-    from ..batch.jobs import FAILED, TODO
-    from ..batch.order import read_order
+    from ..batch.jobs import FAILED, TODO, read_order
     from ..batch.run import run_batch
     from ..readers.scenes import list_scenes
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -240,14 +240,18 @@ def _fit_sampled(job: Job, given: Sampler | None, method: str) -> Sampled:
         return part, _box(mask, tile), to_geojson(mask, (tile.row0, tile.col0), scene) if outlined else []
 
     features, boxes = [], []
+
+    def parts(done: Iterator[Any]) -> Iterator[tuple[Tile, Any]]:
+        for tile, (part, box, found) in done:
+            boxes.append(box)
+            features.extend(found)
+            yield tile, part
+
     at_once = tiling.affordable(job.threads, sampling.largest, 4 * len(columns))  # statistics take several copies
     options: dict[str, Any] = {"threads": at_once, "progress": job.note(), "start": enter_thread}
     for tiles, plan in sampling:
-        done = job.run(tiles, partial(work, plan), **options)
-        for part, box, found in tiling.by_rows(done, partial(_row_of, plan)):
-            sampling.parts.append(part)
-            boxes.append(box)
-            features += found
+        done = parts(job.run(tiles, partial(work, plan), **options))
+        sampling.parts += tiling.by_rows(done, partial(combine, plan=plan))
     stats = sampling.statistics()
     tolerance, notes, doubts = sampling.said()
     model = METHODS[method].fit(request, stats)
@@ -257,14 +261,6 @@ def _fit_sampled(job: Job, given: Sampler | None, method: str) -> Sampled:
     numbers["notes"] = [*notes, f"sample ({job.recipe.sample}): {stats.moments.n} pixels, {_place(box)}"]
     numbers |= {"tolerance": tolerance} if tolerance else {}
     return model, numbers, collection(features, scene) if outlined else None
-
-
-def _row_of(
-    plan: SamplePlan, tiles: list[tuple[Any, Window | None, list[Any]]]
-) -> tuple[Any, Window | None, list[Any]]:
-    """What a row of tiles comes to: its part of the statistics, where the sample lies in it, its outlines."""
-    parts, boxes, features = zip(*tiles, strict=True)
-    return combine(parts, plan), _union(boxes), [f for some in features for f in some]
 
 
 def _numbers(job: Job, model: GlintModel, pixels: int, box: Window | None) -> dict[str, Any]:

@@ -69,7 +69,7 @@ class Sampling:
             return
         wanted, done = OVERVIEW_PIXELS, set[Tile]()
         while len(done) < len(self.pool):
-            batch = [tile for tile in _spread(self.pool, min(wanted, self.total)) if tile not in done]
+            batch = [tile for tile in tiling.spread(self.pool, wanted) if tile not in done]
             if not batch:
                 wanted = int(wanted * GROWTH[0])
                 continue
@@ -138,17 +138,6 @@ class Sampling:
         else:
             known = f"the slopes' error is {self.errors[worst or '']:.2g} in {worst}"
         return numbers, notes, [f"the tolerance {self.tolerance:g} was not reached: {known}."]
-
-
-def _spread(pool: Sequence[Tile], pixels: int) -> list[Tile]:
-    """Some tiles, evenly spread, that hold at least so many pixels."""
-    wanted, everything = pixels, sum(tile.pixels for tile in pool)
-    while wanted < everything:
-        chosen = tiling.spread(pool, wanted)
-        if sum(tile.pixels for tile in chosen) >= pixels:
-            return chosen
-        wanted = int(GROWTH[0] * wanted)
-    return list(pool)
 
 
 def _thinned(part: SamplePart, share: int) -> SamplePart:

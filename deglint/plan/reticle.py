@@ -26,7 +26,7 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """Mean light in each band: irradiances [W m-2 nm-1] (band,), radiances [W m-2 sr-1 nm-1] (band, zenith, azimuth)."""
+    """Mean light in each band: irradiance (band,) [W m-2 nm-1], radiance (band, zenith, azimuth) [W m-2 sr-1 nm-1]."""
 
     direct: Array  # irradiance of a level plane by the sun
     diffuse: Array  # and by the sky
