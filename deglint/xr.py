@@ -78,7 +78,8 @@ def fit(
     """
     need_xarray()
     opened = open_array(array, sensor=sensor, nodata=nodata)
-    return fit_scene(opened.scene, _recipe(recipe), threads=threads)
+    recipe = recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
+    return fit_scene(opened.scene, recipe, threads=threads)
 
 
 @checked_keywords()
@@ -258,10 +259,6 @@ def _correction(scene: Scene, fitted: Fitted, dtype: str | None) -> Correction:
     return replace(work, scene=replace(scene, source=DetachedSource()), layout=replace(work.layout, masked=False))
 
 
-def _recipe(recipe: Recipe | str) -> Recipe:
-    return recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
-
-
 def _same(a: Any, b: Any) -> bool:
     try:
         return bool(np.array_equal(a, b, equal_nan=True))
@@ -292,7 +289,7 @@ class Deglint:
 
     def fit(self, recipe: Recipe | str = "auto", **options: Any) -> Fitted:
         """Fit a recipe: see `deglint.xr.fit`."""
-        return fit(self._array(), recipe, **options)
+        return fit(self._given if hasattr(self._given, "data") else stack(self._given), recipe, **options)
 
     def apply(self, fitted: Fitted | GlintModel, **options: Any) -> Any:
         """Correct with what was fitted: see `deglint.xr.apply`."""
@@ -303,16 +300,7 @@ class Deglint:
         """Fit and correct: see `deglint.xr.remove`."""
         return remove(self._given, recipe, **options)
 
-    def _array(self) -> Any:
-        return self._given if hasattr(self._given, "data") else stack(self._given)
 
-
-def _register() -> None:
-    """Make the accessors known to xarray, which has no entry point for them."""
-    with contextlib.suppress(DeglintError):
-        xarray = need_xarray()
-        xarray.register_dataarray_accessor("deglint")(Deglint)
-        xarray.register_dataset_accessor("deglint")(Deglint)
-
-
-_register()
+with contextlib.suppress(DeglintError):  # xarray has no entry point for accessors
+    for _register in (need_xarray().register_dataarray_accessor, need_xarray().register_dataset_accessor):
+        _register("deglint")(Deglint)

@@ -14,6 +14,8 @@ import signal
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
@@ -84,8 +86,6 @@ def _run_jobs(
     todo: Mapping[int, tuple[Job, bool]], order: Order, request: str, processes: int, threads: int | None, say: Say
 ) -> dict[int, Outcome]:
     """Do jobs, each given with whether it may replace what is there, and say what came of each."""
-    from multiprocessing.connection import wait
-
     found: dict[int, Outcome] = {}
     waiting, count = list(todo)[::-1], min(processes, len(todo))
     each = threads or max(1, default_threads() // max(count, 1))
@@ -121,8 +121,6 @@ def _run_jobs(
 
 def _start(order: Order, request: str, threads: int) -> tuple[Any, Any]:
     """A way to talk to a new worker, and its process."""
-    from multiprocessing import get_context
-
     context = get_context("spawn")  # a fork would take locks of this process's threads with it
     ours, theirs = context.Pipe()
     talks = log.isEnabledFor(logging.DEBUG)
@@ -191,9 +189,6 @@ def _serve(line: Any, order: Order, request: str, threads: int, talks: bool) -> 
 
 
 def _watch_parent() -> None:
-    from multiprocessing import parent_process
-    from multiprocessing.connection import wait
-
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])
