@@ -98,7 +98,7 @@ def with_options(*options: Callable[..., Any]) -> Callable[[Any], Any]:
     return decorate
 
 
-NODATA = parsed(lambda text: text if text == "none" else float(text), "is not a number, nan or none.")
+read_nodata = parsed(lambda text: text if text == "none" else float(text), "is not a number, nan or none.")
 common = with_options(
     click.option("--sensor", type=FileName(presets=True), metavar="NAME|FILE.toml",
                  help="Preset that fills in what the file does not say of its bands (worldview3, sentinel2, "
@@ -112,7 +112,7 @@ common = with_options(
     click.option("--offset", metavar="N[,N...]", help="And this is added, such as -0.1."),
     click.option("--nir", multiple=True, callback=names, metavar="BAND[,BAND]",
                  show_default="deduced from the wavelengths", help="NIR band by name or number (from 1)."),
-    click.option("--nodata", callback=NODATA, metavar="NUMBER|nan|none",
+    click.option("--nodata", callback=read_nodata, metavar="NUMBER|nan|none",
                  help="Value that means: not valid; none: every number is data."),
     click.option("--threads", type=click.IntRange(1, 1024), metavar="N",
                  show_default="all processors", help="The result does not depend on it."),

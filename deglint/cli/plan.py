@@ -41,7 +41,7 @@ def minutes(text: str) -> float:
     return count
 
 
-DURATION = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
+read_duration = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
 
 NUMBER_OPTIONS: tuple[tuple[str, str, str], ...] = (  # option, unit, what it says
     ("--lat", "DEG", "Latitude, north positive."),
@@ -101,7 +101,7 @@ mission_options = with_options(
 mode_options = with_options(
     click.option("--from", "start", metavar="ISO", help="Sweep over time: from when,"),
     click.option("--to", "end", metavar="ISO", help="until when,"),
-    click.option("--every", callback=DURATION, metavar="30min", help="and how often; 30min by default."),
+    click.option("--every", callback=read_duration, metavar="30min", help="and how often; 30min by default."),
     click.option("--wind-within", callback=at("speed", "turn", "2@30"), metavar="M/S@DEG",
                  help="The wind is known to plus or minus this: intervals, and what is good under all of them."),
     click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),

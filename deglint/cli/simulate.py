@@ -47,10 +47,10 @@ def _boat(text: str) -> tuple[float, ...]:
     return right, down, speed, float(heading or 0.0)
 
 
-SIZE = parsed(_size, "is not a number of pixels, nor ROWSxCOLUMNS.")
-DEPTHS = parsed(_depths, "is not like 25:3, the depth at the left and at the right edge.")
-BOATS = parsed(_boat, "is not like 20,35,6@60: RIGHT,DOWN [m], SPEED [m/s] @ HEADING.")
-WHITECAPS = parsed(lambda text: None if text == "auto" else float(text), "is neither a share, such as 0.01, nor auto.")
+read_size = parsed(_size, "is not a number of pixels, nor ROWSxCOLUMNS.")
+read_depths = parsed(_depths, "is not like 25:3, the depth at the left and at the right edge.")
+read_boats = parsed(_boat, "is not like 20,35,6@60: RIGHT,DOWN [m], SPEED [m/s] @ HEADING.")
+read_foam = parsed(lambda text: None if text == "auto" else float(text), "is neither a share, such as 0.01, nor auto.")
 
 
 class _Simulate(Grouped):
@@ -72,7 +72,7 @@ class _Simulate(Grouped):
 
 simulate_options = with_options(
     click.option("--preset", type=click.Choice(PRESET_NAMES), default="thesis", help="Sensor."),
-    click.option("--size", default="512", callback=SIZE, metavar="N|ROWSxCOLUMNS", help="Of the image [pixel]."),
+    click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS", help="Of the image [pixel]."),
     click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default."),
     click.option("--wind-from", type=float, default=30.0, metavar="DEG", help="Azimuth that it blows from."),
     click.option("--delay", type=float, multiple=True, metavar="S", help="From band to band; the sensor's by default."),
@@ -88,11 +88,11 @@ simulate_options = with_options(
     click.option("--fetch", type=float, default=100e3, metavar="M", help="For JONSWAP."),
     click.option("--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water."),
     click.option("--depth", type=float, default=5.0, metavar="M", help="Of the objects."),
-    click.option("--bottom", callback=DEPTHS, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m]."),
+    click.option("--bottom", callback=read_depths, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m]."),
     click.option("--texture", type=float, default=0.4, metavar="SHARE", help="--bottom: covered by patches of algae."),
     click.option("--coast", type=float, default=0.0, metavar="M", help="Width of land along the right edge."),
-    click.option("--foam", default="0", callback=WHITECAPS, metavar="SHARE|auto", help="Whitecaps; auto: of the wind."),
-    click.option("--boat", multiple=True, callback=BOATS, metavar="RIGHT,DOWN,M/S@DEG",
+    click.option("--foam", default="0", callback=read_foam, metavar="SHARE|auto", help="Whitecaps; auto: of the wind."),
+    click.option("--boat", multiple=True, callback=read_boats, metavar="RIGHT,DOWN,M/S@DEG",
                  help="A boat of 8 m: its place [m], speed and heading."),
     click.option("--supersample", type=int, default=4, metavar="N", help="Facets per pixel, each way."),
     click.option("--patch", type=float, default=0.005, metavar="M", help="Patches of like slope; 0: no sparkle."),
