@@ -156,32 +156,27 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     with ExitStack() as stack:
 
         def start() -> Any:
-            if workers is None:
-                return stack.enter_context(_client(Client, address))
-            local = LocalCluster(
-                workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
-                dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
-            )  # fmt: skip
-            inside = stack.enter_context(local)
-            return stack.enter_context(Client(inside, set_as_default=False, direct_to_workers=True))
+            if workers is not None:
+                local = LocalCluster(
+                    workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
+                )  # fmt: skip
+                inside = stack.enter_context(local)
+                return stack.enter_context(Client(inside, set_as_default=False, direct_to_workers=True))
+            try:
+                client = stack.enter_context(Client(address, timeout=_CONNECT, set_as_default=False))
+            except (OSError, ValueError, TypeError) as error:
+                raise DeglintError(
+                    f"cannot reach a scheduler at {address}. Start one with `dask scheduler`, and name it as "
+                    "tcp://HOST:PORT."
+                ) from error
+            try:
+                client.wait_for_workers(1, timeout=_CONNECT)
+            except TimeoutError as error:
+                raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
+            return client
 
         yield Cluster(start)
-
-
-def _client(kind: Any, address: str | None) -> Any:
-    """A client of the scheduler at an address, once it has a worker."""
-    try:
-        client = kind(address, timeout=_CONNECT, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise DeglintError(
-            f"cannot reach a scheduler at {address}. Start one with `dask scheduler`, and name it as tcp://HOST:PORT."
-        ) from error
-    try:
-        client.wait_for_workers(1, timeout=_CONNECT)
-    except TimeoutError as error:
-        client.close()
-        raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
-    return client
 
 
 @contextmanager
