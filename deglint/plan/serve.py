@@ -48,6 +48,8 @@ PLANS_AT_ONCE = 2
 """Plans that are drawn at the same time; each takes some 15 MB and a processor."""
 WAIT = 5.0
 """Time that a further request waits for its turn [s]; browsers and proxies wait for 30 s and more."""
+Answer = tuple[HTTPStatus, str, str, Mapping[str, str]]
+"""Status, type, text and headers of what is sent."""
 _THIN = 4  # the page gets every fourth viewing geometry, for what it says under the pointer
 
 
@@ -114,27 +116,24 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answer, if the request was meant for this machine; one who leaves before is no error."""
         try:
-            self._answer()
+            self._send(*self._answer())
         except (ConnectionError, TimeoutError):
             self.close_connection = True
 
-    def _answer(self) -> None:
+    def _answer(self) -> Answer:
         if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
-            self._send(HTTPStatus.FORBIDDEN, "text/plain", b"this page is not for other sites\n")
-            return
+            return HTTPStatus.FORBIDDEN, "text/plain", "this page is not for other sites\n", {}
         # Host names the loopback address, so that no other site's name can be pointed here
         if self.headers.get("Host", "") not in (f"{host}:{self.server.server_port}" for host in (ADDRESS, "localhost")):
-            self._send(HTTPStatus.MISDIRECTED_REQUEST, "text/plain", b"this page is for this machine only\n")
-            return
+            return HTTPStatus.MISDIRECTED_REQUEST, "text/plain", "this page is for this machine only\n", {}
         parts = urlsplit(self.path)
         if parts.path == "/":
-            self._page()
-        elif parts.path == "/plan":
-            self._plan({name: values[-1] for name, values in parse_qs(parts.query).items()})
-        else:
-            self._send(HTTPStatus.NOT_FOUND, "text/plain", b"there is / and /plan\n")
+            return self._page()
+        if parts.path == "/plan":
+            return self._plan({name: values[-1] for name, values in parse_qs(parts.query).items()})
+        return HTTPStatus.NOT_FOUND, "text/plain", "there is / and /plan\n", {}
 
-    def _page(self) -> None:
+    def _page(self) -> Answer:
         nonce = secrets.token_urlsafe(16)
         text = resources.files(__package__).joinpath("page.html").read_text(encoding="utf-8")
         start = json.dumps(_start(self.server.mission)).replace("<", "\\u003c")
@@ -143,28 +142,27 @@ class _Handler(BaseHTTPRequestHandler):
             f"default-src 'none'; img-src data:; connect-src 'self'; style-src 'nonce-{nonce}';"
             f" script-src 'nonce-{nonce}'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         )
-        self._send(HTTPStatus.OK, "text/html; charset=utf-8", text.encode(), {"Content-Security-Policy": policy})
+        return HTTPStatus.OK, "text/html; charset=utf-8", text, {"Content-Security-Policy": policy}
 
-    def _plan(self, asked: Mapping[str, str]) -> None:
+    def _plan(self, asked: Mapping[str, str]) -> Answer:
         if not self.server.drawing.acquire(timeout=WAIT):
             self.close_connection = True
-            busy = json.dumps({"error": f"busy: {PLANS_AT_ONCE} plans are drawn at a time. Try again."}).encode()
-            self._send(HTTPStatus.SERVICE_UNAVAILABLE, "application/json", busy, {"Retry-After": f"{WAIT:.0f}"})
-            return
+            busy = json.dumps({"error": f"busy: {PLANS_AT_ONCE} plans are drawn at a time. Try again."})
+            return HTTPStatus.SERVICE_UNAVAILABLE, "application/json", busy, {"Retry-After": f"{WAIT:.0f}"}
         try:
-            found, status = answer(self.server.mission, asked), HTTPStatus.OK
+            return HTTPStatus.OK, "application/json", json.dumps(answer(self.server.mission, asked)), {}
         except DeglintError as error:
-            found, status = {"error": str(error)}, HTTPStatus.BAD_REQUEST
+            return HTTPStatus.BAD_REQUEST, "application/json", json.dumps({"error": str(error)}), {}
         finally:
             self.server.drawing.release()
-        self._send(status, "application/json", json.dumps(found).encode())
 
-    def _send(self, status: HTTPStatus, kind: str, body: bytes, headers: Mapping[str, str] | None = None) -> None:
+    def _send(self, status: HTTPStatus, kind: str, text: str, headers: Mapping[str, str]) -> None:
+        body = text.encode()
         self.send_response(status)
         fixed = {"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store",
                  "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer",
                  "Cross-Origin-Resource-Policy": "same-origin"}  # fmt: skip
-        for name, value in {**fixed, **(headers or {})}.items():
+        for name, value in {**fixed, **headers}.items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)
