@@ -1,7 +1,4 @@
-"""Run work over an array's tiles: a lazy one's own chunks, when they are asked for; else tiles on threads, now.
-
-What `deglint.xr` and `detect.xr` share.
-"""
+"""Run work over an array's tiles: a lazy one's own chunks, when they are asked for; else tiles on threads, now."""
 
 from __future__ import annotations
 

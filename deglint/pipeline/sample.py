@@ -1,7 +1,4 @@
-"""Where the sample is, the tiles to learn from, and the recipes that are tried on them.
-
-A sample is found in the scene, drawn by hand, a window, or everything.
-"""
+"""Where the sample is, the tiles to learn from, and the recipes that are tried on them."""
 
 from __future__ import annotations
 

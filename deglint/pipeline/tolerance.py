@@ -1,11 +1,9 @@
 """Read so much of a sample as the slopes' standard errors ask for, and no more.
 
-Without a tolerance a fit reads the whole of a sample that was named, or the usual share of a scene where the sample is
-found by itself. With one it reads squares of 192 pixels, spread evenly, a batch after the other - the first as much as
-a first look at a scene takes - until in every band that will be corrected the relative standard error of the glint
-taken from it (`deglint.remove.glint_error`: for one NIR the slope's standard error over the slope) is small enough, or
-there is no more to read; a sample that is found by itself is then looked for in more of the scene. Which squares, and
-when it stops, depends on the scene's pixels alone: not on the file's blocks, nor on threads.
+With a tolerance a fit reads squares of 192 pixels, spread evenly, a batch after the other, until in every band that
+will be corrected the relative standard error of the glint taken from it (`deglint.remove.glint_error`) is small
+enough, or there is no more to read. Which squares, and when it stops, depends on the scene's pixels alone: not on the
+file's blocks, nor on threads.
 """
 
 from __future__ import annotations

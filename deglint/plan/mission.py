@@ -1,7 +1,6 @@
 """The input of a plan: place and time, wind, air, water, object, sensor, and limits of glint.
 
-A `Mission` fills in defaults and refuses values outside the range of the models. This module opens no files; the
-tables of a mission file become a `Mission` in `deglint.plan.missionfile`.
+A `Mission` fills in defaults and refuses values outside the range of the models.
 """
 
 from __future__ import annotations
