@@ -73,6 +73,11 @@ class Tile:
             min(self.col1 + halo, width),
         )
 
+    def split(self, side: int) -> list[Tile]:
+        """Squares of a side that it is made of, from its first pixel on, in row-major order."""
+        rows, columns = range(self.row0, self.row1, side), range(self.col0, self.col1, side)
+        return [Tile(r, min(r + side, self.row1), c, min(c + side, self.col1)) for r in rows for c in columns]
+
     def within(self, outer: Tile) -> tuple[Any, slice, slice]:
         """Where the tile lies in an array of a larger one, (row, column) or with bands before them."""
         rows = slice(self.row0 - outer.row0, self.row1 - outer.row0)

@@ -243,17 +243,15 @@ class Correction:
     def _states(self, block: _Block) -> Iterator[tuple[State, Any, Any]]:
         """What the chain makes of each cell with its halo; where the cell lies in that, and where in the tile."""
         tile, outer = block.tile, block.outer
-        for row in range(tile.row0, tile.row1, CHAIN_CELL):
-            for column in range(tile.col0, tile.col1, CHAIN_CELL):
-                cell = Tile(row, min(row + CHAIN_CELL, tile.row1), column, min(column + CHAIN_CELL, tile.col1))
-                within = cell.within(tile)
-                if not block.where[within].any():
-                    continue
-                wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)
-                around = wide.within(outer)
-                water = None if block.water is None else block.water[around]
-                state = State.of(block.wide[around], water, (cell.row0, cell.col0))
-                yield apply_chain(state, self.chain, self.model), cell.within(wide), within
+        for cell in tile.split(CHAIN_CELL):
+            within = cell.within(tile)
+            if not block.where[within].any():
+                continue
+            wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)
+            around = wide.within(outer)
+            water = None if block.water is None else block.water[around]
+            state = State.of(block.wide[around], water, (cell.row0, cell.col0))
+            yield apply_chain(state, self.chain, self.model), cell.within(wide), within
 
     def _stderr(self, block: _Block, physical: Any) -> npt.NDArray[np.float32]:
         """Standard errors of the bands that may change; NaN where nothing was corrected."""

@@ -92,12 +92,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
     def work(tile: Tile) -> list[Tile]:
         valid = np.isfinite(scene.source.read(tile.window, [nir])[0])
-        row, column = tile.row0, tile.col0
-        return [
-            Tile(row + t.row0, row + t.row1, column + t.col0, column + t.col1)
-            for t in tiling.tiles(*tile.shape, (TILE_SIDE, TILE_SIDE))
-            if valid[t.row0 : t.row1, t.col0 : t.col1].any()
-        ]
+        return [t for t in tile.split(TILE_SIDE) if valid[t.within(tile)].any()]
 
     at_once = tiling.affordable(threads, shape, len(scene.bands))
     everything = tiling.tiles(scene.height, scene.width, shape)
