@@ -130,8 +130,7 @@ def line_picture(mission: Mission, line: Line, words: Sequence[str] = ()) -> Ima
     canvas.text((40, 22), "Which way to fly", 26)
     canvas.text((40, 60), "   ".join(conditions(mission)), 15, GREY)
     canvas.text((40, 86), first, 20)
-    for k, text in enumerate(lines):
-        canvas.text((40, 116 + 25 * k), text, 17, MAGENTA)
+    canvas.lines((40, 116), lines, 17, 25, MAGENTA)
     centre, radius = (290.0, 380.0 + down), 180.0
     for share in (0.25, 0.5, 0.75, 1.0):
         canvas.circle(centre, radius * share, PALE if share < 1 else INK, 1)
