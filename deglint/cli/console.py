@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import sys
-from types import TracebackType
 from typing import Any, Self
 
 import click
@@ -47,9 +46,7 @@ class Console(logging.Handler):
             logger.propagate = False  # the program around, such as rio, would print each line again
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.clear()
         for logger in map(logging.getLogger, LOGGERS):
             logger.removeHandler(self)

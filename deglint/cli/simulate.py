@@ -146,12 +146,8 @@ def simulate(out: Path, **given: Any) -> None:
             console.progress("simulate", count * bands + done, len(setups) * bands)
 
         for count, (name, setup) in enumerate(setups):
-            scene = make(
-                setup,
-                workers=given["threads"] or os.cpu_count() or 1,
-                keep_surface=given["surface"],
-                progress=progress,
-            )
+            workers = given["threads"] or os.cpu_count() or 1
+            scene = make(setup, workers=workers, keep_surface=given["surface"], progress=progress)
             files = write_scene(scene, name, overwrite=given["overwrite"])
             written += [str(f) for f in files]
             log.info("%d of %d: %s, wind %g m/s, seed %d", count + 1, len(setups), files[0], setup.wind, setup.seed)
@@ -163,11 +159,11 @@ def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:
     """Print the scenes that would be written, and their size before compression."""
     rows, columns = given["size"]
     pixel = len(setups[0][1].sensor.bands) * BYTES
+    files = [f"{name}.tif" for name, _setup in setups]
     if given["as_json"]:
-        click.echo(json.dumps([f"{name}.tif" for name, _ in setups]))
+        click.echo(json.dumps(files))
         return
-    for name, _setup in setups:
-        click.echo(f"{name}.tif")
+    click.echo("\n".join(files))
     size = len(setups) * rows * columns * pixel / 2**20
     click.echo(f"{len(setups)} scenes with their truth, at most {size:.0f} MiB. Nothing was written.")
 
@@ -175,14 +171,11 @@ def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:
 def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
     """Name and setup of each scene that is asked for."""
     from ..physics.presets import preset
-    from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array
-    from ..simulate import whitecaps as _foam
+    from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array, whitecaps
     from ..simulate.setup import DELAYS, WINDS, experiments
 
     sensor = preset(given["preset"])
-    objects: tuple[Any, ...] = ()
-    if given["objects"] == "thesis":
-        objects = thesis_array(given["size"], sensor.gsd, depth=given["depth"])
+    squares = thesis_array(given["size"], sensor.gsd, depth=given["depth"]) if given["objects"] == "thesis" else ()
     direct = (
         "size", "wind_from", "sun_zenith", "sun_azimuth", "view_zenith", "view_azimuth", "chlorophyll", "sky",
         "slopes", "spectrum", "fetch", "coast", "supersample", "patch", "seed",
@@ -192,12 +185,12 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
     bottom = given["bottom"] and Bottom(depth=given["bottom"], share=given["texture"])
     base = Setup(
         bottom=bottom or None,
-        foam=_foam(wind) if given["foam"] is None else given["foam"],
+        foam=whitecaps(wind) if given["foam"] is None else given["foam"],
         targets=tuple(FloatingTarget(right=x, down=y, speed=v, heading=h, wake=3 * v) for x, y, v, h in given["boat"]),
         artefacts=Artefacts(striping=given["striping"] / 100, resampling=given["resampling"], jpeg=given["jpeg"]),
         sensor=sensor.delayed(delays[0]) if delays else sensor,
         wind=wind,
-        objects=objects,
+        objects=squares,
         misregistration=_offsets(given["misregistration"], len(sensor.bands), given["seed"]),
         **{name: given[name] for name in direct},
     )

@@ -141,7 +141,7 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
     angles = {name: angle for name, angle in stated.items() if angle is not None}
     low, high = WAVELENGTH_RANGE
     known = {b.name: b.wavelength for b in scene.bands if b.wavelength and low <= b.wavelength <= high}
-    missing = [name for name in _ANGLE_TAGS if name not in angles]
+    missing = [name for name, angle in stated.items() if angle is None]
     missing += [] if known else [f"a wavelength of {low:g} to {high:g} nm"]
     if missing:
         log.info("sky glint: not modelled, the scene does not state: %s", ", ".join(missing))
