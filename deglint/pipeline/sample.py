@@ -30,7 +30,7 @@ from ..masks import away_from_shore, deep_water, fit_sample, water
 from ..masks.find import COARSE_PIXEL
 from ..moments import CELL
 from ..raster.environment import enter_thread
-from ..readers.areas import open_area
+from ..readers.areas import Area, WindowArea, open_area
 from ..readers.optics import optics_of, pixel_size
 from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise, mixture, wiener
 from ..remove.further import more_references
@@ -104,16 +104,15 @@ def sampler_of(scene: Scene, recipe: Recipe, overview: Overview, threads: int) -
     """
     if recipe.sample == "auto":
         return _auto_sampler(scene, overview, threads)
-    bounds: Window = (0, scene.height), (0, scene.width)
-    area, numbers = None, {}
+    area: Area = WindowArea(((0, scene.height), (0, scene.width)))
     if recipe.sample != "all":
         area = open_area(recipe.sample, scene, "--sample")
-        bounds, note = area.bounds, getattr(area, "note", "")
-        numbers = {"crs": note} if note else {}
+    note, bounds = getattr(area, "note", ""), area.bounds
 
     def mask(_block: Any, _columns: Sequence[int], tile: Tile) -> Mask:
-        return np.ones(tile.shape, np.bool_) if area is None else area.read(tile.window)
+        return area.read(tile.window)
 
+    numbers = {"crs": note} if note else {}
     return Sampler(tiles_over(scene, bounds, tile_shape_of(scene)), mask, numbers=numbers, bounds=bounds)
 
 
@@ -304,10 +303,8 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
 
 def _part_of(found: Training, scene: Scene) -> Training:
     """The first rows and columns of a tile, with fewer pixels around them."""
-    tile = found.tile
-    last = min(tile.row0 + TRIED_SIDE, tile.row1), min(tile.col0 + TRIED_SIDE, tile.col1)
-    part = Tile(tile.row0, last[0], tile.col0, last[1])
+    part = found.tile.split(TRIED_SIDE)[0]
     outer = part.grown(TRIED_HALO, scene.height, scene.width)
     place = outer.within(found.outer)
     block, water = np.ascontiguousarray(found.block[place]), np.ascontiguousarray(found.water[place])
-    return Training(part, outer, block, water, np.ascontiguousarray(found.sample[: part.shape[0], : part.shape[1]]))
+    return Training(part, outer, block, water, np.ascontiguousarray(found.sample[part.within(found.tile)]))
