@@ -10,8 +10,6 @@ from ..errors import InputError
 from ..sensors import Sensor
 from .text import read_toml
 
-MOST_SENSOR_BYTES = 1 << 20
-"""Largest file that is read [byte]."""
 _KINDS: Mapping[str, Callable[[Any], bool]] = {
     "a text": lambda v: isinstance(v, str) and bool(v),
     "a number": lambda v: isinstance(v, (int, float)) and not isinstance(v, bool) and 0 <= v < float("inf"),
