@@ -217,10 +217,10 @@ def shared_level(
     if sample.apart is not None and sample.apart.any():
         sample, together = sample.some(sample.apart), together[sample.apart]
     span = (middle - float(np.percentile(together, LEAST_GLINT / 2))) / max(strong - middle, np.finfo(float).tiny)
-    sparse = share is None and span < SPARSE and sample.around is not None
+    around = sample.around if share is None and span < SPARSE else None
+    order = together if around is None else around
     if share is None:
         share = LEAST_CLEAR if span < MOSTLY_CLEAR else LEAST_GLINT
-    order = sample.around if sparse else together
     least = order <= np.percentile(order, share)
     prediction, value = sample.prediction, sample.value
     level = np.median(prediction[:, least], axis=1)
