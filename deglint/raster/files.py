@@ -14,7 +14,7 @@ from typing import Any
 
 from ..errors import InputError, ReadError
 from .local import COMPANIONS, check_kind, check_place, folder_of, identity, is_odd, is_there, local
-from .vrt import Walk, is_vrt, references_of
+from .vrt import Walk, is_vrt, sources_of
 
 _PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
 
@@ -97,5 +97,5 @@ def _walk_of(dataset: Any, name: str) -> Walk:
             walk.start(name)
         else:
             text = dataset.tags(ns="xml:VRT").get("xml:VRT", "")
-            walk.follow(references_of(text, walk.folder, name), 1)
+            walk.follow(sources_of(text, walk.folder, name))
     return walk
