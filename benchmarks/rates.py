@@ -30,9 +30,9 @@ from deglint.pipeline.fit import fit_scene
 from deglint.pipeline.overview import raster_of
 from deglint.pipeline.recipe import Recipe
 from deglint.pipeline.run import correction, one_thread_each
-from deglint.raster.arrays import ArraySource
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.simulated import write_scene
+from deglint.raster.source import ArraySource
 from deglint.simulate import Setup, simulate
 
 from .processes import in_turns

@@ -8,8 +8,7 @@ from rio_cogeo import cog_validate
 from deglint import open_scene
 from deglint.pipeline.overview import raster_of
 from deglint.raster.environment import environment
-from deglint.raster.output import Layout, Scratch, levels, writing
-from deglint.raster.parts import write_part, writing_parts
+from deglint.raster.output import Layout, Scratch, levels, write_part, writing, writing_parts
 from deglint.tiles import tiles
 
 SIZE = 1100, 1030
@@ -26,7 +25,7 @@ def write(folder, data, layout, valid=None, parts=False):
                 if parts:
                     part = write_part(folder / f"{i}.part", data[at], known)
                     writer.write(part, tile.window)
-                    part.path.unlink()
+                    part.unlink()
                     continue
                 writer.write(data[at], tile.window)
                 if known is not None:

@@ -9,8 +9,7 @@ from deglint import open_scene
 from deglint.errors import WriteError
 from deglint.pipeline.overview import raster_of
 from deglint.raster.environment import environment
-from deglint.raster.output import Layout, writing
-from deglint.raster.parts import write_part, writing_parts
+from deglint.raster.output import Layout, write_part, writing, writing_parts
 from deglint.raster.scratch import Scratch
 from deglint.tiles import tiles
 
@@ -67,7 +66,7 @@ def test_a_part_that_is_not_there_is_one_line_and_leaves_nothing(sea, write, tmp
     info = raster_of(open_scene(write(tmp_path / "in.tif", sea(200, 200)))).info
     layout = Layout(info, (0,), "uint16", tile=TILE)
     part = write_part(tmp_path / "p", np.zeros((1, 128, 192), np.uint16), None)
-    part.path.unlink()
+    part.unlink()
     with (
         pytest.raises(WriteError, match="need the same file system"),
         Scratch() as scratch,

@@ -25,8 +25,7 @@ from typing import Any
 
 from ..errors import DeglintError, InputError, WriteError
 from ..raster.environment import environment
-from ..raster.output import Layout, Scratch, writing
-from ..raster.parts import Part, write_part, writing_parts
+from ..raster.output import Layout, Scratch, write_part, writing, writing_parts
 from ..raster.scratch import beside
 from ..tiles import Combine, Run, Tile, hull, rows_of
 from ..tiles import run as run_on_threads
@@ -101,7 +100,7 @@ class Cluster:
 
     @contextmanager
     def by_files(self, target: Path, layouts: Mapping[str, Layout]) -> Iterator[Run]:
-        """`run` for results that hold images, as parts (`deglint.raster.parts`) beside `target`, which are removed.
+        """`run` for results that hold images, as parts beside `target`, which are removed.
 
         `layouts` has what the images are like, by the names of the results' fields.
         """
@@ -124,7 +123,7 @@ class Cluster:
             yield tile, done
             for part in (getattr(done, name) for name in layouts):
                 if part is not None:
-                    part.path.unlink(missing_ok=True)  # gives the disk back
+                    part.unlink(missing_ok=True)  # gives the disk back
 
     def _result(self, future: Any) -> Any:
         from distributed import KilledWorker
@@ -311,7 +310,7 @@ class _ToFiles:
             kept["valid"] = None  # it is in the part
         return replace(done, **kept)
 
-    def _write(self, name: str, array: Any, valid: Any) -> Part:
+    def _write(self, name: str, array: Any, valid: Any) -> Path:
         """All of it or nothing: a worker may be ended at any time, and another be doing the same tile."""
         if not self.folder.is_dir():
             raise WriteError(
@@ -319,12 +318,12 @@ class _ToFiles:
                 "directory, under the same name."
             )
         scratch, path = self.folder / f"{secrets.token_hex(4)}-{name}", self.folder / name
-        part = write_part(scratch, array, valid)
+        write_part(scratch, array, valid)
         try:
             scratch.replace(path)
         except OSError as error:
             raise WriteError(f"cannot write in {self.folder.parent}: {error.strerror or error}.") from error
-        return replace(part, path=path)
+        return path
 
 
 def _remove(folder: Path) -> None:

@@ -18,9 +18,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, ReadError
-from .convert import physical_dtype
+from .convert import FlatField, physical_dtype
 from .files import check_after, check_before
-from .flat import FlatField
 from .limits import check_size
 
 Tags = Mapping[str, Mapping[str, str]]

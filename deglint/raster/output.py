@@ -12,7 +12,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -148,6 +148,9 @@ class RasterWriter:
                 self._dataset.close()
 
 
+Writer = TypeVar("Writer", bound=RasterWriter)
+
+
 def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> None:
     """Add overviews to a closed GeoTIFF, and put all of its blocks in order.
 
@@ -172,7 +175,7 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
 
 
 @contextlib.contextmanager
-def finishing(writer: Any) -> Iterator[Any]:
+def finishing(writer: Writer) -> Iterator[Writer]:
     """A writer that is closed and checked at the end, and let go of where an error leaves the block."""
     try:
         yield writer
@@ -185,6 +188,38 @@ def finishing(writer: Any) -> Iterator[Any]:
 def writing(scratch: Scratch, target: Path, layout: Layout) -> contextlib.AbstractContextManager[RasterWriter]:
     """A `RasterWriter` that finishes."""
     return finishing(RasterWriter(scratch.add(target), target, layout))
+
+
+def write_part(path: Path, block: npt.NDArray[Any], valid: npt.NDArray[np.bool_] | None) -> Path:
+    """Write a tile's pixels as a part of an image, uncompressed in a file of NumPy's, and which of them are valid."""
+    with write_errors(path), path.open("wb") as file:
+        for array in (block,) if valid is None else (block, valid):
+            np.lib.format.write_array(file, array, allow_pickle=False)
+    return path
+
+
+class PartWriter(RasterWriter):
+    """A `RasterWriter` whose blocks come as parts, which many processes write."""
+
+    def write(self, block: Any, window: Window) -> None:
+        """Put the part in a file where it belongs."""
+        try:
+            with block.open("rb") as file:
+                many = 2 if self.layout.masked else 1
+                pixels, *valid = (np.lib.format.read_array(file, allow_pickle=False) for _ in range(many))
+        except OSError as error:
+            raise WriteError(
+                f"a tile that a worker wrote is not in {block.parent}: workers and this process need the same file "
+                "system."
+            ) from error
+        super().write(pixels, window)
+        if valid:
+            self.write_mask(valid[0], window)
+
+
+def writing_parts(scratch: Scratch, target: Path, layout: Layout) -> contextlib.AbstractContextManager[PartWriter]:
+    """A `PartWriter` that finishes."""
+    return finishing(PartWriter(scratch.add(target), target, layout))
 
 
 def write_text(scratch: Scratch, target: Path, text: str) -> None:
