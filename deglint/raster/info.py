@@ -10,7 +10,7 @@ import re
 import threading
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -44,7 +44,7 @@ _FILE_KINDS = (
     (rb"\x00\x00\x00\x0cjP  |\xff\x4f\xff\x51", "is JPEG 2000, and damaged or of a kind that this GDAL lacks"),
     (rb"II[*+]\x00|MM\x00[*+]", "begins as a TIFF and is damaged. Copy or download it again"),
 )  # fmt: skip
-_opening = threading.Lock()  # warnings.catch_warnings is not safe for threads
+_opening = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -109,13 +109,18 @@ def same_nodata(a: float | None, b: float | None) -> bool:
 
 
 @contextmanager
-def unplaced() -> Iterator[None]:
+def quiet(category: type[Warning]) -> Iterator[None]:
+    """Ignore warnings of a kind; one thread at a time does, as Python's filters are the process's."""
+    with _opening, warnings.catch_warnings():
+        warnings.simplefilter("ignore", category)
+        yield
+
+
+def unplaced() -> AbstractContextManager[None]:
     """Keep rasterio from warning of a raster that has no place on Earth: that is no fault."""
     from rasterio.errors import NotGeoreferencedWarning
 
-    with _opening, warnings.catch_warnings():
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        yield
+    return quiet(NotGeoreferencedWarning)
 
 
 def open_dataset(path: str) -> Any:
