@@ -68,10 +68,9 @@ class RasterInfo:
     block_shapes: tuple[tuple[int, int], ...]  # rows and columns
     tiled: bool = False
     alpha: int | None = None  # 1-based number of the alpha band in the file; it is no scene band
-    compression: str | None = None  # this and the next three as GDAL spells them, in lower case
+    compression: str | None = None  # this and the next two as GDAL spells them, in lower case
     predictor: str | None = None
     interleave: str | None = None
-    photometric: str | None = None
     crs: Any = None  # as rasterio gives it
     transform: Any = None  # None where the file has none
     gcps: tuple[Any, ...] = ()  # ground control points
@@ -274,7 +273,6 @@ def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
         compression=_spelled(structure.get("COMPRESSION")),
         predictor=structure.get("PREDICTOR"),
         interleave=_spelled(structure.get("INTERLEAVE")),
-        photometric=_spelled(getattr(dataset.photometric, "value", None)),
         crs=dataset.crs,
         transform=None if dataset.transform.is_identity else dataset.transform,
         gcps=tuple(gcps),
@@ -301,10 +299,9 @@ def _check_length(dataset: Any, path: str) -> None:
     if dataset.driver not in ("ENVI", "EHdr"):
         return
     need = dataset.height * dataset.width * sum(np.dtype(d).itemsize for d in dataset.dtypes)
-    try:
-        found = Path(path).stat().st_size
-    except OSError:
+    if not Path(path).is_file():
         return
+    found = Path(path).stat().st_size
     with Path(path).open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"  # gzip, which ENVI allows
     if found < need and not packed:
