@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, ReadError
-from .local import COMPANIONS, check_kind, check_place, folder_of, identity, is_odd, is_there, local
+from .local import COMPANIONS, check_kind, check_place, folder_of, identity, is_odd, local
 from .vrt import Walk, is_vrt, sources_of
 
 _PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
@@ -55,7 +55,9 @@ def _of_raster(name: str) -> Iterator[str]:
         yield file
         yield from local(file)
         stem = os.path.splitext(file)[0]  # noqa: PTH122  (sources are not opened: there may be ten thousand)
-        yield from filter(is_there, [*(f"{file}{ending}" for ending in COMPANIONS), f"{stem}.hdr", f"{file}.hdr"])
+        yield from filter(
+            os.path.lexists, [*(f"{file}{ending}" for ending in COMPANIONS), f"{stem}.hdr", f"{file}.hdr"]
+        )
 
 
 def check_before(name: str) -> None:

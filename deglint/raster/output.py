@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -97,7 +97,10 @@ def _block_side(tile: int, size: int, own: int) -> int:
 
 
 class RasterWriter:
-    """A GeoTIFF being written into a scratch file, window by window, by one thread; messages name the target."""
+    """A GeoTIFF being written into a scratch file, window by window, by one thread; messages name the target.
+
+    Use as a context manager: the file is closed and checked at the end, and let go of where an error leaves the block.
+    """
 
     def __init__(self, path: Path, target: Path, layout: Layout) -> None:
         import rasterio
@@ -121,6 +124,16 @@ class RasterWriter:
         except BaseException:
             self.abort()
             raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                self.close()
+        finally:
+            self.abort()
 
     def write(self, block: npt.NDArray[Any], window: Window) -> None:
         """Write all bands of a window; a single band may be (row, column)."""
@@ -148,9 +161,6 @@ class RasterWriter:
                 self._dataset.close()
 
 
-Writer = TypeVar("Writer", bound=RasterWriter)
-
-
 def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> None:
     """Add overviews to a closed GeoTIFF, and put all of its blocks in order.
 
@@ -174,20 +184,9 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
             ordered.unlink(missing_ok=True)
 
 
-@contextlib.contextmanager
-def finishing(writer: Writer) -> Iterator[Writer]:
-    """A writer that is closed and checked at the end, and let go of where an error leaves the block."""
-    try:
-        yield writer
-        writer.close()
-    except BaseException:
-        writer.abort()
-        raise
-
-
-def writing(scratch: Scratch, target: Path, layout: Layout) -> contextlib.AbstractContextManager[RasterWriter]:
-    """A `RasterWriter` that finishes."""
-    return finishing(RasterWriter(scratch.add(target), target, layout))
+def writing(scratch: Scratch, target: Path, layout: Layout) -> RasterWriter:
+    """A `RasterWriter` of one of several files."""
+    return RasterWriter(scratch.add(target), target, layout)
 
 
 def write_part(path: Path, block: npt.NDArray[Any], valid: npt.NDArray[np.bool_] | None) -> Path:
@@ -217,9 +216,9 @@ class PartWriter(RasterWriter):
             self.write_mask(valid[0], window)
 
 
-def writing_parts(scratch: Scratch, target: Path, layout: Layout) -> contextlib.AbstractContextManager[PartWriter]:
-    """A `PartWriter` that finishes."""
-    return finishing(PartWriter(scratch.add(target), target, layout))
+def writing_parts(scratch: Scratch, target: Path, layout: Layout) -> PartWriter:
+    """A `PartWriter` of one of several files."""
+    return PartWriter(scratch.add(target), target, layout)
 
 
 def write_text(scratch: Scratch, target: Path, text: str) -> None:

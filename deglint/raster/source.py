@@ -8,13 +8,14 @@ thread, so a worker thread enters its own. Nothing is written here, and no pixel
 
 from __future__ import annotations
 
+import copy
+import os
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -106,13 +107,13 @@ class RasterSource:
         self._closed = False
         self.settled = False  # whether the pixels were asked what the file does not declare
 
-    def declared(self, info: RasterInfo) -> RasterSource:
+    def declared(self, info: RasterInfo) -> Self:
         """The same pixels with another nodata and offset declared."""
         ends = np.cumsum([len(f.indexes) for f in self.files])
         nodatas = [info.nodatas[end - len(f.indexes) : end] for end, f in zip(ends, self.files, strict=True)]
-        files = [replace(f, nodatas=tuple(n)) for f, n in zip(self.files, nodatas, strict=True)]
-        found = RasterSource(files, info)
-        found.settled = True
+        found = copy.copy(self)
+        found.files = tuple(replace(f, nodatas=tuple(n)) for f, n in zip(self.files, nodatas, strict=True))
+        found.info, found.settled = info, True
         return found
 
     def __getstate__(self) -> dict[str, Any]:
@@ -248,7 +249,6 @@ class RasterSource:
         handle.close()
 
     def _explain(self, error: BaseException, place: str) -> ReadError | None:
-
         where = f"{place} of {', '.join(self.info.paths)}"
         if isinstance(error, MemoryError):
             return ReadError(f"{where} do not fit into memory. Read smaller windows.")
@@ -259,10 +259,7 @@ class RasterSource:
 
 def _absolute(name: str) -> str:
     """The name of a file in this directory, for a process that runs in another; GDAL's other names stay."""
-    try:
-        return str(Path(name).absolute()) if Path(name).exists() else name
-    except (OSError, ValueError):
-        return name
+    return os.path.abspath(name) if os.path.exists(name) else name  # noqa: PTH100, PTH110  (never raise)
 
 
 class ArraySource(RasterSource):
@@ -275,12 +272,6 @@ class ArraySource(RasterSource):
     def __init__(self, values: Any, info: RasterInfo, origin: tuple[int, int] = (0, 0)) -> None:
         super().__init__([FileBands(info.paths[0], tuple(range(1, info.count + 1)), info.nodatas)], info)
         self.values, self.origin = values, origin
-
-    def declared(self, info: RasterInfo) -> ArraySource:
-        """The same pixels with another nodata and offset declared."""
-        found = ArraySource(self.values, info, self.origin)
-        found.settled = True
-        return found
 
     def __getstate__(self) -> dict[str, Any]:
         return {**super().__getstate__(), "values": self.values, "origin": self.origin}

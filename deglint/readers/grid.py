@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from ..errors import InputError
@@ -19,14 +19,6 @@ from ..scene import Scene
 _OFF = 0.01  # [pixel] grids that differ by less than this are the same
 
 
-@dataclass(frozen=True)
-class _Place:
-    """Where a file lies, in the units of the common crs: its corners and how large a pixel is."""
-
-    bounds: tuple[float, float, float, float]
-    pixel_area: float
-
-
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
     """How every file gets on the common grid, the description of the file whose grid it is, and notes.
 
@@ -34,20 +26,19 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     """
     files = [FileBands.of(info) for info in infos]
     _check_georeference(infos)
-    places = [_place(info, infos[0]) for info in infos]
-    chosen = _choose(infos, places, grid)
-    reference, home = infos[chosen], places[chosen]
+    bounds, areas = zip(*(_place(info, infos[0]) for info in infos), strict=True)
+    chosen = _choose(infos, areas, grid)
+    reference, here = infos[chosen], bounds[chosen]
     moved: dict[tuple[str, str], list[str]] = {}
     lost: list[str] = []
-    for i, info in enumerate(infos):
+    for i, (info, there) in enumerate(zip(infos, bounds, strict=True)):
         if same_grid(info, reference):
             continue
-        there, here = places[i].bounds, home.bounds
         if not all(max(there[k], here[k]) < min(there[k + 2], here[k + 2]) for k in (0, 1)):
             raise InputError(f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place.")
         if info.flat is not None:
             lost.append(f"{_called(info)} is resampled, so that its vignette is not corrected")
-        finer = places[i].pixel_area < 0.98 * home.pixel_area
+        finer = areas[i] < 0.98 * areas[chosen]
         files[i] = _warped(files[i], info, reference, how="average" if finer else "bilinear")
         how = "averaged" if finer else "resampled (bilinear)"
         product = info.tags.get("", {}).get("product")
@@ -65,9 +56,9 @@ def _called(info: RasterInfo) -> str:
     return str(info.descriptions[0] if named else info.paths[0])
 
 
-def _choose(infos: Sequence[RasterInfo], places: Sequence[_Place], grid: str | int | None) -> int:
+def _choose(infos: Sequence[RasterInfo], areas: Sequence[float], grid: str | int | None) -> int:
     if grid is None or grid == "finest":
-        return min(range(len(infos)), key=lambda i: (round(places[i].pixel_area, 9), i))
+        return min(range(len(infos)), key=lambda i: (round(areas[i], 9), i))
     text = str(grid)
     if text.isdecimal() and 1 <= int(text) <= len(infos):
         return int(text) - 1
@@ -100,7 +91,8 @@ def _transform(info: RasterInfo | Scene) -> Any:
     return Affine(1 / info.width, 0.0, 0.0, 0.0, -1 / info.height, 1.0)
 
 
-def _place(info: RasterInfo, first: RasterInfo) -> _Place:
+def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, float, float], float]:
+    """Left, bottom, right and top of a file, and the area of its pixels, in the CRS of the first file."""
     transform = _transform(info)
     xs, ys = zip(*(_at(transform, *corner) for corner in _corners(info)), strict=True)
     left, bottom, right, top = min(xs), min(ys), max(xs), max(ys)
@@ -111,7 +103,7 @@ def _place(info: RasterInfo, first: RasterInfo) -> _Place:
         own = (right - left) * (top - bottom)
         left, bottom, right, top = transform_bounds(info.crs, first.crs, left, bottom, right, top)
         area *= abs((right - left) * (top - bottom)) / own
-    return _Place((left, bottom, right, top), area)
+    return (left, bottom, right, top), area
 
 
 def same_grid(info: RasterInfo, reference: RasterInfo | Scene) -> bool:

@@ -68,18 +68,6 @@ class OpenedFiles:
     product: Product | None
     notes: list[str]
 
-    @property
-    def bands(self) -> list[ProductBand | None]:
-        """What the product says of each band, in the order of the rasters; None of bands without a product."""
-        if self.product is None:
-            return [None] * sum(info.count for info in self.infos)
-        every = list(self.product.files.values())
-        return [
-            bands[i] if i < len(bands) else None
-            for info, bands in zip(self.infos, every, strict=True)
-            for i in range(info.count)
-        ]
-
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
     """Describe what a name stands for: the files of a product, else a raster as `describe` does."""
@@ -125,7 +113,11 @@ def named(found: Sequence[OpenedFiles]) -> str | None:
 
 def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> Footprints | None:
     """Detector numbers of the bands that were opened, on the grid of their scene; None where no band has any."""
-    paths = [None if band is None else band.footprint for o in found for band in o.bands]
+    paths: list[str | None] = []
+    for o in found:
+        stated = [()] * len(o.infos) if o.product is None else o.product.files.values()
+        for info, bands in zip(o.infos, stated, strict=True):
+            paths += [bands[i].footprint if i < len(bands) else None for i in range(info.count)]
     return Footprints(paths, grid) if any(paths) else None
 
 
