@@ -19,8 +19,8 @@ import numpy as np
 
 from ..errors import InputError, ReadError
 from .convert import FlatField, physical_dtype
+from .environment import check_size
 from .files import check_after, check_before
-from .limits import check_size
 
 Tags = Mapping[str, Mapping[str, str]]
 """Tags by namespace; the default namespace is ""."""

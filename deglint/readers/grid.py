@@ -10,11 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ..errors import InputError
 from ..raster import FileBands, RasterInfo, RasterSource
-from ..scene import Scene
+from ..raster.info import describe_file
+from ..scene import FloatArray, Scene, Window
 
 _OFF = 0.01  # [pixel] grids that differ by less than this are the same
 
@@ -138,6 +142,52 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | No
         file = _warped(file, info, grid, how="nearest")
     placed = replace(info, height=grid.height, width=grid.width, crs=grid.crs, transform=grid.transform)
     return RasterSource([file], replace(placed, nodatas=file.nodatas))
+
+
+class Footprints:
+    """Which detector saw each pixel of each band, on the grid of the scene; a `deglint.scene.Source`.
+
+    They are Sentinel-2's MSK_DETFOO: rasters in products since baseline 04.00; the GML of older ones is not read.
+
+    Files are opened when they are first read. It can be pickled.
+
+    Parameters
+    ----------
+    paths : sequence of str or None
+        GDAL name of the mask of each band of the scene; None where there is none.
+    grid : RasterInfo
+        Whose grid the scene has.
+    """
+
+    def __init__(self, paths: Sequence[str | None], grid: RasterInfo) -> None:
+        self.paths = tuple(p if p is None or p.startswith("/vsi") else str(Path(p).absolute()) for p in paths)
+        self.grid = grid
+        self._sources: dict[str, RasterSource] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"paths": self.paths, "grid": self.grid, "_sources": {}}
+
+    def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
+        """Detector numbers of a window, (len(bands), rows, columns) float32; NaN where no detector saw the pixel."""
+        (top, bottom), (left, right) = window
+        out = np.full((len(bands), bottom - top, right - left), np.nan, np.float32)
+        for i, band in enumerate(bands):
+            path = self.paths[band]
+            if path is not None:
+                out[i] = self._source(path).read(window, [0])[0]
+        return out
+
+    def close(self) -> None:
+        """Close the masks' files."""
+        sources, self._sources = self._sources, {}
+        for source in sources.values():
+            source.close()
+
+    def _source(self, path: str) -> RasterSource:
+        if path not in self._sources:
+            made = nearest_on(describe_file(path), self.grid, nodata=0.0)
+            self._sources.setdefault(path, made)  # another thread may have been quicker
+        return self._sources[path]
 
 
 def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:

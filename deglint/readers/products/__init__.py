@@ -14,14 +14,13 @@ from pathlib import Path
 
 from ...errors import DeglintError, ReadError
 from ...raster import RasterInfo
+from ..grid import Footprints
 from . import dimap, drone, landsat, maxar, planetscope, sentinel2
 from .container import Container, is_archive, open_archive, open_folder
-from .footprints import Footprints
 from .product import Product, ProductBand, described
 
 __all__ = [
     "PRODUCTS",
-    "Footprints",
     "OpenedFiles",
     "Product",
     "ProductBand",
