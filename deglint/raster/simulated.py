@@ -5,7 +5,6 @@ The files of a scene come into being together, or not at all.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy.typing as npt
 
 from .. import __version__
 from ..errors import WriteError
-from .scratch import Scratch
+from .output import Scratch, write_json
 from .targets import check_targets
 
 CRS = "EPSG:32610"
@@ -61,8 +60,7 @@ def write_scene(
         try:
             for part, layer in layers.items():
                 _write(scratch.add(targets[part]), layer, scene.setup.sensor.gsd)
-            text = json.dumps(describe(scene, {p: t.name for p, t in targets.items()}), indent=2)
-            scratch.add(sidecar).write_text(text + "\n", encoding="utf-8")
+            write_json(scratch, sidecar, describe(scene, {p: t.name for p, t in targets.items()}))
         except OSError as error:
             raise WriteError(f"cannot write {base}: {error}") from error
     return [*targets.values(), sidecar]

@@ -128,15 +128,10 @@ def _dialect(names: Sequence[str]) -> Sensor | None:
     codes = {c for n in names if (c := band_code(n))}
     if any(p.startswith("srb") for p in plain):
         return sensors.load("landsat8") if "6" in codes and codes <= set("1234567") else None
-    if any(_SENTINEL2.fullmatch(p) for p in plain):
-        return sensors.load("sentinel2")
     own = {band_code(b.name) for b in sensors.load("sentinel2").bands}
     sure = "8a" in codes or "12" in codes or (len(codes) > 2 and "8" in codes and "5" not in codes)
-    if codes and codes <= own and sure:
-        return sensors.load("sentinel2")
-    if {"nbartswir3", "nbartnir2", "nbartrededge1"} & set(plain):
-        return sensors.load("sentinel2")
-    return None
+    spelled = any(_SENTINEL2.fullmatch(p) for p in plain) or {"nbartswir3", "nbartnir2", "nbartrededge1"} & set(plain)
+    return sensors.load("sentinel2") if spelled or (sure and codes <= own) else None
 
 
 def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset[int]]:

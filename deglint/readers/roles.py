@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import numbers
 from collections.abc import Sequence
+from typing import Any
 
 from ..checks import check_kind, described
 from ..errors import BandError, InputError
@@ -135,10 +136,9 @@ def _no_nir(scene: Scene) -> str:
     )
 
 
-def _alpha(scene: Scene) -> int | None:
-    """1-based band of the file that is taken for alpha."""
-    found: int | None = getattr(getattr(scene.source, "info", None), "alpha", None)
-    return found
+def _alpha(scene: Scene) -> Any:
+    """1-based band of the file that is taken for alpha, or None."""
+    return getattr(getattr(scene.source, "info", None), "alpha", None)
 
 
 def example_of(scene: Scene) -> str:
