@@ -229,11 +229,12 @@ def clear_scratch(target: Path) -> None:
     What was there before an output was moved, and is there no more, comes back.
     """
     place = real(target)
-    name = re.compile(re.escape(_head(place)) + r"([0-9a-f]{8})-(\d+)-[0-9a-f]{8}\.(part|parts|old)(\.\w+)*")
+    # names without machine and process are those of versions before 0.2
+    name = re.compile(re.escape(_head(place)) + r"(?:([0-9a-f]{8})-(\d+)-)?[0-9a-f]{8}\.(part|parts|old)(\.\w+)*")
     with contextlib.suppress(OSError):
         for path in place.parent.glob(f"{glob.escape(_head(place))}*"):
             found = name.fullmatch(path.name)
-            if found is None or int(found[1], 16) != _machine() or _alive(int(found[2])):
+            if found is None or (found[1] and (int(found[1], 16) != _machine() or _alive(int(found[2])))):
                 continue
             if found[3] == "old" and not place.exists():
                 path.rename(place)
