@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, ReadError
-from .convert import FlatField, physical_dtype
+from .convert import FlatField
 from .environment import check_size
 from .files import check_after, check_before
 
@@ -95,11 +95,6 @@ class RasterInfo:
         """The value that says "not valid", where all bands agree on one."""
         first = self.nodatas[0]
         return first if all(same_nodata(first, n) for n in self.nodatas) else None
-
-    @property
-    def physical_dtype(self) -> np.dtype[Any]:
-        """float32 where it holds the file's type exactly, else float64."""
-        return physical_dtype(self.dtype)
 
 
 def same_nodata(a: float | None, b: float | None) -> bool:
