@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -189,36 +189,11 @@ def writing(scratch: Scratch, target: Path, layout: Layout) -> RasterWriter:
     return RasterWriter(scratch.add(target), target, layout)
 
 
-def write_part(path: Path, block: npt.NDArray[Any], valid: npt.NDArray[np.bool_] | None) -> Path:
-    """Write a tile's pixels as a part of an image, uncompressed in a file of NumPy's, and which of them are valid."""
-    with write_errors(path), path.open("wb") as file:
-        for array in (block,) if valid is None else (block, valid):
-            np.lib.format.write_array(file, array, allow_pickle=False)
-    return path
-
-
-class PartWriter(RasterWriter):
-    """A `RasterWriter` whose blocks come as parts, which many processes write."""
-
-    def write(self, block: Any, window: Window) -> None:
-        """Put the part in a file where it belongs."""
-        try:
-            with block.open("rb") as file:
-                many = 2 if self.layout.masked else 1
-                pixels, *valid = (np.lib.format.read_array(file, allow_pickle=False) for _ in range(many))
-        except OSError as error:
-            raise WriteError(
-                f"a tile that a worker wrote is not in {block.parent}: workers and this process need the same file "
-                "system."
-            ) from error
-        super().write(pixels, window)
-        if valid:
-            self.write_mask(valid[0], window)
-
-
-def writing_parts(scratch: Scratch, target: Path, layout: Layout) -> PartWriter:
-    """A `PartWriter` of one of several files."""
-    return PartWriter(scratch.add(target), target, layout)
+@contextlib.contextmanager
+def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
+    """A `RasterWriter` for each of several images, of which `images` has target and layout by name."""
+    with contextlib.ExitStack() as stack:
+        yield {name: stack.enter_context(writing(scratch, *image)) for name, image in images.items()}
 
 
 def write_text(scratch: Scratch, target: Path, text: str) -> None:

@@ -14,12 +14,12 @@ from deglint import tiles as tiling
 from deglint.checks import checked_keywords
 from deglint.checksum import Checksum
 from deglint.errors import InputError, NoWaterError
-from deglint.pipeline.cluster import Cluster, writing_images
+from deglint.pipeline.cluster import Cluster
 from deglint.pipeline.overview import raster_of
 from deglint.pipeline.sidecar import log_scene
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
-from deglint.raster.output import Layout, Scratch, plain, write_json, write_text
+from deglint.raster.output import Layout, Scratch, plain, write_json, write_text, writing_all
 from deglint.raster.targets import Reads, check_image, check_targets
 from deglint.readers.stated import Names, Numbers
 from deglint.readers.undeclared import settled
@@ -242,9 +242,9 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
         area = None if silent.area is None else silent.area.read(tile.window)
         return Part.of(block, both(silent.mask.read(tile), area), (tile.row0, tile.col0), share)
 
-    rows = run(plan.tiles, gather, combine=Part.merge, progress=plan.note("fit"), threads=plan.threads,
-               start=enter_thread)  # fmt: skip
-    return Part.merge([part for _row, part in rows]).background(recipe.covariance, ridge=recipe.ridge, names=plan.names)
+    done = run(plan.tiles, gather, progress=plan.note("fit"), threads=plan.threads, start=enter_thread)
+    whole = Part.merge(list(tiling.by_rows(done, Part.merge)))
+    return whole.background(recipe.covariance, ridge=recipe.ridge, names=plan.names)
 
 
 def _law(recipe: Recipe, ready: Detector | None, background: Background | None, bands: int) -> Law | None:
@@ -288,7 +288,8 @@ def _write_tiles(
     plan, highest, tally = replace(work.plan, progress=progress), work.highest, PixelCounts()
     beside: list[Places] = []
     images = _images(plan, targets)
-    with writing_images(scratch, targets.image, images, cluster) as (run, writers):
+    run = cluster.run if cluster else tiling.run
+    with writing_all(scratch, images) as writers:
         done = run(plan.tiles, work, threads=plan.threads, progress=plan.note("score"), start=enter_thread)
         for tile, scored in done:
             for what, writer in writers.items():
