@@ -31,9 +31,9 @@ from deglint.pipeline.overview import raster_of
 from deglint.pipeline.prepare import correction
 from deglint.pipeline.recipe import Recipe
 from deglint.pipeline.run import one_thread_each
-from deglint.raster.arrays import ArraySource
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.simulated import write_scene
+from deglint.raster.source import ArraySource
 from deglint.simulate import Setup, simulate
 
 from .processes import in_turns

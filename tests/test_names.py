@@ -11,8 +11,8 @@ from deglint import sensors
 from deglint.errors import BandError, DeglintError, InputError, ReadError
 from deglint.pipeline import Recipe, remove_glint
 from deglint.readers import find_nir, open_scene
+from deglint.readers.bands import match
 from deglint.readers.names import short_names, wavelength_in_name
-from deglint.readers.presets import match
 from deglint.scene import Band
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
@@ -269,7 +269,7 @@ optics = { f_number = 4, pixel_pitch = 5 }
 
 
 def test_a_sensor_of_ones_own(tmp_path, write):
-    from deglint.readers.optics import optics_of
+    from deglint.readers.sensorfile import optics_of
 
     toml = tmp_path / "cam.toml"
     toml.write_text(CAMERA)

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..raster.arrays import ArraySource
 from ..raster.environment import enter_thread
+from ..raster.source import ArraySource
 from ..readers.arrays import ArrayScene
 from ..scene import Scene
 from ..tiles import Tile, default_threads

@@ -10,8 +10,7 @@ import numpy as np
 from .. import tiles as tiling
 from ..checks import check_kind, checked_keywords
 from ..errors import DeglintError
-from ..raster.environment import enter_thread, environment
-from ..raster.limits import LOOK_READS, look_seconds
+from ..raster.environment import LOOK_READS, enter_thread, environment, look_seconds
 from ..raster.source import Budget
 from ..readers.place import ground_size
 from ..readers.undeclared import settled

@@ -32,7 +32,8 @@ from ..masks.find import COARSE_PIXEL
 from ..moments import CELL
 from ..raster.environment import enter_thread
 from ..readers.areas import Area, WindowArea, open_area
-from ..readers.optics import optics_of, pixel_size
+from ..readers.place import pixel_size
+from ..readers.sensorfile import optics_of
 from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise, mixture, wiener
 from ..remove.further import more_references
 from ..remove.strips import Strips, filled

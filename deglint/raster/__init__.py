@@ -5,9 +5,8 @@ Inside the project pixels are floating point with NaN where they are not valid; 
 is opened, not before.
 """
 
-from .flat import FlatField
-from .handle import FileBands
+from .convert import FlatField
 from .info import RasterInfo
-from .source import RasterSource
+from .source import FileBands, RasterSource
 
 __all__ = ["FileBands", "FlatField", "RasterInfo", "RasterSource"]

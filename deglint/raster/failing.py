@@ -47,17 +47,17 @@ def refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
     said: list[str] = []
     mine = threading.get_ident()
 
-    class Listener(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            if record.thread == mine:
-                said.append(record.getMessage())
+    def listen(record: logging.LogRecord) -> bool:
+        if record.thread == mine and record.levelno >= logging.WARNING:
+            said.append(record.getMessage())
+        return True
 
-    listener, log = Listener(logging.WARNING), logging.getLogger("rasterio._env")
-    log.addHandler(listener)
+    log = logging.getLogger("rasterio._env")
+    log.addFilter(listen)
     try:
         yield
     finally:
-        log.removeHandler(listener)
+        log.removeFilter(listen)
     for line in said:
         if any(re.search(rf"\b{re.escape(name)}\b", line, re.IGNORECASE) for name in options):
             said_of_it = line.rpartition(" in ")[2].rstrip(".")

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, ReadError
-from .local import COMPANIONS, check_kind, check_place, folder_of, identity, is_odd, is_there, local
-from .vrt import Walk, is_vrt, references_of
+from .local import COMPANIONS, check_kind, check_place, folder_of, identity, is_odd, local
+from .vrt import Walk, is_vrt, sources_of
 
 _PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
 
@@ -55,7 +55,9 @@ def _of_raster(name: str) -> Iterator[str]:
         yield file
         yield from local(file)
         stem = os.path.splitext(file)[0]  # noqa: PTH122  (sources are not opened: there may be ten thousand)
-        yield from filter(is_there, [*(f"{file}{ending}" for ending in COMPANIONS), f"{stem}.hdr", f"{file}.hdr"])
+        yield from filter(
+            os.path.lexists, [*(f"{file}{ending}" for ending in COMPANIONS), f"{stem}.hdr", f"{file}.hdr"]
+        )
 
 
 def check_before(name: str) -> None:
@@ -97,5 +99,5 @@ def _walk_of(dataset: Any, name: str) -> Walk:
             walk.start(name)
         else:
             text = dataset.tags(ns="xml:VRT").get("xml:VRT", "")
-            walk.follow(references_of(text, walk.folder, name), 1)
+            walk.follow(sources_of(text, walk.folder, name))
     return walk

@@ -10,7 +10,7 @@ import re
 import threading
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, ReadError
-from .convert import physical_dtype
+from .convert import FlatField
+from .environment import check_size
 from .files import check_after, check_before
-from .flat import FlatField
-from .limits import check_size
 
 Tags = Mapping[str, Mapping[str, str]]
 """Tags by namespace; the default namespace is ""."""
@@ -45,7 +44,7 @@ _FILE_KINDS = (
     (rb"\x00\x00\x00\x0cjP  |\xff\x4f\xff\x51", "is JPEG 2000, and damaged or of a kind that this GDAL lacks"),
     (rb"II[*+]\x00|MM\x00[*+]", "begins as a TIFF and is damaged. Copy or download it again"),
 )  # fmt: skip
-_opening = threading.Lock()  # warnings.catch_warnings is not safe for threads
+_opening = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -69,10 +68,9 @@ class RasterInfo:
     block_shapes: tuple[tuple[int, int], ...]  # rows and columns
     tiled: bool = False
     alpha: int | None = None  # 1-based number of the alpha band in the file; it is no scene band
-    compression: str | None = None  # this and the next three as GDAL spells them, in lower case
+    compression: str | None = None  # this and the next two as GDAL spells them, in lower case
     predictor: str | None = None
     interleave: str | None = None
-    photometric: str | None = None
     crs: Any = None  # as rasterio gives it
     transform: Any = None  # None where the file has none
     gcps: tuple[Any, ...] = ()  # ground control points
@@ -98,11 +96,6 @@ class RasterInfo:
         first = self.nodatas[0]
         return first if all(same_nodata(first, n) for n in self.nodatas) else None
 
-    @property
-    def physical_dtype(self) -> np.dtype[Any]:
-        """float32 where it holds the file's type exactly, else float64."""
-        return physical_dtype(self.dtype)
-
 
 def same_nodata(a: float | None, b: float | None) -> bool:
     """Whether two nodata values are the same (NaN is NaN)."""
@@ -110,13 +103,18 @@ def same_nodata(a: float | None, b: float | None) -> bool:
 
 
 @contextmanager
-def unplaced() -> Iterator[None]:
+def quiet(category: type[Warning]) -> Iterator[None]:
+    """Ignore warnings of a kind; one thread at a time does, as Python's filters are the process's."""
+    with _opening, warnings.catch_warnings():
+        warnings.simplefilter("ignore", category)
+        yield
+
+
+def unplaced() -> AbstractContextManager[None]:
     """Keep rasterio from warning of a raster that has no place on Earth: that is no fault."""
     from rasterio.errors import NotGeoreferencedWarning
 
-    with _opening, warnings.catch_warnings():
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        yield
+    return quiet(NotGeoreferencedWarning)
 
 
 def open_dataset(path: str) -> Any:
@@ -270,7 +268,6 @@ def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
         compression=_spelled(structure.get("COMPRESSION")),
         predictor=structure.get("PREDICTOR"),
         interleave=_spelled(structure.get("INTERLEAVE")),
-        photometric=_spelled(getattr(dataset.photometric, "value", None)),
         crs=dataset.crs,
         transform=None if dataset.transform.is_identity else dataset.transform,
         gcps=tuple(gcps),
@@ -297,10 +294,9 @@ def _check_length(dataset: Any, path: str) -> None:
     if dataset.driver not in ("ENVI", "EHdr"):
         return
     need = dataset.height * dataset.width * sum(np.dtype(d).itemsize for d in dataset.dtypes)
-    try:
-        found = Path(path).stat().st_size
-    except OSError:
+    if not Path(path).is_file():
         return
+    found = Path(path).stat().st_size
     with Path(path).open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"  # gzip, which ENVI allows
     if found < need and not packed:

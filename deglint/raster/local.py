@@ -66,7 +66,7 @@ def is_odd(name: str) -> bool:
 
 def local(name: str) -> list[str]:
     """The files of this machine that a GDAL name stands for, or lies in."""
-    if is_there(name):
+    if os.path.lexists(name):
         return [name]
     if len(name) > 4096 or not is_odd(name):
         return []
@@ -76,26 +76,18 @@ def local(name: str) -> list[str]:
     found = []
     for piece in dict.fromkeys(pieces):
         place = Path(piece) if piece.strip("/ ") else None
-        while place is not None and not is_there(str(place)):
+        while place is not None and not os.path.lexists(str(place)):
             place = place.parent if place.parent != place and len(place.parts) > 1 else None
         if place is not None and place.is_file():
             found.append(str(place))
     return list(dict.fromkeys(found))
 
 
-def is_there(name: str) -> bool:
-    """Whether there is a file, folder or link of this name."""
-    try:
-        return os.path.lexists(name)
-    except (OSError, ValueError):
-        return False
-
-
 def folder_of(name: str) -> str:
     """The folder of a raster, as a name without links; of what lies in archives or on servers as GDAL spells it."""
     if name.lstrip().startswith("<"):
         return os.path.realpath(".")
-    if is_there(name):
+    if os.path.lexists(name):
         return os.path.realpath(name if Path(name).is_dir() else Path(name).parent)
     return os.path.dirname(name)  # noqa: PTH120
 

@@ -12,7 +12,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -97,7 +97,10 @@ def _block_side(tile: int, size: int, own: int) -> int:
 
 
 class RasterWriter:
-    """A GeoTIFF being written into a scratch file, window by window, by one thread; messages name the target."""
+    """A GeoTIFF being written into a scratch file, window by window, by one thread; messages name the target.
+
+    Use as a context manager: the file is closed and checked at the end, and let go of where an error leaves the block.
+    """
 
     def __init__(self, path: Path, target: Path, layout: Layout) -> None:
         import rasterio
@@ -121,6 +124,16 @@ class RasterWriter:
         except BaseException:
             self.abort()
             raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                self.close()
+        finally:
+            self.abort()
 
     def write(self, block: npt.NDArray[Any], window: Window) -> None:
         """Write all bands of a window; a single band may be (row, column)."""
@@ -171,16 +184,9 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
             ordered.unlink(missing_ok=True)
 
 
-@contextlib.contextmanager
-def writing(scratch: Scratch, target: Path, layout: Layout) -> Iterator[RasterWriter]:
-    """A `RasterWriter` that is closed and checked at the end, and let go of where an error leaves the block."""
-    writer = RasterWriter(scratch.add(target), target, layout)
-    try:
-        yield writer
-        writer.close()
-    except BaseException:
-        writer.abort()
-        raise
+def writing(scratch: Scratch, target: Path, layout: Layout) -> RasterWriter:
+    """A `RasterWriter` of one of several files."""
+    return RasterWriter(scratch.add(target), target, layout)
 
 
 @contextlib.contextmanager

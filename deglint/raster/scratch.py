@@ -17,7 +17,7 @@ import signal
 import sys
 import threading
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -68,14 +68,11 @@ class Scratch:
                 with signals_held():
                     self._commit()
         finally:
-            for scratch, _target in self._files:
-                for ending in ("", *COMPANIONS):
-                    _discard(Path(f"{scratch}{ending}"))
+            _discard(*(Path(f"{scratch}{ending}") for scratch, _ in self._files for ending in ("", *COMPANIONS)))
 
     def _commit(self) -> None:
         umask = os.umask(0)
         os.umask(umask)
-        move = _Move([(scratch, real(target)) for scratch, target in reversed(self._files)])
         with _one_at_a_time({real(target).parent for _scratch, target in self._files}):
             for scratch, target in self._files:
                 if not self._overwrite and os.path.lexists(target):
@@ -87,77 +84,60 @@ class Scratch:
                         f"cannot write {target}: what was written for it, {scratch.name}, was taken away meanwhile. "
                         "Nothing was changed; run again."
                     )
-            move.all(umask)
+            _move([(scratch, real(target)) for scratch, target in reversed(self._files)], umask)
         MOVED.extend(target for _scratch, target in self._files)
 
 
-class _Move:
-    """Several files moved into place, or none: what was there before is kept until all are."""
-
-    def __init__(self, files: Sequence[tuple[Path, Path]]) -> None:
-        self._files = files
-        self._kept: dict[Path, Path] = {}
-        self._done: list[Path] = []
-
-    def all(self, umask: int) -> None:
-        """Move them."""
-        try:
-            for scratch, target in self._files:
-                scratch.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
-            for _scratch, target in self._files:
-                self._keep(target)
-            for scratch, target in self._files:
-                self._done.append(target)
-                scratch.replace(target)
-        except BaseException as error:
-            left = self._undo()
-            if not isinstance(error, OSError):
-                raise
-            said = f"{error.strerror or error}: {error.filename2 or error.filename or self._files[-1][1]}"
-            after = "Nothing was changed" if not left else "Not restored: " + "; ".join(left)
-            raise WriteError(f"cannot move the result into place: {said}. {after}.") from error
-        for _scratch, target in self._files:  # companions of old files do not hold for the new ones
-            for ending in COMPANIONS:
-                _discard(Path(f"{target}{ending}"))
-        for kept in self._kept.values():
-            _discard(kept)
-
-    def _keep(self, target: Path) -> None:
-        """A second name for what is there."""
-        if not target.exists():
-            return
-        kept = beside(target, "old")
-        try:
-            os.link(target, kept)
-        except OSError:  # a file system without links: the name itself is taken
-            target.rename(kept)
-            self._done.append(target)
-        self._kept[target] = kept
-
-    def _undo(self) -> list[str]:
-        """Put back what was there; says what cannot be."""
-        left = []
-        for target in dict.fromkeys(self._done[::-1]):
-            kept = self._kept.get(target)
-            try:
-                if kept is None:
-                    target.unlink(missing_ok=True)
-                elif not (target.exists() and target.samefile(kept)):
-                    _put_back(kept, target)
-            except OSError:
-                left.append(f"{target}" + (f", whose old content is {kept}" if kept else ", which is new"))
-                self._kept.pop(target, None)
-        for kept in self._kept.values():
-            _discard(kept)
-        return left
-
-
-def _put_back(kept: Path, target: Path) -> None:
+def _move(files: Sequence[tuple[Path, Path]], umask: int) -> None:
+    """Move several files into place, or none: what was there before is kept until all are."""
+    kept: dict[Path, Path] = {}
+    done: list[Path] = []
     try:
-        kept.replace(target)
-    except OSError:  # renaming is what fails; linking may not
-        target.unlink(missing_ok=True)
-        os.link(kept, target)
+        for scratch, target in files:
+            scratch.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
+        for _scratch, target in files:
+            if target.exists():
+                old = beside(target, "old")
+                try:
+                    os.link(target, old)
+                except OSError:  # a file system without links: the name itself is taken
+                    target.rename(old)
+                    done.append(target)
+                kept[target] = old
+        for scratch, target in files:
+            done.append(target)
+            scratch.replace(target)
+    except BaseException as error:
+        left = _restore(dict.fromkeys(done[::-1]), kept)
+        if not isinstance(error, OSError):
+            raise
+        said = f"{error.strerror or error}: {error.filename2 or error.filename or files[-1][1]}"
+        after = "Nothing was changed" if not left else "Not restored: " + "; ".join(left)
+        raise WriteError(f"cannot move the result into place: {said}. {after}.") from error
+    for _scratch, target in files:  # companions of old files do not hold for the new ones
+        _discard(*(Path(f"{target}{ending}") for ending in COMPANIONS))
+    _discard(*kept.values())
+
+
+def _restore(targets: Iterable[Path], kept: Mapping[Path, Path]) -> list[str]:
+    """Restore what was there; say what cannot be."""
+    left, stale = [], set(kept.values())
+    for target in targets:
+        old = kept.get(target)
+        try:
+            if old is None:
+                target.unlink(missing_ok=True)
+            elif not (target.exists() and target.samefile(old)):
+                try:
+                    old.replace(target)
+                except OSError:  # renaming is what fails; linking may not
+                    target.unlink(missing_ok=True)
+                    os.link(old, target)
+        except OSError:
+            left.append(f"{target}" + (f", whose old content is {old}" if old else ", which is new"))
+            stale.discard(old)
+    _discard(*stale)
+    return left
 
 
 @contextlib.contextmanager
@@ -267,8 +247,7 @@ def clear_scratch(target: Path) -> None:
             if found[3] == "old" and not place.exists():
                 path.rename(place)
             elif path.is_dir():
-                for part in path.iterdir():
-                    _discard(part)
+                _discard(*path.iterdir())
                 path.rmdir()
             else:
                 _discard(path)
@@ -296,10 +275,11 @@ def _alive(process: int) -> bool:
     except ProcessLookupError:
         return False
     except (OSError, OverflowError):
-        return True
+        pass
     return True
 
 
-def _discard(path: Path) -> None:
-    with contextlib.suppress(OSError):
-        path.unlink(missing_ok=True)
+def _discard(*paths: Path) -> None:
+    for path in paths:
+        with contextlib.suppress(OSError):
+            path.unlink(missing_ok=True)

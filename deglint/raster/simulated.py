@@ -5,7 +5,6 @@ The files of a scene come into being together, or not at all.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy.typing as npt
 
 from .. import __version__
 from ..errors import WriteError
-from .scratch import Scratch
+from .output import Scratch, write_json
 from .targets import check_targets
 
 CRS = "EPSG:32610"
@@ -50,7 +49,6 @@ def write_scene(
     `truth` says whether all that is known of the scene is written beside the image and the JSON, or names the parts
     that are, such as "_truth_water". Either all files are written or none; their names are returned.
     """
-
     base = _base(stem)
     layers = layers_of(scene)
     if truth is not True:
@@ -62,8 +60,7 @@ def write_scene(
         try:
             for part, layer in layers.items():
                 _write(scratch.add(targets[part]), layer, scene.setup.sensor.gsd)
-            text = json.dumps(describe(scene, {p: t.name for p, t in targets.items()}), indent=2)
-            scratch.add(sidecar).write_text(text + "\n", encoding="utf-8")
+            write_json(scratch, sidecar, describe(scene, {p: t.name for p, t in targets.items()}))
         except OSError as error:
             raise WriteError(f"cannot write {base}: {error}") from error
     return [*targets.values(), sidecar]
@@ -71,7 +68,6 @@ def write_scene(
 
 def check_free(stem: str | Path, *, overwrite: bool = False) -> None:
     """Refuse a name that `write_scene` would refuse, before the scene is made."""
-
     base = _base(stem)
     check_targets([base.with_name(base.name + suffix) for suffix in (".tif", ".json")], overwrite=overwrite)
 
@@ -85,42 +81,27 @@ def _base(stem: str | Path) -> Path:
 
 def layers_of(scene: Simulated) -> dict[str, Layer]:
     """Files of a scene, by what is added to its name."""
-    setup = scene.setup
-    sensor = setup.sensor
+    setup, sensor = scene.setup, scene.setup.sensor
     names = tuple(b.name for b in sensor.bands)
     tags = tuple({"wavelength": f"{b.wavelength:g}", "time_offset_s": f"{b.time_offset:.3f}"} for b in sensor.bands)
-    scales = tuple(sensor.scale(b) for b in sensor.bands)
-    numbers: dict[str, Any] = {"scales": scales, "unit": SIMULATED_UNIT, "band_tags": tags, "tags": _tags(setup)}
     radiance: dict[str, Any] = {"unit": SIMULATED_UNIT, "band_tags": tags}
+    numbers = radiance | {"scales": tuple(sensor.scale(b) for b in sensor.bands), "tags": _tags(setup)}
+    truth = "radiance out of the water {}, without sun glint{} and noise, through the same optics"
+    glint = f"1 where glint exceeds {setup.glint_threshold:g} of the radiance without it"
+    cover = "0 open water, 1 land, 2 foam, 3 floating target, when the band sees it"
     out = {
         "": Layer(scene.image, "what the sensor gives", names, **numbers),
-        "_truth": Layer(
-            scene.truth,
-            "radiance out of the water and of the mirrored sky, without sun glint and noise, through the same optics",
-            names,
-            **radiance,
-        ),
-        "_truth_water": Layer(
-            scene.truth_water,
-            "radiance out of the water alone, without sun glint, mirrored sky and noise, through the same optics",
-            names,
-            **radiance,
-        ),
+        "_truth": Layer(scene.truth, truth.format("and of the mirrored sky", ""), names, **radiance),
+        "_truth_water": Layer(scene.truth_water, truth.format("alone", ", mirrored sky"), names, **radiance),
         "_truth_noisy": Layer(
             scene.truth_image, "what the sensor gives without sun glint, same noise", names, **numbers
         ),
         "_glint": Layer(scene.glint, "radiance of the sun glint alone, through the same optics", names, **radiance),
-        "_glint_mask": Layer(
-            scene.glint_mask.astype(np.uint8),
-            f"1 where glint exceeds {setup.glint_threshold:g} of the radiance without it",
-            names,
-            band_tags=tags,
-        ),
+        "_glint_mask": Layer(scene.glint_mask.astype(np.uint8), glint, names, band_tags=tags),
         "_objects": Layer(scene.objects[None], "number of the submerged object, from 1; see the JSON", ("object",)),
     }
     if scene.cover is not None:
-        meaning = "0 open water, 1 land, 2 foam, 3 floating target, when the band sees it"
-        out["_cover"] = Layer(scene.cover, meaning, names, band_tags=tags)
+        out["_cover"] = Layer(scene.cover, cover, names, band_tags=tags)
     if scene.depth is not None:
         out["_depth"] = Layer(scene.depth[None], "depth of the bottom", ("depth",), unit="m")
     if scene.height is not None:
@@ -132,21 +113,20 @@ def layers_of(scene: Simulated) -> dict[str, Layer]:
 
 def _tags(setup: Any) -> dict[str, str]:
     sensor = setup.sensor
-    return {
-        "SENSOR": sensor.name,
-        "FULL_SCALE": str(sensor.levels),
-        "F_NUMBER": f"{sensor.f_number:g}",
-        "GSD_M": f"{sensor.gsd:g}",
-        "PIXEL_PITCH_UM": f"{1e6 * sensor.pitch:g}",
-        "SMEAR_PIXELS": f"{sensor.smear:g}",
-        "SUN_ZENITH_DEG": f"{setup.sun_zenith:g}",
-        "SUN_AZIMUTH_DEG": f"{setup.sun_azimuth:g}",
-        "VIEW_ZENITH_DEG": f"{setup.view_zenith:g}",
-        "VIEW_AZIMUTH_DEG": f"{setup.view_azimuth:g}",
-        "WIND_M_S": f"{setup.wind:g}",
-        "WIND_FROM_DEG": f"{setup.wind_from:g}",
-        "SEED": str(setup.seed),
+    numbers = {
+        "F_NUMBER": sensor.f_number,
+        "GSD_M": sensor.gsd,
+        "PIXEL_PITCH_UM": 1e6 * sensor.pitch,
+        "SMEAR_PIXELS": sensor.smear,
+        "SUN_ZENITH_DEG": setup.sun_zenith,
+        "SUN_AZIMUTH_DEG": setup.sun_azimuth,
+        "VIEW_ZENITH_DEG": setup.view_zenith,
+        "VIEW_AZIMUTH_DEG": setup.view_azimuth,
+        "WIND_M_S": setup.wind,
+        "WIND_FROM_DEG": setup.wind_from,
     }
+    said = {"SENSOR": sensor.name, "FULL_SCALE": str(sensor.levels)}
+    return said | {k: f"{v:g}" for k, v in numbers.items()} | {"SEED": str(setup.seed)}
 
 
 def _write(path: Path, layer: Layer, gsd: float) -> None:
@@ -178,25 +158,24 @@ def describe(scene: Simulated, files: Mapping[str, str]) -> dict[str, Any]:
     import scipy
 
     setup, light = scene.setup, scene.light
-    bands = []
-    for i, band in enumerate(setup.sensor.bands):
-        bands.append(
-            {
-                "name": band.name,
-                "wavelength_nm": band.wavelength,
-                "time_s": setup.times[i],
-                "scale": setup.sensor.scale(band),
-                "exposure_s": setup.sensor.exposure(band),
-                "direct_irradiance": float(light.direct[i]),
-                "diffuse_irradiance": float(light.diffuse[i]),
-                "water_radiance": float(light.water[i]),
-                "mean_truth": float(scene.truth[i].mean(dtype=np.float64)),
-                "mean_truth_water": float(scene.truth_water[i].mean(dtype=np.float64)),
-                "mean_glint": float(scene.glint[i].mean(dtype=np.float64)),
-                "glint_fraction": float(scene.glint_mask[i].mean()),
-                "saturated_pixels": int((scene.image[i] == setup.sensor.levels).sum()),
-            }
-        )
+    bands = [
+        {
+            "name": band.name,
+            "wavelength_nm": band.wavelength,
+            "time_s": setup.times[i],
+            "scale": setup.sensor.scale(band),
+            "exposure_s": setup.sensor.exposure(band),
+            "direct_irradiance": float(light.direct[i]),
+            "diffuse_irradiance": float(light.diffuse[i]),
+            "water_radiance": float(light.water[i]),
+            "mean_truth": float(scene.truth[i].mean(dtype=np.float64)),
+            "mean_truth_water": float(scene.truth_water[i].mean(dtype=np.float64)),
+            "mean_glint": float(scene.glint[i].mean(dtype=np.float64)),
+            "glint_fraction": float(scene.glint_mask[i].mean()),
+            "saturated_pixels": int((scene.image[i] == setup.sensor.levels).sum()),
+        }
+        for i, band in enumerate(setup.sensor.bands)
+    ]
     return {
         "software": f"deglint {__version__}",
         "numpy": np.__version__,
@@ -205,9 +184,6 @@ def describe(scene: Simulated, files: Mapping[str, str]) -> dict[str, Any]:
         "setup": asdict(setup) | {"air": asdict(setup.weather)},
         "grid_pixels": setup.grid,
         "facet_m": setup.facet,
-        "slope_variance_up_cross": {
-            "measured": setup.slope_variance,
-            "resolved": scene.resolved_slope_variance,
-        },
+        "slope_variance_up_cross": {"measured": setup.slope_variance, "resolved": scene.resolved_slope_variance},
         "bands": bands,
     }

@@ -8,21 +8,61 @@ thread, so a worker thread enters its own. Nothing is written here, and no pixel
 
 from __future__ import annotations
 
+import copy
+import os
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 
 from ..errors import InputError, ReadError
 from ..scene import FloatArray, Window
-from .convert import Raw, Valid, to_physical
-from .handle import FileBands, Handle
-from .info import RasterInfo, gdal_errors, one_line, remedy
+from .convert import FlatField, Raw, Valid, is_valid, to_physical
+from .info import RasterInfo, gdal_errors, one_line, open_dataset, remedy
+
+
+@dataclass(frozen=True)
+class FileBands:
+    """The bands that one file gives to a scene."""
+
+    path: str  # GDAL name
+    indexes: tuple[int, ...]  # 1-based bands of the file, in scene order
+    nodatas: tuple[float | None, ...]  # value that says "not valid", one a band
+    dataset_mask: bool = False  # the file has one mask for all bands
+    band_masks: bool = False  # the file has one mask a band
+    alpha: int | None = None  # 1-based alpha band; a pixel where it is 0 is not valid
+    flat: FlatField | None = None  # corrects the numbers as they are read
+    warp: Mapping[str, Any] | None = field(default=None, repr=False)  # how rasterio's WarpedVRT puts it on the grid
+
+    @classmethod
+    def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> FileBands:
+        """Every band of one described file; `nodatas` stand in for those of `info`."""
+        flags = {flag for flags in info.mask_flags for flag in flags}
+        return cls(
+            path=info.paths[0],
+            indexes=tuple([i for i in range(1, info.count + 2) if i != info.alpha][: info.count]),
+            nodatas=tuple(info.nodatas if nodatas is None else nodatas),
+            dataset_mask="per_dataset" in flags and "alpha" not in flags,
+            band_masks=any(not f for f in info.mask_flags),
+            alpha=info.alpha,
+            flat=info.flat,
+        )
+
+
+class _Handle(ExitStack):
+    """The datasets of a scene, open, one a file; it belongs to one thread at a time."""
+
+    def __init__(self, files: Sequence[FileBands]) -> None:
+        super().__init__()
+        try:
+            self.datasets = [_open(file, self) for file in files]
+        except BaseException:
+            self.close()
+            raise
 
 
 class Budget:
@@ -63,17 +103,17 @@ class RasterSource:
     def _start(self) -> None:
         self.budget: Budget | None = None
         self._lock = threading.Lock()
-        self._idle: list[Handle] = []
+        self._idle: list[_Handle] = []
         self._closed = False
         self.settled = False  # whether the pixels were asked what the file does not declare
 
-    def declared(self, info: RasterInfo) -> RasterSource:
+    def declared(self, info: RasterInfo) -> Self:
         """The same pixels with another nodata and offset declared."""
         ends = np.cumsum([len(f.indexes) for f in self.files])
         nodatas = [info.nodatas[end - len(f.indexes) : end] for end, f in zip(ends, self.files, strict=True)]
-        files = [replace(f, nodatas=tuple(n)) for f, n in zip(self.files, nodatas, strict=True)]
-        found = RasterSource(files, info)
-        found.settled = True
+        found = copy.copy(self)
+        found.files = tuple(replace(f, nodatas=tuple(n)) for f, n in zip(self.files, nodatas, strict=True))
+        found.info, found.settled = info, True
         return found
 
     def __getstate__(self) -> dict[str, Any]:
@@ -150,17 +190,50 @@ class RasterSource:
             self.budget.spend((bottom - top) * (right - left))
         place = f"rows {top}-{bottom}, columns {left}-{right}"
         with env_ctx_if_needed(), self._handle(place) as handle:
-            return handle.read(window, bands, self.info, nodata=nodata)
+            return self._stacked(handle.datasets, window, bands, nodata=nodata)
+
+    def _stacked(
+        self, datasets: Sequence[Any], window: Window, bands: Sequence[int], *, nodata: bool
+    ) -> tuple[Raw, Valid | None]:
+        """Numbers as they stand, and where they are valid (None: everywhere): by masks and alpha, and `nodata`."""
+        shape = (len(bands), window[0][1] - window[0][0], window[1][1] - window[1][0])
+        if 0 in shape:
+            return np.empty(shape, self.info.dtype), None
+        raw, valid, start = np.empty(shape, self.info.dtype), None, 0
+        for file, dataset in zip(self.files, datasets, strict=True):
+            at = [k for k, b in enumerate(bands) if 0 <= b - start < len(file.indexes)]
+            own = [bands[k] - start for k in at]
+            start += len(file.indexes)
+            if not at:
+                continue
+            part = np.empty((len(at), *shape[1:]), raw.dtype)
+            indexes = [file.indexes[b] for b in own]
+            if len({dataset.dtypes[i - 1] for i in indexes}) == 1:
+                dataset.read(indexes, window=window, out=part)
+            else:  # rasterio reads bands of several types one by one only
+                for numbers, i in zip(part, indexes, strict=True):
+                    dataset.read(i, window=window, out=numbers)
+            known = _validity(file, dataset, part, own, window, nodata)
+            if file.flat is not None:
+                for numbers, b in zip(part, own, strict=True):
+                    file.flat.apply(numbers, window, file.nodatas[b])
+            if len(self.files) == 1:
+                return part, known
+            raw[at] = part
+            if known is not None:
+                valid = np.ones(raw.shape, np.bool_) if valid is None else valid
+                valid[at] = known
+        return raw, valid
 
     @contextmanager
-    def _handle(self, place: str) -> Iterator[Handle]:
+    def _handle(self, place: str) -> Iterator[_Handle]:
         """A handle for this thread alone; kept for the next reader unless the reading fails."""
         with self._lock:
             if self._closed:
                 raise ReadError(f"{self.info.paths[0]} was closed. Open the scene again.")
             handle = self._idle.pop() if self._idle else None
         try:
-            handle = handle or Handle(self.files)
+            handle = handle or _Handle(self.files)
             yield handle
         except BaseException as error:
             if handle is not None:
@@ -176,7 +249,6 @@ class RasterSource:
         handle.close()
 
     def _explain(self, error: BaseException, place: str) -> ReadError | None:
-
         where = f"{place} of {', '.join(self.info.paths)}"
         if isinstance(error, MemoryError):
             return ReadError(f"{where} do not fit into memory. Read smaller windows.")
@@ -187,7 +259,59 @@ class RasterSource:
 
 def _absolute(name: str) -> str:
     """The name of a file in this directory, for a process that runs in another; GDAL's other names stay."""
-    try:
-        return str(Path(name).absolute()) if Path(name).exists() else name
-    except (OSError, ValueError):
-        return name
+    return os.path.abspath(name) if os.path.exists(name) else name  # noqa: PTH100, PTH110  (never raise)
+
+
+class ArraySource(RasterSource):
+    """Pixels of a scene from a (band, row, column) numpy or dask array; what it gives are copies.
+
+    Of a lazy array only the window that is asked for is computed. `origin` is the row and column in the scene of the
+    array's first pixel, where it is a part of it.
+    """
+
+    def __init__(self, values: Any, info: RasterInfo, origin: tuple[int, int] = (0, 0)) -> None:
+        super().__init__([FileBands(info.paths[0], tuple(range(1, info.count + 1)), info.nodatas)], info)
+        self.values, self.origin = values, origin
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "values": self.values, "origin": self.origin}
+
+    def _read(self, window: Window, bands: Sequence[int], *, nodata: bool) -> tuple[Raw, Valid | None]:
+        rows, columns = ((a - first, b - first) for (a, b), first in zip(window, self.origin, strict=True))
+        _, height, width = self.values.shape
+        if not (0 <= rows[0] <= rows[1] <= height and 0 <= columns[0] <= columns[1] <= width):
+            raise InputError(
+                f"window: allowed inside the {height} rows and {width} columns from {self.origin} on, got {window}"
+            )
+        first = min(bands, default=0)
+        together = list(bands) == list(range(first, first + len(bands)))
+        chosen = slice(first, first + len(bands)) if together else list(bands)  # a slice copies nothing
+        raw = np.array(self.values[chosen, slice(*rows), slice(*columns)], self.info.dtype)
+        return raw, is_valid(raw, [self.info.nodatas[b] for b in bands]) if nodata else None
+
+
+def _open(file: FileBands, stack: ExitStack) -> Any:
+    dataset = open_dataset(file.path)
+    stack.callback(dataset.close)  # "with dataset" would tie it to the Env of this thread
+    if file.warp is None:
+        return dataset
+    from rasterio.vrt import WarpedVRT
+
+    warped = WarpedVRT(dataset, **file.warp)
+    stack.callback(warped.close)
+    return warped
+
+
+def _validity(file: FileBands, dataset: Any, raw: Raw, bands: list[int], window: Window, nodata: bool) -> Valid | None:
+    valid = is_valid(raw, [file.nodatas[b] for b in bands]) if nodata else None
+    masks = []
+    if file.dataset_mask:
+        masks.append(dataset.read_masks(1, window=window)[np.newaxis] != 0)
+    elif file.band_masks:
+        masks.append(dataset.read_masks([file.indexes[b] for b in bands], window=window) != 0)
+    if file.alpha is not None:
+        masks.append(dataset.read(file.alpha, window=window)[np.newaxis] != 0)
+    for mask in masks:
+        if not mask.all():
+            valid = np.broadcast_to(mask, raw.shape) if valid is None else valid & mask
+    return valid

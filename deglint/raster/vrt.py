@@ -26,16 +26,10 @@ MOST_VRT_BYTES = 64 << 20
 _IN_ARCHIVES = re.compile(r"/vsi(zip|tar|gzip|7z|rar)/", re.IGNORECASE)
 _ANYWHERE = {"sourcefilename", "sourcedataset", "dempath"}
 _NESTED = "<vrtdataset"
-_TOO_DEEP = f"VRTs lie in VRTs more than {MOST_NESTED} deep. Make one raster of it: gdal_translate."
 
 
-@dataclass(frozen=True)
-class _Reference:
-    """A source of a VRT: its name, which band of it, and for which band (0: all)."""
-
-    name: str
-    band: int
-    of: int
+Sources = tuple[tuple[str, ...], ...]
+"""Names of the sources of a VRT: those of the dataset, then those of each band."""
 
 
 @dataclass
@@ -44,34 +38,44 @@ class Walk:
 
     folder: str
     found: dict[str, None] = field(default_factory=dict)
-    _reads: dict[tuple[str, int], int] = field(default_factory=dict)
+    _reads: dict[str, int] = field(default_factory=dict)
     _open: list[str] = field(default_factory=list)
 
     def start(self, name: str) -> None:
         """Walk from a local VRT."""
-        references = _parsed(name, _stamp(name))
+        sources = _parsed(name, _stamp(name))
         self._open.append(_key(name))
-        self.follow(references, 1)
-        for band in sorted({r.of for r in references}):
-            reads = self._count(references, band)
-            if reads > MOST_READS and reads > 4 * len(self.found):
-                raise InputError(
-                    f"{name} reads {reads:,} sources for a band, most of them again and again; allowed are "
-                    f"{MOST_READS:,}. Make one raster of it first: gdal_translate."
-                )
+        reads = self.follow(sources)
+        if reads > MOST_READS and reads > 4 * len(self.found):
+            raise InputError(
+                f"{name} reads {reads:,} sources for a band, most of them again and again; allowed are "
+                f"{MOST_READS:,}. Make one raster of it first: gdal_translate."
+            )
 
-    def follow(self, references: tuple[_Reference, ...], depth: int) -> None:
-        """Check sources, and those of the VRTs among them."""
-        if depth > MOST_NESTED:
-            raise InputError(_TOO_DEEP)
-        for reference in references:
-            name = reference.name
-            if name in self.found:
-                continue
+    def follow(self, sources: Sources) -> int:
+        """Check sources, and those of the VRTs among them; how many are read for one band at most."""
+        whole, *bands = (sum(map(self._reads_of, names)) for names in sources)
+        return whole + max(bands, default=0)
+
+    def _reads_of(self, name: str) -> int:
+        """Files that are read for a source: one, or those of a nested VRT."""
+        if name not in self.found:
             self.found[name] = None
             self._check(name)
-            for inner in _inner(name):
-                self.follow(inner, depth + 1)
+        if name not in self._reads:
+            nested = _inner(name)
+            if not nested:
+                return self._reads.setdefault(name, 1)
+            if _key(name) in self._open:
+                return 0  # it holds itself; GDAL stops there
+            if len(self._open) >= MOST_NESTED:
+                raise InputError(
+                    f"VRTs lie in VRTs more than {MOST_NESTED} deep. Make one raster of it: gdal_translate."
+                )
+            self._open.append(_key(name))
+            self._reads[name] = self.follow(nested)
+            self._open.pop()
+        return self._reads[name]
 
     def _check(self, name: str) -> None:
         check_kind(name)
@@ -88,34 +92,14 @@ class Walk:
         for file in inside or [name]:
             check_place(file, self.folder, "a VRT")
 
-    def _count(self, references: tuple[_Reference, ...], band: int) -> int:
-        """Sources that are read for one band, those of nested VRTs instead of these."""
-        return sum(self._of(r) for r in references if r.of in (band, 0) or not band)
 
-    def _of(self, reference: _Reference) -> int:
-        key = reference.name, reference.band
-        if key not in self._reads:
-            nested = _inner(reference.name)
-            if not nested:
-                self._reads[key] = 1
-            elif _key(reference.name) in self._open:
-                return 0  # it holds itself; GDAL stops there
-            else:
-                if len(self._open) > MOST_NESTED:
-                    raise InputError(_TOO_DEEP)
-                self._open.append(_key(reference.name))
-                self._reads[key] = sum(self._count(inner, reference.band) for inner in nested)
-                self._open.pop()
-        return self._reads[key]
-
-
-def _inner(name: str) -> list[tuple[_Reference, ...]]:
-    """The sources of a source that is itself a VRT."""
+def _inner(name: str) -> Sources:
+    """The sources of a source that is itself a VRT; none of another."""
     if name.lower().startswith(_NESTED):
-        return [references_of(name, "", "a VRT")]
+        return sources_of(name, "", "a VRT")
     if name.lower().startswith("vrt://"):
-        return [(_Reference(name[6:].partition("?")[0], 0, 0),)]
-    return [_parsed(name, _stamp(name))] if is_vrt(name) else []
+        return ((name[6:].partition("?")[0],),)
+    return _parsed(name, _stamp(name)) if is_vrt(name) else ()
 
 
 def _key(name: str) -> str:
@@ -139,7 +123,7 @@ def is_vrt(name: str) -> bool:
 
 
 @lru_cache(maxsize=256)
-def _parsed(name: str, stamp: tuple[int, int, int]) -> tuple[_Reference, ...]:
+def _parsed(name: str, stamp: tuple[int, int, int]) -> Sources:
     """The sources of a local VRT, read once a state of it."""
     if stamp[1] > MOST_VRT_BYTES:
         raise InputError(f"{name} is a VRT of {stamp[1] >> 20} MB; allowed are {MOST_VRT_BYTES >> 20} MB.")
@@ -149,15 +133,15 @@ def _parsed(name: str, stamp: tuple[int, int, int]) -> tuple[_Reference, ...]:
         raise ReadError(f"cannot read {name}: {error.strerror}.") from error
     folder = str(Path(name).parent)
     try:
-        return references_of(data.decode(), folder, name)
+        return sources_of(data.decode(), folder, name)
     except UnicodeDecodeError:
-        found = references_of(data.decode("latin-1"), folder, name)
-    if not all(reference.name.isascii() for reference in found):
+        found = sources_of(data.decode("latin-1"), folder, name)
+    if not all(source.isascii() for sources in found for source in sources):
         raise ReadError(f"{name} leads to a file whose name is not UTF-8. Rename that, and correct {name}.")
     return found
 
 
-def references_of(text: str, folder: str, name: str) -> tuple[_Reference, ...]:
+def sources_of(text: str, folder: str, name: str) -> Sources:
     """The sources that the XML of a VRT names.
 
     It is refused where it may say something else to GDAL's parser than to this one: entities, or XML that is not whole.
@@ -169,44 +153,29 @@ def references_of(text: str, folder: str, name: str) -> tuple[_Reference, ...]:
         root = ET.fromstring(text[start:].rstrip("\0 \n\r\t"))
     except (ValueError, ET.ParseError, RecursionError) as error:
         raise ReadError(f"cannot read {name[:200]}: its XML is damaged ({error}). Make the VRT again.") from error
-    found: list[_Reference] = []
-    number = 0
-    for element in root:
-        band = 0
-        if _tag(element) == "vrtrasterband":
-            number += 1
-            band = _number(_attribute(element, "band"), number)
-        found += _in_element(element, folder, band)
-    return tuple(found)
+    whole: list[str] = []
+    bands = []
+    for top in root:
+        named = [source for element in top.iter() for source in _named(element, folder)]
+        if _tag(top) == "vrtrasterband":
+            bands.append(tuple(named))
+        else:
+            whole += named
+    return tuple(whole), *bands
 
 
-def _in_element(top: ET.Element, folder: str, band: int) -> Iterator[_Reference]:
-    """The sources in an element of a VRT and in all below it."""
-    yield from _named(top, folder, band, _source_band(top))
-    for element in top.iter():
-        for child in element:
-            yield from _named(child, folder, band, _source_band(element))
-
-
-def _source_band(element: ET.Element) -> int:
-    """Which band of its file a source is."""
-    stated = ["".join(child.itertext()) for child in element if _tag(child) == "sourceband"]
-    return _number(stated[-1].rpartition(",")[2], 0) if stated else 1
-
-
-def _named(element: ET.Element, folder: str, band: int, of: int) -> Iterator[_Reference]:
+def _named(element: ET.Element, folder: str) -> Iterator[str]:
+    """The name that an element holds; where it has children, what GDAL takes is not certain."""
     tag, text = _tag(element), "".join(element.itertext())
     key = (_attribute(element, "name") or _attribute(element, "key")).lower()
     named = tag in ("argument", "mdi") and ("filename" in key or key in ("x_dataset", "y_dataset"))
     if not (named or tag in _ANYWHERE):
         return
     flags = [_attribute(element, "relativetovrt")] + [c.text or "" for c in element if _tag(c) == "relativetovrt"]
-    relative = any(_number(flag, 0) for flag in flags)
-    for spelled in dict.fromkeys(
-        (element.text or "", text, *(child.tail or "" for child in element))
-    ):  # where it has children, what GDAL takes is not certain
+    relative = any(re.match(r"\s*[+-]?0*[1-9]", flag) for flag in flags)
+    for spelled in dict.fromkeys((element.text or "", text, *(child.tail or "" for child in element))):
         if name := spelled.strip():
-            yield _Reference(_beside(name, folder) if relative else name, of, band)
+            yield _beside(name, folder) if relative else name
 
 
 def _beside(name: str, folder: str) -> str:
@@ -227,8 +196,3 @@ def _tag(element: ET.Element) -> str:
 def _attribute(element: ET.Element, name: str) -> str:
     """GDAL does not mind the case of names."""
     return next((v for k, v in element.attrib.items() if k.lower() == name), "")
-
-
-def _number(text: str, otherwise: int) -> int:
-    found = re.match(r"\s*(\d{1,9})", text)
-    return int(found[1]) if found else otherwise

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..raster import RasterInfo
-from ..raster.arrays import ArraySource
+from ..raster.source import ArraySource
 from ..scene import Scene
 from .bands import bands_of
 from .names import nominal_wavelength

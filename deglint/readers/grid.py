@@ -9,22 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ..errors import InputError
 from ..raster import FileBands, RasterInfo, RasterSource
-from ..scene import Scene
+from ..raster.info import describe_file
+from ..scene import FloatArray, Scene, Window
 
 _OFF = 0.01  # [pixel] grids that differ by less than this are the same
-
-
-@dataclass(frozen=True)
-class _Place:
-    """Where a file lies, in the units of the common crs: its corners and how large a pixel is."""
-
-    bounds: tuple[float, float, float, float]
-    pixel_area: float
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
@@ -34,20 +30,19 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     """
     files = [FileBands.of(info) for info in infos]
     _check_georeference(infos)
-    places = [_place(info, infos[0]) for info in infos]
-    chosen = _choose(infos, places, grid)
-    reference, home = infos[chosen], places[chosen]
+    bounds, areas = zip(*(_place(info, infos[0]) for info in infos), strict=True)
+    chosen = _choose(infos, areas, grid)
+    reference, here = infos[chosen], bounds[chosen]
     moved: dict[tuple[str, str], list[str]] = {}
     lost: list[str] = []
-    for i, info in enumerate(infos):
+    for i, (info, there) in enumerate(zip(infos, bounds, strict=True)):
         if same_grid(info, reference):
             continue
-        there, here = places[i].bounds, home.bounds
         if not all(max(there[k], here[k]) < min(there[k + 2], here[k + 2]) for k in (0, 1)):
             raise InputError(f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place.")
         if info.flat is not None:
             lost.append(f"{_called(info)} is resampled, so that its vignette is not corrected")
-        finer = places[i].pixel_area < 0.98 * home.pixel_area
+        finer = areas[i] < 0.98 * areas[chosen]
         files[i] = _warped(files[i], info, reference, how="average" if finer else "bilinear")
         how = "averaged" if finer else "resampled (bilinear)"
         product = info.tags.get("", {}).get("product")
@@ -65,9 +60,9 @@ def _called(info: RasterInfo) -> str:
     return str(info.descriptions[0] if named else info.paths[0])
 
 
-def _choose(infos: Sequence[RasterInfo], places: Sequence[_Place], grid: str | int | None) -> int:
+def _choose(infos: Sequence[RasterInfo], areas: Sequence[float], grid: str | int | None) -> int:
     if grid is None or grid == "finest":
-        return min(range(len(infos)), key=lambda i: (round(places[i].pixel_area, 9), i))
+        return min(range(len(infos)), key=lambda i: (round(areas[i], 9), i))
     text = str(grid)
     if text.isdecimal() and 1 <= int(text) <= len(infos):
         return int(text) - 1
@@ -100,7 +95,8 @@ def _transform(info: RasterInfo | Scene) -> Any:
     return Affine(1 / info.width, 0.0, 0.0, 0.0, -1 / info.height, 1.0)
 
 
-def _place(info: RasterInfo, first: RasterInfo) -> _Place:
+def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, float, float], float]:
+    """Left, bottom, right and top of a file, and the area of its pixels, in the CRS of the first file."""
     transform = _transform(info)
     xs, ys = zip(*(_at(transform, *corner) for corner in _corners(info)), strict=True)
     left, bottom, right, top = min(xs), min(ys), max(xs), max(ys)
@@ -111,7 +107,7 @@ def _place(info: RasterInfo, first: RasterInfo) -> _Place:
         own = (right - left) * (top - bottom)
         left, bottom, right, top = transform_bounds(info.crs, first.crs, left, bottom, right, top)
         area *= abs((right - left) * (top - bottom)) / own
-    return _Place((left, bottom, right, top), area)
+    return (left, bottom, right, top), area
 
 
 def same_grid(info: RasterInfo, reference: RasterInfo | Scene) -> bool:
@@ -146,6 +142,52 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | No
         file = _warped(file, info, grid, how="nearest")
     placed = replace(info, height=grid.height, width=grid.width, crs=grid.crs, transform=grid.transform)
     return RasterSource([file], replace(placed, nodatas=file.nodatas))
+
+
+class Footprints:
+    """Which detector saw each pixel of each band, on the grid of the scene; a `deglint.scene.Source`.
+
+    They are Sentinel-2's MSK_DETFOO: rasters in products since baseline 04.00; the GML of older ones is not read.
+
+    Files are opened when they are first read. It can be pickled.
+
+    Parameters
+    ----------
+    paths : sequence of str or None
+        GDAL name of the mask of each band of the scene; None where there is none.
+    grid : RasterInfo
+        Whose grid the scene has.
+    """
+
+    def __init__(self, paths: Sequence[str | None], grid: RasterInfo) -> None:
+        self.paths = tuple(p if p is None or p.startswith("/vsi") else str(Path(p).absolute()) for p in paths)
+        self.grid = grid
+        self._sources: dict[str, RasterSource] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"paths": self.paths, "grid": self.grid, "_sources": {}}
+
+    def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
+        """Detector numbers of a window, (len(bands), rows, columns) float32; NaN where no detector saw the pixel."""
+        (top, bottom), (left, right) = window
+        out = np.full((len(bands), bottom - top, right - left), np.nan, np.float32)
+        for i, band in enumerate(bands):
+            path = self.paths[band]
+            if path is not None:
+                out[i] = self._source(path).read(window, [0])[0]
+        return out
+
+    def close(self) -> None:
+        """Close the masks' files."""
+        sources, self._sources = self._sources, {}
+        for source in sources.values():
+            source.close()
+
+    def _source(self, path: str) -> RasterSource:
+        if path not in self._sources:
+            made = nearest_on(describe_file(path), self.grid, nodata=0.0)
+            self._sources.setdefault(path, made)  # another thread may have been quicker
+        return self._sources[path]
 
 
 def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:

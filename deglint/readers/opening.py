@@ -172,20 +172,19 @@ def _needs_alpha(info: RasterInfo, sensor: str | None, count: int | None) -> boo
 
 def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) -> RasterInfo:
     """The nodata of each band: the caller's, else the file's where its type can hold it."""
-    if isinstance(nodata, str):
-        return replace(info, nodatas=(None,) * info.count, nodata_given=True)
     if nodata is not None:
+        given = None if isinstance(nodata, str) else float(nodata)
         for dtype in info.dtypes:
-            if not holds(dtype, nodata):
-                limits = np.iinfo(dtype)
-                allowed = f"an integer {limits.min} to {limits.max}"
-                raise InputError(f"nodata: allowed is {allowed} for {dtype}, got {nodata:g}")
-        return replace(info, nodatas=(float(nodata),) * info.count, nodata_given=True)
-    usable = tuple(n is None or holds(dtype, n) for n, dtype in zip(info.nodatas, info.dtypes, strict=True))
-    for i, (declared, dtype, fits) in enumerate(zip(info.nodatas, info.dtypes, usable, strict=True), start=1):
-        if not fits:
-            notes.append(f"{info.paths[0]}: nodata {declared:g} of band {i} is ignored: {dtype} cannot hold it")
-    return replace(info, nodatas=tuple(n if fits else None for n, fits in zip(info.nodatas, usable, strict=True)))
+            if given is not None and not holds(dtype, given):
+                low, high = np.iinfo(dtype).min, np.iinfo(dtype).max
+                raise InputError(f"nodata: allowed is an integer {low} to {high} for {dtype}, got {given:g}")
+        return replace(info, nodatas=(given,) * info.count, nodata_given=True)
+    kept = list(info.nodatas)
+    for i, (declared, dtype) in enumerate(zip(info.nodatas, info.dtypes, strict=True)):
+        if declared is not None and not holds(dtype, declared):
+            notes.append(f"{info.paths[0]}: nodata {declared:g} of band {i + 1} is ignored: {dtype} cannot hold it")
+            kept[i] = None
+    return replace(info, nodatas=tuple(kept))
 
 
 def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:

@@ -11,7 +11,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..raster.info import gdal_errors, one_line, open_dataset
+from ..scene import Scene
 from .areas import _crs_of
+from .products.metadata import positive
 from .text import read_json
 
 _LONGITUDE_LATITUDE = "OGC:CRS84"
@@ -60,6 +62,16 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
         if all(abs(found - s) <= _TRUE * s for found, s in zip((across, down), said, strict=True)):
             return said
     return across, down
+
+
+def pixel_size(scene: Scene) -> float | None:
+    """Mean side of a pixel on the ground [m]; None where the scene does not say."""
+    info = getattr(scene.source, "info", None)
+    if scene.transform is None or scene.transform.is_identity:
+        tags = info.tags.get("", {}) if info is not None else {}
+        return positive(tags.get("GSD_M"))
+    sides = ground_size(scene.transform, scene.crs, scene.height, scene.width)
+    return None if sides is None else math.sqrt(sides[0] * sides[1])
 
 
 def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | None:

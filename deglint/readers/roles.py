@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import numbers
 from collections.abc import Sequence
+from typing import Any
 
 from ..checks import check_kind, described
 from ..errors import BandError, InputError
@@ -101,12 +102,8 @@ def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
             )
     edge = ", ".join(scene.bands[i].name for i in indexes if _WATER <= (known[i] or 0) < _RED_EDGE)
     unknown = ", ".join(scene.bands[i].name for i in indexes if known[i] is None)
-    said = ""
-    if edge:
-        said += (
-            f"; warning: {edge} is red edge (below {_RED_EDGE:g} nm), where plumes and shallow ground show, too, and "
-            "are taken for glint"
-        )
+    shown = f"{edge} is red edge (below {_RED_EDGE:g} nm), where plumes and shallow ground show, too, and are taken for"
+    said = f"; warning: {shown} glint" if edge else ""
     if unknown:
         said += f"; warning: the wavelength of {unknown} is not known, and is taken to be near infrared"
     return said
@@ -139,10 +136,9 @@ def _no_nir(scene: Scene) -> str:
     )
 
 
-def _alpha(scene: Scene) -> int | None:
-    """1-based band of the file that is taken for alpha."""
-    found: int | None = getattr(getattr(scene.source, "info", None), "alpha", None)
-    return found
+def _alpha(scene: Scene) -> Any:
+    """1-based band of the file that is taken for alpha, or None."""
+    return getattr(getattr(scene.source, "info", None), "alpha", None)
 
 
 def example_of(scene: Scene) -> str:
@@ -185,10 +181,7 @@ def find_band(scene: Scene, wanted: str | int) -> int:
         return names.index(text)
     if text.isdecimal() and 1 <= int(text) <= len(names) and not str(item).strip().startswith("-"):
         return int(text) - 1
-    for guess in (f"b{text}", f"b0{text}", f"band{text}"):
-        if text and guess in names:
-            return names.index(guess)
-    code, codes = band_code(str(item)), [band_code(n) for n in scene.names]
+    code, codes = band_code(str(item)) or band_code(f"b{text}"), [band_code(n) for n in scene.names]
     if code is not None and codes.count(code) == 1:
         return codes.index(code)
     index = _by_role(scene, text)
@@ -209,19 +202,15 @@ def find_band(scene: Scene, wanted: str | int) -> int:
 
 def _by_role(scene: Scene, role: str) -> int | None:
     """0-based index of the band nearest to the centre of a role, in the first of its ranges that holds one."""
-    found = (_nearest(scene, limits, centre) for limits, centre in _ROLES.get(role, ()))
-    return next((i for i in found if i is not None), None)
+    known = [(i, w) for i, w in enumerate(_wavelengths(scene)) if w is not None]
+    for (low, high), centre in _ROLES.get(role, ()):
+        if inside := [(abs(w - centre), i) for i, w in known if low <= w <= high]:
+            return min(inside)[1]
+    return None
 
 
 def _wavelengths(scene: Scene) -> list[float | None]:
     return [b.wavelength if b.wavelength is not None else nominal_wavelength(b.name) for b in scene.bands]
-
-
-def _nearest(scene: Scene, limits: tuple[float, float], centre: float) -> int | None:
-    inside = [
-        (abs(w - centre), i) for i, w in enumerate(_wavelengths(scene)) if w is not None and limits[0] <= w <= limits[1]
-    ]
-    return min(inside)[1] if inside else None
 
 
 def _reason(scene: Scene, index: int) -> str:

@@ -1,13 +1,17 @@
-"""A sensor that the table lacks, from a file of the user's own in the format of the table (`deglint/sensors.toml`)."""
+"""The sensor that took a scene: a preset, or a file of the user's own in the format of `deglint/sensors.toml`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, cast
 
 from .. import sensors
 from ..errors import InputError
+from ..raster import RasterInfo
+from ..scene import Scene
 from ..sensors import Sensor
+from .products.metadata import number, positive
 from .text import read_toml
 
 _KINDS: Mapping[str, Callable[[Any], bool]] = {
@@ -56,6 +60,37 @@ def sensor_of(name: str) -> Sensor:
         _check(f"{where} optics", entry["optics"], _OPTICS)
         checked["optics"] = {"status": "defined"} | dict(entry["optics"])
     return sensors.sensor_from(name, checked)
+
+
+@dataclass(frozen=True, slots=True)
+class KnownOptics:
+    """What a system PSF is made of."""
+
+    f_number: float  # focal length over aperture
+    pitch: float  # of the detector [m]
+    smear: float  # motion during the exposure along the columns [pixel]
+    source: str  # where it was read
+
+
+def optics_of(scene: Scene) -> KnownOptics | None:
+    """Optics from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, or from the preset; None where unknown."""
+    info: RasterInfo | None = getattr(scene.source, "info", None)
+    spaces = [] if info is None else info.tags.values()
+    tags = {k.upper(): v for part in spaces for k, v in part.items()}
+    f_number, pitch = positive(tags.get("F_NUMBER")), positive(tags.get("PIXEL_PITCH_UM"))
+    if f_number and pitch:
+        smear = number(tags.get("SMEAR_PIXELS"))
+        return KnownOptics(f_number, 1e-6 * pitch, 0.5 if smear is None else smear, "the file's tags")
+    sensor = sensor_of(scene.sensor) if scene.sensor else None
+    if sensor is None or sensor.optics is None or sensor.optics.pixel_pitch is None:
+        return None
+    optics = sensor.optics
+    ratio = optics.f_number
+    if ratio is None:
+        if not (optics.focal_length and optics.aperture):
+            return None
+        ratio = optics.focal_length / optics.aperture
+    return KnownOptics(ratio, 1e-6 * cast(float, optics.pixel_pitch), 0.5, f"preset {sensor.name} ({optics.status})")
 
 
 def _band(where: str, band: Any) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from ..errors import DeglintError, InputError, ReadError
 from ..raster import RasterInfo
 from . import products
 from .names import nominal_wavelength
-from .products.metadata import angle_tags, tags_of
+from .products.metadata import angle_tags, number, tags_of
 from .spectral import nanometres, said_of_wavelength
 from .text import MOST_TEXT_BYTES, read_json
 
@@ -164,7 +164,7 @@ def _angles(facts: Mapping[str, Any]) -> dict[str, Any]:
     PlanetScope write it; the words of the extension can be read the other way round.
     """
     names = "sun_elevation", "sun_azimuth", "incidence_angle", "off_nadir", "azimuth"
-    elevation, azimuth, incidence, off_nadir, view = (_number(facts.get(f"view:{name}")) for name in names)
+    elevation, azimuth, incidence, off_nadir, view = (number(facts.get(f"view:{name}")) for name in names)
     return angle_tags(
         sun_elevation=elevation, sun_azimuth=azimuth, incidence=incidence, off_nadir=off_nadir, view_azimuth=view
     )
@@ -213,24 +213,19 @@ def _said(asset: Any, key: str, *, applied: bool = False) -> tuple[dict[str, Any
             said |= {re.sub(r"^(?:eo|raster):", "", str(k)): v for k, v in own.items()}
         common = str(said.get("common_name") or "")
         name = said["name"] if isinstance(said.get("name"), str) and said["name"] else str(key)
-        centre, width = _number(said.get("center_wavelength")), _number(said.get("full_width_half_max"))
+        centre, width = number(said.get("center_wavelength")), number(said.get("full_width_half_max"))
         facts = {
             "name": name,
             "common": common,
             "wavelength": nanometres(centre, "um")[0] if centre else nominal_wavelength(common or name),
             "width": nanometres(width, "um")[0] if width else None,
-            "scale": _number(said.get("scale")) or None,
-            "offset": 0.0 if applied else _number(said.get("offset")),
-            "nodata": _number(said.get("nodata")),
+            "scale": number(said.get("scale")) or None,
+            "offset": 0.0 if applied else number(said.get("offset")),
+            "nodata": number(said.get("nodata")),
             "unit": said.get("unit") if isinstance(said.get("unit"), str) else None,
         }
         found.append({k: v for k, v in facts.items() if v is not None})
     return tuple(found)
-
-
-def _number(value: Any) -> float | None:
-    fit = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < float("inf")
-    return float(value) if fit else None
 
 
 def href(asset: Any, path: str) -> str:

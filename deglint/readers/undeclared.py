@@ -136,7 +136,7 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray
     return Undeclared(nodatas, notes=(note,))
 
 
-def _commonest(same: list[tuple[Tile, npt.NDArray[Any], npt.NDArray[np.bool_]]]) -> float | None:
+def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
     """The number that most pixels have in all bands; 0 and less before all others."""
     counts: Counter[float] = Counter()
     for _tile, raw, alike in same:
@@ -196,8 +196,8 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found
     return replace(found, offsets=offsets, notes=(*found.notes, note))
 
 
-def _kept(raw: Any, valid: Any, band: int, nodata: float | None) -> npt.NDArray[np.bool_]:
-    kept = np.ones(raw.shape[1:], np.bool_) if valid is None else valid[band].copy()
-    if nodata is not None:
-        kept &= raw[band] != nodata
-    return kept & (raw != 0).any(axis=0)
+def _kept(raw: Any, valid: Any, band: int, nodata: float | None) -> Mask:
+    kept: Mask = (raw != 0).any(axis=0)
+    if valid is not None:
+        kept &= valid[band]
+    return kept if nodata is None else kept & (raw[band] != nodata)

@@ -14,14 +14,13 @@ from pathlib import Path
 
 from ...errors import DeglintError, ReadError
 from ...raster import RasterInfo
+from ..grid import Footprints
 from . import dimap, drone, landsat, maxar, planetscope, sentinel2
 from .container import Container, is_archive, open_archive, open_folder
-from .footprints import Footprints
 from .product import Product, ProductBand, described
 
 __all__ = [
     "PRODUCTS",
-    "Footprints",
     "OpenedFiles",
     "Product",
     "ProductBand",
@@ -68,18 +67,6 @@ class OpenedFiles:
     product: Product | None
     notes: list[str]
 
-    @property
-    def bands(self) -> list[ProductBand | None]:
-        """What the product says of each band, in the order of the rasters; None of bands without a product."""
-        if self.product is None:
-            return [None] * sum(info.count for info in self.infos)
-        every = list(self.product.files.values())
-        return [
-            bands[i] if i < len(bands) else None
-            for info, bands in zip(self.infos, every, strict=True)
-            for i in range(info.count)
-        ]
-
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
     """Describe what a name stands for: the files of a product, else a raster as `describe` does."""
@@ -125,24 +112,30 @@ def named(found: Sequence[OpenedFiles]) -> str | None:
 
 def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> Footprints | None:
     """Detector numbers of the bands that were opened, on the grid of their scene; None where no band has any."""
-    paths = [None if band is None else band.footprint for o in found for band in o.bands]
+    paths: list[str | None] = []
+    for o in found:
+        stated = [()] * len(o.infos) if o.product is None else o.product.files.values()
+        for info, bands in zip(o.infos, stated, strict=True):
+            paths += [bands[i].footprint if i < len(bands) else None for i in range(info.count)]
     return Footprints(paths, grid) if any(paths) else None
 
 
 def find(path: str) -> Product | None:
     """The product that a name stands for, or None; metadata and names of files are read, no pixels."""
     local = _local(path)
-    if local is None:
+    if local is None or not (_is_dir(local) or _is_file(local)):
         return None
-    place = Path(local)
-    if _is_dir(local):
-        container = open_folder(place, path)
-        return _of_part(container, place.absolute()) or _first(container)
-    if not _is_file(local):
-        return None
-    if is_archive(local):
+    if not _is_dir(local) and is_archive(local):
         return _first(open_archive(local))
-    return _of_file(place, path)
+    place = Path(local)
+    folder = open_folder(place, path) if _is_dir(local) else None
+    place = place.absolute()
+    for family in PRODUCTS.values():
+        root = _root_of(family, place, folder)
+        found = None if root is None else _of(family, open_folder(root, path, place.relative_to(root).as_posix()))
+        if found is not None:
+            return found
+    return None if folder is None else _first(folder)
 
 
 def name_of(path: str) -> str | None:
@@ -195,29 +188,14 @@ def _of(family: Family, container: Container) -> Product | None:
     return None if found is None else replace(found, texts=read)
 
 
-def _of_part(container: Container, place: Path) -> Product | None:
-    """The part of a product that a folder inside it holds."""
-    for family in PRODUCTS.values():
-        inside = family.above and container.find(family.images) and not container.find(family.metadata)
-        root = _above(place, family) if inside else None
-        if root is not None:
-            return _of(family, open_folder(root, container.asked, place.relative_to(root).as_posix()))
-    return None
-
-
-def _of_file(place: Path, asked: str) -> Product | None:
-    place = place.absolute()
-    for family in PRODUCTS.values():
-        root = None
-        if re.fullmatch(family.metadata, place.name, re.IGNORECASE):
-            root = place.parent
-        elif re.fullmatch(family.images, place.name, re.IGNORECASE):
-            root = _above(place, family)
-        if root is not None:
-            found = _of(family, open_folder(root, asked, place.relative_to(root).as_posix()))
-            if found is not None:
-                return found
-    return None
+def _root_of(family: Family, place: Path, folder: Container | None) -> Path | None:
+    """The folder with the metadata of the product that a file, or a folder with some of its images, is a part of."""
+    if folder is not None:
+        part = family.above and folder.find(family.images) and not folder.find(family.metadata)
+        return _above(place, family) if part else None
+    if re.fullmatch(family.metadata, place.name, re.IGNORECASE):
+        return place.parent
+    return _above(place, family) if re.fullmatch(family.images, place.name, re.IGNORECASE) else None
 
 
 def _above(place: Path, family: Family) -> Path | None:
