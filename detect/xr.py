@@ -63,7 +63,7 @@ def fit(
         As `score`.
     """
     recipe = _recipe(recipe)
-    if recipe.method in ("local", "sea", "lines"):
+    if recipe.kind.matrices is None:
         raise InputError(f"{recipe.method} has a background for every pixel: there is none to fit.")
     recipe = replace(recipe, method="rx") if recipe.method == "auto" else recipe
     opened = open_array(array, sensor=sensor, nodata=nodata)

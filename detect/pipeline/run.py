@@ -36,11 +36,10 @@ from .flags import MEANINGS
 from .ground import delayed_bands
 from .mark import CANDIDATES, Marker, Places, joined
 from .plan import Plan, Progress, make_plan
-from .recipe import NO_LAW, Outputs, Recipe
+from .recipe import Outputs, Recipe
 from .scoring import Highest, Law, PixelCounts, Scoring
 from .sea_plan import fit_sea
 from .sidecar import describe, notes_on, warnings_of
-from .vectors import check_vector
 
 log = logging.getLogger(__name__)
 
@@ -123,7 +122,9 @@ def score_file(
     files = ("p_value", "flags", "objects", "background", "chips")
     paths: dict[str, Any] = {k: Path(v) if k in files and v else v for k, v in outputs.items()}
     targets = Outputs(Path(image), **paths)
-    _check_targets(recipe, targets, threads)
+    if threads is not None and threads < 1:
+        raise InputError(f"threads: want at least 1, got {threads}.")
+    targets.check(recipe)
     with environment(), threadpool_limits(1, user_api="blas"):  # the tiles' threads are all the threads
         given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
         read = [file for name in given for file in files_of(name)]
@@ -137,28 +138,6 @@ def score_file(
                                    scale=scale, offset=offset))  # fmt: skip
         with raster_of(scene):
             return _run(scene, checksum, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
-
-
-def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> None:
-    """Refuse outputs that the recipe does not give."""
-    if threads is not None and threads < 1:
-        raise InputError(f"threads: want at least 1, got {threads}.")
-    if targets.objects and not recipe.thresholded:
-        raise InputError("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4, or "
-                         "--false-per-km2.")  # fmt: skip
-    if targets.chips and not targets.objects:
-        raise InputError("chips are pictures of objects: give --objects FILE, too.")
-    check_vector(targets.objects)
-    _check_method(recipe, targets)
-
-
-def _check_method(recipe: Recipe, targets: Outputs) -> None:
-    """Refuse what a detector cannot give."""
-    if targets.p_value and recipe.method in NO_LAW:
-        raise InputError(f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx.")
-    if targets.background and recipe.method in ("local", "sea", "lines"):
-        raise InputError(f"{recipe.method} has a background for every pixel, none to save. Leave out "
-                         "--save-background, or take --method rx.")  # fmt: skip
 
 
 def _run(
@@ -176,7 +155,7 @@ def _run(
     for note in plan.notes:
         log.info("%s", note)
     recipe = plan.recipe
-    _check_method(recipe, targets)
+    targets.check(recipe)
     if cluster and recipe.method == "lines":
         raise InputError("lines are scored in the order in which they come: leave out --workers and --cluster.")
     background = None
@@ -197,8 +176,8 @@ def _run(
         threshold, found = None, None
         if tail is not None:
             with open_dataset(str(scratch.file(targets.image))) as scores:
-                marker = Marker(plan, targets, scores, beside)
-                threshold = marker.threshold(tail) if plan.sea else _threshold(recipe, tail, law, tally)
+                marker = Marker(plan, targets, scores, tail, beside)
+                threshold = marker.threshold() if plan.sea else _threshold(recipe, tail, law, tally)
                 found = marker.write(threshold, scratch, progress)
         if targets.background and background:
             write_text(scratch, targets.background, replace(background, names=plan.names).to_json() + "\n")
@@ -249,7 +228,7 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
 
 def _law(recipe: Recipe, ready: Detector | None, background: Background | None, bands: int) -> Law | None:
     """The law of scores over a normal background."""
-    if recipe.method in NO_LAW:
+    if not recipe.kind.law:
         return None
     if ready is not None and background is not None:
         return Law(ready.rank, background.n)

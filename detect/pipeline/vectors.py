@@ -8,21 +8,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from deglint.errors import InputError
 from deglint.raster.output import Scratch, write_json, write_text
 
-SUFFIXES = (".geojson", ".json", ".gpkg")
-"""Files that objects can be written to."""
 _WGS84 = (
     'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],PRIMEM["Greenwich",0],'
     'UNIT["degree",0.0174532925199433],AUTHORITY["EPSG","4326"]]'
 )
-
-
-def check_vector(path: Path | None) -> None:
-    """Refuse a name whose format is not known."""
-    if path is not None and path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path} (--objects): allowed are {', '.join(SUFFIXES)}.")
 
 
 def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, geographic: bool) -> None:
