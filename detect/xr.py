@@ -26,10 +26,9 @@ from deglint.xr import need_xarray
 from .background import Background
 from .local import CELL
 from .pipeline import Recipe
-from .pipeline.plan import make_plan
+from .pipeline.plan import fit_sea, make_plan
 from .pipeline.run import fit_background
 from .pipeline.scoring import Scoring
-from .pipeline.sea_plan import fit_sea
 from .rx import detector
 
 

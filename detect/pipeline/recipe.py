@@ -147,7 +147,7 @@ class Outputs:
     image : Path
         The scores; the sidecar is `image` with ".json" appended.
     p_value, flags, objects, background : Path, optional
-        Raster of p-values, raster of `detect.pipeline.flags.MEANINGS`, detected objects as GeoJSON, the fitted
+        Raster of p-values, raster of `detect.pipeline.scoring.MEANINGS`, detected objects as GeoJSON, the fitted
         background.
     overwrite : bool
         Replace what exists.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from deglint import __version__
 from deglint.checksum import Checksum
@@ -14,13 +14,9 @@ from deglint.readers.text import read_json
 from ..background import Background
 from ..local import STATES
 from ..threshold import Threshold
-from .flags import MEANINGS
-from .plan import Plan
+from .plan import Plan, explain
 from .recipe import Outputs
-from .sea_plan import explain
-
-if TYPE_CHECKING:
-    from .scoring import PixelCounts
+from .scoring import MEANINGS, PixelCounts
 
 AFFINE = ("hedley", "lyzenga", "joyce", "nir-subtraction")
 """Glint removals that subtract a multiple of the NIR from each band."""

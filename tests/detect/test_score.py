@@ -7,7 +7,8 @@ import pytest
 import rasterio
 
 from detect import background, local, rx, threshold
-from detect.pipeline import Recipe, flags, recipe, score_file
+from detect.pipeline import Recipe, recipe, score_file
+from detect.pipeline import scoring as flags
 
 
 @pytest.fixture
