@@ -121,7 +121,7 @@ def score(
             raise InputError(f"the background has {fitted.bands} bands, the array is used with {len(plan.bands)}.")
         ready = detector(recipe.method, fitted, drop=recipe.drop, nir=plan.nir)
     bare = replace(opened.scene, source=None)  # type: ignore[arg-type]
-    work = Scoring(replace(plan, scene=bare, mask=replace(plan.mask, scene=bare), tiles=[]), ready, None, None, False)
+    work = Scoring(replace(plan, scene=bare, tiles=[]), ready, None, None, False)
     reach = plan.rule.halo if plan.rule else plan.sea.halo if plan.sea else 0
     reach += plan.mask.water.halo if plan.mask.water else 0
     step = CELL if plan.rule else 1
@@ -160,5 +160,4 @@ def _recipe(recipe: Recipe | str) -> Recipe:
 
 def _scored(work: Scoring, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
     """Scores of a tile of another scene than that of the plan."""
-    plan = replace(work.plan, scene=scene, mask=replace(work.plan.mask, scene=scene))
-    return replace(work, plan=plan)(tile).scores[None]
+    return replace(work, plan=replace(work.plan, scene=scene))(tile).scores[None]

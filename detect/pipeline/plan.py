@@ -112,19 +112,18 @@ class Plan:
 class Masking:
     """Where to score: everywhere, inside an area, or on water."""
 
-    scene: Scene
     area: Area | None = None
     water: WaterRule | None = None
     water_bands: tuple[int, ...] = ()
 
-    def read(self, tile: Tile) -> Mask | None:
+    def read(self, scene: Scene, tile: Tile) -> Mask | None:
         """Mask of a tile; None for everywhere."""
         if self.area is not None:
             return self.area.read(tile.window)
         if self.water is None:
             return None
-        outer = tile.grown(self.water.halo, self.scene.height, self.scene.width)
-        found = water(self.scene.source.read(outer.window, list(self.water_bands)), self.water)
+        outer = tile.grown(self.water.halo, scene.height, scene.width)
+        found = water(scene.source.read(outer.window, list(self.water_bands)), self.water)
         return np.asarray(found[core_of(tile.crop_of(outer), found.shape)])
 
 
@@ -224,19 +223,19 @@ def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int,
 
 def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
     if recipe.mask == "none":
-        return Masking(scene)
+        return Masking()
     if recipe.mask != "water":
-        return Masking(scene, open_area(recipe.mask, scene, "--mask"))
+        return Masking(open_area(recipe.mask, scene, "--mask"))
     nir = find_nir(scene, list(recipe.nir) or None)[0]
     if (known := water_of_removal(scene, nir)) is not None:
-        return Masking(scene, None, *known)
+        return Masking(None, *known)
     look = overview_of(scene, nir, threads, wanted=True)
     if look.water is None:
         raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")
     if not look.water.has_water:
         raise NoWaterError(look.water.reason)
     roles: Roles = look.roles
-    return Masking(scene, None, look.water, role_bands(roles))
+    return Masking(None, look.water, role_bands(roles))
 
 
 def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[int, int]:
@@ -302,7 +301,7 @@ def read_sea(plan: Plan, tile: Tile, bands: Any) -> tuple[npt.NDArray[Any], npt.
     assert plan.sea is not None
     block = plan.scene.source.read(tile.window, list(bands))
     valid = np.asarray(np.isfinite(block).all(axis=0))
-    mask = plan.mask.read(tile)
+    mask = plan.mask.read(plan.scene, tile)
     water = valid if mask is None else np.logical_and(mask, valid)
     return block, sea.region(water, plan.sea.rule, valid)
 

@@ -114,7 +114,6 @@ def score_file(
     from threadpoolctl import threadpool_limits
 
     from deglint.readers import open_scene
-    from deglint.readers.stac import files_of
 
     recipe = recipe or Recipe()
     files = ("p_value", "flags", "objects", "background", "chips")
@@ -124,18 +123,30 @@ def score_file(
         raise InputError(f"threads: want at least 1, got {threads}.")
     targets.check(recipe)
     with environment(), threadpool_limits(1, user_api="blas"):  # the tiles' threads are all the threads
-        given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
-        read = [file for name in given for file in files_of(name)]
-        reads: Reads = {"the input": [*given, *read], "--background": [recipe.background], "--mask": [recipe.mask],
-                        "--sensor": [str(sensor or "")]}  # fmt: skip
-        check_targets(targets.every(), reads, overwrite=targets.overwrite)
-        check_image(targets.image)
+        read = _files_read(source, targets, recipe, str(sensor or ""))
         # before it is opened: what changes from now on is noticed
         checksum = Checksum(read, [recipe.background, recipe.mask])
         scene = settled(open_scene(source, sensor=sensor, nodata=nodata, bands=bands, wavelengths=wavelengths,
                                    scale=scale, offset=offset))  # fmt: skip
         with raster_of(scene):
             return _run(scene, checksum, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
+
+
+def _files_read(
+    source: str | Path | Sequence[str | Path], targets: Outputs, recipe: Recipe, sensor: str
+) -> list[str]:  # fmt: skip
+    """Files of the input; refuses outputs that are read or that exist."""
+    from deglint.readers.stac import files_of
+
+    given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
+    read = [file for name in given for file in files_of(name)]
+    reads: Reads = {
+        "the input": [*given, *read], "--background": [recipe.background], "--mask": [recipe.mask],
+        "--sensor": [sensor],
+    }  # fmt: skip
+    check_targets(targets.every(), reads, overwrite=targets.overwrite)
+    check_image(targets.image)
+    return read
 
 
 def _run(
@@ -216,7 +227,7 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress 
     def gather(tile: Tile) -> Part:
         block = plan.scene.source.read(tile.window, list(bands))
         area = None if plan.area is None else plan.area.read(tile.window)
-        return Part.of(block, both(plan.mask.read(tile), area), (tile.row0, tile.col0), share)
+        return Part.of(block, both(plan.mask.read(plan.scene, tile), area), (tile.row0, tile.col0), share)
 
     told = progress and partial(progress, "fit")
     rows = run(plan.tiles, gather, combine=Part.merge, progress=told, threads=plan.threads, start=enter_thread)

@@ -116,7 +116,7 @@ class Scoring:
         if plan.rule is not None:
             scores, block, mask, states = self._of_rings(tile)
         else:
-            mask = plan.mask.read(tile)
+            mask = plan.mask.read(plan.scene, tile)
             block = plan.scene.source.read(tile.window, list(plan.bands))
             scores = score(block, self.ready, mask) if self.ready else self._of_lines(block, mask)
         found = scores.astype(np.float32, copy=False)
@@ -137,7 +137,7 @@ class Scoring:
         plan = self.plan
         assert plan.rule is not None
         outer = tile.grown(plan.rule.halo, plan.scene.height, plan.scene.width)
-        mask = plan.mask.read(outer)
+        mask = plan.mask.read(plan.scene, outer)
         states = np.zeros(tile.shape, np.uint8)
         block = plan.scene.source.read(outer.window, list(plan.bands))
         scores = score_part(block, plan.rule, (outer.row0, outer.col0), tile.window, mask, flags=states)

@@ -10,11 +10,6 @@ from typing import Any
 
 from deglint.raster.output import Scratch, write_json, write_text
 
-_WGS84 = (
-    'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],PRIMEM["Greenwich",0],'
-    'UNIT["degree",0.0174532925199433],AUTHORITY["EPSG","4326"]]'
-)
-
 
 def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, geographic: bool) -> None:
     """Write GeoJSON in the format that the name of the file says, and beside a GeoPackage a style of the same name."""
@@ -41,11 +36,6 @@ def _write_geopackage(path: Path, document: dict[str, Any], *, geographic: bool)
     whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
     with sqlite3.connect(path) as db:
         db.executescript(_data("geopackage.sql"))
-        db.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?,?,?,?,?,?)", [
-            ("WGS 84", 4326, "EPSG", 4326, _WGS84, "longitude and latitude"),
-            ("Undefined Cartesian SRS", -1, "NONE", -1, "undefined", None),
-            ("Undefined geographic SRS", 0, "NONE", 0, "undefined", None),
-        ])  # fmt: skip
         declared = "".join(f', "{name}" {kind}' for name, kind in columns.items())
         db.execute(f"CREATE TABLE objects (fid INTEGER PRIMARY KEY AUTOINCREMENT, geom MULTIPOLYGON{declared})")
         db.execute(
