@@ -101,7 +101,7 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
     Parameters
     ----------
     method : str
-        A key of `GLOBAL_METHODS`.
+        A key of `METHODS` that has `matrices`.
     background : Background
     drop : int
         For "subspace": leading eigenvectors to leave out.
@@ -115,13 +115,13 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
     FitError
         No band of the background varies.
     """
-    if method not in GLOBAL_METHODS:
-        raise InputError(f"method {method!r} is not one of {', '.join(GLOBAL_METHODS)}.")
+    make = METHODS[method].matrices if method in METHODS else None
+    if make is None:
+        known = ", ".join(name for name, kind in METHODS.items() if kind.matrices)
+        raise InputError(f"method {method!r} is not one of {known}.")
     whiten = whitener(background.covariance)
     if not len(whiten):
         raise FitError("no band of the background varies, so no pixel can exceed it. Check bands and nodata.")
-    make = GLOBAL_METHODS[method].matrices
-    assert make is not None
     return Detector(background.mean, background.rest, *make(background, whiten, drop, nir))
 
 
@@ -207,8 +207,11 @@ def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
     return out
 
 
-GLOBAL_METHODS = {
+METHODS = {
+    "sea": Method("distance from the water around, floating objects of the sea included"),
+    "lines": Method("squared Mahalanobis distance from the lines before, one line after the other"),
     "rx": Method("squared Mahalanobis distance", lambda _b, w, _drop, _nir: (w,), law=True, invariant=True),
+    "local": Method("squared Mahalanobis distance from the ring around the pixel (--window)", law=True, invariant=True),
     "utd": Method("uniform target detector: likeness to a spectrum of ones",
                   lambda b, w, _drop, _nir: (w[:0], _likeness(b, w))),
     "rx-utd": Method("rx less utd", lambda b, w, _drop, _nir: (w, -_likeness(b, w))),
@@ -217,7 +220,7 @@ GLOBAL_METHODS = {
     "residual": Method("rx of the bands' residuals after regression on the NIR",
                        lambda b, _w, _drop, nir: (_residual(b.covariance, nir),), law=True, invariant=True),
 }  # fmt: skip
-"""Detectors that compare with one background for the whole scene."""
+"""All detectors; those with `matrices` compare with one background for the whole scene."""
 
 
 @checked_keywords()

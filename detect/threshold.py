@@ -31,6 +31,13 @@ from deglint.errors import FitError, InputError
 from . import pareto
 
 Scores = npt.NDArray[Any]
+THRESHOLDS = {
+    "gpd": "tail fitted to the scores",
+    "empirical": "quantile of the scores",
+    "f": "F",
+    "chi2": "chi-squared",
+}
+"""How the threshold for --pfa is found."""
 KEEP = 1 << 18
 """Highest scores that a `Tail` keeps where nothing else is said."""
 _LEAST_EXCEEDANCES = 50

@@ -12,7 +12,7 @@ from deglint.compensate.stages import STAGES, Kind
 from deglint.pipeline import load_chain, load_model
 from deglint.remove import METHODS, Method, hedley
 from deglint.remove.request import slope_weights
-from detect.rx import GLOBAL_METHODS
+from detect.rx import METHODS as DETECTORS
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text()
@@ -66,7 +66,7 @@ def test_a_new_stage_is_a_module_and_a_line_of_the_table(monkeypatch, sea, write
 
 
 def test_a_new_detector_is_a_line_of_the_table(monkeypatch, sea, write, read, tmp_path, rxdetect):
-    monkeypatch.setitem(GLOBAL_METHODS, "mine", replace(GLOBAL_METHODS["rx"], summary="as rx, by another name"))
+    monkeypatch.setitem(DETECTORS, "mine", replace(DETECTORS["rx"], summary="as rx, by another name"))
     source = write(tmp_path / "in.tif", sea())
     for method in ("mine", "rx"):
         ran = rxdetect("score", source, tmp_path / f"{method}.tif", "--method", method, "--mask", "none")

@@ -43,7 +43,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., tuple[Any, Any]]:
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("inputs", nargs=-1, type=FILE, metavar="IN [IN ...]")
 @click.argument("output", type=FILE, metavar="OUT")
-@click.option("--method", type=AutoOr("METHODS", "detect.pipeline.recipe"), default="auto",
+@click.option("--method", type=AutoOr("METHODS", "detect.rx"), default="auto",
               help="auto: sea where there is water, else rx. Compared with the water around, ships and boats of the "
               "sea included: sea. Compared with the whole background: rx, utd, rx-utd, subspace (rx without the "
               "leading eigenvectors), residual (rx after regression on the NIR). Compared with the ring around each "
@@ -76,7 +76,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., tuple[Any, Any]]:
               "everywhere.")
 @click.option("--pfa", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="RATE",
               help="False alarms wanted per pixel, such as 1e-4: find the threshold for it.")
-@click.option("--threshold", type=AutoOr("THRESHOLDS", "detect.pipeline.recipe", ()), default="gpd",
+@click.option("--threshold", type=AutoOr("THRESHOLDS", "detect.threshold", ()), default="gpd",
               help="How it is found: by a law fitted to the scores' tail, their own quantile, or the law of a normal "
               "background (F, or chi-squared), which real scenes seldom keep.")
 @click.option("--false-per-km2", type=click.FloatRange(0, min_open=True), metavar="RATE",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import ChainMap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,23 +11,11 @@ from deglint.errors import InputError
 
 from ..background import RIDGE, check_rule
 from ..local import BORDERS
-from ..rx import GLOBAL_METHODS, Method
+from ..rx import METHODS, Method
 from ..sea import SIDES
 from ..sea.region import LARGEST
+from ..threshold import THRESHOLDS
 
-METHODS = ChainMap(GLOBAL_METHODS, {
-    "sea": Method("distance from the water around, floating objects of the sea included"),
-    "lines": Method("squared Mahalanobis distance from the lines before, one line after the other"),
-    "local": Method("squared Mahalanobis distance from the ring around the pixel (--window)", law=True, invariant=True),
-})  # fmt: skip
-"""Detectors, those of `GLOBAL_METHODS` among them; "auto" is sea where there is water, else rx."""
-THRESHOLDS = {
-    "gpd": "tail fitted to the scores",
-    "empirical": "quantile of the scores",
-    "f": "F",
-    "chi2": "chi-squared",
-}
-"""How the threshold for --pfa is found."""
 SUFFIXES = (".geojson", ".json", ".gpkg")
 """Files that objects can be written to."""
 WINDOW = (5, 21)
@@ -42,7 +29,7 @@ class Recipe:
     Attributes
     ----------
     method : str
-        "auto", or a key of `METHODS`.
+        "auto" (sea where there is water, else rx), or a key of `detect.rx.METHODS`.
     window : (int, int)
         Guard and window of "local" [pixel].
     border, ddof : str, int
@@ -61,7 +48,7 @@ class Recipe:
     pfa : float, optional
         False alarms wanted per pixel.
     threshold : str
-        A key of `THRESHOLDS`.
+        A key of `detect.threshold.THRESHOLDS`.
     false_per_km2 : float, optional
         False objects wanted per km2 of sea, in place of pfa; for "sea".
     largest_object : (float, float)

@@ -7,7 +7,7 @@ import pytest
 import rasterio
 
 from detect import background, local, rx, threshold
-from detect.pipeline import Recipe, recipe, score_file
+from detect.pipeline import Recipe, score_file
 from detect.pipeline import scoring as flags
 
 
@@ -32,7 +32,7 @@ def scores_of(path):
         return dataset.read(1)
 
 
-@pytest.mark.parametrize("method", sorted(set(recipe.METHODS) - {"sea", "lines"}))
+@pytest.mark.parametrize("method", sorted(set(rx.METHODS) - {"sea", "lines"}))
 def test_the_file_is_what_the_arrays_give(rxdetect, scene, tmp_path, method):
     out = tmp_path / "out.tif"
     ran = rxdetect("score", scene, out, "--method", method, "--window", "3,9", "--json")
@@ -77,7 +77,7 @@ def test_threads_and_blocks_do_not_matter(tmp_path, sea, write, options, rxdetec
     np.testing.assert_array_equal(*found)
 
 
-@pytest.mark.parametrize("law", recipe.THRESHOLDS)
+@pytest.mark.parametrize("law", threshold.THRESHOLDS)
 def test_threshold_and_objects(rxdetect, scene, tmp_path, law):
     out, marked = tmp_path / "out.tif", tmp_path / "found.geojson"
     options = ["--pfa", "1e-3", "--threshold", law, "--objects", marked, "--min-size", "4"]
