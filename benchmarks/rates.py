@@ -28,8 +28,9 @@ from deglint.physics.presets import preset
 from deglint.pipeline.correct import Correction
 from deglint.pipeline.fit import fit_scene
 from deglint.pipeline.overview import raster_of
+from deglint.pipeline.prepare import correction
 from deglint.pipeline.recipe import Recipe
-from deglint.pipeline.run import correction, one_thread_each
+from deglint.pipeline.run import one_thread_each
 from deglint.raster.arrays import ArraySource
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.simulated import write_scene

@@ -1,7 +1,4 @@
-"""Fingerprints of inputs: of every file behind a name its size, time and checksum, computed on a thread of its own.
-
-Nothing but Python's own library is loaded before the files behind a name are asked for.
-"""
+"""Fingerprints of inputs: of every file behind a name its size, time and checksum, computed on a thread of its own."""
 
 from __future__ import annotations
 
@@ -14,59 +11,34 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ReadError
+from .raster.files import files_behind
 
 _CHUNK = 4 << 20
 """Bytes read at a time: a piece should take as long as Python lets another thread work before it asks."""
-_CHECKSUMS_AHEAD: dict[str, _Ahead] = {}
-"""Begun by a command, and not yet asked for."""
 _VIEWER_FILES = (".aux.xml", ".ovr")
 """Endings of files that viewers write beside a raster when they show it: what is read of them is read at the start."""
 Stamp = tuple[int, int, int, int]
 
 
-class _Ahead:
-    """The fingerprint of a file, begun before it is known what lies behind it."""
-
-    def __init__(self, path: str) -> None:
-        self.before, self.found = _stamp(path), dict[str, Any]()
-        self._thread = threading.Thread(target=lambda: self.found.update(fingerprint(path)), daemon=True)
-        self._thread.start()
-
-    def result(self) -> dict[str, Any]:
-        self._thread.join()
-        return self.found
-
-
 class Checksum:
     """CRC-32 of the bytes of all files behind some names, computed on a thread of its own while the work goes on.
 
-    Names that are not local files (/vsis3/, zip://) have none.
-
-    Parameters
-    ----------
-    names : sequence of str
-        GDAL names; the files behind them are those of `deglint.raster.files.files_behind`.
-    aside : sequence of str
-        Names of what is read beside them, such as a mask: it must not change either, and is not listed.
+    Names that are not local files (/vsis3/, zip://) have none. Files behind the names `aside`, such as a mask, must not
+    change either, and are not listed.
     """
 
     def __init__(self, names: Sequence[str], aside: Sequence[str] = ()) -> None:
         self._names, self._aside = tuple(names), tuple(aside)
         self._found: list[dict[str, Any]] = []
-        ahead = {name: known for name in self._names if (known := _CHECKSUMS_AHEAD.pop(name, None)) is not None}
-        self._listed = behind(self._names)
-        self._before = {path: _stamp(path) for path in (*self._listed, *behind(self._aside))}
-        self._ahead = {name: known for name, known in ahead.items() if known.before == self._before.get(name)}
+        self._listed = files_behind(self._names)
+        self._before = {path: _stamp(path) for path in (*self._listed, *files_behind(self._aside))}
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
     def result(self) -> list[dict[str, Any]]:
         """For each file its name, size [byte] and checksum (8 hexadecimal digits), or None.
 
-        Raises
-        ------
-        ReadError
-            A file was changed while it was read: what was made of it is of no one state of it.
+        Raises ReadError: a file was changed while it was read: what was made of it is of no one state of it.
         """
         self._thread.join()
         if changed := self.changed():
@@ -81,7 +53,7 @@ class Checksum:
     def changed(self) -> str | None:
         """A file that was changed, came or went since this was begun."""
         crcs = {file["path"]: file["crc32"] for file in self._found}
-        after = {path: _stamp(path) for path in (*behind(self._names), *behind(self._aside))}
+        after = {path: _stamp(path) for path in (*files_behind(self._names), *files_behind(self._aside))}
         for path in {**self._before, **after}:
             if path.endswith(_VIEWER_FILES):
                 continue
@@ -94,30 +66,12 @@ class Checksum:
         return None
 
     def _work(self) -> None:
-        found = []
-        for path in self._listed:
-            known = self._ahead.get(path)
-            found.append({"path": path, **(fingerprint(path) if known is None else known.result())})
-        self._found = found
-
-
-def begin_checksum(paths: Sequence[str]) -> None:
-    """Begin on files that are about to be read: a command's modules take a while to load."""
-    for path in paths:
-        if _stamp(path):
-            _CHECKSUMS_AHEAD[path] = _Ahead(path)
-
-
-def behind(names: Sequence[str]) -> tuple[str, ...]:
-    """All files that these names lead to. A name that cannot be read gives itself."""
-    from .raster.files import files_behind
-
-    return files_behind(names)
+        self._found = [{"path": path, **fingerprint(path)} for path in self._listed]
 
 
 def fingerprints(names: Sequence[str]) -> dict[str, dict[str, Any]]:
     """`fingerprint` of every file behind some names."""
-    return {path: fingerprint(path) for path in behind(names)}
+    return {path: fingerprint(path) for path in files_behind(names)}
 
 
 def fingerprint(path: str | Path) -> dict[str, Any]:
@@ -134,7 +88,7 @@ def fingerprint(path: str | Path) -> dict[str, Any]:
 
 def are_as(names: Sequence[str], said: Mapping[str, Mapping[str, Any]]) -> bool:
     """Whether the files behind some names are those, and as those, that `Checksum.fingerprints` listed, by name."""
-    files = behind(names)
+    files = files_behind(names)
     return set(files) == set(said) and all(is_as(path, said[path]) for path in files)
 
 

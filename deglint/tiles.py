@@ -12,6 +12,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, TypeVar
@@ -22,8 +23,6 @@ from .scene import Window
 Result = TypeVar("Result")
 Run = Callable[..., Iterator[tuple[Any, Any]]]
 """What does work on tiles: `run`, or something that is called like it."""
-Combine = Callable[[list[Any]], Any]
-"""What makes one result of those of a row of tiles, in order."""
 SAMPLES = 4 << 20
 """Values (pixels times bands) that a tile aims at."""
 MOST_SAMPLES = 32 << 20
@@ -73,6 +72,16 @@ class Tile:
             max(self.col0 - halo, 0),
             min(self.col1 + halo, width),
         )
+
+    def split(self, side: int) -> list[Tile]:
+        """Squares of a side that it is made of, from its first pixel on, in row-major order."""
+        rows, columns = range(self.row0, self.row1, side), range(self.col0, self.col1, side)
+        return [Tile(r, min(r + side, self.row1), c, min(c + side, self.col1)) for r in rows for c in columns]
+
+    def within(self, outer: Tile) -> tuple[Any, slice, slice]:
+        """Where the tile lies in an array of a larger one, (row, column) or with bands before them."""
+        rows = slice(self.row0 - outer.row0, self.row1 - outer.row0)
+        return ..., rows, slice(self.col0 - outer.col0, self.col1 - outer.col0)
 
     def crop_of(self, outer: Tile) -> tuple[int, int, int, int]:
         """Rows above and below, columns left and right, by which `outer` exceeds this tile."""
@@ -158,16 +167,6 @@ def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:
     return max(1, min(threads, SAMPLES_AT_ONCE // (tile[0] * tile[1] * bands)))
 
 
-def rows_of(everything: Sequence[Tile]) -> list[list[Tile]]:
-    """The tiles by rows of tiles: those that follow each other and begin in the same row of the scene."""
-    return [list(row) for _row0, row in groupby(everything, key=lambda t: t.row0)]
-
-
-def hull(row: Sequence[Tile]) -> Tile:
-    """The rectangle around some tiles."""
-    return Tile(min(t.row0 for t in row), max(t.row1 for t in row), min(t.col0 for t in row), max(t.col1 for t in row))
-
-
 def run(
     everything: Sequence[Tile],
     work: Callable[[Tile], Result],
@@ -175,19 +174,12 @@ def run(
     threads: int = 1,
     progress: Callable[[int, int], None] | None = None,
     start: Callable[[], None] | None = None,
-    combine: Combine | None = None,
-) -> Iterator[tuple[Tile, Any]]:
+) -> Iterator[tuple[Tile, Result]]:
     """Do `work` on every tile and yield (tile, result) in order; at most threads + 1 results wait.
 
     Each thread calls `start` before its first tile.
-    With `combine`, yield (rectangle around a row of tiles, what the results of that row are combined to): the first
-    level of a reduction, which depends on the row's tiles alone, so that it is the same whoever works it out.
     An error, or the consumer's leaving, cancels what has not begun and waits for what has.
     """
-    if combine is not None:
-        one_by_one = run(everything, work, threads=threads, progress=progress, start=start)
-        yield from _combined(one_by_one, everything, combine)
-        return
     total = len(everything)
     with ThreadPoolExecutor(threads, thread_name_prefix="deglint", initializer=start) as pool:
         waiting: deque[tuple[Tile, Future[Result]]] = deque()
@@ -207,13 +199,11 @@ def run(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _combined(
-    done: Iterator[tuple[Tile, Any]], everything: Sequence[Tile], combine: Combine
-) -> Iterator[tuple[Tile, Any]]:
-    rows, results = iter(rows_of(everything)), list[Any]()
-    row = next(rows, [])
-    for _tile, result in done:
-        results.append(result)
-        if len(results) == len(row):
-            yield hull(row), combine(results)
-            row, results = next(rows, []), []
+def by_rows(done: Iterator[tuple[Tile, Any]], combine: Callable[[list[Any]], Result]) -> Iterator[Result]:
+    """Combine the results of every row of tiles, as `run` yields them.
+
+    The first level of a reduction, which depends on the row's tiles alone: the same for any threads and workers.
+    """
+    with closing(done):  # type: ignore[type-var]
+        for _row0, row in groupby(done, key=lambda one: one[0].row0):
+            yield combine([result for _tile, result in row])

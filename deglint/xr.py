@@ -29,11 +29,10 @@ from .compensate import Chain
 from .errors import DeglintError, InputError, NoWaterError
 from .pipeline import Fitted, Recipe, fit_scene
 from .pipeline.chunks import DetachedSource, over_tiles
-from .pipeline.correct import Correction
+from .pipeline.correct import CHAIN_CELL, Correction
 from .pipeline.fit import given_model
 from .pipeline.outputs import DTYPES
-from .pipeline.run import correction
-from .readers.areas import open_area
+from .pipeline.prepare import correction
 from .readers.arrays import BANDS, axes, open_array
 from .readers.undeclared import settled
 from .remove import GlintModel
@@ -79,7 +78,8 @@ def fit(
     """
     need_xarray()
     opened = open_array(array, sensor=sensor, nodata=nodata)
-    return fit_scene(opened.scene, _recipe(recipe), threads=threads)
+    recipe = recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
+    return fit_scene(opened.scene, recipe, threads=threads)
 
 
 @checked_keywords()
@@ -135,7 +135,8 @@ def apply(
         opened = replace(opened, scene=fitted.undeclared.on(opened.scene))
     work = _correction(opened.scene, fitted, dtype)
     every = (len(opened.scene.bands), np.dtype(work.layout.dtype))
-    return opened.like(over_tiles(opened, partial(_corrected, work), work.halo, every, step=work.step, threads=threads))
+    step = CHAIN_CELL if work.by_cells else 1
+    return opened.like(over_tiles(opened, partial(_corrected, work), work.halo, every, step=step, threads=threads))
 
 
 @checked_keywords()
@@ -254,14 +255,8 @@ def _correction(scene: Scene, fitted: Fitted, dtype: str | None) -> Correction:
     info = scene.source.info  # type: ignore[attr-defined]
     if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
-    recipe = fitted.recipe
-    area = None if recipe.mask in ("auto", "none") else open_area(recipe.mask, scene, "mask")
-    work = correction(scene, fitted, dtype=dtype, area=area)
+    work = correction(scene, fitted, dtype=dtype)
     return replace(work, scene=replace(scene, source=DetachedSource()), layout=replace(work.layout, masked=False))
-
-
-def _recipe(recipe: Recipe | str) -> Recipe:
-    return recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
 
 
 def _same(a: Any, b: Any) -> bool:
@@ -294,30 +289,18 @@ class Deglint:
 
     def fit(self, recipe: Recipe | str = "auto", **options: Any) -> Fitted:
         """Fit a recipe: see `deglint.xr.fit`."""
-        return fit(self._array(), recipe, **options)
+        return fit(self._given if hasattr(self._given, "data") else stack(self._given), recipe, **options)
 
     def apply(self, fitted: Fitted | GlintModel, **options: Any) -> Any:
         """Correct with what was fitted: see `deglint.xr.apply`."""
-
-        def work(array: Any) -> Any:
-            return apply(array, fitted, **options)
-
+        work: Callable[[Any], Any] = partial(apply, fitted=fitted, **options)
         return work(self._given) if hasattr(self._given, "data") else _by_variables(self._given, work)
 
     def remove(self, recipe: Recipe | str = "auto", **options: Any) -> Any:
         """Fit and correct: see `deglint.xr.remove`."""
         return remove(self._given, recipe, **options)
 
-    def _array(self) -> Any:
-        return self._given if hasattr(self._given, "data") else stack(self._given)
 
-
-def _register() -> None:
-    """Make the accessors known to xarray, which has no entry point for them."""
-    with contextlib.suppress(DeglintError):
-        xarray = need_xarray()
-        xarray.register_dataarray_accessor("deglint")(Deglint)
-        xarray.register_dataset_accessor("deglint")(Deglint)
-
-
-_register()
+with contextlib.suppress(DeglintError):  # xarray has no entry point for accessors
+    for _register in (need_xarray().register_dataarray_accessor, need_xarray().register_dataset_accessor):
+        _register("deglint")(Deglint)

@@ -11,7 +11,7 @@ from deglint.choose import candidates
 from deglint.choose.candidates import windows
 from deglint.choose.implants import gains, implants
 from deglint.choose.score import SCALES, expected_errors, least_glint, powers
-from deglint.choose.trial import NOT_JUDGED, without_ships
+from deglint.choose.trial import NOT_JUDGED, without_ships, without_shore
 from deglint.compensate import Sample, Setting, State
 from deglint.scene import Band
 
@@ -106,6 +106,14 @@ def test_ships_do_not_judge_and_the_sea_does():
     (inside,) = without_ships(Sample((state,), (state.water,))).inside
     assert not inside[38:45, 38:45].any()
     assert inside.sum() == 80 * 80 - (3 + 2 * NOT_JUDGED) ** 2
+
+
+def test_the_rim_of_land_does_not_judge():
+    water = np.ones((80, 80), bool)
+    water[:, 60:] = False
+    state = State.of(np.ones((2, 80, 80), np.float32), water)
+    (inside,) = without_shore(Sample((state,), (water,))).inside
+    np.testing.assert_array_equal(inside, np.arange(80) < np.full((80, 1), 60 - NOT_JUDGED))
 
 
 def test_a_sea_without_glint_is_copied(write, tmp_path):

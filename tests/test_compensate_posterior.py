@@ -112,6 +112,16 @@ def test_saturated_pixels_take_the_water_around():
     assert abs(out.image[0, 80, 90] - 100) < 5
 
 
+def test_pits_that_end_at_zero_take_the_water_around():
+    state, _ = state_and_water()
+    raw, image = state.raw.copy(), state.image.copy()
+    raw[0, 80, 90], image[0, 80, 90] = 0, 5
+    stage = fitted(state)
+    out = stage.apply(replace(state, raw=raw, image=image)).image
+    assert abs(out[0, 80, 90] - 100) < 5
+    assert replace(stage, resolved=False).apply(replace(state, raw=raw)).variance[0].max() < 1e4
+
+
 def test_the_table_of_variances_is_the_line_between_them():
     left = LeftOver(0, 1.0, (0.0, 2.0, 10.0), (0.0, 0.0, 8.0))
     glint = np.array([[0.0, 1.0, 2.0, 6.0, 10.0, 20.0]], np.float32)

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter, grey_opening
 from deglint import Recipe, remove_glint
 from deglint.compensate.state import Sample, State
 from deglint.compensate.uncertainty import ReplacedError, fit_replaced, halo, stderr
-from deglint.pipeline.correct import PROTECTED
+from deglint.pipeline.flags import PROTECTED
 from deglint.remove import BandFit, GlintIndex, GlintModel
 
 SAMPLES = Path(__file__).parents[1] / "sample_data"

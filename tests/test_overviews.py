@@ -9,28 +9,19 @@ from deglint import open_scene
 from deglint.pipeline.overview import raster_of
 from deglint.raster.environment import environment
 from deglint.raster.output import Layout, Scratch, levels, writing
-from deglint.raster.parts import write_part, writing_parts
 from deglint.tiles import tiles
 
 SIZE = 1100, 1030
 
 
-def write(folder, data, layout, valid=None, parts=False):
+def write(folder, data, layout, valid=None):
     """Write an image tile by tile; its name."""
-    with environment(), Scratch() as scratch:
-        opened = writing_parts if parts else writing
-        with opened(scratch, folder / "out.tif", layout) as writer:
-            for i, tile in enumerate(tiles(*SIZE, layout.tile)):
-                at = np.s_[:, tile.row0 : tile.row1, tile.col0 : tile.col1]
-                known = None if valid is None else valid[at[1:]]
-                if parts:
-                    part = write_part(folder / f"{i}.part", data[at], known)
-                    writer.write(part, tile.window)
-                    part.path.unlink()
-                    continue
-                writer.write(data[at], tile.window)
-                if known is not None:
-                    writer.write_mask(known, tile.window)
+    with environment(), Scratch() as scratch, writing(scratch, folder / "out.tif", layout) as writer:
+        for tile in tiles(*SIZE, layout.tile):
+            at = np.s_[:, tile.row0 : tile.row1, tile.col0 : tile.col1]
+            writer.write(data[at], tile.window)
+            if valid is not None:
+                writer.write_mask(valid[at[1:]], tile.window)
     assert [p.name for p in folder.iterdir() if p.name != "in.tif"] == ["out.tif"]
     return folder / "out.tif"
 
@@ -42,17 +33,16 @@ def info(sea, tmp_path, write):
     return lambda **more: type(found)(**(vars(found) | {"height": SIZE[0], "width": SIZE[1]} | more))
 
 
-@pytest.mark.parametrize("parts", [False, True], ids=["one go", "parts"])
 @pytest.mark.parametrize("masked", [False, True], ids=["nodata", "masked"])
 @pytest.mark.parametrize(("compression", "interleave"), [(None, "band"), ("deflate", "pixel"), ("zstd", "band")])
-def test_overviews_are_means_of_what_is_valid(info, tmp_path, parts, masked, compression, interleave):
+def test_overviews_are_means_of_what_is_valid(info, tmp_path, masked, compression, interleave):
     data = np.random.default_rng(0).integers(100, 999, (4, *SIZE)).astype("uint16")
     valid = np.ones(SIZE, np.bool_)
     valid[:300, 1:500:2] = False
     data[:, ~valid] = 60000 if masked else 0
     layout = Layout(info(compression=compression, interleave=interleave), (0, 1, 2, 3), "uint16",
                     None if masked else 0, masked=masked)  # fmt: skip
-    out = write(tmp_path, data, layout, valid if masked else None, parts)
+    out = write(tmp_path, data, layout, valid if masked else None)
     good, errors, warnings = cog_validate(str(out), quiet=True)
     assert (good, errors, warnings) == (True, [], [])
     with rasterio.open(out) as dataset:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from deglint.batch.order import read_order
+from deglint.batch.jobs import read_order
 from deglint.cli.running import printable
 from deglint.errors import InputError
 from deglint.raster.info import open_dataset

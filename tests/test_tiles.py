@@ -130,12 +130,9 @@ def test_results_come_in_order_and_few_wait():
 
 def test_results_of_a_row_of_tiles_are_combined():
     everything = tiles.tiles(250, 330, (100, 100))
-    told = []
-    found = list(tiles.run(everything, lambda t: t.col0, threads=3, combine=list,
-                           progress=lambda done, total: told.append((done, total))))  # fmt: skip
-    assert found == [(tiles.Tile(r, min(r + 100, 250), 0, 330), [0, 100, 200, 300]) for r in (0, 100, 200)]
-    assert told[-1] == (12, 12)
-    assert list(tiles.run([], lambda t: t, combine=list)) == []
+    found = list(tiles.by_rows(tiles.run(everything, lambda t: t.col0, threads=3), list))
+    assert found == [[0, 100, 200, 300]] * 3
+    assert list(tiles.by_rows(tiles.run([], lambda t: t), list)) == []
 
 
 def test_what_is_kept_of_a_large_sample_is_bounded(sea, write, tmp_path, monkeypatch):

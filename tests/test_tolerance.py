@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from deglint import Recipe, fit_scene, open_scene
 from deglint.errors import InputError
 from deglint.pipeline import tolerance as module
+from deglint.pipeline.overview import TILE_SIDE
 from deglint.remove import METHODS, glint_error, merge, nir_request
 from deglint.remove.regression import least_squares
 from deglint.remove.statistics import gather
@@ -22,7 +23,7 @@ PLAIN = {"method": "joyce", "sample": "all", "mask": "none", "compensate": "off"
 @pytest.fixture
 def small(monkeypatch):
     """A first batch of six squares in place of eight, so that small scenes do."""
-    monkeypatch.setattr(module, "OVERVIEW_PIXELS", 6 * module.TILE_SIDE**2)
+    monkeypatch.setattr(module, "OVERVIEW_PIXELS", 6 * TILE_SIDE**2)
 
 
 @pytest.fixture
@@ -93,7 +94,7 @@ def test_same_for_any_blocks_and_threads(scene):
 
 
 def test_single_pixels_are_kept_of_every_batch_alike(monkeypatch, scene):
-    monkeypatch.setattr(module, "OVERVIEW_PIXELS", 6 * module.TILE_SIDE**2)
+    monkeypatch.setattr(module, "OVERVIEW_PIXELS", 6 * TILE_SIDE**2)
     monkeypatch.setattr(module, "KEPT_PIXELS", 100_000)
     kept = []
     fit = METHODS["joyce"].fit

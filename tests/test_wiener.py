@@ -14,7 +14,7 @@ from deglint import Recipe, correct, fit_scene, open_scene, remove, remove_glint
 from deglint.errors import FitError, InputError
 from deglint.remove import GlintModel, SampleTile, nir_request, wiener
 from deglint.remove.kernels import offsets
-from deglint.remove.levels import shared_level, shared_level_error
+from deglint.remove.levels import LevelSample, shared_level, shared_level_error
 from deglint.remove.predict import glint
 from deglint.remove.reference import ReferenceRule, clean, fit_reference
 from deglint.remove.strips import Strips, filled
@@ -215,11 +215,11 @@ def test_the_error_of_the_level_against_a_bootstrap_over_tiles():
 
     def level(chosen):
         some = np.concatenate([cells[c] for c in chosen], axis=1)
-        return shared_level(np.repeat(some[3:], 3, axis=0), some[:3], slopes)[1][1]
+        return shared_level(LevelSample(np.repeat(some[3:], 3, axis=0), some[:3]), slopes)[1][1]
 
     spread = np.std([level(rng.integers(0, 16, 16)) for _ in range(60)])
     some = np.concatenate(list(cells), axis=1)
-    claimed = shared_level_error(np.repeat(some[3:], 3, axis=0), some[:3], slopes)
+    claimed = shared_level_error(LevelSample(np.repeat(some[3:], 3, axis=0), some[:3]), slopes)
     assert 0.4 < claimed / spread < 2.5
 
 

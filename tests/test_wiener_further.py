@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 from deglint import remove
 from deglint.remove import GlintModel, SampleTile, nir_request, wiener
 from deglint.remove.further import more_references
-from deglint.remove.levels import apart_from_sparkle
+from deglint.remove.levels import LevelSample, apart_from_sparkle, shared_level
 from deglint.remove.predict import glint
 from deglint.scene import Band
 
@@ -100,3 +100,14 @@ def test_pits_beside_sparkle_are_no_level():
     apart = apart_from_sparkle(together, sample)
     assert not apart[20, 22]
     assert apart[40, 40]
+
+
+def test_the_noise_of_a_sharpening_kernel_is_not_taken_for_the_level():
+    rng = np.random.default_rng(2)
+    glint = 500 * np.maximum(gaussian_filter(rng.normal(size=(256, 256)), 3) * 10 - 0.5, 0)
+    prediction = (20 + glint + 5 * rng.normal(size=glint.shape)).reshape(1, -1)
+    around = (20 + glint + 5 / 3 * rng.normal(size=glint.shape)).ravel()
+    value = np.full_like(prediction, 1e4)
+    own, mean = (shared_level(LevelSample(prediction, value, a), np.ones(1))[0][0] for a in (None, around))
+    assert abs(mean - 20) < 0.5
+    assert own < 18

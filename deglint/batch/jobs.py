@@ -1,26 +1,140 @@
-"""The scenes of a batch: the names of their outputs, what was made of them before, and what came of them.
+"""The scenes of a batch: what is done with every one, the names of its outputs, and what was made of it before.
 
-What was made before is known again by the recipe and by the checksums of input and outputs in the sidecar.
+A recipe file says what is done. What was made before is known again by the recipe and by the checksums of input and
+outputs in the sidecar.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
-from ..checksum import are_as, is_as
+from ..checks import check_choice, check_kind, described
+from ..checksum import are_as, fingerprints, is_as
 from ..errors import DeglintError, InputError
 from ..pipeline import Outputs
+from ..pipeline.outputs import DTYPES
+from ..pipeline.recipe import Recipe, band_names
 from ..raster.environment import environment
 from ..raster.targets import check_unread
-from ..readers.scenes import ListedScene
+from ..readers.scenes import ListedScene, checked_name
 from ..readers.stac import files_of
-from ..readers.text import read_json
-from .order import EXTRAS, Order
+from ..readers.text import read_json, read_toml
 
+EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
+"""Outputs beside the image that a recipe may ask for, and how their names end."""
+OF_OUTPUT = ("directory", "name", "extras", "dtype", "options")
+OF_INPUT = ("sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset", "assets")
 TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a batch does with every scene: the tables [recipe], [output] and [input] of a recipe file."""
+
+    recipe: Recipe = field(default_factory=Recipe)
+    directory: Path = Path()  # of the outputs; made where it is missing
+    name: str = "{name}_deglinted.tif"  # of the image of a scene; "{name}" stands for the scene's name
+    extras: tuple[str, ...] = ()  # keys of `EXTRAS` that are written too, as "{name}_flags.tif" and so on
+    dtype: str | None = None
+    options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
+    sensor: str | None = None  # this and what follows: as `deglint.open_scene`
+    nodata: float | str | None = None
+    grid: str | None = None
+    bands: tuple[str, ...] = ()
+    wavelengths: tuple[float, ...] = ()
+    scale: tuple[float, ...] = ()
+    offset: tuple[float, ...] = ()
+    assets: tuple[str, ...] = ()  # of a STAC Item that are the bands
+
+    def __post_init__(self) -> None:
+        for name in ("name", "dtype", "sensor", "grid"):
+            if (text := getattr(self, name)) is not None:
+                check_kind(text, str, name, "Write it in quotes.")
+        for name in ("extras", "bands", "assets"):
+            object.__setattr__(self, name, band_names(getattr(self, name), name))
+        for name in ("wavelengths", "scale", "offset"):
+            object.__setattr__(self, name, _numbers(name, getattr(self, name)))
+        if self.nodata is not None:
+            object.__setattr__(self, "nodata", *_numbers("nodata", self.nodata))
+        object.__setattr__(self, "options", _options(self.options))
+        if not isinstance(self.directory, (str, os.PathLike)):
+            raise InputError(f"directory: want a text, got {described(self.directory)}.")
+        object.__setattr__(self, "directory", Path(self.directory))
+        if "{name}" not in self.name or Path(self.name).suffix.lower() not in (".tif", ".tiff"):
+            raise InputError(f"[output] name {self.name!r} must hold {{name}} and end in .tif, as {{name}}_clean.tif.")
+        checked_name(self.name.replace("{name}", "x"), "[output] name")
+        for extra in self.extras:
+            check_choice(extra, list(EXTRAS), "[output] extras:")
+        if self.dtype is not None:
+            check_choice(self.dtype, list(DTYPES), "[output] dtype")
+
+    def opening(self) -> dict[str, Any]:
+        """What the order says of the input, as `deglint.open_scene` takes it."""
+        stated = {"wavelengths": self.wavelengths, "scale": self.scale, "offset": self.offset}
+        given = {name: value or None for name, value in (stated | {"bands": ",".join(self.bands)}).items()}
+        return given | {"sensor": self.sensor, "nodata": self.nodata, "grid": self.grid}
+
+    def request(self) -> str:
+        """A checksum of all that the result depends on but the scene: the same order, the same text."""
+        named = {k: getattr(self.recipe, k) for k in ("sample", "mask")}
+        if self.sensor and self.sensor.lower().endswith(".toml"):
+            named["sensor"] = self.sensor
+        read = {k: fingerprints([v]) for k, v in named.items() if v not in ("auto", "all", "none")}
+        files = {k: {path: found["crc32"] for path, found in files.items()} for k, files in read.items()}
+        said = asdict(self) | {"directory": "", "files": files, "nodata": repr(self.nodata)}
+        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+
+
+def read_order(path: str, directory: str | None = None) -> Order:
+    """Read a recipe file, whose outputs go into `directory` where that is given.
+
+    It is TOML with the tables [recipe] (fields of `Recipe`), [input] (`OF_INPUT`) and [output] (`OF_OUTPUT`); every one
+    may be left out.
+
+    Raises ReadError: no such file; InputError: not TOML, or a name or value that is not allowed, such as a directory
+    above the one that the batch runs in.
+    """
+    document = read_toml(path, "recipe")
+    allowed = {"recipe": [f.name for f in fields(Recipe)], "input": OF_INPUT, "output": OF_OUTPUT}
+    for table, values in document.items():
+        if table not in allowed or not isinstance(values, dict):
+            raise InputError(f"{path}: {table!r} is not one of the tables [recipe], [input], [output].")
+        for name in values:
+            if name not in allowed[table]:
+                raise InputError(f"{path}: [{table}] {name} is not one of {', '.join(sorted(allowed[table]))}.")
+    output = document.get("output", {})
+    try:
+        order = Order(Recipe(**document.get("recipe", {})), **output, **document.get("input", {}))
+        if directory is not None:
+            return Order(**(vars(order) | {"directory": directory}))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    if Path(os.path.normpath(order.directory)).parts[:1] == (os.pardir,):
+        raise InputError(
+            f"{path}: [output] directory {str(order.directory)[:200]!r} leads out of the directory that the batch "
+            "runs in. If that is wanted, say it on the command line: --directory DIR."
+        )
+    return order
+
+
+def _numbers(name: str, value: Any) -> tuple[float, ...]:
+    values = value if isinstance(value, (list, tuple)) else [value]
+    if not all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values):
+        raise InputError(f"{name}: want a number or a list of numbers, got {described(value)}.")
+    return tuple(map(float, values))
+
+
+def _options(value: Any) -> dict[str, str]:
+    if not isinstance(value, Mapping) or not all(isinstance(v, (str, int)) for v in value.values()):
+        raise InputError(f"options: want NAME = VALUE pairs, got {described(value)}.")
+    return {k: ("YES" if v else "NO") if isinstance(v, bool) else str(v) for k, v in value.items()}
 
 
 @dataclass(frozen=True)
@@ -33,44 +147,27 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one scene: a row of the summary.
-
-    Attributes
-    ----------
-    name, inputs, output : str
-    status : {"done", "finished before", "to do", "no water", "failed"}
-    reason : str
-        Why, where it failed, has no water, or is to be done again.
-    seconds : float
-    method : str
-    corrected : float, optional
-        Share of the pixels that were corrected.
-    warnings : int
-        How many the sidecar holds.
-    """
+    """What came of one scene: a row of the summary."""
 
     name: str
     inputs: str
     output: str
-    status: str
-    reason: str = ""
+    status: str  # "done", "finished before", "to do", "no water" or "failed"
+    reason: str = ""  # why, where it failed, has no water, or is to be done again
     seconds: float = 0.0
     method: str = ""
-    corrected: float | None = None
-    warnings: int = 0
+    corrected: float | None = None  # share of the pixels
+    warnings: int = 0  # how many the sidecar holds
 
 
 Say = Callable[[str, Any], None]
-"""say("begin", name), say("progress", (name, stage, done, total)), say("end", Outcome)."""
+"""say("begin", name), say("end", Outcome)."""
 
 
 def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = ()) -> list[Job]:
     """The work on each scene; `reads` are files that were read beside the scenes and what the recipe names.
 
-    Raises
-    ------
-    InputError
-        Two scenes would be written to one file, or a file that is read would be written over.
+    Raises InputError: two scenes would be written to one file, or a file that is read would be written over.
     """
     jobs = []
     for scene in scenes:

@@ -1,58 +1,50 @@
-"""Many scenes with one recipe: those that are not finished are worked on, and one that fails does not stop the rest.
+"""Many scenes with one recipe, in processes of their own: a scene that fails, or ends its process, stops no other.
 
 What is finished is known by recipe and checksums, so a batch that was stopped - however - goes on where it was.
+A worker keeps what it has loaded from scene to scene. One that dies is reported with its exit code, and replaced. When
+the batch is stopped, or dies itself, the workers clean up and end.
 """
 
 from __future__ import annotations
 
+import contextlib
+import logging
+import os
+import signal
+import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, WriteError
-from ..raster.scratch import MOVED, claimed
+from ..errors import DeglintError, InputError, NoWaterError
+from ..pipeline.run import remove_glint
+from ..raster.scratch import MOVED, claimed, make_directory
 from ..raster.targets import check_target
 from ..readers.scenes import ListedScene
-from .jobs import DONE, FAILED, TODO, Job, Outcome, Say, jobs_of, outcome, state_of
-from .order import Order
-from .workers import run_jobs
+from ..tiles import default_threads
+from .jobs import DONE, FAILED, NO_WATER, TODO, Job, Order, Outcome, Say, jobs_of, outcome, state_of
+
+log = logging.getLogger(__name__)
+STOP_PATIENCE = 10.0
+"""How long a worker may take to clean up when it is stopped [s]."""
 
 
 def run_batch(
     order: Order, scenes: Sequence[ListedScene], *, processes: int = 1, threads: int | None = None,
     overwrite: bool = False, dry_run: bool = False, say: Say | None = None, reads: Sequence[str] = (),
 ) -> list[Outcome]:  # fmt: skip
-    """Take the glint off many scenes.
+    """Take the glint off many scenes; what came of each, in their order.
 
-    Parameters
-    ----------
-    order : Order
-    scenes : sequence of ListedScene
-        From `deglint.readers.scenes.list_scenes`.
-    processes : int
-        Scenes that are worked on at the same time, each in a process of its own: what ends one ends no other.
-    threads : int, optional
-        Of each process; all processors, shared out, by default.
-    overwrite : bool
-        Make again what was made by another recipe or of another input; what is finished is never made again.
-    dry_run : bool
-        Only say what would be done.
-    say : callable, optional
-        Told what happens.
-    reads : sequence of str
-        Files that were read for this batch, such as its recipe and its lists: no output may replace them.
+    So many `processes` work at the same time, each on a scene and with so many `threads` (all processors, shared out,
+    by default): what ends one ends no other. `overwrite` makes again what was made by another recipe or of another
+    input; what is finished is never made again. `dry_run` only says what would be done. `say` is told what happens.
+    `reads` are files that were read for this batch, such as its recipe: no output may replace them.
 
-    Returns
-    -------
-    list of Outcome
-        One a scene, in their order.
-
-    Raises
-    ------
-    InputError, WriteError
-        Names that clash, a directory that cannot be written to, or another batch at work in it: nothing was begun.
+    Raises InputError, WriteError: names that clash, a directory that cannot be written to, or another batch at work in
+    it: nothing was begun.
     """
     if processes < 1:
         raise InputError(f"jobs: want at least 1, got {processes}.")
@@ -66,7 +58,7 @@ def run_batch(
         if say is not None:
             say(what, about)
 
-    with nullcontext() if dry_run else _claimed(order.directory):
+    with contextlib.nullcontext() if dry_run else _claimed(order.directory):
         for i, job in enumerate(jobs):
             begun = time.perf_counter()
             status, why = state_of(job, request)
@@ -77,17 +69,156 @@ def run_batch(
                 continue
             found[i] = outcome(job, status, why, time.perf_counter() - begun)
             tell("end", found[i])
-        found |= run_jobs(todo, order, request, processes, threads, tell)
+        found |= _run_jobs(todo, order, request, processes, threads, tell)
     return [found[i] for i in range(len(jobs))]
 
 
-@contextmanager
+@contextlib.contextmanager
 def _claimed(directory: Path) -> Iterator[None]:
     """Make the directory of the outputs, and keep other batches from it."""
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WriteError(f"the directory {directory} cannot be made: {error.strerror}. Choose another.") from error
+    make_directory(directory, parents=True)
     check_target(directory / "x.tif", overwrite=True)
     with claimed(directory):
         yield
+
+
+def _run_jobs(
+    todo: Mapping[int, tuple[Job, bool]], order: Order, request: str, processes: int, threads: int | None, say: Say
+) -> dict[int, Outcome]:
+    """Do jobs, each given with whether it may replace what is there, and say what came of each."""
+    found: dict[int, Outcome] = {}
+    waiting, count = list(todo)[::-1], min(processes, len(todo))
+    each = threads or max(1, default_threads() // max(count, 1))
+    idle: dict[Any, Any] = {}  # processes, by the way to talk to them
+    busy: dict[Any, tuple[Any, int, float]] = {}  # the same, with the job that each has and when it began
+    try:
+        while waiting or busy:
+            while waiting and len(busy) < count:
+                line, process = idle.popitem() if idle else _start(order, request, each)
+                number = waiting.pop()
+                busy[line] = process, number, time.perf_counter()
+                say("begin", todo[number][0].scene.name)
+                with contextlib.suppress(OSError):  # it died: its line says so below
+                    line.send(todo[number])
+            for line in wait(list(busy)):
+                process, number, begun = busy[line]
+                done = _hear(line, process, todo[number][0], begun)
+                if done is not None:
+                    found[number] = done
+                    say("end", done)
+                    del busy[line]
+                    if process.is_alive():
+                        idle[line] = process
+    finally:
+        for line in idle:
+            with contextlib.suppress(OSError):
+                line.send(None)
+        for process, _number, _begun in busy.values():
+            process.terminate()
+        _join([*idle.values(), *(process for process, _number, _begun in busy.values())])
+    return found
+
+
+def _start(order: Order, request: str, threads: int) -> tuple[Any, Any]:
+    """A way to talk to a new worker, and its process."""
+    context = get_context("spawn")  # a fork would take locks of this process's threads with it
+    ours, theirs = context.Pipe()
+    talks = log.isEnabledFor(logging.DEBUG)
+    process = context.Process(target=_serve, args=(theirs, order, request, threads, talks), daemon=False)
+    process.start()
+    theirs.close()
+    return ours, process
+
+
+def _hear(line: Any, process: Any, job: Job, begun: float) -> Outcome | None:
+    """What a worker says; the outcome of its job where that is known."""
+    try:
+        said = line.recv()
+    except (EOFError, OSError):
+        process.join()
+        code = process.exitcode
+        why = f"its process ended with exit code {code}"
+        if code < 0:
+            why = f"its process was ended by signal {-code} ({signal.Signals(-code).name})"
+        if code == -signal.SIGKILL:
+            why += ": out of memory, perhaps; try fewer --jobs"
+        return outcome(job, FAILED, why, time.perf_counter() - begun)
+    if isinstance(said, Outcome):
+        return said
+    log.log(said[0], "%s: %s", job.scene.name, said[1])
+    return None
+
+
+def _join(processes: Iterable[Any]) -> None:
+    """Wait until workers have ended; end those that do not."""
+    until = time.monotonic() + STOP_PATIENCE
+    for process in processes:
+        process.join(max(until - time.monotonic(), 0.1))
+        if process.is_alive():
+            process.kill()
+            process.join()
+
+
+class _Forward(logging.Handler):
+    """Sends what a worker logs to the batch."""
+
+    def __init__(self, line: Any) -> None:
+        super().__init__(logging.INFO)
+        self._line = line
+
+    def emit(self, record: logging.LogRecord) -> None:
+        with contextlib.suppress(OSError):
+            self._line.send((record.levelno, record.getMessage()))
+
+
+def _serve(line: Any, order: Order, request: str, threads: int, talks: bool) -> None:
+    """A worker's life: take jobs until there are no more, or the batch is gone.
+
+    It sends its log if it `talks`, else what the log says of the time that is left.
+    """
+    sent = logging.getLogger("deglint" if talks else "deglint.timing")
+    sent.setLevel(logging.INFO)
+    sent.addHandler(_Forward(line))
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)  # as Ctrl-C does
+    threading.Thread(target=_watch_parent, daemon=True).start()
+    with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
+        while (task := line.recv()) is not None:
+            job, again = task
+            line.send(_do(job, again, order, request, threads))
+
+
+def _watch_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _do(job: Job, again: bool, order: Order, request: str, threads: int) -> Outcome:
+    begun = time.perf_counter()
+    extras: dict[str, Any] = {name: getattr(job.outputs, name) for name in order.extras}
+    if "model" in extras:
+        extras["model_file"] = extras.pop("model")
+    try:
+        result = remove_glint(
+            job.scene.source, job.outputs.image, order.recipe, **order.opening(), threads=threads,
+            overwrite=again, dtype=order.dtype, options=order.options, request=request, **extras,
+        )  # fmt: skip
+    except NoWaterError as error:
+        return outcome(job, NO_WATER, str(error), time.perf_counter() - begun)
+    except Exception as error:  # noqa: BLE001  (one bad scene does not stop the rest)
+        return outcome(job, FAILED, _reason(error), time.perf_counter() - begun)
+    tally = result.tally
+    return outcome(
+        job, DONE, "", time.perf_counter() - begun, method=result.fitted.model.method,
+        corrected=tally.corrected / max(tally.total, 1), warnings=len(result.warnings),
+    )  # fmt: skip
+
+
+def _reason(error: Exception) -> str:
+    """Why a scene failed, in one line."""
+    if isinstance(error, MemoryError):
+        return "out of memory. Use fewer --jobs, or a machine with more."
+    line = " ".join(str(error).split())
+    return line if isinstance(error, DeglintError) else f"{type(error).__name__}: {line} (a fault of deglint's own)"

@@ -196,7 +196,7 @@ def choose(
     if "wiener" in failed:  # nothing tests the slopes of a method of one pixel
         failed["hedley"] = "the bands share no glint"
     runs = {c: r for c, r in zip(todo, done, strict=True) if isinstance(r, _Run) and c.name not in failed}
-    inside = _without_targets(sample, list(runs.values()))
+    inside = _without_targets(without_shore(sample), list(runs.values()))
     clear = _clear(runs, inside)
     trials = [
         Trial(c, tuple(powers(r.images, inside, unit).tolist()), gains(r.responses, added, inside, unit))
@@ -275,6 +275,12 @@ def _around(mask: Mask) -> Mask:
 
 def _targets(state: State) -> Mask:
     return np.zeros_like(state.water) if state.targets is None else np.asarray((state.targets > 0).any(axis=0))
+
+
+def without_shore(sample: Sample) -> Sample:
+    """The sample without the rim of land: pixels mixed with land look like glint, and hold what no removal can tell."""
+    inside = (m & ~_around(~s.water) for s, m in zip(sample.states, sample.inside, strict=True))
+    return replace(sample, inside=tuple(inside))
 
 
 def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:

@@ -6,16 +6,16 @@ import csv
 import io
 import json
 import logging
-import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict, fields
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import click
 
 from ..shown import shown
-from ..timing import TimeLeft, duration
 from .console import Console
 from .grouped import SETTINGS, Grouped
 from .options import FILE, with_options
@@ -71,8 +71,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     dtype = "uint16"
     options = {COMPRESS = "ZSTD"}
     """  # fmt: skip
-    from ..batch.jobs import FAILED, TODO
-    from ..batch.order import read_order
+    from ..batch.jobs import FAILED, TODO, read_order
     from ..batch.run import run_batch
     from ..readers.scenes import list_scenes
 
@@ -86,7 +85,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     with Console(given) as console:
         found = run_batch(
             order, listed, processes=given["jobs"], threads=given["threads"], overwrite=given["overwrite"],
-            dry_run=given["dry_run"], say=_Watch(len(listed), console), reads=read,
+            dry_run=given["dry_run"], say=_watch(len(listed), console), reads=read,
         )  # fmt: skip
     if table:
         _write_table(table, found)
@@ -147,40 +146,16 @@ def _write_table(path: Path, found: list[Any]) -> None:
         write_text(scratch, path, text.getvalue())
 
 
-class _Watch:
-    """Logs a line for each scene that ends; on a terminal, shows what is under way and the time that is left."""
+def _watch(total: int, console: Console) -> Callable[[str, Any], None]:
+    """What logs a line for each scene that ends, and shows on a terminal how many have and the time that is left."""
+    done = count(1)
 
-    def __init__(self, total: int, console: Console) -> None:
-        self._total, self._done, self._failed = total, 0, 0
-        self._console, self._left = console, TimeLeft()
-        self._busy: dict[str, str] = {}
-        self._drawn, self._said = 0.0, ""
+    def say(what: str, about: Any) -> None:
+        if what == "end":
+            why = f": {about.reason}" if about.reason else ""
+            took = f" in {about.seconds:.1f} s" if about.status == "done" else ""
+            number = next(done)
+            log.info("[%d/%d] %s %s%s%s", number, total, about.name, about.status, took, why)
+            console.progress("scenes", number, total)
 
-    def __call__(self, what: str, about: Any) -> None:
-        """Take in what happened."""
-        if what == "begin":
-            self._busy[about] = ""
-        elif what == "progress":
-            name, stage, done, total = about
-            self._busy[name] = f" {stage} {100 * done // max(total, 1)} %"
-        else:
-            self._end(about)
-        self._draw()
-
-    def _end(self, about: Any) -> None:
-        self._busy.pop(about.name, None)
-        self._done += 1
-        self._failed += about.status == "failed"
-        left = self._left("scenes", self._done, self._total)
-        self._said = f", {duration(left)} left" if left else ""
-        why = f": {about.reason}" if about.reason else ""
-        took = f" in {about.seconds:.1f} s" if about.status == "done" else ""
-        log.info("[%d/%d] %s %s%s%s", self._done, self._total, about.name, about.status, took, why)
-
-    def _draw(self) -> None:
-        if self._busy and time.monotonic() - self._drawn > 0.1:
-            self._drawn = time.monotonic()
-            each = "; ".join(printable(name) + said for name, said in self._busy.items())
-            filled = 20 * self._done // self._total
-            counts = f"{self._done}/{self._total}, {self._failed} failed{self._said}"
-            self._console.draw(f"[{'#' * filled}{'.' * (20 - filled)}] {counts} | {each}")
+    return say

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import sys
-from types import TracebackType
 from typing import Any, Self
 
 import click
@@ -26,12 +25,8 @@ WIDEST_LINE = 110
 class Console(logging.Handler):
     """Handler of the project's loggers, installed while it is entered.
 
-    Parameters
-    ----------
-    given : mapping
-        The command's options: "verbose" (how often -v is given) and "quiet".
-    level : int
-        Lowest level that is shown with neither -v nor -q.
+    `given` holds the command's options "verbose" (how often -v is given) and "quiet"; `level` is the lowest that is
+    shown with neither.
     """
 
     def __init__(self, given: dict[str, Any], level: int = logging.INFO) -> None:
@@ -51,9 +46,7 @@ class Console(logging.Handler):
             logger.propagate = False  # the program around, such as rio, would print each line again
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.clear()
         for logger in map(logging.getLogger, LOGGERS):
             logger.removeHandler(self)

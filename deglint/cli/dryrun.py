@@ -7,12 +7,21 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+import numpy as np
 
-if TYPE_CHECKING:
-    from ..scene import Scene
+from ..errors import DeglintError
+from ..pipeline import Outputs, fit_scene, load_model
+from ..pipeline.overview import raster_of
+from ..raster.environment import environment
+from ..raster.output import plain
+from ..raster.targets import check_image, check_targets
+from ..readers import open_scene
+from ..scene import Scene
+from .options import opening
+from .remove import outputs_of, recipe_of
 
 
 def size(count: float) -> str:
@@ -26,23 +35,11 @@ def size(count: float) -> str:
 
 def read_bytes(scene: Scene) -> int:
     """Bytes of the pixels of a scene as they are stored, before compression."""
-    from ..pipeline.overview import raster_of
-
     return scene.height * scene.width * len(scene.bands) * raster_of(scene).info.dtype.itemsize
 
 
 def removal(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
     """What `deglint remove` would do: it opens the scene, fits the recipe, and writes nothing."""
-    import numpy as np
-
-    from ..pipeline import Outputs, fit_scene, load_model
-    from ..raster.environment import environment
-    from ..raster.output import plain
-    from ..raster.targets import check_image, check_targets
-    from ..readers import open_scene
-    from .options import opening
-    from .remove import outputs_of, recipe_of
-
     wanted, used = outputs_of(given), recipe_of(given)
     targets = Outputs(Path(output), model=wanted.pop("model_file"), **wanted)
     with environment():
@@ -78,10 +75,6 @@ def removal(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
 
 def batch_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> str:
     """Line that says how much a batch would read, from the headers of its scenes."""
-    from ..errors import DeglintError
-    from ..raster.environment import environment
-    from ..readers import open_scene
-
     total = unread = 0
     with environment():
         for names in paths:

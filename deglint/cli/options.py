@@ -27,15 +27,7 @@ class AutoOr(click.Choice[str]):
 
 
 class FileName(click.ParamType):
-    """Text that a shell completes to names of files, or to some words.
-
-    Parameters
-    ----------
-    *words : str
-        What else may stand there, such as "auto".
-    presets : bool
-        Also the names of sensors.
-    """
+    """Text that a shell completes to names of files, or to some words, such as "auto", or to names of sensors."""
 
     name = "text"
 
@@ -76,14 +68,21 @@ def names(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...])
     return tuple(part.strip() for text in values for part in text.split(",") if part.strip())
 
 
-def nodata(_ctx: click.Context, _param: click.Parameter, value: str | None) -> float | str | None:
-    """Read a number, "nan" or "none"."""
-    if value is None or value == "none":
-        return value
-    try:
-        return float(value)
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is not a number, nan or none.") from None
+def parsed(read: Callable[[str], Any], wrong: str) -> Callable[..., Any]:
+    """A callback that reads a text, or each of several, and says what is wrong with one that `read` refuses."""
+
+    def one(text: str) -> Any:
+        try:
+            return read(text)
+        except ValueError:
+            raise click.BadParameter(f"{text!r} {wrong}") from None
+
+    def callback(_ctx: click.Context, _param: click.Parameter, value: Any) -> Any:
+        if value is None or isinstance(value, tuple):
+            return value and tuple(map(one, value))
+        return one(value)
+
+    return callback
 
 
 def with_options(*options: Callable[..., Any]) -> Callable[[Any], Any]:
@@ -97,6 +96,7 @@ def with_options(*options: Callable[..., Any]) -> Callable[[Any], Any]:
     return decorate
 
 
+read_nodata = parsed(lambda text: text if text == "none" else float(text), "is not a number, nan or none.")
 common = with_options(
     click.option("--sensor", type=FileName(presets=True), metavar="NAME|FILE.toml",
                  help="Preset that fills in what the file does not say of its bands (worldview3, sentinel2, "
@@ -110,7 +110,7 @@ common = with_options(
     click.option("--offset", metavar="N[,N...]", help="And this is added, such as -0.1."),
     click.option("--nir", multiple=True, callback=names, metavar="BAND[,BAND]",
                  show_default="deduced from the wavelengths", help="NIR band by name or number (from 1)."),
-    click.option("--nodata", callback=nodata, metavar="NUMBER|nan|none",
+    click.option("--nodata", callback=read_nodata, metavar="NUMBER|nan|none",
                  help="Value that means: not valid; none: every number is data."),
     click.option("--threads", type=click.IntRange(1, 1024), metavar="N",
                  show_default="all processors", help="The result does not depend on it."),
@@ -138,7 +138,7 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
 
 on_cluster = with_options(
     click.option("--cluster", metavar="tcp://HOST:PORT", help="Work on this dask cluster, whose workers see "
-                 "the input and the output's directory."),
+                 "the input."),
     click.option("--workers", type=click.IntRange(1, 1024), metavar="N",
                  help="Work on N processes of this machine in place of threads."),
     click.option("--worker-memory", metavar="SIZE", help="With --workers: what each may hold, such as 1GiB; its"

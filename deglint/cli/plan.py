@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import click
 
 from .grouped import Grouped
-from .options import FILE, with_options
+from .options import FILE, parsed, with_options
 
 log = logging.getLogger(__name__)
 
@@ -25,60 +25,54 @@ WATER_NAMES = ("scattering", "absorption")
 def at(first: str, second: str, example: str) -> Callable[..., dict[str, float] | None]:
     """A callback that reads "A@B" into {first: A, second: B}, or "A" alone."""
 
-    def read(_ctx: click.Context, _param: click.Parameter, value: str | None) -> dict[str, float] | None:
-        if value is None:
-            return None
-        head, sign, tail = value.partition("@")
-        try:
-            return {first: float(head)} | ({second: float(tail)} if sign else {})
-        except ValueError:
-            raise click.BadParameter(f"{value!r} is not like {example}.") from None
+    def read(text: str) -> dict[str, float]:
+        head, sign, tail = text.partition("@")
+        return {first: float(head)} | ({second: float(tail)} if sign else {})
 
-    return read
+    return parsed(read, f"is not like {example}.")
 
 
-def duration(_ctx: click.Context, _param: click.Parameter, value: str | None) -> float | None:
+def minutes(text: str) -> float:
     """Minutes of "30min", "1h" or "0.5h"; a number alone is minutes."""
-    if value is None:
-        return None
-    found = re.fullmatch(r"\s*([0-9.]+)\s*(min|m|h)?\s*", value)
-    try:
-        minutes = float(found[1]) * (60.0 if found[2] == "h" else 1.0) if found else 0.0
-    except ValueError:
-        minutes = 0.0
-    if not 1.0 <= minutes <= 1440.0:
-        raise click.BadParameter(f"{value!r} is not like 30min or 1h, from 1 minute to a day.")
-    return minutes
+    found = re.fullmatch(r"\s*([0-9.]+)\s*(min|m|h)?\s*", text)
+    count = float(found[1]) * (60.0 if found[2] == "h" else 1.0) if found else 0.0
+    if not 1.0 <= count <= 1440.0:
+        raise ValueError
+    return count
 
 
-NUMBER_OPTIONS: tuple[tuple[str, str, str], ...] = (  # option, unit, what it says
-    ("--lat", "DEG", "Latitude, north positive."),
-    ("--lon", "DEG", "Longitude, east positive."),
-    ("--wind-height", "M", "Height of the wind; 10 by default."),
-    ("--wind-mean", "M/S", "Mean wind of 24 hours; that of now by default."),
-    ("--depth", "M", "Of the object; 5 by default."),
-    ("--reflectance", "SHARE", "Of the object; 0.15 by default."),
-    ("--chlorophyll", "MG/M3", "Of the water; 0.5 by default."),
-    ("--visibility", "KM", "Of the air; 40 by default."),
-    ("--humidity", "%", "Relative humidity; 80 by default."),
-    ("--water-vapour", "CM", "Water column; 2.5 by default."),
-    ("--air-mass", "1-10", "1: air of the ocean (default), to 10: of a continent."),
-    ("--ozone", "DU", "By default what is usual for place and day."),
-    ("--max-glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),
-    ("--max-glint-probability", "SHARE", "... and where a larger share of the sea glints."),
-    ("--tolerance", "DEG", "Around the sun's centre that counts as sun; its disk by default."),
-    ("--max-sky-ratio", "N", "Sky over water that is too much; 2 by default."),
-    ("--max-sky-share", "SHARE", "... where on more than this share of the sea; 0.1 by default."),
-    ("--min-contrast", "N", "Contrast over noise that shows an object; 3 by default."),
-    ("--ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default."),
-    ("--step", "DEG", "Between viewing geometries, in angle; 1 by default."),
-    ("--widest", "DEG", "Largest angle of the sensor off nadir; 80 by default."),
-)
+read_duration = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
+
+NUMBER_OPTIONS: tuple[tuple[str, str, str, str], ...] = (  # option, table and key of a mission, unit, what it says
+    ("--lat", "place.latitude", "DEG", "Latitude, north positive."),
+    ("--lon", "place.longitude", "DEG", "Longitude, east positive."),
+    ("--wind-height", "wind.height", "M", "Height of the wind; 10 by default."),
+    ("--wind-mean", "wind.mean", "M/S", "Mean wind of 24 hours; that of now by default."),
+    ("--depth", "object.depth", "M", "Of the object; 5 by default."),
+    ("--reflectance", "object.reflectance", "SHARE", "Of the object; 0.15 by default."),
+    ("--chlorophyll", "water.chlorophyll", "MG/M3", "Of the water; 0.5 by default."),
+    ("--visibility", "air.visibility", "KM", "Of the air; 40 by default."),
+    ("--humidity", "air.humidity", "%", "Relative humidity; 80 by default."),
+    ("--water-vapour", "air.water_vapour", "CM", "Water column; 2.5 by default."),
+    ("--air-mass", "air.air_mass_type", "1-10", "1: air of the ocean (default), to 10: of a continent."),
+    ("--ozone", "air.ozone", "DU", "By default what is usual for place and day."),
+    ("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),
+    ("--max-glint-probability", "limits.glint_probability", "SHARE",
+     "... and where a larger share of the sea glints."),
+    ("--tolerance", "limits.tolerance", "DEG", "Around the sun's centre that counts as sun; its disk by default."),
+    ("--max-sky-ratio", "limits.sky_ratio", "N", "Sky over water that is too much; 2 by default."),
+    ("--max-sky-share", "limits.sky_probability", "SHARE",
+     "... where on more than this share of the sea; 0.1 by default."),
+    ("--min-contrast", "limits.snr", "N", "Contrast over noise that shows an object; 3 by default."),
+    ("--ner", "limits.ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default."),
+    ("--step", "view.step", "DEG", "Between viewing geometries, in angle; 1 by default."),
+    ("--widest", "view.widest", "DEG", "Largest angle of the sensor off nadir; 80 by default."),
+)  # fmt: skip
 
 
 def _numbers(chosen: slice) -> list[Callable[..., Any]]:
     """Options of single numbers."""
-    return [click.option(name, type=float, metavar=unit, help=said) for name, unit, said in NUMBER_OPTIONS[chosen]]
+    return [click.option(name, type=float, metavar=unit, help=said) for name, _, unit, said in NUMBER_OPTIONS[chosen]]
 
 
 mission_options = with_options(
@@ -109,7 +103,7 @@ mission_options = with_options(
 mode_options = with_options(
     click.option("--from", "start", metavar="ISO", help="Sweep over time: from when,"),
     click.option("--to", "end", metavar="ISO", help="until when,"),
-    click.option("--every", callback=duration, metavar="30min", help="and how often; 30min by default."),
+    click.option("--every", callback=read_duration, metavar="30min", help="and how often; 30min by default."),
     click.option("--wind-within", callback=at("speed", "turn", "2@30"), metavar="M/S@DEG",
                  help="The wind is known to plus or minus this: intervals, and what is good under all of them."),
     click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),
@@ -159,33 +153,18 @@ def plan(**given: Any) -> None:
     deglint plan --lat 36.8 --lon -122 --serve
     """
     from ..plan.missionfile import merged, mission_from
+    from ..readers.text import read_toml
     from . import planning
     from .console import Console
 
     mode = planning.mode_of(given)
     mode.check(given)
-    tables = merged(_file(given["mission"]), _tables(given))
+    tables = merged(read_toml(given["mission"], "--mission") if given["mission"] else {}, _tables(given))
     mission = mission_from(mode.prepared(given, tables), given["mission"] or "the options")
     with Console(given) as console:
         for line in _assumed(given, tables, mission) if mode is not planning.SERVE else []:
             log.info(line)
         mode.run(given, mission, console)
-
-
-def _file(path: str | None) -> dict[str, Any]:
-    """Tables of a mission file."""
-    if path is None:
-        return {}
-    import tomllib
-
-    from ..errors import InputError
-    from ..readers.text import read_text
-
-    text = read_text(path, "--mission", 1 << 20)
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # numbers of thousands of digits are no TOMLDecodeError
-        raise InputError(f"{path} (--mission) is not TOML: {str(error) or 'it is nested too deep'}.") from error
 
 
 def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -202,21 +181,16 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
     if given["sun"] and len(given["sun"]) < 2:
         raise click.UsageError("--sun needs zenith angle and azimuth, such as 20.5@270.2.")
     bands = given["bands"] and [b.strip() for b in given["bands"].split(",")]
-    tables = {
-        "place": {"latitude": latitude, "longitude": longitude, "time": given["time"]},
-        "sun": given["sun"] or {},
-        "wind": (given["wind"] or {}) | {"height": given["wind_height"], "mean": given["wind_mean"]},
-        "air": {"air_mass_type": given["air_mass"],
-                **{name: given[name] for name in ("humidity", "water_vapour", "visibility", "ozone", "pressure")}},
-        "water": {"chlorophyll": given["chlorophyll"], "model": given["water"]},
-        "object": {"depth": given["depth"], "reflectance": given["reflectance"]},
+    tables: dict[str, dict[str, Any]] = {
+        "place": {}, "sun": given["sun"] or {}, "wind": given["wind"] or {}, "air": {"pressure": given["pressure"]},
+        "water": {"model": given["water"]}, "object": {},
         "sensor": {"preset": given["sensor"], "bands": bands},
-        "limits": {"glint": given["max_glint"], "glint_probability": given["max_glint_probability"],
-                   "tolerance": given["tolerance"], "sky_ratio": given["max_sky_ratio"],
-                   "sky_probability": given["max_sky_share"], "snr": given["min_contrast"], "ner": given["ner"]},
-        "view": {"step": given["step"], "widest": given["widest"]},
-        "models": {"slopes": given["slopes"], "sky": given["sky"]},
+        "limits": {}, "view": {}, "models": {"slopes": given["slopes"], "sky": given["sky"]},
     }  # fmt: skip
+    for option, place, _unit, _said in NUMBER_OPTIONS:
+        table, _, key = place.partition(".")
+        tables[table][key] = given[option[2:].replace("-", "_")]
+    tables["place"] |= {"latitude": latitude, "longitude": longitude, "time": given["time"]}
     kept = {name: {k: v for k, v in values.items() if v is not None} for name, values in tables.items()}
     return {name: values for name, values in kept.items() if values}
 

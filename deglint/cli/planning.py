@@ -7,12 +7,19 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-if TYPE_CHECKING:
-    from .console import Console
+from ..plan import reticle, swath, sweep, uncertainty
+from ..plan.advice import best_geometry, quality, sentence
+from ..plan.charts import day_picture, line_picture, selected, wind_picture
+from ..plan.dataset import summary
+from ..plan.draw import png
+from ..plan.picture import picture
+from ..raster.output import plain
+from ..raster.planned import check_plan, write_numbers, write_plan
+from .console import Console
 
 log = logging.getLogger(__name__)
 Given = dict[str, Any]
@@ -20,26 +27,15 @@ Given = dict[str, Any]
 
 @dataclass(frozen=True)
 class Mode:
-    """One question to the planner.
+    """One question to the planner."""
 
-    Attributes
-    ----------
-    kinds : tuple of str
-        Endings of files that it writes.
-    run : callable
-        Takes the options, the mission and where to show progress.
-    prepared : callable
-        Takes the options and the tables of a mission; gives the tables to make the mission of.
-    """
-
-    kinds: tuple[str, ...]
-    run: Callable[[Given, Any, Any], None]
+    kinds: tuple[str, ...]  # endings of files that it writes
+    run: Callable[[Given, Any, Any], None]  # takes the options, the mission and where to show progress
+    # takes the options and the tables of a mission; gives the tables to make the mission of
     prepared: Callable[[Given, Mapping[str, Any]], Mapping[str, Any]] = lambda _given, tables: tables
 
     def check(self, given: Given) -> None:
         """Refuse outputs that could not be written before anything is worked out."""
-        from ..raster.planned import check_plan
-
         reads = {"the mission": [given["mission"] or ""], "--place": [given["place"] or ""]}
         check_plan(given["outs"], self.kinds, reads, overwrite=given["overwrite"])
 
@@ -69,13 +65,6 @@ def mode_of(given: Given) -> Mode:
 
 def _reticle(given: Given, mission: Any, _console: Console) -> None:
     """What one viewing hemisphere looks like."""
-    from ..plan import reticle
-    from ..plan.advice import best_geometry, quality, sentence
-    from ..plan.dataset import summary
-    from ..plan.draw import png
-    from ..plan.picture import picture
-    from ..raster.planned import write_plan
-
     found, band = reticle(mission), given["show"]
     if band:
         found.index(band)
@@ -90,68 +79,56 @@ def _reticle(given: Given, mission: Any, _console: Console) -> None:
 
 def _sweep(given: Given, mission: Any, console: Console) -> None:
     """A sweep over time."""
-    from ..plan.charts import day_picture, selected
-    from ..plan.sweep import numbers, plans, table, times
-
-    when = times(given["start"], given["end"], given["every"] or 30.0)
+    when = sweep.times(given["start"], given["end"], given["every"] or 30.0)
     moments, found = [], []
-    for moment, plan in plans(mission, when):
+    for moment, plan in sweep.plans(mission, when):
         moments.append(moment)
         found.append(plan)
         console.progress("sweep", len(moments), len(when))
 
-    def picture() -> Any:
+    def day() -> Any:
         kept = {k: plan for k in selected(moments) if (plan := found[k]) is not None}
         return day_picture(mission, moments, kept)
 
-    _finish(given, picture, numbers(mission, moments), table(moments))
+    _finish(given, day, sweep.numbers(mission, moments), sweep.table(moments))
 
 
 def _day(given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
     """Tables of a sweep: the mission is made for a time with the sun up, if there is one."""
-    from ..plan.sweep import highest_sun, times
-
     place = dict(tables.get("place", {}))
     if "latitude" in place and "longitude" in place:
-        when = times(given["start"], given["end"], given["every"] or 30.0)
-        place["time"] = f"{highest_sun(place['latitude'], place['longitude'], when)}Z"
+        when = sweep.times(given["start"], given["end"], given["every"] or 30.0)
+        place["time"] = f"{sweep.highest_sun(place['latitude'], place['longitude'], when)}Z"
     return {**tables, "place": place}
 
 
 def _winds(given: Given, mission: Any, _console: Console) -> None:
     """What is good under every wind of an interval."""
-    from ..plan.charts import wind_picture
-    from ..plan.uncertainty import numbers, wind_ensemble, words
-
     within = {"turn": 30.0, **given["wind_within"]}
-    found = wind_ensemble(mission, **within)
-    _finish(given, lambda: wind_picture(found, **within), numbers(found, **within), words(found))
+    found = uncertainty.wind_ensemble(mission, **within)
+    numbers, said = uncertainty.numbers(found, **within), uncertainty.words(found)
+    _finish(given, lambda: wind_picture(found, **within), numbers, said)
 
 
 def _line(given: Given, mission: Any, _console: Console) -> None:
     """The best heading of a flight line."""
-    from ..plan.charts import line_picture
-    from ..plan.swath import FieldOfView, alternatives, flight_line, numbers, words
-
     across, _, along = given["fov"].lower().partition("x")
     try:
         angles = {"across": float(across), "along": float(along or 0.0)}
     except ValueError:
         raise click.UsageError(f"--fov {given['fov']!r} is not ACROSS or ACROSSxALONG degrees.") from None
-    view = FieldOfView(**angles, altitude=given["altitude"], pitch=given["pitch"], roll=given["roll"])
-    found = flight_line(mission, view)
-    others = alternatives(mission, found)
-    said = words(found, others)
-    _finish(given, lambda: line_picture(mission, found, said), numbers(mission, found, others), said)
+    view = swath.FieldOfView(**angles, altitude=given["altitude"], pitch=given["pitch"], roll=given["roll"])
+    found = swath.flight_line(mission, view)
+    others = swath.alternatives(mission, found)
+    said = swath.words(found, others)
+    _finish(given, lambda: line_picture(mission, found, said), swath.numbers(mission, found, others), said)
 
 
 def _daylight(_given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
     """Tables of a page: where no time is given it starts at the next daylight."""
-    from ..plan.sweep import next_daylight
-
     place = dict(tables.get("place", {}))
     if "latitude" in place and "longitude" in place and "time" not in place:
-        place["time"] = f"{next_daylight(place['latitude'], place['longitude'])}Z"
+        place["time"] = f"{sweep.next_daylight(place['latitude'], place['longitude'])}Z"
     return {**tables, "place": place} if place else tables
 
 
@@ -166,9 +143,6 @@ def _serve(given: Given, mission: Any, _console: Console) -> None:
 
 def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any], lines: list[str]) -> None:
     """Write the files that were asked for, and print what was found."""
-    from ..plan.draw import png
-    from ..raster.planned import write_numbers
-
     if given["outs"]:
         outs: dict[Path, bytes | Mapping[str, Any]] = {}
         for path in given["outs"]:
@@ -181,8 +155,6 @@ def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any]
 
 
 def _print(numbers: Mapping[str, Any]) -> None:
-    from ..raster.output import plain
-
     click.echo(json.dumps(plain(numbers), indent=2, allow_nan=False))
 
 

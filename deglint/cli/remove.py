@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..checksum import begin_checksum
 from .console import Console
 from .grouped import SETTINGS, Grouped
 from .options import (
@@ -121,7 +120,6 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         with Console(given):
             removal(inputs, output, given)
         return
-    begin_checksum(inputs)
     with Console(given) as console, cluster_of(given) as cluster:
         from ..pipeline import load_chain, load_model, remove_glint
 

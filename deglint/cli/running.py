@@ -29,12 +29,7 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG)
 class Commands(click.Group):
     """Loads a command's module when the command is called, so that `--help` is quick.
 
-    Parameters
-    ----------
-    home : str
-        Package whose module NAME holds the command NAME.
-    lines : dict of str to str
-        The commands, each with the line that `--help` says of it.
+    `home` is the package whose module NAME holds the command NAME; `lines` holds a line of help for each command.
     """
 
     context_class = BoldContext

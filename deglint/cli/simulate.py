@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import click
 
 from .grouped import SETTINGS, Grouped
-from .options import with_options
+from .options import parsed, with_options
 
 log = logging.getLogger(__name__)
 
@@ -26,52 +26,31 @@ SIMULATED_SLOPES = ("cox-munk", "cox-munk-gaussian")
 SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
 
 
-def size(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int, int]:
+def _size(text: str) -> tuple[int, int]:
     """Read "512" or "ROWSxCOLUMNS"."""
-    try:
-        parts = [int(part) for part in value.lower().split("x")]
-        rows, columns = parts if len(parts) == 2 else (*parts, *parts)
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is not a number of pixels, nor ROWSxCOLUMNS.") from None
+    rows, columns = (int(part) for part in (text.lower() if "x" in text.lower() else f"{text}x{text}").split("x"))
     if not all(LEAST_SIDE <= side <= MOST_SIDE for side in (rows, columns)):
         raise click.BadParameter(f"a side must be {LEAST_SIDE} to {MOST_SIDE} pixels, got {rows} x {columns}.")
     return rows, columns
 
 
-def depths(_ctx: click.Context, _param: click.Parameter, value: str | None) -> tuple[float, float] | None:
+def _depths(text: str) -> tuple[float, float]:
     """Read "LEFT:RIGHT" depths [m]."""
-    if value is None:
-        return None
-    left, _, right = value.partition(":")
-    try:
-        return float(left), float(right or left)
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is not like 25:3, the depth at the left and at the right edge.") from None
+    left, _, right = text.partition(":")
+    return float(left), float(right or left)
 
 
-def boats(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ...]) -> tuple[tuple[float, ...], ...]:
-    """Read "RIGHT,DOWN,SPEED@HEADING" of each boat: [m], [m], [m/s], [deg]."""
-    out = []
-    for text in value:
-        try:
-            place, _, heading = text.partition("@")
-            right, down, speed = (float(part) for part in place.split(","))
-            out.append((right, down, speed, float(heading or 0.0)))
-        except ValueError:
-            raise click.BadParameter(
-                f"{text!r} is not like 20,35,6@60: RIGHT,DOWN [m], SPEED [m/s] @ HEADING."
-            ) from None
-    return tuple(out)
+def _boat(text: str) -> tuple[float, ...]:
+    """Read "RIGHT,DOWN,SPEED@HEADING": [m], [m], [m/s], [deg]."""
+    place, _, heading = text.partition("@")
+    right, down, speed = (float(part) for part in place.split(","))
+    return right, down, speed, float(heading or 0.0)
 
 
-def whitecaps(_ctx: click.Context, _param: click.Parameter, value: str) -> float | None:
-    """Read a share, or "auto"."""
-    if value == "auto":
-        return None
-    try:
-        return float(value)
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is neither a share, such as 0.01, nor auto.") from None
+read_size = parsed(_size, "is not a number of pixels, nor ROWSxCOLUMNS.")
+read_depths = parsed(_depths, "is not like 25:3, the depth at the left and at the right edge.")
+read_boats = parsed(_boat, "is not like 20,35,6@60: RIGHT,DOWN [m], SPEED [m/s] @ HEADING.")
+read_foam = parsed(lambda text: None if text == "auto" else float(text), "is neither a share, such as 0.01, nor auto.")
 
 
 class _Simulate(Grouped):
@@ -93,7 +72,7 @@ class _Simulate(Grouped):
 
 simulate_options = with_options(
     click.option("--preset", type=click.Choice(PRESET_NAMES), default="thesis", help="Sensor."),
-    click.option("--size", default="512", callback=size, metavar="N|ROWSxCOLUMNS", help="Of the image [pixel]."),
+    click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS", help="Of the image [pixel]."),
     click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default."),
     click.option("--wind-from", type=float, default=30.0, metavar="DEG", help="Azimuth that it blows from."),
     click.option("--delay", type=float, multiple=True, metavar="S", help="From band to band; the sensor's by default."),
@@ -109,11 +88,11 @@ simulate_options = with_options(
     click.option("--fetch", type=float, default=100e3, metavar="M", help="For JONSWAP."),
     click.option("--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water."),
     click.option("--depth", type=float, default=5.0, metavar="M", help="Of the objects."),
-    click.option("--bottom", callback=depths, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m]."),
+    click.option("--bottom", callback=read_depths, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m]."),
     click.option("--texture", type=float, default=0.4, metavar="SHARE", help="--bottom: covered by patches of algae."),
     click.option("--coast", type=float, default=0.0, metavar="M", help="Width of land along the right edge."),
-    click.option("--foam", default="0", callback=whitecaps, metavar="SHARE|auto", help="Whitecaps; auto: of the wind."),
-    click.option("--boat", multiple=True, callback=boats, metavar="RIGHT,DOWN,M/S@DEG",
+    click.option("--foam", default="0", callback=read_foam, metavar="SHARE|auto", help="Whitecaps; auto: of the wind."),
+    click.option("--boat", multiple=True, callback=read_boats, metavar="RIGHT,DOWN,M/S@DEG",
                  help="A boat of 8 m: its place [m], speed and heading."),
     click.option("--supersample", type=int, default=4, metavar="N", help="Facets per pixel, each way."),
     click.option("--patch", type=float, default=0.005, metavar="M", help="Patches of like slope; 0: no sparkle."),
@@ -146,6 +125,7 @@ def simulate(out: Path, **given: Any) -> None:
     deglint simulate --bottom 20:2 --coast 8 --foam auto --boat 20,30,6@60 reef
     deglint simulate --grid --size 256 --wind 5 --wind 9 experiments
     """
+    from ..raster.scratch import make_directory
     from ..raster.simulated import check_free, write_scene
     from ..simulate import simulate as make
     from .console import Console
@@ -156,7 +136,7 @@ def simulate(out: Path, **given: Any) -> None:
         _announce(setups, given)
         return
     if given["grid"]:
-        _make(out)
+        make_directory(out)
     for name, _setup in setups:
         check_free(name, overwrite=given["overwrite"])
     bands = len(setups[0][1].sensor.bands)
@@ -166,12 +146,8 @@ def simulate(out: Path, **given: Any) -> None:
             console.progress("simulate", count * bands + done, len(setups) * bands)
 
         for count, (name, setup) in enumerate(setups):
-            scene = make(
-                setup,
-                workers=given["threads"] or os.cpu_count() or 1,
-                keep_surface=given["surface"],
-                progress=progress,
-            )
+            workers = given["threads"] or os.cpu_count() or 1
+            scene = make(setup, workers=workers, keep_surface=given["surface"], progress=progress)
             files = write_scene(scene, name, overwrite=given["overwrite"])
             written += [str(f) for f in files]
             log.info("%d of %d: %s, wind %g m/s, seed %d", count + 1, len(setups), files[0], setup.wind, setup.seed)
@@ -179,25 +155,15 @@ def simulate(out: Path, **given: Any) -> None:
         click.echo(json.dumps(written))
 
 
-def _make(directory: Path) -> None:
-    """Make the directory of a grid."""
-    from ..errors import WriteError
-
-    try:
-        directory.mkdir(exist_ok=True)
-    except OSError as error:
-        raise WriteError(f"cannot make the directory {directory}: {error.strerror}. Name another one.") from error
-
-
 def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:
     """Print the scenes that would be written, and their size before compression."""
     rows, columns = given["size"]
     pixel = len(setups[0][1].sensor.bands) * BYTES
+    files = [f"{name}.tif" for name, _setup in setups]
     if given["as_json"]:
-        click.echo(json.dumps([f"{name}.tif" for name, _ in setups]))
+        click.echo(json.dumps(files))
         return
-    for name, _setup in setups:
-        click.echo(f"{name}.tif")
+    click.echo("\n".join(files))
     size = len(setups) * rows * columns * pixel / 2**20
     click.echo(f"{len(setups)} scenes with their truth, at most {size:.0f} MiB. Nothing was written.")
 
@@ -205,14 +171,11 @@ def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:
 def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
     """Name and setup of each scene that is asked for."""
     from ..physics.presets import preset
-    from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array
-    from ..simulate import whitecaps as _foam
+    from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array, whitecaps
     from ..simulate.setup import DELAYS, WINDS, experiments
 
     sensor = preset(given["preset"])
-    objects: tuple[Any, ...] = ()
-    if given["objects"] == "thesis":
-        objects = thesis_array(given["size"], sensor.gsd, depth=given["depth"])
+    squares = thesis_array(given["size"], sensor.gsd, depth=given["depth"]) if given["objects"] == "thesis" else ()
     direct = (
         "size", "wind_from", "sun_zenith", "sun_azimuth", "view_zenith", "view_azimuth", "chlorophyll", "sky",
         "slopes", "spectrum", "fetch", "coast", "supersample", "patch", "seed",
@@ -222,12 +185,12 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
     bottom = given["bottom"] and Bottom(depth=given["bottom"], share=given["texture"])
     base = Setup(
         bottom=bottom or None,
-        foam=_foam(wind) if given["foam"] is None else given["foam"],
+        foam=whitecaps(wind) if given["foam"] is None else given["foam"],
         targets=tuple(FloatingTarget(right=x, down=y, speed=v, heading=h, wake=3 * v) for x, y, v, h in given["boat"]),
         artefacts=Artefacts(striping=given["striping"] / 100, resampling=given["resampling"], jpeg=given["jpeg"]),
         sensor=sensor.delayed(delays[0]) if delays else sensor,
         wind=wind,
-        objects=objects,
+        objects=squares,
         misregistration=_offsets(given["misregistration"], len(sensor.bands), given["seed"]),
         **{name: given[name] for name in direct},
     )

@@ -11,12 +11,13 @@ from .chain import FitRemoval, FittedChain, apply_chain, fit_chain, with_targets
 from .posterior import Posterior, clump_width
 from .posterior import fit as fit_posterior
 from .psf import PSF, system_psf, typical_psf
+from .replace_glint import ReplaceLevel
 from .stages import STAGES, THESIS_CHAIN, Chain, parse
 from .state import Sample, Setting, State
 from .uncertainty import ReplacedError, fit_replaced, stderr
 
 __all__ = [
-    "PSF", "STAGES", "THESIS_CHAIN", "Background", "Chain", "FitRemoval", "FittedChain", "Posterior", "ReplacedError",
-    "Sample", "Setting", "State", "apply_chain", "clump_width", "fit_chain", "fit_posterior", "fit_replaced",
-    "parse", "stderr", "system_psf", "typical_psf", "with_targets",
+    "PSF", "STAGES", "THESIS_CHAIN", "Background", "Chain", "FitRemoval", "FittedChain", "Posterior", "ReplaceLevel",
+    "ReplacedError", "Sample", "Setting", "State", "apply_chain", "clump_width", "fit_chain", "fit_posterior",
+    "fit_replaced", "parse", "stderr", "system_psf", "typical_psf", "with_targets",
 ]  # fmt: skip

@@ -38,6 +38,8 @@ ABOVE = 1.5
 """The limit is so many times that quantile: at 1, sparkle adds 10 % to the error at 9 m/s; at 4, faint discs go."""
 COVER_K = 3.0
 """Standard deviations above the background that count as glint where its share is determined (normal noise: 0.1 %)."""
+HALF_NORMAL = 0.399
+"""Mean of what lies below the middle of normal noise [standard deviation of all of it]."""
 PIT_K, MOST_PITS = 5.0, 3e-4
 """A pit lies so many standard deviations below the water around it: 3e-7 of normal noise, and 1e-4 of all pixels on
 simulated seas; the least of all bands of a scene resampled by cubic convolution or Lanczos is 4e-4 to 1e-2."""
@@ -147,6 +149,8 @@ class Background:
         Of each band: how far the commonest pixel lies above the opening, and the standard deviation about that.
     cover : float
         Share of pixels with glint in the sample, 0..1; median of the bands.
+    cut : tuple of float
+        How far the mean of each band falls where noise above the background is replaced by it [scene's unit].
     limit : float, optional
         Least shared detail of two bands that is an outline, in units of `colour`; None where outlines are not used.
     caps : tuple of (float, float)
@@ -163,6 +167,12 @@ class Background:
     limit: float | None
     caps: tuple[tuple[float, float], ...] = ()
     reach: int = 0
+    cut: tuple[float, ...] = ()
+
+    @property
+    def clear(self) -> float:
+        """Share of pixels without glint: as many as have it beyond doubt are taken to have some that is too faint."""
+        return max(1 - 2 * self.cover, 0.0)
 
     @property
     def halo(self) -> int:
@@ -251,7 +261,9 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
         about = max(about, float(sigma[b]))
         found.append((middle, about, float((excess > middle + COVER_K * about).mean())))
     offsets, sigmas, cover = zip(*found, strict=True)
-    return replace(stage, offsets=offsets, sigmas=sigmas, cover=float(np.median(cover)))
+    stage = replace(stage, offsets=offsets, sigmas=sigmas, cover=float(np.median(cover)))
+    unit = 1.0 if states[0].unit is None else states[0].unit
+    return replace(stage, cut=tuple((HALF_NORMAL * stage.clear * np.array(sigmas) * unit).tolist()))
 
 
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:

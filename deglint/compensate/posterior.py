@@ -50,8 +50,9 @@ TABLE_ENTRIES = 2048
 """Entries of the table of variances, at squares of even steps: interpolation by the pixel takes ten times as long."""
 LEAST_VARIANCE = np.float32(0.01)
 """Variance of the water relative to that of noise where none is seen: a tenth of the noise's standard deviation."""
-SATURATED = np.float32(1e6)
-"""Variance of left-over glint in saturated pixels, relative to that of noise: they tell nothing of the water."""
+UNKNOWN = np.float32(1e6)
+"""Variance of left-over glint, relative to that of noise, in pixels that tell nothing of the water: saturated ones, and
+for the posterior mean those that are zero or less in a band that is corrected."""
 
 
 @dataclass(frozen=True)
@@ -150,14 +151,16 @@ class Posterior:
     def apply(self, state: State) -> State:
         """The water in place of the image, and the variance of its error."""
         taken, image, variance = _taken(state), state.image.copy(), np.zeros_like(state.image)
-        full = np.zeros(state.water.shape, np.bool_)
+        unknown = np.zeros(state.water.shape, np.bool_)
         for band, limit in zip(state.raw, self.saturation, strict=True):
             if np.isfinite(limit):
-                full |= band >= limit
+                unknown |= band >= limit
+        for left in self.left if self.resolved else ():  # resampling digs pits beside glint, which end at zero
+            unknown |= state.raw[left.band] <= 0
         for left in self.left:
             b, s2 = left.band, np.float32(left.sigma**2)
             v = left.of(taken[b])
-            v[full] += SATURATED * s2
+            v[unknown] += UNKNOWN * s2
             if self.resolved:
                 image[b], variance[b] = posterior_mean(state.image[b], v, s2, self.side)
             else:

@@ -16,15 +16,9 @@ if TYPE_CHECKING:
     from .sidecar import load_chain, load_model
 
 _HOMES = {
-    "flags": ("FLAGS", "GLINT_CLASSES"),
-    "fit": ("Fitted", "fit_scene"),
-    "outputs": ("Outputs", "Result"),
-    "recipe": ("Recipe",),
-    "run": ("remove_glint",),
-    "sidecar": ("load_chain", "load_model"),
-}
-"""The modules, and the names that live there."""
-
+    "FLAGS": "flags", "GLINT_CLASSES": "flags", "Fitted": "fit", "Outputs": "outputs", "Recipe": "recipe",
+    "Result": "outputs", "fit_scene": "fit", "load_chain": "sidecar", "load_model": "sidecar", "remove_glint": "run",
+}  # fmt: skip
 __all__ = [
     "FLAGS", "GLINT_CLASSES", "Fitted", "Outputs", "Recipe", "Result", "fit_scene", "load_chain", "load_model",
     "remove_glint",
@@ -35,7 +29,6 @@ def __getattr__(name: str) -> Any:
     """Load a name from the module it lives in."""
     from importlib import import_module
 
-    for module, names in _HOMES.items():
-        if name in names:
-            return getattr(import_module(f".{module}", __name__), name)
+    if name in _HOMES:
+        return getattr(import_module(f".{_HOMES[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,7 +1,4 @@
-"""Run work over an array's tiles: a lazy one's own chunks, when they are asked for; else tiles on threads, now.
-
-What `deglint.xr` and `detect.xr` share.
-"""
+"""Run work over an array's tiles: a lazy one's own chunks, when they are asked for; else tiles on threads, now."""
 
 from __future__ import annotations
 
@@ -19,6 +16,7 @@ from ..raster.environment import enter_thread
 from ..readers.arrays import ArrayScene
 from ..scene import Scene
 from ..tiles import Tile, default_threads
+from .overview import raster_of
 
 Work = Callable[[Scene, Tile], npt.NDArray[Any]]
 """What makes a (band, row, column) array of a tile of a scene."""
@@ -30,24 +28,12 @@ def over_tiles(
 ) -> Any:  # fmt: skip
     """Run work on a scene's tiles: a lazy array's chunks, later; else tiles on threads, now.
 
-    Parameters
-    ----------
-    opened : ArrayScene
-    work : callable
-        Is given a scene that serves the tile and `reach` pixels around it. It must be picklable.
-    reach : int
-    like : (int, dtype)
-        Bands and type of the result.
-    step : int
-        Tiles start at multiples of it.
-
-    Returns
-    -------
-    (band, row, column) numpy or dask array
+    `work` must be picklable, and is given a scene that serves the tile and `reach` pixels around it. `like` are bands
+    and type of the result, a (band, row, column) numpy or dask array. Tiles start at multiples of `step` [pixel].
     """
-    scene, values = opened.scene, opened.values
-    if hasattr(values, "dask"):
-        return _lazily(replace(scene, source=DetachedSource()), opened, work, reach, like, step)
+    scene = opened.scene
+    if hasattr(opened.values, "dask"):
+        return _lazily(opened, work, reach, like, step)
     block = max(step, tiling.COMPACT) // step * step
     out = np.empty((like[0], scene.height, scene.width), like[1])
     every = tiling.tiles(scene.height, scene.width, (block, block))
@@ -66,36 +52,31 @@ class DetachedSource:
         raise AssertionError("unreachable: every chunk has a source of its own")
 
 
-def _lazily(bare: Scene, opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], step: int) -> Any:
+def _lazily(opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], step: int) -> Any:
     from dask.array import map_blocks
     from dask.array.overlap import overlap
 
     values = opened.values.rechunk({0: -1})
-    chunks = [_aligned(c, step, reach) for c in values.chunks[1:]]
-    values = values.rechunk({1: chunks[0], 2: chunks[1]})
-    starts = [np.concatenate([[0], np.cumsum(c)]).tolist() for c in values.chunks[1:]]
+    rows, columns = (_aligned(chunks, step, reach) for chunks in values.chunks[1:])
+    values = values.rechunk({1: rows, 2: columns})
     padded = overlap(values, {1: reach, 2: reach}, "none", allow_rechunk=False) if reach else values
-    info = opened.scene.source.info  # type: ignore[attr-defined]
-    task = _Chunk(bare, info, work, reach, (tuple(starts[0]), tuple(starts[1])))
-    return map_blocks(
-        task, padded, dtype=like[1], chunks=((like[0],), *values.chunks[1:]), meta=np.empty((0, 0, 0), like[1])
+    task = partial(
+        _of_chunk, scene=replace(opened.scene, source=DetachedSource()), info=raster_of(opened.scene).info, work=work,
+        reach=reach,
     )  # fmt: skip
+    chunks, meta = ((like[0],), rows, columns), np.empty((0, 0, 0), like[1])
+    return map_blocks(task, padded, dtype=like[1], chunks=chunks, meta=meta)
 
 
-class _Chunk:
-    """A chunk's task: cut out where it lies in the scene, and run the work on it."""
-
-    def __init__(self, scene: Scene, info: Any, work: Work, reach: int, starts: tuple[tuple[int, ...], ...]) -> None:
-        self.scene, self.info, self.work, self.reach, self.starts = scene, info, work, reach, starts
-
-    def __call__(self, block: npt.NDArray[Any], block_id: tuple[int, ...] | None = None) -> npt.NDArray[Any]:
-        if block_id is None:
-            raise AssertionError("unreachable: dask says which block it is")
-        (row0, row1), (col0, col1) = (s[i : i + 2] for s, i in zip(self.starts, block_id[1:], strict=True))
-        tile = Tile(row0, row1, col0, col1)
-        outer = tile.grown(self.reach, self.scene.height, self.scene.width)
-        source = ArraySource(block, self.info, (outer.row0, outer.col0))
-        return self.work(replace(self.scene, source=source), tile)
+def _of_chunk(
+    block: npt.NDArray[Any], *, scene: Scene, info: Any, work: Work, reach: int, block_info: Any = None
+) -> npt.NDArray[Any]:
+    """Run the work on a chunk with the pixels around it; dask tells by `block_info` where it lies."""
+    (row0, row1), (col0, col1) = block_info[None]["array-location"][1:]
+    tile = Tile(row0, row1, col0, col1)
+    outer = tile.grown(reach, scene.height, scene.width)
+    source = ArraySource(block, info, (outer.row0, outer.col0))
+    return work(replace(scene, source=source), tile)
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:

@@ -1,35 +1,26 @@
 """Pass over a scene's tiles on the workers of a dask cluster: processes of this machine, or other machines.
 
-A `Cluster` does what `deglint.tiles.run` does on threads. Every worker opens the input for itself, and what tells of a
-tile travels as small numbers. A tile's pixels go by way of files beside the output: the worker compresses and writes
-them there, and their blocks are copied into the output as they are. A worker that dies loses the tiles it was at:
-others do them again, with the same result.
+A `Cluster` does what `deglint.tiles.run` does on threads. Every worker opens the input for itself; results come back to
+the calling process, which writes them. Other workers repeat the tiles of a worker that dies, with the same result.
 """
 
 from __future__ import annotations
 
 import logging
-import os
 import re
 import secrets
-import shutil
-import socket
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
-from ..errors import DeglintError, InputError, WriteError
+from ..errors import DeglintError, InputError
 from ..raster.environment import environment
-from ..raster.output import Layout, Scratch, writing
-from ..raster.parts import Part, write_part, writing_parts
-from ..raster.scratch import beside
-from ..tiles import Combine, Run, Tile, hull, rows_of
-from ..tiles import run as run_on_threads
+from ..tiles import Tile
 
 TILES_AHEAD = 3
 """Tiles that each thread of a worker has been given, or has done and not been asked for."""
@@ -59,103 +50,59 @@ class Cluster:
 
     def run(
         self, everything: Sequence[Tile], work: Callable[[Tile], Any], *,
-        progress: Callable[[int, int], None] | None = None, combine: Combine | None = None, **_of_threads: Any,
+        progress: Callable[[int, int], None] | None = None, **_of_threads: Any,
     ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
         """Do work on every tile and yield (tile, result) in order, as `deglint.tiles.run` does.
 
         Its options of threads are not used: threads are those of the workers, and each task enters GDAL's environment
-        by itself. What `combine` makes of a row of tiles is made on a worker, to which the others send theirs: it alone
-        comes here.
+        by itself.
 
-        Raises
-        ------
-        DeglintError
-            What the work itself raised; or there are no workers any more, or too little memory.
+        Raises DeglintError: what the work itself raised; or there are no workers any more, or too little memory.
         """
         import cloudpickle
 
         shipped = self.client.submit(bytes, cloudpickle.dumps(work), key=f"deglint-work-{secrets.token_hex(8)}")
-        rows = [[tile] for tile in everything] if combine is None else rows_of(everything)
-        todo, waiting = iter(rows), deque[tuple[list[Tile], Any]]()
-        done = given = most = 0
-        counted = -_RECOUNT
+        todo, waiting, most = iter(everything), deque[tuple[Tile, Any]](), 0
         try:
-            for _ in rows:
-                if done - counted >= _RECOUNT:
-                    with _scheduler():
-                        counted, most = done, TILES_AHEAD * max(sum(self.client.nthreads().values()), 1)
-                while given - done < most and (row := next(todo, None)) is not None:
-                    found = [self.client.submit(_do, shipped, tile, pure=False) for tile in row]  # stays on the workers
-                    future = found[0] if combine is None else self.client.submit(combine, found, pure=False)
-                    waiting.append((row, future))
-                    del found, future
-                    given += len(row)
-                row, future = waiting.popleft()
-                yield hull(row), self._result(future)
+            for done in range(len(everything)):
+                if done % _RECOUNT == 0:
+                    with _answering():
+                        most = TILES_AHEAD * max(sum(self.client.nthreads().values()), 1)
+                while len(waiting) < most and (tile := next(todo, None)) is not None:
+                    waiting.append((tile, self.client.submit(_do, shipped, tile, pure=False)))
+                tile, future = waiting.popleft()
+                yield tile, self._result(future)
                 del future
-                done += len(row)
                 if progress:
-                    progress(done, len(everything))
+                    progress(done + 1, len(everything))
         finally:
-            self.client.cancel([future for _row, future in waiting])  # what they wait for is then wanted by nobody
-
-    @contextmanager
-    def by_files(self, target: Path, layouts: Mapping[str, Layout]) -> Iterator[Run]:
-        """`run` for results that hold images, as parts (`deglint.raster.parts`) beside `target`, which are removed.
-
-        `layouts` has what the images are like, by the names of the results' fields.
-        """
-        try:
-            folder = beside(target, "parts")
-            folder.mkdir(mode=0o700)
-        except OSError as error:
-            raise WriteError(f"cannot write beside {target}: {error.strerror or error}.") from error
-        try:
-            folder.chmod(0o777 & ~_umask())  # workers may be other users
-            yield partial(self._run_by_files, folder, layouts)
-        finally:
-            _remove(folder)
-
-    def _run_by_files(
-        self, folder: Path, layouts: Mapping[str, Layout], everything: Sequence[Tile], work: Callable[[Tile], Any],
-        **options: Any,
-    ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
-        for tile, done in self.run(everything, _ToFiles(work, folder, layouts), **options):
-            yield tile, done
-            for part in (getattr(done, name) for name in layouts):
-                if part is not None:
-                    part.path.unlink(missing_ok=True)  # gives the disk back
+            self.client.cancel([future for _tile, future in waiting])
 
     def _result(self, future: Any) -> Any:
         from distributed import KilledWorker
         from distributed.client import FutureCancelledError
-        from distributed.comm import CommClosedError
 
         without = time.monotonic()
         while True:
             try:
-                return future.result(timeout=_POLL)
-            except TimeoutError as error:
-                try:
-                    if future.done():  # just now; or the work itself has run out of time
-                        return future.result()
-                    threads = self.client.nthreads()
-                except (FutureCancelledError, CommClosedError) as lost:
-                    raise DeglintError(_LOST) from lost
-                if threads:
+                with suppress(TimeoutError):
+                    return future.result(timeout=_POLL)
+                if future.done():  # just now; or the work itself has run out of time
+                    return future.result()
+                if self.client.nthreads():
                     without = time.monotonic()
-                elif time.monotonic() - without > WORKER_PATIENCE:
-                    raise DeglintError(_NO_WORKER) from error
+            except DeglintError:
+                raise
             except KilledWorker as error:
                 raise DeglintError(_KILLED) from error
             except (FutureCancelledError, OSError) as error:
-                if isinstance(error, DeglintError):
-                    raise
                 raise DeglintError(_LOST) from error
+            if time.monotonic() - without > WORKER_PATIENCE:
+                raise DeglintError(_NO_WORKER)
 
     def memory(self) -> dict[str, int]:
         """Most memory that each worker process has held so far [byte]; empty where none was needed."""
-        with _scheduler():
+        with _answering():
             return dict(self.client.run(_peak)) if "client" in vars(self) else {}
 
     def numbers(self) -> dict[str, Any]:
@@ -165,38 +112,14 @@ class Cluster:
 
 
 @contextmanager
-def writing_images(
-    scratch: Scratch, target: Path, images: Mapping[str, tuple[Path, Layout]], cluster: Cluster | None
-) -> Iterator[tuple[Run, dict[str, Any]]]:
-    """What passes over the tiles, and what writes each image: on threads, or as parts from the workers of a cluster.
-
-    Parameters
-    ----------
-    scratch : Scratch
-    target : Path
-        Beside which parts may lie for a while.
-    images : mapping
-        By the fields of a tile's result: their names, and what they are like.
-    cluster : Cluster, optional
-    """
-    with ExitStack() as stack:
-        run: Run = run_on_threads
-        way: Any = writing
-        if cluster is not None:
-            layouts = {what: layout for what, (_path, layout) in images.items()}
-            run, way = stack.enter_context(cluster.by_files(target, layouts)), writing_parts
-        yield run, {what: stack.enter_context(way(scratch, *image)) for what, image in images.items()}
-
-
-@contextmanager
 def connect(address: str | None = None, *, workers: int | None = None, memory: str = "auto") -> Iterator[Cluster]:
     """Connect to a cluster, or start one of this machine's processes for as long as it is needed.
 
     Parameters
     ----------
     address : str, optional
-        Of a dask scheduler, such as "tcp://10.0.0.5:8786". Workers must have deglint, and see the input and the
-        output's directory under the same names.
+        Of a dask scheduler, such as "tcp://10.0.0.5:8786". Workers must have deglint, and see the input under
+        the same name.
     workers : int, optional
         In place of an address: so many processes of this machine, of one thread each.
     memory : str
@@ -233,36 +156,32 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     with ExitStack() as stack:
 
         def start() -> Any:
-            if workers is None:
-                return stack.enter_context(_client(Client, address))
-            local = LocalCluster(
-                workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
-                dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
-            )  # fmt: skip
-            return stack.enter_context(Client(stack.enter_context(local), set_as_default=False))
+            if workers is not None:
+                local = LocalCluster(
+                    workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
+                )  # fmt: skip
+                inside = stack.enter_context(local)
+                return stack.enter_context(Client(inside, set_as_default=False, direct_to_workers=True))
+            try:
+                client = stack.enter_context(Client(address, timeout=_CONNECT, set_as_default=False))
+            except (OSError, ValueError, TypeError) as error:
+                raise DeglintError(
+                    f"cannot reach a scheduler at {address}. Start one with `dask scheduler`, and name it as "
+                    "tcp://HOST:PORT."
+                ) from error
+            try:
+                client.wait_for_workers(1, timeout=_CONNECT)
+            except TimeoutError as error:
+                raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
+            return client
 
         yield Cluster(start)
 
 
-def _client(kind: Any, address: str | None) -> Any:
-    """A client of the scheduler at an address, once it has a worker."""
-    try:
-        client = kind(address, timeout=_CONNECT, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise DeglintError(
-            f"cannot reach a scheduler at {address}. Start one with `dask scheduler`, and name it as tcp://HOST:PORT."
-        ) from error
-    try:
-        client.wait_for_workers(1, timeout=_CONNECT)
-    except TimeoutError as error:
-        client.close()
-        raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
-    return client
-
-
 @contextmanager
-def _scheduler() -> Iterator[None]:
-    """Asking the scheduler, which may be gone."""
+def _answering() -> Iterator[None]:
+    """One line where the scheduler does not answer."""
     try:
         yield
     except (OSError, RuntimeError) as error:
@@ -290,57 +209,6 @@ def _do(packed: bytes, tile: Tile) -> Any:
         except DeglintError as error:
             refusal = type(error)(str(error))
     raise refusal
-
-
-@dataclass(frozen=True, eq=False)
-class _ToFiles:
-    """Work whose images are left as parts in files; `layouts` says what images they are parts of, by field."""
-
-    work: Callable[[Tile], Any]
-    folder: Path
-    layouts: Mapping[str, Layout]
-
-    def __call__(self, tile: Tile) -> Any:
-        done = self.work(tile)
-        kept: dict[str, Any] = {}
-        for name, layout in self.layouts.items():
-            if (array := getattr(done, name)) is not None:
-                valid = done.valid if layout.masked else None
-                kept[name] = self._write(f"{tile.row0}-{tile.col0}-{name}.npy", array, valid)
-        if hasattr(done, "valid"):
-            kept["valid"] = None  # it is in the part
-        return replace(done, **kept)
-
-    def _write(self, name: str, array: Any, valid: Any) -> Part:
-        """All of it or nothing: a worker may be ended at any time, and another be doing the same tile."""
-        if not self.folder.is_dir():
-            raise WriteError(
-                f"a worker on {socket.gethostname()} does not see {self.folder.parent}. Workers need the output's "
-                "directory, under the same name."
-            )
-        scratch, path = self.folder / f"{secrets.token_hex(4)}-{name}", self.folder / name
-        part = write_part(scratch, array, valid)
-        try:
-            scratch.replace(path)
-        except OSError as error:
-            raise WriteError(f"cannot write in {self.folder.parent}: {error.strerror or error}.") from error
-        return replace(part, path=path)
-
-
-def _remove(folder: Path) -> None:
-    """Remove a directory, in which workers that have not heard of the end may still be writing."""
-    for _ in range(50):
-        shutil.rmtree(folder, ignore_errors=True)
-        if not folder.exists():
-            return
-        time.sleep(0.1)
-
-
-def _umask() -> int:
-    """The permissions that this process withholds from new files."""
-    umask = os.umask(0)
-    os.umask(umask)
-    return umask
 
 
 def _peak() -> int:

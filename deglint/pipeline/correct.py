@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,9 @@ from ..remove import GlintModel, apply
 from ..remove.predict import glint
 from ..scene import Scene
 from ..tiles import Tile
-from .flags import CLIPPED, CORRECTED, NEGATIVE, NODATA, NOT_WATER, PROTECTED, REPLACED, SATURATED, glint_classes
+from . import flags as bits
 from .outputs import PixelCounts
-from .overview import place_in, raster_of
+from .overview import raster_of
 
 CHAIN_CELL = tiling.COMPACT
 """Side of the cells that a chain is applied to, from the first pixel of the scene on [pixel]: the same cells however
@@ -40,27 +40,6 @@ class Corrected:
     flags: npt.NDArray[np.uint8] | None = None
     amount: npt.NDArray[np.float32] | None = None
     stderr: npt.NDArray[np.float32] | None = None
-
-
-@dataclass(frozen=True)
-class Errors:
-    """What standard errors follow from, beside the model and the chain.
-
-    Attributes
-    ----------
-    replaced : tuple of ReplacedError
-        Of pixels that an opening has replaced, and of the others.
-    left : Posterior, optional
-        Of what a removal alone leaves.
-    """
-
-    replaced: tuple[ReplacedError, ...] = ()
-    left: Posterior | None = None
-
-    @property
-    def halo(self) -> int:
-        """Pixels around a tile that the stages and the removal need."""
-        return span_halo(self.replaced) + (0 if self.left is None else self.left.halo)
 
 
 @dataclass(eq=False)
@@ -82,9 +61,9 @@ class _Block:
     errors: Any = None  # (band, row, column) standard errors, with a chain
 
     @property
-    def place(self) -> tuple[slice, slice, slice]:
-        """Where the tile lies in the block."""
-        return place_in(self.tile, self.outer)
+    def own(self) -> Any:
+        """Physical values of the tile."""
+        return self.wide[self.tile.within(self.outer)]
 
     @property
     def part(self) -> Mask | None:
@@ -112,14 +91,15 @@ class Correction:
     want_flags: bool = False
     want_amount: bool = False
     noise: tuple[float, ...] = ()  # of the bands that may change, for the classes of sun glint
-    errors: Errors | None = None
+    want_stderr: bool = False
+    replaced: tuple[ReplacedError, ...] = ()  # errors of pixels that an opening has replaced, and of the others
+    left: Posterior | None = None  # of what a removal alone leaves
 
     @property
     def changed(self) -> list[int]:
         """0-based bands that may change: those that the removal corrects, and those that a chain replaces glint in."""
-        removed = {f.band for f in self.model.fits}
         if not self.chain.replaces:
-            return sorted(removed)
+            return sorted({f.band for f in self.model.fits})
         return sorted(self.only or range(len(self.scene.bands)))
 
     @property
@@ -133,62 +113,64 @@ class Correction:
         return self.chain_halo + (self.water.halo if self.water and self.area is None else 0)
 
     @property
-    def step(self) -> int:
-        """Tiles start at multiples of this [pixel]."""
-        return CHAIN_CELL if self.by_cells else 1
+    def chain_halo(self) -> int:
+        """Pixels around a cell that the chain and the removal look at."""
+        return self.chain.halo + self.model.halo + span_halo(self.replaced) + (self.left.halo if self.left else 0)
 
     @property
     def by_cells(self) -> bool:
         """The tile is computed in cells of the scene."""
-        return self.chain.runs or self.errors is not None
-
-    @property
-    def copies(self) -> bool:
-        """No band may change and nothing is to be written of single pixels: nothing is computed either."""
-        return not self.changed and not (self.want_flags or self.want_amount)
+        return self.chain.runs or self.want_stderr
 
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and bring it into the output's type."""
-        if self.copies:
+        if not (self.changed or self.want_flags or self.want_amount):
             return self._copied(tile)
         block = self._read(tile)
-        own = block.wide[block.place]
         wanted = self.amount_bands if self.want_amount else self.changed
-        before = own[wanted] if self.want_flags or self.want_amount else None
-        saturated = self._saturated(own)
-        physical = self._corrected(block)
-        error = self._stderr(block, physical) if self.errors is not None else None
-        tally = self._tally(block)
-        tally.saturated = saturated.sum(axis=(1, 2))
+        before = block.own[wanted] if self.want_flags or self.want_amount else None
+        saturated = self._saturated(block.own)
         full = np.asarray(saturated.any(axis=0))
-        flags = self._flags(block, full) if self.want_flags else None
-        out = self._encoded(block, physical, flags, tally)
-        amount = None if before is None else np.subtract(before, physical[wanted], dtype=np.float32)
-        if flags is not None and amount is not None:
-            classes = glint_classes(amount[: len(self.changed)], np.array(self.noise), full, block.where)
-            tally.glint = np.bincount(classes.ravel(), minlength=tally.glint.size)
-            flags = np.stack([flags, classes])
-        file_valid = self._file_valid(block.raw, block.valid)
-        return Corrected(out, tally, file_valid, flags, amount if self.want_amount else None, error)
+        physical = self._corrected(block)
+        flags = self._flags(block, full)
+        tally = _counted(block, flags, saturated)
+        error = self._stderr(block, physical) if self.want_stderr else None
+        out = self._encoded(block, physical, flags if self.want_flags else None, tally)
+        valid = self._file_valid(block.raw, block.valid)
+        done = Corrected(out, tally, valid, stderr=error)
+        if before is None:
+            return done
+        amount = np.subtract(before, physical[wanted], dtype=np.float32)
+        if self.want_flags:
+            classes = bits.glint_classes(amount[: len(self.changed)], np.array(self.noise), full, block.where)
+            tally.glint = np.bincount(classes.ravel(), minlength=len(bits.GLINT_CLASSES))
+            done = replace(done, flags=np.stack([flags, classes]))
+        return replace(done, amount=amount) if self.want_amount else done
 
-    def physical(self, tile: Tile) -> npt.NDArray[Any]:
-        """Read a tile and correct it: physical values of all bands."""
-        return self._corrected(self._read(tile))
-
-    def changed_water(self, tile: Tile) -> tuple[npt.NDArray[Any], Mask]:
-        """The same of the bands that may change, and where the tile was to be corrected."""
+    def corrected(self, tile: Tile) -> tuple[npt.NDArray[Any], Mask]:
+        """Read a tile and correct it: physical values of all bands, and where it was to be corrected."""
         block = self._read(tile)
-        return self._corrected(block)[self.changed], block.where
+        return self._corrected(block), block.where
+
+    def _corrected(self, block: _Block) -> npt.NDArray[Any]:
+        """Physical values of the tile after the correction; the block is told which bands changed, and where."""
+        physical = np.ascontiguousarray(block.own)
+        if not physical.flags.writeable or np.shares_memory(physical, block.raw):
+            physical = physical.copy()
+        if self.changed and block.where.any():
+            if self.chain.runs:
+                self._compensate(block, physical)
+            else:
+                self._remove(block, physical)
+        return physical
 
     def _copied(self, tile: Tile) -> Corrected:
-        """A tile as it is, in the output's type."""
+        """A tile of which no band may change, in the output's type."""
         raw, valid = raster_of(self.scene).read_raw(tile.window)
         file_valid = self._file_valid(raw, valid)
         raw, lost = relaid(raw, valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
-        tally = PixelCounts(len(self.scene.bands), total=tile.pixels, copied=True)
-        if lost is not None:
-            tally.clipped = np.count_nonzero(lost, axis=(1, 2))
-        return Corrected(raw, tally, file_valid)
+        clipped = 0 if lost is None else np.count_nonzero(lost, axis=(1, 2))
+        return Corrected(raw, PixelCounts(total=tile.pixels, copied=1, clipped=clipped), file_valid)
 
     def _read(self, tile: Tile) -> _Block:
         """A tile with the pixels around it, and where it is to be corrected."""
@@ -196,13 +178,13 @@ class Correction:
         outer = tile.grown(self.halo, self.scene.height, self.scene.width)
         raw, valid = source.read_raw(outer.window)
         wide = source.to_physical(raw, valid)
-        place = place_in(tile, outer)
+        place = tile.within(outer)
         known = np.ones(tile.shape, np.bool_)
         if valid is not None or raw.dtype.kind not in "iu":
             for band in range(len(wide)) if self.chain.runs else self.model.index_bands:
                 known &= np.isfinite(wide[place][band])
         water_there = self.water_in(outer, wide)
-        where = known if water_there is None else known & water_there[place[1:]]
+        where = known if water_there is None else known & water_there[place]
         own_valid = None if valid is None else valid[place]
         return _Block(tile, outer, raw[place], own_valid, wide, water_there, known, where)
 
@@ -223,16 +205,8 @@ class Correction:
             np.greater_equal(physical[i], limit, out=out[i])
         return out
 
-    def _corrected(self, block: _Block) -> Any:
-        """Physical values of the tile after the correction; the block is told which bands changed, and where."""
-        physical = np.ascontiguousarray(block.wide[block.place])
-        if not physical.flags.writeable or np.shares_memory(physical, block.raw):
-            physical = physical.copy()
-        if not self.changed or not block.where.any():
-            return physical
-        if self.chain.runs:
-            self._compensate(block, physical)
-            return physical
+    def _remove(self, block: _Block, physical: Any) -> None:
+        """Take the glint that the model predicts out of `physical`."""
         if self.model.references:
             origin, crop = (block.outer.row0, block.outer.col0), block.tile.crop_of(block.outer)
             water = np.ones(block.outer.shape, np.bool_) if block.water is None else block.water
@@ -243,49 +217,41 @@ class Correction:
         else:
             apply(physical, self.model, where=block.part, out=physical)
         block.removed = [f.band for f in self.model.fits]
-        return physical
 
     def _compensate(self, block: _Block, physical: Any) -> None:
         """Apply the chain, cell by cell, and put what it makes of the water into `physical`."""
         removed = {f.band for f in self.model.fits}
         block.replaced = np.zeros(physical.shape, np.bool_)
-        block.errors = np.zeros(physical.shape if self.errors is not None else 0, np.float32)
+        block.errors = np.zeros(physical.shape if self.want_stderr else 0, np.float32)
         block.targets = np.zeros(physical.shape[1:], np.bool_)
         for state, core, within in self._states(block):
-            where = block.where[within[1:]]
+            where = block.where[within]
             clean = with_targets(state)[core]
-            if self.errors is not None:
+            if self.want_stderr:
                 block.errors[within] = self._stderr_of(state)[core]
             if state.replaced is not None:
                 block.replaced[within] = state.replaced[core] & where
             if state.targets is not None:
-                block.targets[within[1:]] = (state.targets[core] > 0).any(axis=0) & where
+                block.targets[within] = (state.targets[core] > 0).any(axis=0) & where
             for band in self.changed:
-                place = where if band in removed else block.replaced[within][band] | block.targets[within[1:]]
+                place = where if band in removed else block.replaced[within][band] | block.targets[within]
                 np.copyto(physical[within][band], clean[band], where=place, casting="same_kind")
         block.removed = sorted(removed & set(self.changed))
         rewritten = {b: block.replaced[b] | block.targets for b in self.changed if b not in removed}
         block.rewritten = {band: place for band, place in rewritten.items() if place.any()}
 
-    @property
-    def chain_halo(self) -> int:
-        """Pixels around a cell that the chain and the removal look at."""
-        return self.chain.halo + self.model.halo + (0 if self.errors is None else self.errors.halo)
-
     def _states(self, block: _Block) -> Iterator[tuple[State, Any, Any]]:
         """What the chain makes of each cell with its halo; where the cell lies in that, and where in the tile."""
         tile, outer = block.tile, block.outer
-        for row in range(tile.row0, tile.row1, CHAIN_CELL):
-            for column in range(tile.col0, tile.col1, CHAIN_CELL):
-                cell = Tile(row, min(row + CHAIN_CELL, tile.row1), column, min(column + CHAIN_CELL, tile.col1))
-                within = place_in(cell, tile)
-                if not block.where[within[1:]].any():
-                    continue
-                wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)
-                around = place_in(wide, outer)
-                water = None if block.water is None else block.water[around[1:]]
-                state = State.of(block.wide[around], water, (cell.row0, cell.col0))
-                yield apply_chain(state, self.chain, self.model), place_in(cell, wide), within
+        for cell in tile.split(CHAIN_CELL):
+            within = cell.within(tile)
+            if not block.where[within].any():
+                continue
+            wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)
+            around = wide.within(outer)
+            water = None if block.water is None else block.water[around]
+            state = State.of(block.wide[around], water, (cell.row0, cell.col0))
+            yield apply_chain(state, self.chain, self.model), cell.within(wide), within
 
     def _stderr(self, block: _Block, physical: Any) -> npt.NDArray[np.float32]:
         """Standard errors of the bands that may change; NaN where nothing was corrected."""
@@ -302,35 +268,18 @@ class Correction:
 
     def _stderr_of(self, state: State) -> npt.NDArray[np.float32]:
         """Standard errors of all bands of a block, after the chain."""
-        assert self.errors is not None
-        state = state if self.errors.left is None else self.errors.left.apply(state)
-        return stderr(state, self.model, self.errors.replaced)
-
-    def _tally(self, block: _Block) -> PixelCounts:
-        """Count the pixels of a tile by what became of them."""
-        tally = PixelCounts(len(self.scene.bands), total=block.tile.pixels)
-        tally.usable = int(np.count_nonzero(block.where))
-        tally.nodata = tally.total - int(np.count_nonzero(block.known))
-        tally.not_water = tally.total - tally.usable - tally.nodata
-        tally.corrected = tally.usable if block.corrected else 0
-        if block.replaced is not None:
-            tally.replaced = np.count_nonzero(block.replaced, axis=(1, 2))
-        if block.targets is not None:
-            tally.protected = int(np.count_nonzero(block.targets & block.where))
-        for band, place in block.rewritten.items():
-            tally.rewritten[band] = np.count_nonzero(place)
-        return tally
+        return stderr(self.left.apply(state) if self.left else state, self.model, self.replaced)
 
     def _flags(self, block: _Block, saturated: Mask) -> npt.NDArray[np.uint8]:
         """Flags of a tile, but for what `encode` finds."""
-        flags = np.full(block.tile.shape, NOT_WATER, np.uint8)
-        flags[block.where] = CORRECTED if block.corrected else 0
+        flags = np.full(block.tile.shape, bits.NOT_WATER, np.uint8)
+        flags[block.where] = bits.CORRECTED if block.corrected else 0
         if block.replaced is not None:
-            flags[block.replaced.any(axis=0) & block.where] |= REPLACED
+            flags[block.replaced.any(axis=0) & block.where] |= bits.REPLACED
         if block.targets is not None:
-            flags[block.targets & block.where] |= PROTECTED
-        flags[~block.known] = NODATA
-        flags |= np.where(saturated, np.uint8(SATURATED), np.uint8(0))
+            flags[block.targets & block.where] |= bits.PROTECTED
+        flags[~block.known] = bits.NODATA
+        flags |= np.where(saturated, np.uint8(bits.SATURATED), np.uint8(0))
         return flags
 
     def _encoded(self, block: _Block, physical: Any, flags: Any, tally: PixelCounts) -> npt.NDArray[Any]:
@@ -344,7 +293,7 @@ class Correction:
         for bands, place in changes:
             counts = encode(
                 physical, raw, bands=bands, scales=info.scales, offsets=info.offsets, where=place,
-                nodata=self.layout.nodata, flags=flags, marks=(NEGATIVE, CLIPPED),
+                nodata=self.layout.nodata, flags=flags, marks=(bits.NEGATIVE, bits.CLIPPED),
             )  # fmt: skip
             tally.negative, tally.clipped = tally.negative + counts.negative, tally.clipped + counts.clipped
             if lost is not None:
@@ -352,7 +301,7 @@ class Correction:
         if lost is not None:
             tally.clipped = tally.clipped + np.count_nonzero(lost, axis=(1, 2))
             if flags is not None:
-                flags[lost.any(axis=0)] |= CLIPPED
+                flags[lost.any(axis=0)] |= bits.CLIPPED
         return raw
 
     def _file_valid(self, raw: Any, valid: Any) -> Mask | None:
@@ -363,3 +312,16 @@ class Correction:
         if raw.dtype.kind == "f" and np.dtype(self.layout.dtype).kind != "f":
             found = found & np.isfinite(raw).all(axis=0)
         return found
+
+
+def _counted(block: _Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[np.bool_]) -> PixelCounts:
+    """Count the pixels of a tile by what became of them."""
+    kinds = {"nodata": bits.NODATA, "not_water": bits.NOT_WATER, "corrected": bits.CORRECTED,
+             "protected": bits.PROTECTED}  # fmt: skip
+    counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
+    if block.replaced is not None:
+        counts["replaced"] = np.count_nonzero(block.replaced, axis=(1, 2))
+    counts["rewritten"] = np.zeros(len(saturated), np.int64)
+    for band, place in block.rewritten.items():
+        counts["rewritten"][band] = np.count_nonzero(place)
+    return PixelCounts(total=block.tile.pixels, saturated=saturated.sum(axis=(1, 2)), **counts)

@@ -119,9 +119,6 @@ def _header(scene: Scene) -> dict[str, Any]:
 
 
 def _validity(scene: Scene, looked: tuple[Tile, ...], nir: int, threads: int) -> dict[str, Any]:
-    total = valid = 0
     reads = tiling.run(looked, lambda t: scene.source.read(t.window, [nir]), threads=threads, start=enter_thread)
-    for _tile, block in reads:
-        total += block.size
-        valid += int(np.count_nonzero(np.isfinite(block)))
-    return {"valid_fraction": valid / total, "looked_at_pixels": total}
+    valid = np.array([(int(np.isfinite(block).sum()), block.size) for _tile, block in reads]).sum(axis=0)
+    return {"valid_fraction": float(valid[0] / valid[1]), "looked_at_pixels": int(valid[1])}

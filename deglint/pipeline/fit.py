@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -13,34 +13,20 @@ import numpy.typing as npt
 from .. import tiles as tiling
 from ..checks import check_kind, checked_keywords
 from ..choose import Choice
-from ..compensate import Chain, fit_chain
+from ..compensate import Chain
 from ..errors import FitError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL
 from ..raster.environment import enter_thread, environment
 from ..readers.areas import collection, to_geojson
 from ..readers.undeclared import Undeclared, undeclared
-from ..remove import METHODS, GlintModel, SamplePlan, combine, gather, wiener
+from ..remove import METHODS, GlintModel, SamplePlan, combine, gather
 from ..scene import Scene, Window
 from ..tiles import Tile, default_threads
-from .overview import TILE_SIDE, check_size, core_of, overview_of, overviews, role_bands, where_to_sample
+from . import sample as learning
+from .overview import check_size, overview_of, overviews, role_bands, where_to_sample
 from .recipe import Recipe, make_request
-from .sample import (
-    HALO,
-    Job,
-    Progress,
-    Sampler,
-    Training,
-    chosen,
-    read_training,
-    removal_of,
-    sample_of,
-    sampler_of,
-    setting,
-    strips_finder,
-    strips_of_footprints,
-    training_reader,
-)  # fmt: skip
+from .sample import Job, Progress, Sampler, Training
 from .sidecar import log, log_model, log_nir, log_scene, log_water, why
 from .tolerance import Sampling
 
@@ -57,14 +43,12 @@ class Fitted:
     model : GlintModel
     recipe : Recipe
         With every "auto" resolved.
-    notes : tuple of str
-        What was decided, one line each, for the log.
-    numbers : dict
-        The same as numbers, for the sidecar.
+    notes, numbers : tuple of str, dict
+        What was decided, a line each for the log, and as numbers for the sidecar.
     sample : dict or None
         The sample as GeoJSON, where it was asked for.
-    water : WaterRule or None
-        How water is distinguished, where it has to be; `water_bands` are the 0-based scene bands that it looks at.
+    water, water_bands : WaterRule or None, tuple of int
+        How water is distinguished, where it has to be, and the 0-based scene bands that the rule looks at.
     chain : Chain
         Stages of compensation around the removal; empty where there are none.
     choice : Choice, optional
@@ -178,12 +162,12 @@ def _fit(job: Job) -> Fitted:
             raise NoWaterError(overview.water.reason)
         notes.append(overview.water.reason)
     log_water(overview.water, recipe.mask)
-    sampler = sampler_of(job.scene, recipe, overview, job.threads) if recipe.sample != "auto" else None
+    sampler = learning.sampler_of(job.scene, recipe, overview, job.threads) if recipe.sample != "auto" else None
     method, text, choice, training = recipe.method, recipe.chain, None, None
     if method == "auto" and text == "auto":
-        training = read_training(job, sampler, HALO)
+        training = learning.read_training(job, sampler, learning.HALO)
         job = replace(job, progress=None)  # the tiles have been counted
-        choice = chosen(job, training)
+        choice = learning.chosen(job, training)
         method, text = choice.best.method, choice.best.chain
         notes += choice.lines()
         first, *others = choice.lines() or ["no candidate could be tried: wiener"]
@@ -196,11 +180,12 @@ def _fit(job: Job) -> Fitted:
         warnings = (f"{choice.why_copied}. Nothing was corrected.",)
         model = GlintModel("wiener", job.request.indexes, (), job.request.names, warnings=warnings)
     elif text != "off":
-        training = training or read_training(job, sampler, HALO)
-        found = fit_chain(text, sample_of(training), setting(job), removal_of(job, training, method))
+        training = training or learning.read_training(job, sampler, learning.HALO)
+        found = learning.fit_compensated(job, training, text, method)
         chain, (model, sample, outline) = found.chain, _with_sample(job, training, found.model)
     elif METHODS[method].neighbours:
-        model, sample, outline = _fit_neighbours(job, sampler)
+        training = learning.read_training(job, sampler, 0)
+        model, sample, outline = _with_sample(job, training, learning.fit_neighbours(job, training, sampler))
     elif METHODS[method].plan is None:
         model = METHODS[method].fit(job.request, None)
     else:
@@ -223,16 +208,6 @@ def _fit(job: Job) -> Fitted:
     return Fitted(model, resolved, tuple(notes), numbers, outline, water, role_bands(overview.roles), chain, choice)
 
 
-def _fit_neighbours(job: Job, sampler: Sampler | None) -> Sampled:
-    """A method that looks at neighbours, from tiles of open water that are held in memory."""
-    training = read_training(job, sampler, 0)
-    read = training_reader(job.scene, job.overview, sampler)
-    at_once = tiling.affordable(job.threads, (TILE_SIDE, TILE_SIDE), 2 * len(job.scene.bands))
-    strips = strips_of_footprints(job.scene, job.request.correct[0]) or strips_finder(job.scene, read, at_once)
-    request = replace(job.request, regression="detrended")
-    return _with_sample(job, training, wiener.fit(request, [t.as_sample() for t in training], strips=strips))
-
-
 def _with_sample(job: Job, training: Sequence[Training], model: GlintModel) -> Sampled:
     """A model with the numbers of its sample, which was held in memory."""
     pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
@@ -247,7 +222,7 @@ def _with_sample(job: Job, training: Sequence[Training], model: GlintModel) -> S
 def _fit_sampled(job: Job, given: Sampler | None, method: str) -> Sampled:
     """A method of single pixels, by one pass over its sample."""
     scene, request = job.scene, job.request
-    sampler = given or sampler_of(scene, job.recipe, job.overview, job.threads)
+    sampler = given or learning.sampler_of(scene, job.recipe, job.overview, job.threads)
     plan = METHODS[method].plan(request)  # type: ignore[misc]
     sampling = Sampling(scene, sampler, request, method, plan, job.recipe.tolerance)
     halo = max(plan.halo, 0)
@@ -255,24 +230,28 @@ def _fit_sampled(job: Job, given: Sampler | None, method: str) -> Sampled:
     rows, reach, outlined = [columns.index(b) for b in plan.read_bands], halo + sampler.halo, job.want_sample
 
     def work(plan: SamplePlan, tile: Tile) -> Any:
-        outer = tile.grown(reach, scene.height, scene.width)
-        middle = tile.grown(halo, scene.height, scene.width)
+        outer, middle = (tile.grown(n, scene.height, scene.width) for n in (reach, halo))
         block: Any = scene.source.read(outer.window, columns)
         mask = sampler.mask(block, columns, outer)
-        inner = core_of(middle.crop_of(outer), mask.shape)
-        mask, block = mask[inner], block[(slice(None), *inner)][rows]
+        inner = middle.within(outer)
+        mask, block = mask[inner], block[inner][rows]
         part = gather(block, mask, plan, origin=(tile.row0, tile.col0), crop=tile.crop_of(middle))
-        mask = mask[core_of(tile.crop_of(middle), mask.shape)]
+        mask = mask[tile.within(middle)]
         return part, _box(mask, tile), to_geojson(mask, (tile.row0, tile.col0), scene) if outlined else []
 
     features, boxes = [], []
+
+    def parts(done: Iterator[Any]) -> Iterator[tuple[Tile, Any]]:
+        for tile, (part, box, found) in done:
+            boxes.append(box)
+            features.extend(found)
+            yield tile, part
+
     at_once = tiling.affordable(job.threads, sampling.largest, 4 * len(columns))  # statistics take several copies
     options: dict[str, Any] = {"threads": at_once, "progress": job.note(), "start": enter_thread}
     for tiles, plan in sampling:
-        for _row, (part, box, found) in job.run(tiles, partial(work, plan), combine=partial(_row_of, plan), **options):
-            sampling.parts.append(part)
-            boxes.append(box)
-            features += found
+        done = parts(job.run(tiles, partial(work, plan), **options))
+        sampling.parts += tiling.by_rows(done, partial(combine, plan=plan))
     stats = sampling.statistics()
     tolerance, notes, doubts = sampling.said()
     model = METHODS[method].fit(request, stats)
@@ -282,14 +261,6 @@ def _fit_sampled(job: Job, given: Sampler | None, method: str) -> Sampled:
     numbers["notes"] = [*notes, f"sample ({job.recipe.sample}): {stats.moments.n} pixels, {_place(box)}"]
     numbers |= {"tolerance": tolerance} if tolerance else {}
     return model, numbers, collection(features, scene) if outlined else None
-
-
-def _row_of(
-    plan: SamplePlan, tiles: list[tuple[Any, Window | None, list[Any]]]
-) -> tuple[Any, Window | None, list[Any]]:
-    """What a row of tiles comes to: its part of the statistics, where the sample lies in it, its outlines."""
-    parts, boxes, features = zip(*tiles, strict=True)
-    return combine(parts, plan), _union(boxes), [f for some in features for f in some]
 
 
 def _numbers(job: Job, model: GlintModel, pixels: int, box: Window | None) -> dict[str, Any]:
@@ -320,9 +291,8 @@ def _union(boxes: Sequence[Window | None]) -> Window | None:
     real = [b for b in boxes if b is not None]
     if not real:
         return None
-    tops, bottoms = zip(*(rows for rows, _columns in real), strict=True)
-    lefts, rights = zip(*(columns for _rows, columns in real), strict=True)
-    return (min(tops), max(bottoms)), (min(lefts), max(rights))
+    (top, left), (bottom, right) = np.min(real, axis=0)[:, 0].tolist(), np.max(real, axis=0)[:, 1].tolist()
+    return (top, bottom), (left, right)
 
 
 def _place(box: Window | None) -> str:
@@ -333,12 +303,7 @@ def _place(box: Window | None) -> str:
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
     """A model that was fitted before, made ready for this scene.
 
-    Raises
-    ------
-    InputError
-        The scene lacks a band that the model needs.
-    NoWaterError
-        The scene holds no water.
+    Raises InputError: the scene lacks a band that the model needs; NoWaterError: the scene holds no water.
     """
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()

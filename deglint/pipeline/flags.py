@@ -68,26 +68,13 @@ _ANGLE_TAGS = {
 def glint_classes(
     amount: FloatArray, noise: npt.NDArray[np.floating[Any]], saturated: npt.NDArray[np.bool_], water: Any
 ) -> npt.NDArray[np.uint8]:
-    """Class of sun glint of each pixel.
+    """Class of sun glint of each pixel, one of `GLINT_CLASSES`, (row, column).
 
     The specification calls glint uncorrectable where a band is saturated, and gives no limit of negligible glint. Here
     it is one standard deviation of the band's noise, in every band: such glint adds no more variance than the noise.
-
-    Parameters
-    ----------
-    amount : (band, row, column) ndarray
-        Glint that was removed from the bands that may change; no band where none may [unit of the band].
-    noise : (band,) ndarray
-        Standard deviation of their noise [unit of the band].
-    saturated : (row, column) ndarray of bool
-        Where some band was saturated.
-    water : (row, column) ndarray of bool
-        Where pixels were to be corrected; True for everywhere.
-
-    Returns
-    -------
-    (row, column) uint8 ndarray
-        One of `GLINT_CLASSES`: not assessed where there is no water, or no band was corrected.
+    `amount` (band, row, column) is the glint that was removed from the bands that may change, `noise` (band,) the
+    standard deviation of their noise [unit of the band]. Not assessed is where there is no `water` (row, column), or no
+    band was corrected.
     """
     out = np.full(amount.shape[1:], NOT_ASSESSED, np.uint8)
     np.copyto(out, NEGLIGIBLE, where=np.isfinite(amount).any(axis=0))
@@ -145,25 +132,16 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
     .. math:: \rho = \pi L / (E_{sun} + E_{sky})
 
     with L the mirrored radiance (`deglint.physics.sky.reflectance`) and the irradiance of Gregg and Carder (1990).
-
-    Parameters
-    ----------
-    scene : Scene
-        Its tags state where the sun and the sensor stand, as those of some products and of simulated scenes do.
-
-    Returns
-    -------
-    dict or None
-        `reflectance` of each band of 300 to 1000 nm by name [1]; `range`, the lowest and the highest over three skies,
-        `VISIBILITIES` and `SKY_WINDS`; and from what they follow. None where the scene does not state it; the log then
-        says so.
+    Gives the `reflectance` of each band of 300 to 1000 nm by name [1]; its `range`, the lowest and the highest over
+    three skies, `VISIBILITIES` and `SKY_WINDS`; and from what they follow. None, and a line in the log, where the tags
+    of the scene do not state where the sun and the sensor stand, as those of some products do.
     """
     tags = {k.casefold(): v for part in raster_of(scene).info.tags.values() for k, v in part.items()}
     stated = {name: _angle(tags, *names, zenith="zenith" in name) for name, names in _ANGLE_TAGS.items()}
     angles = {name: angle for name, angle in stated.items() if angle is not None}
     low, high = WAVELENGTH_RANGE
     known = {b.name: b.wavelength for b in scene.bands if b.wavelength and low <= b.wavelength <= high}
-    missing = [name for name in _ANGLE_TAGS if name not in angles]
+    missing = [name for name, angle in stated.items() if angle is None]
     missing += [] if known else [f"a wavelength of {low:g} to {high:g} nm"]
     if missing:
         log.info("sky glint: not modelled, the scene does not state: %s", ", ".join(missing))

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from ..checks import as_path, check_choice
 from ..errors import DeglintError
 from ..raster.environment import environment
 from ..scene import Band, FloatArray
 from .fit import Fitted
-from .flags import GLINT_CLASSES
 from .overview import raster_of
 
-Counts = npt.NDArray[np.int64]
 BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")
 """Outputs beside the image and its sidecar."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
@@ -29,36 +24,20 @@ DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
 class Outputs:
     """Where results go.
 
-    Attributes
-    ----------
-    image : Path
-        The deglinted raster; its sidecar is `image` with ".json" appended.
-    flags, amount, stderr, sample, model, picture : Path, optional
-        Flags and classes of sun glint, amounts of sun glint removed, standard errors, the sample as GeoJSON, the fitted
-        model, a before/after picture.
-    overwrite : bool
-        Replace what exists.
-    dtype : str, optional
-        Type of the image; the input's by default.
-    options : mapping
-        GDAL creation options.
-    request : str, optional
-        What a batch calls this work; the sidecar then says it, and what the outputs are like, to know them again.
-    reads : sequence of paths
-        Files that were read for this work beside the scene and what the recipe names, such as a saved model: no output
-        may replace them.
+    With a `request`, what a batch calls this work, the sidecar says it and what the outputs are like, to know them
+    again. No output may replace `reads`, files that were read beside the scene and what the recipe names.
     """
 
-    image: Path
-    flags: Path | None = None
-    amount: Path | None = None
-    stderr: Path | None = None
-    sample: Path | None = None
-    model: Path | None = None
-    picture: Path | None = None
-    overwrite: bool = False
-    dtype: str | None = None
-    options: Mapping[str, str] = field(default_factory=dict)
+    image: Path  # the deglinted raster; its sidecar is this with ".json" appended
+    flags: Path | None = None  # flags and classes of sun glint
+    amount: Path | None = None  # amounts of sun glint removed
+    stderr: Path | None = None  # standard errors
+    sample: Path | None = None  # the sample as GeoJSON
+    model: Path | None = None  # the fitted model
+    picture: Path | None = None  # before and after
+    overwrite: bool = False  # replace what exists
+    dtype: str | None = None  # of the image; the input's by default
+    options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
     request: str | None = None
     reads: Sequence[str | Path] = ()
 
@@ -82,34 +61,29 @@ class Outputs:
 
 @dataclass
 class PixelCounts:
-    """Pixels of the whole run; bands in scene order. What was `copied` was not computed: only its total is known;
-    `rewritten` counts pixels of bands without a removal that compensation changed."""
+    """Pixels of a tile or of the whole run; counts of bands are arrays in scene order, or 0.
 
-    bands: int
+    What was copied was not computed: only its total is known. `rewritten` counts pixels of bands without a removal that
+    compensation changed, `glint` those of each class of sun glint.
+    """
+
     total: int = 0
-    copied: bool = False
+    copied: int = 0  # tiles
     nodata: int = 0
     not_water: int = 0
     corrected: int = 0
     protected: int = 0
-    usable: int = 0
-    replaced: Counts = field(init=False)
-    rewritten: Counts = field(init=False)
-    negative: Counts = field(init=False)
-    clipped: Counts = field(init=False)
-    saturated: Counts = field(init=False)
-    glint: Counts = field(init=False)  # by class of sun glint
-
-    def __post_init__(self) -> None:
-        for name in ("replaced", "rewritten", "negative", "clipped", "saturated"):
-            setattr(self, name, np.zeros(self.bands, np.int64))
-        self.glint = np.zeros(len(GLINT_CLASSES), np.int64)
+    replaced: Any = 0
+    rewritten: Any = 0
+    negative: Any = 0
+    clipped: Any = 0
+    saturated: Any = 0
+    glint: Any = 0
 
     def add(self, other: PixelCounts) -> None:
         """Add a tile's counts."""
-        for name in {f.name for f in fields(self)} - {"bands", "copied"}:
-            setattr(self, name, getattr(self, name) + getattr(other, name))
-        self.copied |= other.copied
+        for name, count in vars(other).items():
+            setattr(self, name, getattr(self, name) + count)
 
 
 @dataclass(frozen=True)

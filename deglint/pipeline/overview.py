@@ -38,24 +38,12 @@ MOST_TILES = 1 << 18
 
 @dataclass(frozen=True)
 class Overview:
-    """What an overview of a scene found.
+    """What an overview of a scene found."""
 
-    Attributes
-    ----------
-    tiles : tuple of Tile
-        That were read.
-    roles : Roles
-        Of the scene's bands.
-    water : WaterRule or None
-        None where the scene has no visible band to tell water by, or was told what is water.
-    whole : bool
-        Everything was read.
-    """
-
-    tiles: tuple[Tile, ...]
-    roles: Roles
-    water: WaterRule | None
-    whole: bool
+    tiles: tuple[Tile, ...]  # that were read
+    roles: Roles  # of the scene's bands
+    water: WaterRule | None  # None: no visible band to tell water by, or the user has said what is water
+    whole: bool  # everything was read
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
@@ -104,12 +92,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
     def work(tile: Tile) -> list[Tile]:
         valid = np.isfinite(scene.source.read(tile.window, [nir])[0])
-        row, column = tile.row0, tile.col0
-        return [
-            Tile(row + t.row0, row + t.row1, column + t.col0, column + t.col1)
-            for t in tiling.tiles(*tile.shape, (TILE_SIDE, TILE_SIDE))
-            if valid[t.row0 : t.row1, t.col0 : t.col1].any()
-        ]
+        return [t for t in tile.split(TILE_SIDE) if valid[t.within(tile)].any()]
 
     at_once = tiling.affordable(threads, shape, len(scene.bands))
     everything = tiling.tiles(scene.height, scene.width, shape)
@@ -172,16 +155,6 @@ def read_overview(scene: Scene, chosen: Sequence[Tile], roles: Roles, threads: i
     bands = list(role_bands(roles))
     found = tiling.run(chosen, lambda t: scene.source.read(t.window, bands), threads=threads, start=enter_thread)
     return [block for _tile, block in found]
-
-
-def core_of(crop: tuple[int, int, int, int], shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """The part of an array that is not halo, whose widths `crop` gives."""
-    return slice(crop[0], shape[0] - crop[1]), slice(crop[2], shape[1] - crop[3])
-
-
-def place_in(tile: Tile, outer: Tile) -> tuple[slice, slice, slice]:
-    """Where a tile lies in the block of a larger one."""
-    return (slice(None), *core_of(tile.crop_of(outer), outer.shape))
 
 
 def block_of(scene: Scene) -> tuple[int, int]:

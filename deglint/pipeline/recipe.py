@@ -207,22 +207,15 @@ UNKNOWN_OBJECT = 16.0
 def smallest_object(text: str | None, pixel: float | None) -> float:
     """Width of the smallest object to keep [pixel], from "4m", "16px" or nothing.
 
-    Raises
-    ------
-    InputError
-        Not a length, or metres where the size of a pixel is not known.
+    Raises InputError: not a length, or metres where the size of a pixel is not known.
     """
     if not text:
         return UNKNOWN_OBJECT if pixel is None else SMALLEST_OBJECT / pixel
-    match = re.fullmatch(r"\s*([0-9.]+)\s*(px|pixels?|m|metres?|meters?)?\s*", text)
-    try:
-        value = float(match[1]) if match else float("nan")
-    except ValueError:
-        value = float("nan")
-    if not (match and 0 < value < 1e6):
+    match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(px|pixels?|m|metres?|meters?)?\s*", text)
+    if not (match and 0 < float(match[1]) < 1e6):
         raise InputError(f"--smallest-object {text!r} is not a width such as 4m or 16px.")
     if (match[2] or "m").startswith("p"):
-        return value
+        return float(match[1])
     if pixel is None:
         raise InputError(f"--smallest-object {text}: the size of a pixel is not known; give pixels, such as 16px.")
-    return value / pixel
+    return float(match[1]) / pixel

@@ -18,11 +18,9 @@ from ..checksum import Checksum, fingerprint
 from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..raster.environment import enter_thread, environment
-from ..raster.output import Layout, Scratch, plain, write_bytes, write_json, write_text
+from ..raster.output import Scratch, plain, write_bytes, write_json, write_text, writing_all
 from ..raster.targets import Reads, check_image, check_targets
-from ..readers.areas import Area, open_area
 from ..readers.opening import open_scene
-from ..readers.roles import find_band
 from ..readers.stac import files_of
 from ..readers.stated import Names, Numbers
 from ..readers.undeclared import settled
@@ -31,20 +29,19 @@ from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
 from ..timing import Reporter
-from .cluster import Cluster, writing_images
-from .correct import CHAIN_CELL, Correction
+from .cluster import Cluster
+from .correct import Correction
 from .fit import Fitted, Progress, fit_scene, given_model
 from .flags import beside, glint_numbers, sky_glint
 from .outputs import Outputs, PixelCounts, Result
-from .overview import block_of, place_in, raster_of, tile_shape_of
+from .overview import raster_of
+from .prepare import correction
 from .recipe import Recipe
+from .sample import tiles_over
 from .sidecar import log_result, saved, sidecar
-from .uncertain import with_noise, with_stderr
 
 CHAIN_COPIES = 3
 """How many times the memory of a tile a chain takes, against removal alone."""
-STRIP = 4 << 20
-"""Values of a tile of whole cells, where the file is in strips: as few strips as possible are read twice."""
 
 
 @checked_keywords("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options",
@@ -75,8 +72,8 @@ def remove_glint(
     progress : callable, optional
         progress(stage, done, total).
     cluster : Cluster, optional
-        Workers in place of threads (`deglint.pipeline.cluster.connect`), which see the input and the output's
-        directory. The result is the same to the bit.
+        Workers in place of threads (`deglint.pipeline.cluster.connect`), which see the input. The
+        result is the same to the bit.
     **outputs
         flags, amount, stderr, sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`.
 
@@ -119,6 +116,11 @@ class _Run:
     cluster: Cluster | None
     begun: float = field(default_factory=time.perf_counter)
 
+    @property
+    def over(self) -> tiling.Run:
+        """What does work on tiles."""
+        return tiling.run if self.cluster is None else self.cluster.run
+
 
 def _checked(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> Checksum:
     """Refuse outputs that cannot be written; begin on the checksum of what is read."""
@@ -139,24 +141,15 @@ def _deglinted(
     """Fit a scene, or take a saved fit; correct it and write all that is wanted."""
     model, chain = saved_fit
     if model is None:
-        over = tiling.run if run.cluster is None else run.cluster.run
         want = targets.sample is not None
-        fitted = fit_scene(scene, recipe, threads=run.threads, want_sample=want, progress=run.progress, run=over)
+        fitted = fit_scene(scene, recipe, threads=run.threads, want_sample=want, progress=run.progress, run=run.over)
     else:
         fitted = given_model(scene, recipe, model, run.threads, chain)
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
-    area = _mask_of(recipe.mask, scene)
-    note = getattr(area, "note", "")
-    fitted = replace(fitted, notes=(*fitted.notes, *([note] if note else [])))
-    work = correction(scene, fitted, targets=targets, dtype=targets.dtype, area=area)
-    if targets.flags:
-        work = with_noise(work, run.threads)
-    if targets.stderr:
-        if not work.changed:
-            raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
-        work = with_stderr(work, run.threads)
-        work = replace(work, layout=replace(work.layout, tile=_tile_shape(work)))
+    work = correction(scene, fitted, targets=targets, dtype=targets.dtype, threads=run.threads)
+    if note := getattr(work.area, "note", ""):
+        fitted = replace(fitted, notes=(*fitted.notes, note))
     sky = sky_glint(scene) if targets.amount else None
     with Scratch(overwrite=targets.overwrite) as scratch:
         tally = _write_tiles(scratch, work, targets, sky, run)
@@ -181,55 +174,6 @@ def _deglinted(
     return Result(fitted, tally, said, tuple(said["warnings"]))
 
 
-def _mask_of(mask: str, scene: Scene) -> Area | None:
-    """The area that a recipe's mask names, where it names one."""
-    return None if mask in ("auto", "none") else open_area(mask, scene, "--mask")
-
-
-def correction(
-    scene: Scene, fitted: Fitted, *, targets: Outputs | None = None, dtype: str | None = None, area: Area | None = None
-) -> Correction:
-    """What corrects the tiles of a scene, as it was fitted.
-
-    Parameters
-    ----------
-    scene : Scene
-    fitted : Fitted
-    targets : Outputs, optional
-        What is to be written beside the image.
-    dtype : str, optional
-        Type of the result; that of the scene by default.
-    area : Area, optional
-        What to correct; by the fitted water rule where None.
-    """
-    info = raster_of(scene).info
-    every = tuple(range(len(scene.bands)))
-    out = np.dtype(dtype or info.dtype)
-    nodata, masked = marking(scene, out)
-    # bands of files without descriptions are known by their files' names, and must be in the output, too
-    named = tuple(info.descriptions[b] or scene.bands[b].name for b in every)
-    options = targets.options if targets else {}
-    layout = Layout(info, every, out.name, nodata, options, names=named, masked=masked)
-    work = Correction(
-        scene, fitted.model, layout, fitted.chain, area, None if area else fitted.water,
-        fitted.water_bands, tuple(find_band(scene, b) for b in fitted.recipe.bands),
-        want_flags=bool(targets and targets.flags), want_amount=bool(targets and targets.amount),
-    )  # fmt: skip
-    return replace(work, layout=replace(layout, tile=_tile_shape(work)))
-
-
-def _tile_shape(work: Correction) -> tuple[int, int]:
-    """Rows and columns of the tiles that a scene is corrected in: whole cells, where a chain runs."""
-    scene, bands = work.scene, len(work.scene.bands)
-    shape = tile_shape_of(scene)
-    if work.by_cells:
-        cells = max(STRIP // (CHAIN_CELL * bands) // CHAIN_CELL, 1) if shape[1] >= scene.width else 1
-        return CHAIN_CELL, cells * CHAIN_CELL
-    if work.halo:
-        return tiling.compact(shape, block_of(scene), bands, work.halo, held=tiling.HELD_ALONE)
-    return shape
-
-
 def _write_tiles(
     scratch: Scratch, work: Correction, targets: Outputs, sky: Mapping[str, Any] | None, run: _Run
 ) -> PixelCounts:
@@ -237,12 +181,11 @@ def _write_tiles(
     scene, image = work.scene, work.layout
     everything = tiling.tiles(scene.height, scene.width, image.tile)
     at_once = tiling.affordable(run.threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
-    tally = PixelCounts(len(scene.bands))
+    tally = PixelCounts()
     images = {"raw": (targets.image, image)} | beside(work, targets, sky)
-    opened = writing_images(scratch, targets.image, images, run.cluster)
     options: dict[str, Any] = {"progress": partial(run.progress, "correct"), "start": enter_thread}
-    with one_thread_each(), opened as (over, writers):
-        for tile, done in over(everything, work, threads=at_once, **options):
+    with one_thread_each(), writing_all(scratch, images) as writers:
+        for tile, done in run.over(everything, work, threads=at_once, **options):
             for what, writer in writers.items():
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
@@ -296,34 +239,14 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
         raise InputError(f"window: want ((row0, row1), (column0, column1)), got {described(window)}.") from None
     if not (0 <= top < bottom <= scene.height and 0 <= left < right <= scene.width):
         raise InputError(f"window {window} is not inside a scene of {scene.height} x {scene.width} pixels.")
-    wanted = mask or fitted.recipe.mask
-    fitted = fitted if wanted == "auto" else replace(fitted, water=None)
-    work = correction(scene, fitted, area=_mask_of(wanted, scene))
-    everything = tiling.tiles(scene.height, scene.width, work.layout.tile)
-    whole, out, report = Tile(top, bottom, left, right), None, Reporter()
+    work = correction(scene, fitted, mask=mask)
+    whole, out = Tile(top, bottom, left, right), np.empty(0)
+    everything = tiles_over(scene, whole.window, work.layout.tile)
+    options: dict[str, Any] = {"progress": partial(Reporter(), "correct"), "start": enter_thread}
     with environment():
-        for done, tile in enumerate(everything):
-            report("correct", done, len(everything))
+        for tile, (clean, _where) in tiling.run(everything, work.corrected, **options):
             part = Tile(max(tile.row0, top), min(tile.row1, bottom), max(tile.col0, left), min(tile.col1, right))
-            if part.row0 < part.row1 and part.col0 < part.col1:
-                clean = work.physical(tile)
-                if out is None:
-                    out = np.empty((len(clean), *whole.shape), clean.dtype)
-                out[place_in(part, whole)] = clean[place_in(part, tile)]
-    assert out is not None
+            if not out.size:
+                out = np.empty((len(clean), *whole.shape), clean.dtype)
+            out[part.within(whole)] = clean[part.within(tile)]
     return out
-
-
-def marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
-    """How the output says which pixels are not valid: the input's nodata where the type can hold it, and a mask where
-    the input has one, or where its nodata cannot be said otherwise."""
-    source = raster_of(scene)
-    value = next((n for n in source.info.nodatas if n is not None), None)
-    masked = any(f.dataset_mask or f.band_masks or f.alpha is not None for f in source.files)
-    if dtype.kind == "f":
-        held = value is None or not np.isfinite(value) or abs(value) <= np.finfo(dtype).max
-        return (value if held else float("nan")), masked
-    limits = np.iinfo(dtype)
-    if value is not None and limits.min <= value <= limits.max and float(value).is_integer():
-        return value, masked
-    return None, masked or value is not None or source.info.dtype.kind == "f"

@@ -1,7 +1,4 @@
-"""Where the sample is, the tiles to learn from, and the recipes that are tried on them.
-
-A sample is found in the scene, drawn by hand, a window, or everything.
-"""
+"""Where the sample is, the tiles to learn from, and the recipes that are tried on them."""
 
 from __future__ import annotations
 
@@ -16,13 +13,25 @@ import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..choose import Choice, choose
-from ..compensate import Background, Chain, FitRemoval, Sample, Setting, State, system_psf, typical_psf
+from ..compensate import (
+    Background,
+    Chain,
+    FitRemoval,
+    FittedChain,
+    ReplaceLevel,
+    Sample,
+    Setting,
+    State,
+    fit_chain,
+    system_psf,
+    typical_psf,
+)  # fmt: skip
 from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
 from ..masks.find import COARSE_PIXEL
 from ..moments import CELL
 from ..raster.environment import enter_thread
-from ..readers.areas import open_area
+from ..readers.areas import Area, WindowArea, open_area
 from ..readers.optics import optics_of, pixel_size
 from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise, mixture, wiener
 from ..remove.further import more_references
@@ -30,15 +39,14 @@ from ..remove.strips import Strips, filled
 from ..remove.wiener import StripFinder
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
-from .overview import OVERVIEW_PIXELS, TILE_SIDE, Overview, core_of, place_in, read_overview, role_bands, tile_shape_of
+from .overview import OVERVIEW_PIXELS, TILE_SIDE, Overview, read_overview, role_bands, tile_shape_of
 from .recipe import Recipe, smallest_object
 
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
-LEAST_PERCENTILE = 1.0
-"""Percentile of the prediction that is its level where glint covers all of the sample [%]: the least but for noise. As
-many pixels again as have glint beyond doubt are taken to have some that is too faint for that; the middle of the others
-is the level."""
+LEAST_PERCENTILE = 0.5
+"""Percentile of the prediction that is its level where glint covers all of the sample [%]: the least but for noise.
+Else it is the middle of the pixels without glint."""
 HALO = 64
 """Pixels around a tile that are read with it, and which its first stages look at: windows, kernels, clumps [pixel]."""
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
@@ -73,34 +81,39 @@ class Sampler:
     mask: Callable[[Any, Sequence[int], Tile], Mask]
     bands: tuple[int, ...] = ()
     halo: int = 0
-    pixels: int = 0
     numbers: dict[str, Any] = field(default_factory=dict)
     bounds: Window | None = None
+
+    @property
+    def pixels(self) -> int:
+        """Pixels that the sample may lie in."""
+        if self.bounds is None:
+            return sum(tile.pixels for tile in self.tiles)
+        (top, bottom), (left, right) = self.bounds
+        return (bottom - top) * (right - left)
+
+    def squares(self, scene: Scene) -> Sequence[Tile]:
+        """Squares that the sample may be read from: the same ones however the file is stored."""
+        return self.tiles if self.bounds is None else tiles_over(scene, self.bounds, (TILE_SIDE, TILE_SIDE))
 
 
 def sampler_of(scene: Scene, recipe: Recipe, overview: Overview, threads: int) -> Sampler:
     """The sampler that a recipe asks for.
 
-    Raises
-    ------
-    FitError, InputError, ReadError
-        No sample can be found, or the one that was named cannot be used.
+    Raises FitError, InputError, ReadError: no sample can be found, or the one that was named cannot be used.
     """
     if recipe.sample == "auto":
         return _auto_sampler(scene, overview, threads)
-    bounds: Window = (0, scene.height), (0, scene.width)
-    area, numbers = None, {}
+    area: Area = WindowArea(((0, scene.height), (0, scene.width)))
     if recipe.sample != "all":
         area = open_area(recipe.sample, scene, "--sample")
-        bounds, note = area.bounds, getattr(area, "note", "")
-        numbers = {"crs": note} if note else {}
+    note, bounds = getattr(area, "note", ""), area.bounds
 
     def mask(_block: Any, _columns: Sequence[int], tile: Tile) -> Mask:
-        return np.ones(tile.shape, np.bool_) if area is None else area.read(tile.window)
+        return area.read(tile.window)
 
-    (top, bottom), (left, right) = bounds
-    pixels = (bottom - top) * (right - left)
-    return Sampler(tiles_over(scene, bounds, tile_shape_of(scene)), mask, (), 0, pixels, numbers, bounds)
+    numbers = {"crs": note} if note else {}
+    return Sampler(tiles_over(scene, bounds, tile_shape_of(scene)), mask, numbers=numbers, bounds=bounds)
 
 
 def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
@@ -125,64 +138,37 @@ def _auto_sampler(scene: Scene, overview: Overview, threads: int) -> Sampler:
     def mask(block: Any, columns: Sequence[int], _tile: Tile) -> Mask:
         return deep_water(block[[columns.index(b) for b in bands]], rule)
 
-    pixels = sum(tile.pixels for tile in overview.tiles)
-    return Sampler(overview.tiles, mask, bands, rule.halo, pixels, numbers)
+    return Sampler(overview.tiles, mask, bands, rule.halo, numbers)
 
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A tile of a scene to learn from, with the pixels around it that stages need.
-
-    Attributes
-    ----------
-    tile, outer : Tile
-        Without and with these pixels.
-    block : (band, row, column) ndarray
-        Of `outer`, physical values of all bands.
-    water : (row, column) bool ndarray
-        Of `outer`, where it is water.
-    sample : (row, column) bool ndarray
-        Of `tile`: water to learn from, away from shores, or the sample that the user named.
-    """
+    """A tile of a scene to learn from, with the pixels around it that stages need."""
 
     tile: Tile
-    outer: Tile
-    block: FloatArray
-    water: Mask
-    sample: Mask
-
-    @property
-    def core(self) -> tuple[slice, slice]:
-        """Where the tile lies in the block."""
-        return core_of(self.tile.crop_of(self.outer), self.outer.shape)
+    outer: Tile  # with the pixels around
+    block: FloatArray  # of `outer`, physical values of all bands
+    water: Mask  # of `outer`, where it is water
+    sample: Mask  # of `tile`: water to learn from, away from shores, or the sample that the user named
 
     @property
     def inside(self) -> Mask:
         """The sample, in the block."""
         out = np.zeros(self.outer.shape, np.bool_)
-        out[self.core] = self.sample
+        out[self.tile.within(self.outer)] = self.sample
         return out
 
     def as_sample(self, image: FloatArray | None = None) -> SampleTile:
         """For methods that look at neighbours: the tile, or what stages have made of the block."""
-        block = np.ascontiguousarray((self.block if image is None else image)[(slice(None), *self.core)])
-        return SampleTile(block, np.ascontiguousarray(self.water[self.core]), self.sample,
-                          (self.tile.row0, self.tile.col0))  # fmt: skip
+        core = self.tile.within(self.outer)
+        block = np.ascontiguousarray((self.block if image is None else image)[core])
+        return SampleTile(block, np.ascontiguousarray(self.water[core]), self.sample, (self.tile.row0, self.tile.col0))
 
 
 def training_reader(
     scene: Scene, overview: Overview, sampler: Sampler | None, halo: int = 0
 ) -> Callable[[Tile], Training]:
-    """What reads a tile to learn from, with so many pixels around it.
-
-    Parameters
-    ----------
-    scene : Scene
-    overview : Overview
-    sampler : Sampler, optional
-        The sample that the user named; all open water by default.
-    halo : int
-    """
+    """What reads a tile to learn from, with `halo` pixels around it: of the sampler, or of all open water."""
     rule, every = overview.water, list(range(len(scene.bands)))
     named = rule is None or (sampler is not None and not halo)
     reach = 0 if rule is None or named else rule.halo
@@ -191,16 +177,16 @@ def training_reader(
         outer = tile.grown(halo, scene.height, scene.width)
         wide = outer.grown(reach, scene.height, scene.width)
         read = scene.source.read(wide.window, every)
-        place = place_in(outer, wide)
+        place = outer.within(wide)
         block, found = np.ascontiguousarray(read[place]), np.ones(outer.shape, np.bool_)
         if rule is not None and not named:
-            found = np.ascontiguousarray(water([read[b] for b in role_bands(overview.roles)], rule)[place[1:]])
-        core = core_of(tile.crop_of(outer), outer.shape)
+            found = np.ascontiguousarray(water([read[b] for b in role_bands(overview.roles)], rule)[place])
+        core = tile.within(outer)
         if sampler is None:
             away = away_from_shore(found)[core]
             sample = away if away.any() else found[core]
         else:
-            sample = sampler.mask(block[(slice(None), *core)], every, tile)
+            sample = sampler.mask(block[core], every, tile)
             found[core] = sample if not halo else found[core] | sample
         return Training(tile, outer, block, found, np.ascontiguousarray(sample))
 
@@ -248,9 +234,7 @@ def setting(job: Job) -> Setting:
 
 def read_training(job: Job, sampler: Sampler | None, halo: int) -> list[Training]:
     """Tiles to learn from, in memory: so many as an overview may hold, the same ones however the file is stored."""
-    places: Sequence[Tile] = job.overview.tiles if sampler is None else sampler.tiles
-    if sampler is not None and sampler.bounds is not None:
-        places = tiles_over(job.scene, sampler.bounds, (TILE_SIDE, TILE_SIDE))
+    places: Sequence[Tile] = job.overview.tiles if sampler is None else sampler.squares(job.scene)
     if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
         places = tiling.spread(places, OVERVIEW_PIXELS)
     at_once = tiling.affordable(job.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(job.scene.bands))
@@ -272,9 +256,12 @@ def removal_of(job: Job, training: Sequence[Training], method: str) -> FitRemova
         if not METHODS[method].neighbours:
             return fit_pointwise(method, job.request, images, sample.inside)
         tiles = [t.as_sample(image) for t, image in zip(training, images, strict=True)]
-        covers = [stage.cover for stage in chain.before if isinstance(stage, Background)]
-        if covers:
-            return mixture.fit(job.request, tiles, max(50 * (1 - 2 * covers[-1]), LEAST_PERCENTILE))
+        background = next((stage for stage in reversed(chain.before) if isinstance(stage, Background)), None)
+        if background is not None:
+            percentile = max(50 * background.clear, LEAST_PERCENTILE)
+            replaced = any(isinstance(stage, ReplaceLevel) for stage in chain.before)
+            inner = _within(tiles, background.size)
+            return mixture.fit(job.request, inner, percentile, background.cut if replaced else None)
         request = replace(job.request, regression="detrended")
         if chain.text != "remove":  # the posterior mean follows
             request = replace(request, faint=True)
@@ -282,6 +269,30 @@ def removal_of(job: Job, training: Sequence[Training], method: str) -> FitRemova
         return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
 
     return fit
+
+
+def _within(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
+    """Tiles whose sample keeps a window from land, where openings are too dark; as they are where most is that near."""
+    import cv2
+
+    window = np.ones((2 * size - 1,) * 2, np.uint8)
+    inner = [replace(t, sample=t.sample & cv2.erode(t.water.view(np.uint8), window).view(np.bool_)) for t in tiles]
+    enough = 2 * sum(int(t.sample.sum()) for t in inner) >= sum(int(t.sample.sum()) for t in tiles)
+    return inner if enough else list(tiles)
+
+
+def fit_compensated(job: Job, training: Sequence[Training], text: str, method: str) -> FittedChain:
+    """Fit a chain of stages, with a method in it, to tiles."""
+    return fit_chain(text, sample_of(training), setting(job), removal_of(job, training, method))
+
+
+def fit_neighbours(job: Job, training: Sequence[Training], sampler: Sampler | None) -> GlintModel:
+    """Fit the method that looks at neighbours to tiles of open water."""
+    read = training_reader(job.scene, job.overview, sampler)
+    at_once = tiling.affordable(job.threads, (TILE_SIDE, TILE_SIDE), 2 * len(job.scene.bands))
+    strips = strips_of_footprints(job.scene, job.request.correct[0]) or strips_finder(job.scene, read, at_once)
+    request = replace(job.request, regression="detrended")
+    return wiener.fit(request, [t.as_sample() for t in training], strips=strips)
 
 
 def chosen(job: Job, training: Sequence[Training]) -> Choice:
@@ -305,10 +316,8 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
 
 def _part_of(found: Training, scene: Scene) -> Training:
     """The first rows and columns of a tile, with fewer pixels around them."""
-    tile = found.tile
-    last = min(tile.row0 + TRIED_SIDE, tile.row1), min(tile.col0 + TRIED_SIDE, tile.col1)
-    part = Tile(tile.row0, last[0], tile.col0, last[1])
+    part = found.tile.split(TRIED_SIDE)[0]
     outer = part.grown(TRIED_HALO, scene.height, scene.width)
-    place = place_in(outer, found.outer)
-    block, water = np.ascontiguousarray(found.block[place]), np.ascontiguousarray(found.water[place[1:]])
-    return Training(part, outer, block, water, np.ascontiguousarray(found.sample[: part.shape[0], : part.shape[1]]))
+    place = outer.within(found.outer)
+    block, water = np.ascontiguousarray(found.block[place]), np.ascontiguousarray(found.water[place])
+    return Training(part, outer, block, water, np.ascontiguousarray(found.sample[part.within(found.tile)]))

@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
 from .. import __version__
 from ..compensate.stages import Chain, chain_from
 from ..errors import InputError
@@ -69,10 +71,8 @@ def log_water(rule: WaterRule | None, mask: str) -> None:
     """Log what is corrected."""
     if rule is not None and rule.has_water:
         log.info("water: %s", rule.reason)
-    elif mask == "none":
-        log.info("mask: none, every valid pixel is corrected")
     elif mask != "auto":
-        log.info("mask: %s", mask)
+        log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")
 
 
 def log_model(model: GlintModel, notes: Sequence[str]) -> None:
@@ -104,12 +104,12 @@ def sidecar(
     names = scene.names
 
     def by_band(counts: Any) -> dict[str, Any]:
-        return dict(zip(names, counts, strict=True))
+        return dict(zip(names, np.broadcast_to(counts, len(names)), strict=True))
 
-    counted = not tally.copied
-    removed = {f.band for f in fitted.model.fits}
+    counted, rewritten = not tally.copied, by_band(tally.rewritten)
+    removed = {names[f.band] for f in fitted.model.fits}
     # pixels of each band that differ from the input, at most
-    changed = by_band(tally.corrected if i in removed else int(tally.rewritten[i]) for i in range(len(names)))
+    changed = {name: tally.corrected if name in removed else rewritten[name] for name in names}
     return {
         "deglint": __version__,
         "versions": versions(),
@@ -161,25 +161,20 @@ def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[s
     elif fitted.water is None:
         out["water mask"] = "no visible band to tell water by: every valid pixel is corrected"
     corrected = {f.band for f in fitted.model.fits}
-    for i, name in enumerate(names):
+    for i, (name, rewritten) in enumerate(zip(names, np.broadcast_to(tally.rewritten, len(names)), strict=True)):
         if i not in corrected:
             reason = "glint reference" if i in fitted.model.index_bands else "not among the bands to correct"
-            replaced = f"no glint removed, {tally.rewritten[i]} pixels replaced by compensation"
-            out[name] = f"{reason}: {replaced if tally.rewritten[i] else 'copied'}"
+            replaced = f"no glint removed, {rewritten} pixels replaced by compensation"
+            out[name] = f"{reason}: {replaced if rewritten else 'copied'}"
     return out
 
 
 def versions() -> dict[str, str]:
     """Versions of what the numbers depend on."""
-    import numpy as np
     import rasterio
 
-    return {
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "rasterio": rasterio.__version__,
-        "gdal": rasterio.__gdal_version__,
-    }
+    return {"python": platform.python_version(), "numpy": np.__version__, "rasterio": rasterio.__version__,
+            "gdal": rasterio.__gdal_version__}  # fmt: skip
 
 
 def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
@@ -187,7 +182,8 @@ def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
     kinds = {"below zero after correction": tally.negative, "clipped to the integer range": tally.clipped}
     said = []
     for kind, counts in kinds.items():
-        if bands := ", ".join(f"{name} {n}" for name, n in zip(names, counts, strict=True) if n):
+        counted = zip(names, np.broadcast_to(counts, len(names)), strict=True)
+        if bands := ", ".join(f"{name} {n}" for name, n in counted if n):
             said.append(f"pixels {kind} (of {tally.corrected} corrected): {bands}")
     return said
 

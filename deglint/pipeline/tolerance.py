@@ -1,11 +1,9 @@
 """Read so much of a sample as the slopes' standard errors ask for, and no more.
 
-Without a tolerance a fit reads the whole of a sample that was named, or the usual share of a scene where the sample is
-found by itself. With one it reads squares of 192 pixels, spread evenly, a batch after the other - the first as much as
-a first look at a scene takes - until in every band that will be corrected the relative standard error of the glint
-taken from it (`deglint.remove.glint_error`: for one NIR the slope's standard error over the slope) is small enough, or
-there is no more to read; a sample that is found by itself is then looked for in more of the scene. Which squares, and
-when it stops, depends on the scene's pixels alone: not on the file's blocks, nor on threads.
+With a tolerance a fit reads squares of 192 pixels, spread evenly, a batch after the other, until in every band that
+will be corrected the relative standard error of the glint taken from it (`deglint.remove.glint_error`) is small
+enough, or there is no more to read. Which squares, and when it stops, depends on the scene's pixels alone: not on the
+file's blocks, nor on threads.
 """
 
 from __future__ import annotations
@@ -23,8 +21,8 @@ from ..remove.request import MIN_PIXELS
 from ..remove.statistics import SamplePart
 from ..scene import Scene
 from ..tiles import Tile
-from .overview import OVERVIEW_PIXELS, TILE_SIDE
-from .sample import Sampler, tiles_over
+from .overview import OVERVIEW_PIXELS
+from .sample import Sampler
 
 KEPT_PIXELS = 1 << 20
 """Most single pixels that are kept for a percentile or a mode."""
@@ -39,34 +37,21 @@ READ_MARGIN = 1.1
 
 @dataclass(eq=False)
 class Sampling:
-    """The batches of a sample: `for tiles, plan in sampling`, and after each `take(parts)`.
-
-    Attributes
-    ----------
-    scene : Scene
-    sampler : Sampler
-    request : FitRequest
-    method : str
-        Key of `METHODS`.
-    plan : SamplePlan
-        What the method gathers.
-    tolerance : float
-        Relative standard error wanted; 0: everything is one batch.
-    """
+    """The batches of a sample: `for tiles, plan in sampling`, with what is gathered of each appended to `parts`."""
 
     scene: Scene
     sampler: Sampler
     request: FitRequest
     method: str
     plan: SamplePlan
-    tolerance: float = 0.0
+    tolerance: float = 0.0  # relative standard error wanted; 0: everything is one batch
     errors: dict[str, float] = field(default_factory=dict)
     parts: list[SamplePart] = field(default_factory=list)
     taken: int = 0
     cells: float = 0.0
 
     def __post_init__(self) -> None:
-        self.pool = _pool(self.scene, self.sampler) if self.tolerance else list(self.sampler.tiles)
+        self.pool = list(self.sampler.squares(self.scene) if self.tolerance else self.sampler.tiles)
         self.total = sum(tile.pixels for tile in self.pool)
 
     @property
@@ -76,30 +61,26 @@ class Sampling:
 
     def __iter__(self) -> Iterator[tuple[Sequence[Tile], SamplePlan]]:
         if not self.tolerance:
-            pixels = self.sampler.pixels
-            self.taken = self.total
-            self._plan_for(pixels, max(1, -(-pixels // KEPT_PIXELS)))
+            pixels, self.taken = self.sampler.pixels, self.total
+            self.plan = replace(self.plan, share=max(1, -(-pixels // KEPT_PIXELS)), levels=levels_for(pixels))
             yield self.pool, self.plan
             return
         wanted, done = OVERVIEW_PIXELS, set[Tile]()
         while len(done) < len(self.pool):
-            batch = [tile for tile in _spread(self.pool, min(wanted, self.total)) if tile not in done]
+            batch = [tile for tile in tiling.spread(self.pool, wanted) if tile not in done]
             if not batch:
                 wanted = int(wanted * GROWTH[0])
                 continue
             done.update(batch)
             self.taken += sum(tile.pixels for tile in batch)
-            self._plan_for(self.taken, 1 << max(0, math.ceil(math.log2(self.taken / KEPT_PIXELS))))
+            share = 1 << max(0, math.ceil(math.log2(self.taken / KEPT_PIXELS)))  # one single pixel in so many is kept
+            self.plan = replace(self.plan, share=share, levels=levels_for(self.taken))
             yield batch, self.plan
             worst = self._worst()
             if worst <= self.tolerance:
                 return
             grows = READ_MARGIN * (worst / self.tolerance) ** 2 if math.isfinite(worst) else GROWTH[1]
             wanted = int(self.taken * min(max(grows, GROWTH[0]), GROWTH[1]))
-
-    def _plan_for(self, taken: int, share: int) -> None:
-        """Fit the plan to the pixels of all batches; one single pixel in `share` is kept."""
-        self.plan = replace(self.plan, share=share, levels=levels_for(taken))
 
     def statistics(self) -> SampleStatistics:
         """What all that was read says."""
@@ -155,24 +136,6 @@ class Sampling:
         else:
             known = f"the slopes' error is {self.errors[worst or '']:.2g} in {worst}"
         return numbers, notes, [f"the tolerance {self.tolerance:g} was not reached: {known}."]
-
-
-def _pool(scene: Scene, sampler: Sampler) -> list[Tile]:
-    """Squares that the sample may be read from; the same ones however the file is stored."""
-    if sampler.bounds is None:
-        return list(sampler.tiles)
-    return tiles_over(scene, sampler.bounds, (TILE_SIDE, TILE_SIDE))
-
-
-def _spread(pool: Sequence[Tile], pixels: int) -> list[Tile]:
-    """Some tiles, evenly spread, that hold at least so many pixels."""
-    wanted, everything = pixels, sum(tile.pixels for tile in pool)
-    while wanted < everything:
-        chosen = tiling.spread(pool, wanted)
-        if sum(tile.pixels for tile in chosen) >= pixels:
-            return chosen
-        wanted = int(GROWTH[0] * wanted)
-    return list(pool)
 
 
 def _thinned(part: SamplePart, share: int) -> SamplePart:

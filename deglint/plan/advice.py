@@ -46,10 +46,7 @@ def best_geometry(
 
     It is judged by `contrast` (zenith, azimuth), 0 where excluded; by default by that of the band, or of all bands.
 
-    Raises
-    ------
-    BandError
-        There is no such band.
+    Raises BandError: there is no such band.
     """
     bands = list(range(len(plan.bands))) if band is None else [plan.index(band)]
     if contrast is None:

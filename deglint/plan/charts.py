@@ -50,13 +50,9 @@ def selected(moments: Sequence[Moment]) -> list[int]:
     best = best_moment(list(moments))
     picked = {up[round(float(x))] for x in np.linspace(0, len(up) - 1, min(len(up), 2 * _ROW))}
     if best is not None:
-        k = _index(moments, best)
+        k = list(moments).index(best)
         picked = picked if k in picked else (picked - {min(picked, key=lambda i: abs(i - k))}) | {k}
     return sorted(picked)
-
-
-def _index(moments: Sequence[Moment], wanted: Moment) -> int:
-    return next(k for k, moment in enumerate(moments) if moment is wanted)
 
 
 def _over_time(canvas: Canvas, moments: Sequence[Moment], best: Moment | None) -> None:
@@ -84,7 +80,7 @@ def _over_time(canvas: Canvas, moments: Sequence[Moment], best: Moment | None) -
             canvas.circle(run[0], 3, BLUE, -1)
         run = []
     if best is not None and best.geometry is not None:
-        star(canvas, at(_index(moments, best), best.geometry.contrast / high), 11.0)
+        star(canvas, at(list(moments).index(best), best.geometry.contrast / high), 11.0)
 
 
 def _axes(canvas: Canvas, moments: Sequence[Moment], high: float) -> None:
@@ -134,8 +130,7 @@ def line_picture(mission: Mission, line: Line, words: Sequence[str] = ()) -> Ima
     canvas.text((40, 22), "Which way to fly", 26)
     canvas.text((40, 60), "   ".join(conditions(mission)), 15, GREY)
     canvas.text((40, 86), first, 20)
-    for k, text in enumerate(lines):
-        canvas.text((40, 116 + 25 * k), text, 17, MAGENTA)
+    canvas.lines((40, 116), lines, 17, 25, MAGENTA)
     centre, radius = (290.0, 380.0 + down), 180.0
     for share in (0.25, 0.5, 0.75, 1.0):
         canvas.circle(centre, radius * share, PALE if share < 1 else INK, 1)

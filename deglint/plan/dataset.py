@@ -44,10 +44,7 @@ def layer(plan: Reticle, name: str) -> npt.NDArray[Any]:
 def dataset(plan: Reticle) -> Any:
     """The plan as an `xarray.Dataset` over band, zenith and azimuth, each layer with unit and meaning.
 
-    Raises
-    ------
-    InputError
-        xarray is not installed.
+    Raises InputError: xarray is not installed.
     """
     try:
         import xarray

@@ -76,11 +76,15 @@ class Canvas:
         self, at: Point, text: str, size: float, width: float, step: float, colour: Colour = INK, *, anchor: str = "la"
     ) -> float:
         """Write a text in lines of at most a width, `step` apart [pixel]; the height of the line after the last."""
-        x, y = at
-        for line in wrapped(text, size, width):
-            self.text((x, y), line, size, colour, anchor=anchor)
-            y += step
-        return y
+        return self.lines(at, wrapped(text, size, width), size, step, colour, anchor=anchor)
+
+    def lines(
+        self, at: Point, texts: Sequence[str], size: float, step: float, colour: Colour = INK, *, anchor: str = "la"
+    ) -> float:
+        """Write texts below each other, `step` apart [pixel]; the height of the line after the last."""
+        for k, text in enumerate(texts):
+            self.text((at[0], at[1] + k * step), text, size, colour, anchor=anchor)
+        return at[1] + len(texts) * step
 
     def finished(self) -> Image:
         """The picture with its texts."""

@@ -1,13 +1,13 @@
 """The input of a plan: place and time, wind, air, water, object, sensor, and limits of glint.
 
-A `Mission` fills in defaults and refuses values outside the range of the models. This module opens no files; the
-tables of a mission file become a `Mission` in `deglint.plan.missionfile`.
+A `Mission` fills in defaults and refuses values outside the range of the models.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
@@ -167,16 +167,13 @@ class Mission:
         within("latitude", self.place[0], -90.0, 90.0, "degrees", "North is positive.")
         within("longitude", self.place[1], -180.0, 360.0, "degrees", "East is positive.")
         if self.sun[0] > SUN_LIMIT:
-            high = 90.0 - self.sun[0]
-            what = (
-                f"below the horizon ({high:.1f} degrees)" if high < 0 else f"too low ({high:.1f} degrees; 1 is needed)"
-            )
+            high, rise = 90.0 - self.sun[0], sun.next_rise(*self.place, self.moment)
+            what = "below the horizon ({:.1f} degrees)" if high < 0 else "too low ({:.1f} degrees; 1 is needed)"
             where = f"{self.moment}Z, latitude {self.latitude:g}, longitude {self.longitude:g}"
-            rise = sun.next_rise(*self.place, self.moment)
             remedy = f"It rises at {str(rise)[:16]}Z: choose a later time."
             if np.isnat(rise):
                 remedy = "It does not rise within a day; choose another date."
-            raise InputError(f"the sun is {what} at {where}. {remedy}")
+            raise InputError(f"the sun is {what.format(high)} at {where}. {remedy}")
 
     @property
     def place(self) -> tuple[float, float] | None:
@@ -194,11 +191,9 @@ class Mission:
     @cached_property
     def moment(self) -> np.datetime64 | None:
         """Time in UTC, to the second; None where the sun is given by angles alone."""
-        if self.time is None and self.latitude is None:
-            return None
-        if self.time is None:
-            return np.datetime64("now", "s")
-        return sun.moment(self.time)
+        if self.time is not None:
+            return sun.moment(self.time)
+        return None if self.latitude is None else np.datetime64("now", "s")
 
     @cached_property
     def sun(self) -> tuple[float, float]:
@@ -261,9 +256,7 @@ class Mission:
 
 def _finite(mission: Mission) -> None:
     """Refuse NaN, which ranges let pass."""
-    groups: list[Any] = [mission, mission.limits] + ([mission.air] if mission.air else [])
-    for group in groups:
-        for item in fields(group):
-            value = getattr(group, item.name)
-            if isinstance(value, float) and not np.isfinite(value):
-                raise InputError(f"{item.name} must be a finite number, got {value}; give one.")
+    groups = (vars(group).items() for group in (mission, mission.limits, mission.air) if group is not None)
+    for name, value in chain.from_iterable(groups):
+        if isinstance(value, float) and not np.isfinite(value):
+            raise InputError(f"{name} must be a finite number, got {value}; give one.")

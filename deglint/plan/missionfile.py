@@ -1,12 +1,5 @@
 """A mission as tables of plain values, as a TOML file or the command line gives them, and back.
 
-    [place]   latitude, longitude, time            [sun]     zenith, azimuth (in place of place)
-    [wind]    speed, from, height, mean            [air]     air_mass_type, humidity, water_vapour, visibility,
-    [water]   chlorophyll, model                             ozone, pressure
-    [object]  depth, reflectance                   [sensor]  preset, bands, any of its numbers, [[sensor.band]]
-    [limits]  as `Limits`                          [view]    step, widest
-    [models]  slopes, sky
-
 The command's options win over the file, table by table, value by value.
 """
 
@@ -26,7 +19,7 @@ from .mission import Limits, Mission
 
 Tables = Mapping[str, Mapping[str, Any]]
 
-_MISSION_FIELDS = {  # table, key: field of the mission
+_MISSION_FIELDS = {  # table, key: field of the mission; [sun] is in place of [place]
     "place": {"latitude": "latitude", "longitude": "longitude", "time": "time"},
     "sun": {"zenith": "sun_zenith", "azimuth": "sun_azimuth"},
     "wind": {"speed": "wind", "from": "wind_from", "height": "wind_height", "mean": ""},
@@ -44,12 +37,9 @@ _SENSOR_KEYS = ("preset", "bands", "band", "name", *(f.name for f in fields(Sens
 
 
 def mission_from(tables: Tables, name: str = "the mission") -> Mission:
-    """A mission from tables as above; `name` stands for the file in messages.
+    """A mission from tables; `name` stands for the file in messages.
 
-    Raises
-    ------
-    InputError
-        A table or key is not known, or a value cannot be used.
+    Raises InputError: a table or key is not known, or a value cannot be used.
 
     Examples
     --------
@@ -115,10 +105,7 @@ def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
 def pressure(value: Any) -> float:
     """Pressure [hPa] from a number in hPa, or words such as "29.9 inHg" and "762 mmHg".
 
-    Raises
-    ------
-    InputError
-        It is neither.
+    Raises InputError: it is neither.
 
     Examples
     --------

@@ -27,10 +27,7 @@ _HOW = (
 def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to look from") -> Image:
     """Draw a plan, of all bands together or of one band alone.
 
-    Raises
-    ------
-    BandError
-        There is no such band.
+    Raises BandError: there is no such band.
     """
     contrast, patterns = layers(plan, band)
     geometry = best_geometry(plan, band=band)
@@ -188,12 +185,8 @@ def star(canvas: Canvas, at: Point, size: float) -> None:
 
 def _words(canvas: Canvas, plan: Reticle, words: Caption) -> float:
     canvas.text((_LEFT, 24), words.title, 26)
-    y = 62.0
-    for line in [*conditions(plan.mission), words.shows]:
-        canvas.text((_LEFT, y), line, 15, GREY)
-        y += 21
-    start = y = y + 8
-    y = canvas.paragraph((_LEFT + 14, y), words.what, 20, _COLUMN, 27)
+    start = canvas.lines((_LEFT, 62.0), [*conditions(plan.mission), words.shows], 15, 21, GREY) + 8
+    y = canvas.paragraph((_LEFT + 14, start), words.what, 20, _COLUMN, 27)
     if words.expects:
         y = canvas.paragraph((_LEFT + 14, y), words.expects, 15, _COLUMN, 20)
     canvas.box(_LEFT, start, 4, y - start, MAGENTA)
@@ -258,8 +251,5 @@ def _foot(canvas: Canvas, plan: Reticle) -> None:
     water = f"chlorophyll {mission.chlorophyll:g} mg/m3; visibility {mission.weather.visibility:g} km"
     said = [f"{target}; {water}; sensor {mission.sensor.name}.", *mission.cautions]
     lines = [line for text in said for line in draw.wrapped(text, 13, _COLUMN)]
-    y = HEIGHT - 24 - 18 * len(lines)
-    for line in lines:
-        canvas.text((_LEFT, y), line, 13, GREY)
-        y += 18
+    canvas.lines((_LEFT, HEIGHT - 24 - 18 * len(lines)), lines, 13, 18, GREY)
     canvas.line([(_LEFT - 24, 24), (_LEFT - 24, HEIGHT - 24)], PALE, 1)

@@ -26,23 +26,13 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """Mean light in each band.
+    """Mean light in each band: irradiance (band,) [W m-2 nm-1], radiance (band, zenith, azimuth) [W m-2 sr-1 nm-1]."""
 
-    Attributes
-    ----------
-    direct, diffuse : (band,) ndarray
-        Irradiance of a level plane by the sun and by the sky [W m-2 nm-1].
-    normal : (band,) ndarray
-        Irradiance of a plane that faces the sun, by the sun alone [W m-2 nm-1].
-    background, target : (band, zenith, azimuth) ndarray
-        Radiance out of the deep water, and out of the water over the object [W m-2 sr-1 nm-1].
-    """
-
-    direct: Array
-    diffuse: Array
-    normal: Array
-    background: Array
-    target: Array
+    direct: Array  # irradiance of a level plane by the sun
+    diffuse: Array  # and by the sky
+    normal: Array  # irradiance of a plane that faces the sun, by the sun alone
+    background: Array  # radiance out of the deep water
+    target: Array  # radiance out of the water over the object
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,12 +129,8 @@ class Reticle:
 
     def counts(self) -> dict[str, Array]:
         """Electrons of each component, (band, zenith, azimuth): thesis, eq. 2.23."""
-        parts = {
-            "background": self.light.background,
-            "object": self.light.target,
-            "sky": self.sky_radiance,
-            "glint": self.glint_radiance,
-        }
+        parts = {"background": self.light.background, "object": self.light.target, "sky": self.sky_radiance,
+                 "glint": self.glint_radiance}  # fmt: skip
         sensor, bands = self.mission.sensor, self.mission.channels
         return {
             name: np.stack([electrons(layer, sensor, band) for layer, band in zip(part, bands, strict=True)])

@@ -48,6 +48,8 @@ PLANS_AT_ONCE = 2
 """Plans that are drawn at the same time; each takes some 15 MB and a processor."""
 WAIT = 5.0
 """Time that a further request waits for its turn [s]; browsers and proxies wait for 30 s and more."""
+Answer = tuple[HTTPStatus, str, str, Mapping[str, str]]
+"""Status, type, text and headers of what is sent."""
 _THIN = 4  # the page gets every fourth viewing geometry, for what it says under the pointer
 
 
@@ -56,10 +58,7 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
 
     Port 0 takes a free one; `say` is called with each line to show, such as the address of the page.
 
-    Raises
-    ------
-    InputError
-        The port is taken.
+    Raises InputError: the port is taken.
     """
     server = make_server(mission, port)
     answer(mission, {})  # the first drawing loads what draws; no one need wait for it
@@ -80,18 +79,11 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
 def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
     """The server, bound to the loopback address and not yet serving.
 
-    Raises
-    ------
-    InputError
-        The port is taken.
+    Raises InputError: the port is taken.
     """
 
-    class Handler(_Handler):
-        base = mission
-        drawing = threading.BoundedSemaphore(PLANS_AT_ONCE)
-
     try:
-        return _Server((ADDRESS, port), Handler)
+        return _Server(mission, port)
     except OSError as error:
         raise InputError(f"port {port} cannot be had: {error.strerror}. Give another --port, or 0.") from error
 
@@ -102,6 +94,10 @@ class _Server(ThreadingHTTPServer):
     request_queue_size = 128
     daemon_threads = True
 
+    def __init__(self, mission: Mission, port: int) -> None:
+        super().__init__((ADDRESS, port), _Handler)
+        self.mission, self.drawing = mission, threading.BoundedSemaphore(PLANS_AT_ONCE)
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a client that is gone."""
         if not isinstance(sys.exception(), (ConnectionError, TimeoutError)):
@@ -111,8 +107,7 @@ class _Server(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     """Answers GET / with the page and GET /plan?... with a plan."""
 
-    base: Mission
-    drawing: threading.BoundedSemaphore
+    server: _Server
     protocol_version = "HTTP/1.1"
     server_version = "deglint"
     sys_version = ""
@@ -121,61 +116,53 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answer, if the request was meant for this machine; one who leaves before is no error."""
         try:
-            self._answer()
+            self._send(*self._answer())
         except (ConnectionError, TimeoutError):
             self.close_connection = True
 
-    def _answer(self) -> None:
+    def _answer(self) -> Answer:
         if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
-            self._send(HTTPStatus.FORBIDDEN, "text/plain", b"this page is not for other sites\n")
-            return
-        if not self._is_ours():
-            self._send(HTTPStatus.MISDIRECTED_REQUEST, "text/plain", b"this page is for this machine only\n")
-            return
+            return HTTPStatus.FORBIDDEN, "text/plain", "this page is not for other sites\n", {}
+        # Host names the loopback address, so that no other site's name can be pointed here
+        if self.headers.get("Host", "") not in (f"{host}:{self.server.server_port}" for host in (ADDRESS, "localhost")):
+            return HTTPStatus.MISDIRECTED_REQUEST, "text/plain", "this page is for this machine only\n", {}
         parts = urlsplit(self.path)
         if parts.path == "/":
-            self._page()
-        elif parts.path == "/plan":
-            self._plan({name: values[-1] for name, values in parse_qs(parts.query).items()})
-        else:
-            self._send(HTTPStatus.NOT_FOUND, "text/plain", b"there is / and /plan\n")
+            return self._page()
+        if parts.path == "/plan":
+            return self._plan({name: values[-1] for name, values in parse_qs(parts.query).items()})
+        return HTTPStatus.NOT_FOUND, "text/plain", "there is / and /plan\n", {}
 
-    def _is_ours(self) -> bool:
-        """Host names the loopback address, so that no other site's name can be pointed here."""
-        port = int(getattr(self.server, "server_port", 0))
-        return self.headers.get("Host", "") in {f"{ADDRESS}:{port}", f"localhost:{port}"}
-
-    def _page(self) -> None:
+    def _page(self) -> Answer:
         nonce = secrets.token_urlsafe(16)
         text = resources.files(__package__).joinpath("page.html").read_text(encoding="utf-8")
-        start = json.dumps(_start(self.base)).replace("<", "\\u003c")
+        start = json.dumps(_start(self.server.mission)).replace("<", "\\u003c")
         text = text.replace("{{nonce}}", nonce).replace("{{start}}", start)
         policy = (
             f"default-src 'none'; img-src data:; connect-src 'self'; style-src 'nonce-{nonce}';"
             f" script-src 'nonce-{nonce}'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         )
-        self._send(HTTPStatus.OK, "text/html; charset=utf-8", text.encode(), {"Content-Security-Policy": policy})
+        return HTTPStatus.OK, "text/html; charset=utf-8", text, {"Content-Security-Policy": policy}
 
-    def _plan(self, asked: Mapping[str, str]) -> None:
-        if not self.drawing.acquire(timeout=WAIT):
+    def _plan(self, asked: Mapping[str, str]) -> Answer:
+        if not self.server.drawing.acquire(timeout=WAIT):
             self.close_connection = True
-            busy = json.dumps({"error": f"busy: {PLANS_AT_ONCE} plans are drawn at a time. Try again."}).encode()
-            self._send(HTTPStatus.SERVICE_UNAVAILABLE, "application/json", busy, {"Retry-After": f"{WAIT:.0f}"})
-            return
+            busy = json.dumps({"error": f"busy: {PLANS_AT_ONCE} plans are drawn at a time. Try again."})
+            return HTTPStatus.SERVICE_UNAVAILABLE, "application/json", busy, {"Retry-After": f"{WAIT:.0f}"}
         try:
-            found, status = answer(self.base, asked), HTTPStatus.OK
+            return HTTPStatus.OK, "application/json", json.dumps(answer(self.server.mission, asked)), {}
         except DeglintError as error:
-            found, status = {"error": str(error)}, HTTPStatus.BAD_REQUEST
+            return HTTPStatus.BAD_REQUEST, "application/json", json.dumps({"error": str(error)}), {}
         finally:
-            self.drawing.release()
-        self._send(status, "application/json", json.dumps(found).encode())
+            self.server.drawing.release()
 
-    def _send(self, status: HTTPStatus, kind: str, body: bytes, headers: Mapping[str, str] | None = None) -> None:
+    def _send(self, status: HTTPStatus, kind: str, text: str, headers: Mapping[str, str]) -> None:
+        body = text.encode()
         self.send_response(status)
         fixed = {"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store",
                  "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer",
                  "Cross-Origin-Resource-Policy": "same-origin"}  # fmt: skip
-        for name, value in {**fixed, **(headers or {})}.items():
+        for name, value in {**fixed, **headers}.items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)
@@ -189,25 +176,18 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
 
     `asked` holds values of the sliders by name; those not named stay as in `base`.
 
-    Raises
-    ------
-    InputError
-        A value cannot be used, or the sun is down.
+    Raises InputError: a value cannot be used, or the sun is down.
     """
-    tables: dict[str, dict[str, Any]] = {}
-    for name, text in asked.items():
-        if name in _PAGE_NUMBERS:
-            table, key = _PAGE_NUMBERS[name]
-            try:
-                tables.setdefault(table, {})[key] = float(text)
-            except ValueError:
-                raise InputError(f"{name} must be a number, got {text[:40]!r}.") from None
-        elif name == "time":
-            tables.setdefault("place", {})["time"] = text
-        elif name not in ("sensor", "band"):
-            raise InputError(
-                f"there is no {name[:40]!r} to set; there are {', '.join(_PAGE_NUMBERS)}, time, sensor, band."
-            )
+    tables: dict[str, dict[str, Any]] = {"place": {"time": asked["time"]}} if "time" in asked else {}
+    for name in asked.keys() - {"time", "sensor", "band"}:
+        if name not in _PAGE_NUMBERS:
+            known = f"{', '.join(_PAGE_NUMBERS)}, time, sensor, band"
+            raise InputError(f"there is no {name[:40]!r} to set; there are {known}.")
+        table, key = _PAGE_NUMBERS[name]
+        try:
+            tables.setdefault(table, {})[key] = float(asked[name])
+        except ValueError:
+            raise InputError(f"{name} must be a number, got {asked[name][:40]!r}.") from None
     given = tables_of(base)
     if base.air is None:  # it follows from wind, place and time, so it follows the sliders
         del given["air"], given["wind"]["mean"]

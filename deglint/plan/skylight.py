@@ -39,10 +39,8 @@ class Wind:
 class Skylight:
     """Mirrored skylight at viewing geometries."""
 
-    mean: Array
-    """Radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]."""
-    brighter: Array
-    """Share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]."""
+    mean: Array  # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
+    brighter: Array  # share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]
 
     def share_above(self, level: Array) -> Array:
         """Share of the sea whose facets mirror more than `level` [1/sr]; both (band, zenith, azimuth)."""
@@ -87,14 +85,10 @@ def _carried(
     reach = len(weights(place[:1])) // 2 - 1
     first = (first if periodic else np.clip(first, reach, count - 2 - reach)) - reach
     shape = [-1 if k == axis else 1 for k in range(values.ndim)]
-    parts = [
+    return sum(
         np.take(values, (first + i) % count, axis=axis) * weight.astype(np.float32).reshape(shape)
         for i, weight in enumerate(weights(place - first))
-    ]
-    out = parts[0]
-    for part in parts[1:]:
-        out += part
-    return out
+    )
 
 
 def _cubic(x: Array) -> tuple[Array, ...]:
@@ -113,7 +107,7 @@ def _summed(
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Mean (zenith, azimuth) and share above the levels (level, zenith, azimuth); azimuths from the wind's."""
     variances = [float(v) for v in slopes.variances(wind.speed, model=wind.model)]
-    facets = _Facets.of(wind, variances)
+    facets = _Facets(wind, variances)
     to_sun = _unit(*sun)
     mean = np.empty((zeniths.size, turns.size), np.float32)
     count = np.empty((zeniths.size, turns.size, LEVELS.size))
@@ -135,26 +129,20 @@ def _unit(zenith: float, turn: Any) -> tuple[Any, Any, float]:
     return np.asarray(level * np.cos(a), np.float32), np.asarray(level * np.sin(a), np.float32), float(np.cos(z))
 
 
-@dataclass(frozen=True, eq=False)
 class _Facets:
     """Facets of a sea: upwind and crosswind slope, share of the level sea over cos(tilt), up part of the normal."""
 
-    upwind: Array
-    crosswind: Array
-    share: Array
-    up: Array
-    step: float
-
-    @classmethod
-    def of(cls, wind: Wind, variances: list[float]) -> _Facets:
+    def __init__(self, wind: Wind, variances: list[float]) -> None:
         axis = (np.arange(FACETS) + 0.5) * (2.0 * FACET_REACH / FACETS) - FACET_REACH
         along, across = (axis * np.sqrt(v) for v in variances)
         upwind, crosswind = (a.ravel() for a in np.meshgrid(along, across, indexing="ij"))
         area = (along[1] - along[0]) * (across[1] - across[0])
         density = slopes.density(upwind, crosswind, wind.speed, model=wind.model) * area
         up = 1.0 / np.sqrt(1.0 + upwind**2 + crosswind**2)
-        upwind, crosswind, density, up = (np.asarray(a, np.float32) for a in (upwind, crosswind, density, up))
-        return cls(upwind, crosswind, density, up, step=float(np.sqrt(area)))
+        self.upwind, self.crosswind, self.share, self.up = (
+            np.asarray(a, np.float32) for a in (upwind, crosswind, density, up)
+        )
+        self.step = float(np.sqrt(area))
 
     def seen(
         self, zenith: float, turns: Array, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str

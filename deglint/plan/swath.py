@@ -6,7 +6,7 @@ Where every heading has glint, `alternatives` finds another time to fly, or a ti
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -40,16 +40,11 @@ GAIN = 0.5
 class FieldOfView:
     """What a sensor sees at once, or sweeps over on a line."""
 
-    across: float = 40.0
-    """Full angle across the track [degree]."""
-    along: float = 0.0
-    """Full angle along the track; 0 is a line scanner [degree]."""
-    pitch: float = 0.0
-    """How far its middle looks forward [degree]."""
-    roll: float = 0.0
-    """How far its middle looks to the right [degree]."""
-    altitude: float = 300.0
-    """Above the sea [m]; the Earth is round, which matters to satellites."""
+    across: float = 40.0  # full angle across the track [degree]
+    along: float = 0.0  # full angle along the track; 0 is a line scanner [degree]
+    pitch: float = 0.0  # how far its middle looks forward [degree]
+    roll: float = 0.0  # how far its middle looks to the right [degree]
+    altitude: float = 300.0  # above the sea [m]; the Earth is round, which matters to satellites
 
     def __post_init__(self) -> None:
         within("field of view", [self.across, self.along], 0.0, 160.0, "degrees", "Give the full angle.")
@@ -63,14 +58,10 @@ class Line:
 
     view: FieldOfView
     heading: Array
-    fraction: Array = field(repr=False)
-    """Share of the field of view whose glint exceeds the limit, as seen by the detector, (heading,) [1]."""
-    mean: Array = field(repr=False)
-    """Mean glint radiance per irradiance of a plane facing the sun, (heading,) [1/sr]."""
-    across: Array = field(repr=False)
-    """Angles across the track, right positive, (across,) [degree]."""
-    profile: Array = field(repr=False)
-    """Largest glint along the track at each angle across, (heading, across) [1/sr]."""
+    fraction: Array  # share of the field of view whose glint exceeds the limit, as the detector sees it, (heading,) [1]
+    mean: Array  # mean glint radiance per irradiance of a plane facing the sun, (heading,) [1/sr]
+    across: Array  # angles across the track, right positive, (across,) [degree]
+    profile: Array  # largest glint along the track at each angle across, (heading, across) [1/sr]
 
     @property
     def best(self) -> int:
@@ -145,12 +136,10 @@ def flight_line(mission: Mission, view: FieldOfView, headings: npt.ArrayLike | N
         *mission.sun, above, azimuth, wind=wind.speed, wind_from=wind.blows_from, model=wind.model
     ).radiance
     spoilt = ~seen | (strength > mission.limits.glint)
-    kept = np.where(seen, strength, np.nan)
-    with np.errstate(invalid="ignore"):
-        mean = np.nanmean(np.where(seen, strength, 0.0), axis=(1, 2))
-    profile = np.where(np.isnan(kept).all(axis=1), np.nan, np.nan_to_num(kept, nan=0.0).max(axis=1))
+    kept = np.where(seen, strength, 0.0)
+    profile = np.where(seen.any(axis=1), kept.max(axis=1), np.nan)
     across = np.linspace(-0.5, 0.5, _ACROSS) * view.across
-    return Line(view, heading, spoilt.mean(axis=(1, 2)), mean, across, profile)
+    return Line(view, heading, spoilt.mean(axis=(1, 2)), kept.mean(axis=(1, 2)), across, profile)
 
 
 @dataclass(frozen=True)

@@ -36,10 +36,7 @@ class Moment:
 def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
     """Times from start to end, both counted in.
 
-    Raises
-    ------
-    InputError
-        The end lies before the start, or there are more than `MOST_TIMES`.
+    Raises InputError: the end lies before the start, or there are more than `MOST_TIMES`.
     """
     first, last = sun.moment(start), sun.moment(end)
     if last < first:
@@ -78,10 +75,7 @@ def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.da
 def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment, Reticle | None]]:
     """Work out a mission with a place at several times (UTC); the reticle is None where the sun is too low.
 
-    Raises
-    ------
-    InputError
-        The mission has no place.
+    Raises InputError: the mission has no place.
     """
     if mission.place is None:
         raise InputError("a sweep over time needs a place: give latitude and longitude, not the sun's angles.")

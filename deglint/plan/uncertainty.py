@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -26,18 +26,12 @@ SPEEDS, TURNS = 5, 7
 class WindEnsemble:
     """A mission under all winds of an interval. Pairs (2, zenith, azimuth) are the lowest and the highest value."""
 
-    middle: Reticle
-    """Under the wind of the mission."""
-    winds: tuple[tuple[float, ...], tuple[float, ...]]
-    """Speeds [m/s] and directions [degree] that were looked at."""
-    glint: Array = field(repr=False)
-    """Pair of `Reticle.glint_strength`."""
-    glint_probability: Array = field(repr=False)
-    """Pair of `Reticle.glint_probability`."""
-    contrast: Array = field(repr=False)
-    """Pair of `Reticle.combined`."""
-    risk: Array = field(repr=False)
-    """Share of the winds under which a viewing geometry is excluded, (zenith, azimuth) [1]."""
+    middle: Reticle  # under the wind of the mission
+    winds: tuple[tuple[float, ...], tuple[float, ...]]  # speeds [m/s] and directions [degree] that were looked at
+    glint: Array  # pair of `Reticle.glint_strength`
+    glint_probability: Array  # pair of `Reticle.glint_probability`
+    contrast: Array  # pair of `Reticle.combined`
+    risk: Array  # share of the winds under which a viewing geometry is excluded, (zenith, azimuth) [1]
 
     @property
     def best(self) -> ViewingGeometry | None:
@@ -57,10 +51,7 @@ def wind_ensemble(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -
     The speed is known to plus or minus `speed` [m/s], cut to what the models hold for; the direction is known to plus
     or minus `turn` [degree], where 180 is not at all.
 
-    Raises
-    ------
-    InputError
-        A value is out of range.
+    Raises InputError: a value is out of range.
     """
     within("wind speed uncertainty", speed, 0.0, 20.0, "m/s", "Give plus or minus how much.")
     within("wind direction uncertainty", turn, 0.0, 180.0, "degrees", "180 stands for not known at all.")

@@ -172,8 +172,9 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
 
 
 @contextlib.contextmanager
-def finishing(writer: Any) -> Iterator[Any]:
-    """A writer that is closed and checked at the end, and let go of where an error leaves the block."""
+def writing(scratch: Scratch, target: Path, layout: Layout) -> Iterator[RasterWriter]:
+    """A `RasterWriter` that is closed and checked at the end, and let go of where an error leaves the block."""
+    writer = RasterWriter(scratch.add(target), target, layout)
     try:
         yield writer
         writer.close()
@@ -182,9 +183,11 @@ def finishing(writer: Any) -> Iterator[Any]:
         raise
 
 
-def writing(scratch: Scratch, target: Path, layout: Layout) -> contextlib.AbstractContextManager[RasterWriter]:
-    """A `RasterWriter` that finishes."""
-    return finishing(RasterWriter(scratch.add(target), target, layout))
+@contextlib.contextmanager
+def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
+    """A `RasterWriter` for each of several images, of which `images` has target and layout by name."""
+    with contextlib.ExitStack() as stack:
+        yield {name: stack.enter_context(writing(scratch, *image)) for name, image in images.items()}
 
 
 def write_text(scratch: Scratch, target: Path, text: str) -> None:

@@ -196,6 +196,14 @@ def _one_at_a_time(directories: set[Path]) -> Iterator[None]:
         yield
 
 
+def make_directory(directory: Path, *, parents: bool = False) -> None:
+    """Make a directory of outputs, where it is missing."""
+    try:
+        directory.mkdir(parents=parents, exist_ok=True)
+    except OSError as error:
+        raise WriteError(f"cannot make the directory {directory}: {error.strerror}. Name another one.") from error
+
+
 @contextlib.contextmanager
 def claimed(directory: Path) -> Iterator[None]:
     """Hold a directory against other batches; the claim ends with the process, however that ends."""

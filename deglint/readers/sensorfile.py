@@ -8,10 +8,8 @@ from typing import Any
 from .. import sensors
 from ..errors import InputError
 from ..sensors import Sensor
-from .text import read_text
+from .text import read_toml
 
-MOST_SENSOR_BYTES = 1 << 20
-"""Largest file that is read [byte]."""
 _KINDS: Mapping[str, Callable[[Any], bool]] = {
     "a text": lambda v: isinstance(v, str) and bool(v),
     "a number": lambda v: isinstance(v, (int, float)) and not isinstance(v, bool) and 0 <= v < float("inf"),
@@ -42,14 +40,7 @@ def sensor_of(name: str) -> Sensor:
     """The preset of a name, or the sensor in a file that ends in ``.toml``; its name is that of the file."""
     if not name.lower().endswith(".toml"):
         return sensors.load(name)
-    import tomllib
-
-    try:
-        document = tomllib.loads(read_text(name, "--sensor", MOST_SENSOR_BYTES))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{name} (--sensor) is not TOML: {str(error) or 'it is nested too deep'}.") from error
+    document = read_toml(name, "--sensor")
     if len(document) != 1 or not isinstance(next(iter(document.values())), Mapping):
         found = ", ".join(map(str, list(document)[:5])) or "nothing"
         raise InputError(

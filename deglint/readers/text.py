@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ from ..raster.local import check_kind
 
 MOST_TEXT_BYTES = 64 << 20
 """Largest file that is read [byte]."""
+MOST_TOML_BYTES = 1 << 20
+"""The same of TOML."""
 
 
 def read_text(path: str, option: str, most: int | None = None) -> str:
@@ -32,6 +35,15 @@ def read_text(path: str, option: str, most: int | None = None) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} ({option}) is not a text file: it is not UTF-8.") from error
+
+
+def read_toml(path: str, option: str) -> dict[str, Any]:
+    """The tables in a TOML file that an option names; errors as `read_text`."""
+    text = read_text(path, option, MOST_TOML_BYTES)
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # numbers of thousands of digits are no TOMLDecodeError
+        raise InputError(f"{path} ({option}) is not TOML: {str(error) or 'it is nested too deep'}.") from error
 
 
 def read_json(path: str, option: str) -> Mapping[str, Any]:

@@ -9,6 +9,9 @@ Silverman (1986), "Density estimation for statistics and data analysis", Chapman
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -28,6 +31,10 @@ MOSTLY_CLEAR, LEAST_CLEAR = 0.05, 40.0
 """Where the lower half of the predictions spans less than this share of what strong glint spans (from the median to the
 99th percentile), most pixels have no glint and differ by noise, whose lowest is no level: more percent are taken [%].
 Pixels that resolve sparkle have .007 to .02, pixels of 1.2 m .07, of 10 m .4."""
+AVERAGED, SPARSE = 3, 0.1
+"""Where that span is less than a tenth there is water without glint, and the least glint is sought in means of 3 x 3
+pixels: a kernel that sharpens the NIR amplifies its noise, whose least values would be taken for the level. Wider spans
+are of pixels that do not resolve glint, which differ as they should."""
 STRONG_PERCENTILE, PIT = 98.0, 7
 """Glint above this percentile [%], and the width of the pits around it [pixel]: two lobes of a Lanczos kernel and the
 kernel of the removal. A third of the pixels stay where glint has the size of a pixel."""
@@ -173,26 +180,49 @@ def apart_from_sparkle(together: FloatArray, sample: npt.NDArray[np.bool_]) -> n
     return sample & ~np.asarray(beside).view(np.bool_)
 
 
+@dataclass(frozen=True, eq=False)
+class LevelSample:
+    """Pixels of a sample from which the shared level is taken.
+
+    Attributes
+    ----------
+    prediction, value : (band, pixel) ndarray
+        What the kernels predict in each band, and its values.
+    around : (pixel,) ndarray, optional
+        Mean over `AVERAGED` x `AVERAGED` pixels of the prediction of all bands together; the pixel's own by default.
+    apart : (pixel,) ndarray of bool, optional
+        Pixels that may be the least; all by default.
+    """
+
+    prediction: FloatArray
+    value: FloatArray
+    around: FloatArray | None = None
+    apart: npt.NDArray[np.bool_] | None = None
+
+    def some(self, which: Any) -> LevelSample:
+        """Some of the pixels: a mask or a slice."""
+        rest = (None if v is None else v[which] for v in (self.around, self.apart))
+        return LevelSample(self.prediction[:, which], self.value[:, which], *rest)
+
+
 def shared_level(
-    prediction: FloatArray,
-    value: FloatArray,
-    slopes: Float64,
-    apart: npt.NDArray[np.bool_] | None = None,
-    share: float | None = None,
+    sample: LevelSample, slopes: Float64, share: float | None = None
 ) -> tuple[Float64, tuple[float, float, float]]:
     """Level of each band [unit of its NIR], and the interval: the lowest possible, the one chosen, the median.
 
-    prediction, value : (band, pixel); apart : (pixel,), those that may be the least; share : percent of the sample
-    whose median is the level, found by default [%]
+    share : percent of the sample whose median is the level, found by default [%]
     """
-    together = slopes @ prediction / slopes.sum()  # in units of the NIR
+    together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     middle, strong = np.percentile(together, [50.0, 99.0])
-    if apart is not None and apart.any():
-        prediction, value, together = prediction[:, apart], value[:, apart], together[apart]
+    if sample.apart is not None and sample.apart.any():
+        sample, together = sample.some(sample.apart), together[sample.apart]
+    span = (middle - float(np.percentile(together, LEAST_GLINT / 2))) / max(strong - middle, np.finfo(float).tiny)
+    around = sample.around if share is None and span < SPARSE else None
+    order = together if around is None else around
     if share is None:
-        low = float(np.percentile(together, LEAST_GLINT / 2))
-        share = LEAST_CLEAR if middle - low < MOSTLY_CLEAR * (strong - middle) else LEAST_GLINT
-    least = together <= np.percentile(together, share)
+        share = LEAST_CLEAR if span < MOSTLY_CLEAR else LEAST_GLINT
+    least = order <= np.percentile(order, share)
+    prediction, value = sample.prediction, sample.value
     level = np.median(prediction[:, least], axis=1)
     raised, middle = float(np.median(together[least])), float(middle)
     short = [
@@ -204,18 +234,10 @@ def shared_level(
     return np.asarray(level + lift, np.float64), (max(float(lowest), 0.0), float(raised + lift), middle)
 
 
-def shared_level_error(
-    prediction: FloatArray,
-    value: FloatArray,
-    slopes: Float64,
-    apart: npt.NDArray[np.bool_] | None = None,
-    share: float | None = None,
-) -> float:
+def shared_level_error(sample: LevelSample, slopes: Float64, share: float | None = None) -> float:
     """Standard error of the level [unit of the NIR]: the jackknife over groups of neighbouring pixels of the sample."""
-    every = max(prediction.shape[1] // LEVEL_PIXELS, 1)
-    prediction, value = prediction[:, ::every], value[:, ::every]
-    apart = np.ones(prediction.shape[1], np.bool_) if apart is None else apart[::every]
-    group = np.arange(prediction.shape[1]) * FOLDS // prediction.shape[1]
-    others = [group != g for g in range(FOLDS)]
-    left_out = [shared_level(prediction[:, o], value[:, o], slopes, apart[o], share)[1][1] for o in others]
+    sample = sample.some(slice(None, None, max(sample.prediction.shape[1] // LEVEL_PIXELS, 1)))
+    pixels = sample.prediction.shape[1]
+    group = np.arange(pixels) * FOLDS // pixels
+    left_out = [shared_level(sample.some(group != g), slopes, share)[1][1] for g in range(FOLDS)]
     return float(np.std(left_out) * np.sqrt(FOLDS - 1))

@@ -2,9 +2,10 @@ r"""Mixture: what bands share once strong glint has been replaced, by 3 x 3 pixe
 
 .. math:: L'_b = L_b - (p_b - p_{b0}), \qquad p_b(x) = \sum_r \sum_o k_{bro} L_r(x + o)
 
-with the kernels k by least squares over the sample, of raw values: what is left after an opening is faint glint, swell
-and mirrored sky, wider than a local mean would leave. It lies evenly about its level, so the difference may be
-negative.
+with the kernels k fitted to raw values: what is left after an opening is faint glint, swell and mirrored sky, wider
+than a local mean would leave. It lies evenly about its level, so the difference may be negative. They leave the least
+sum, over squares of the sample, of the root mean square: an object that a clump of glint lies on makes its square weigh
+little, where least squares would follow it.
 
 The removal of a compensation with an opening (`deglint.compensate`). Fails where the references see the bottom: red
 edge is left out where it would take a plume of turbid water that lies in the sample.
@@ -12,7 +13,8 @@ edge is left out where it would take a plume of turbid water that lies in the sa
 References
 ----------
 Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086
-(one reference, one pixel).
+(one reference, one pixel); Holland, Welsch (1977), Communications in Statistics A6, 813-827,
+doi:10.1080/03610927708827533 (iteratively reweighted least squares).
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ import numpy.typing as npt
 from ..errors import FitError
 from ..scene import FloatArray
 from .further import longest_that
-from .kernels import gather, merge, offsets, solve, unexplained
+from .kernels import LagGrams, gather, merge, offsets, solve, unexplained
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import bordered, predicted
 from .reference import ReferenceRule
@@ -35,6 +37,10 @@ from .wiener import SampleTile
 
 MIXTURE_SIDE = 3
 """Side of the kernels [pixel]."""
+REWEIGHTED = 5
+"""Rounds of reweighting: the error on simulated seas changes by less than 1 % after the third."""
+LEAST_LEFT = 0.1
+"""Share of the median mean square that a square is taken to have at least, so that no even one decides alone."""
 TURBID = np.array([(400, 0.3), (490, 0.5), (560, 1.0), (660, 1.0), (710, 0.6), (740, 0.2), (850, 0.1)])
 """Wavelength [nm] and relative brightness of a plume of sediment, bright from the green to the red."""
 PLUME, PLUME_PERCENTILE = 0.5, 10.0
@@ -43,7 +49,9 @@ LEAST_KEPT = 0.75
 """What must be left of a plume in every tile where red edge is followed: rarer ones keep more."""
 
 
-def fit(request: FitRequest, tiles: Sequence[SampleTile], percentile: float) -> GlintModel:
+def fit(
+    request: FitRequest, tiles: Sequence[SampleTile], percentile: float, cut: Sequence[float] | None = None
+) -> GlintModel:
     """Fit kernels and levels.
 
     Parameters
@@ -53,6 +61,9 @@ def fit(request: FitRequest, tiles: Sequence[SampleTile], percentile: float) -> 
         After an opening.
     percentile : float
         Of the prediction, as its level [%].
+    cut : sequence of float, optional
+        How far the mean of each band of the scene is too low, as noise above the background was replaced; the level is
+        raised by it.
 
     Raises
     ------
@@ -61,7 +72,7 @@ def fit(request: FitRequest, tiles: Sequence[SampleTile], percentile: float) -> 
     """
     nir = tuple(dict.fromkeys(b for i in request.indexes for b in i.bands))
     longer = longest_that(request, lambda more: _plume_gain(request, tiles, nir, more) >= LEAST_KEPT)
-    return _with_levels(_fitted(request, tiles, nir, longer), tiles, percentile)
+    return _with_levels(_fitted(request, tiles, nir, longer), tiles, percentile, cut)
 
 
 def _fitted(
@@ -80,7 +91,7 @@ def _fitted(
         own = request.bands[band].wavelength or 0.0
         used = [k for k, r in enumerate(every) if r in nir or (request.bands[r].wavelength or 0.0) > own]
         inputs, output = [c for k in used for c in grams.columns(k, MIXTURE_SIDE)], [grams.band(place)]
-        weights = solve(total, inputs, output)
+        weights = _robust(grams, inputs, output)
         power = float(total[output[0], output[0]])
         r2 = 1 - float(unexplained(total, inputs, output, weights)[0]) / power if power > 0 else 0.0
         bands = tuple(every[k] for k in used for _ in offsets(MIXTURE_SIDE))
@@ -91,7 +102,22 @@ def _fitted(
     return GlintModel("wiener", tuple(indexes), tuple(fits), request.names, references=rules, signed=True)
 
 
-def _with_levels(model: GlintModel, tiles: Sequence[SampleTile], percentile: float) -> GlintModel:
+def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> npt.NDArray[np.float64]:
+    """Coefficients (input, 1) that leave the least sum of root mean squares of the squares."""
+    weight = np.ones(len(grams.grams))
+    for _ in range(REWEIGHTED):
+        found = solve(np.tensordot(weight, grams.grams, 1), inputs, output)
+        left = np.array([float(unexplained(g, inputs, output, found)[0]) for g in grams.grams]) / grams.pixels
+        least = LEAST_LEFT * float(np.median(left))
+        if not least > 0:
+            break
+        weight = 1 / np.sqrt(np.maximum(left, least))
+    return found
+
+
+def _with_levels(
+    model: GlintModel, tiles: Sequence[SampleTile], percentile: float, cut: Sequence[float] | None
+) -> GlintModel:
     """The model with the level of each band."""
     found: list[list[FloatArray]] = [[] for _ in model.indexes]
     for tile in tiles:
@@ -99,6 +125,8 @@ def _with_levels(model: GlintModel, tiles: Sequence[SampleTile], percentile: flo
         for k, values in enumerate(found):
             values.append(predicted(references, model, k)[tile.sample])
     levels = [float(np.percentile(np.concatenate(v), percentile)) for v in found]
+    if cut is not None:
+        levels = [level + cut[fit.band] for level, fit in zip(levels, model.fits, strict=True)]
     return replace(model, indexes=tuple(replace(i, level=v) for i, v in zip(model.indexes, levels, strict=True)))
 
 

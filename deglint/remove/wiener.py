@@ -39,6 +39,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -62,7 +63,7 @@ from .kernels import (
     merge,
     offsets,
 )  # fmt: skip
-from .levels import apart_from_sparkle, shared_level, shared_level_error
+from .levels import AVERAGED, LevelSample, apart_from_sparkle, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
 from .predict import bordered, predicted
@@ -352,24 +353,27 @@ def _indexes(request: FitRequest, kernels: Sequence[KernelFit], shared: SharedGl
 
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
     """One level for all bands, from the pixels of the sample where their predictions together are least."""
+    import cv2
+
     slopes = np.array([f.slope for f in model.fits])
-    predictions, values, places = [], [], []
+    parts: list[tuple[npt.NDArray[Any], ...]] = []
     for tile in learnt:
         if tile.sample.any():
             references = {band: bordered(values) for band, values in tile.references.items()}
             found = np.stack([predicted(references, model, k, tile.origin) for k in range(len(model.indexes))])
-            predictions.append(found[:, tile.sample])
-            values.append(np.stack([band[tile.sample] for band in tile.bands]))
-            places.append(apart_from_sparkle(np.tensordot(slopes, found, 1), tile.sample)[tile.sample])
-    prediction, value = np.concatenate(predictions, axis=1), np.concatenate(values, axis=1)  # (band, pixel)
-    apart = np.concatenate(places)
+            together = np.tensordot(slopes, found, 1)
+            around = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
+            planes = (found, np.stack(tile.bands), around, apart_from_sparkle(together, tile.sample))
+            parts.append(tuple(p[..., tile.sample] for p in planes))
+    sample = LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
     share = None if request.level_percentile is None else 2 * request.level_percentile
-    level, interval = shared_level(prediction, value, slopes, apart, share)
-    error = shared_level_error(prediction, value, slopes, apart, share) if request.level_error else None
+    level, interval = shared_level(sample, slopes, share)
+    error = shared_level_error(sample, slopes, share) if request.level_error else None
     indexes = tuple(replace(i, level=float(at)) for i, at in zip(model.indexes, level, strict=True))
     second = tuple(replace(i, level=float(at)) for i, at in zip(model.second, level, strict=False))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
-    clean = float(np.median(value[green] - slopes[green] * np.maximum(prediction[green] - indexes[green].level, 0)))
+    above = np.maximum(sample.prediction[green] - indexes[green].level, 0)
+    clean = float(np.median(sample.value[green] - slopes[green] * above))
     model = replace(
         model, indexes=indexes, second=second, level_interval=interval, level_stderr=error, signed=share is not None
     )

@@ -1,9 +1,7 @@
 """Synthetic scenes of the sea with the truth beside them: pure functions from a `Setup` to arrays.
 
 `simulate(Setup(...))` gives a `SimulatedScene`, `simulate_together` what several sensors see of one sea;
-`deglint.raster.simulated` writes them. Modules: `setup` (all parameters, grids of setups), `light` (sun, sky and water
-in each band), `facets` (the moving sea), `objects` and `bottom` (what lies under water), `cover` (land, foam and
-floating targets), `artefacts` (striping, resampling, JPEG), `scene` (puts it together). No files are touched here.
+`deglint.raster.simulated` writes them.
 """
 
 from .artefacts import Artefacts

@@ -8,7 +8,7 @@ This module needs neither light nor bands: bands that see the sea at one time sh
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,18 +32,13 @@ class Facets:
     """The facets of one scene. Pairs are upwind and crosswind."""
 
     setup: Setup
-    surface: Surface
-    """The resolved waves."""
-    slope_scale: tuple[float, float]
-    """Factors on the slopes of the grid, below 1 where these exceed what is measured."""
-    sparkle: tuple[float, float]
-    """Variance of the slopes that unresolved waves give facets as a whole."""
-    unresolved: tuple[float, float]
-    """Variance of the slopes about each facet."""
-    glint_factor: float
-    """Glint radiance per slope density and irradiance facing the sun [1/sr]."""
-    _sparkle: tuple[Any, Any, Any] = field(repr=False)
-    _sky: Array = field(repr=False)
+    surface: Surface  # the resolved waves
+    slope_scale: tuple[float, float]  # factors on the slopes of the grid, below 1 where these exceed what is measured
+    sparkle: tuple[float, float]  # variance of the slopes that unresolved waves give facets as a whole
+    unresolved: tuple[float, float]  # variance of the slopes about each facet
+    glint_factor: float  # glint radiance per slope density and irradiance facing the sun [1/sr]
+    _sparkle: tuple[Any, Any, Any]
+    _sky: Array
 
     @property
     def slope_variance(self) -> tuple[float, float]:

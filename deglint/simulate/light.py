@@ -23,31 +23,15 @@ DEPTH_STEPS = 128
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """Light in each band, mean over the band.
+    """Light in each band, mean over the band: irradiances [W m-2 nm-1] and radiances [W m-2 sr-1 nm-1]."""
 
-    Attributes
-    ----------
-    normal : (band,) ndarray
-        Irradiance of a plane that faces the sun, by the sun alone [W m-2 nm-1].
-    direct, diffuse : (band,) ndarray
-        Irradiance of a level plane by the sun and by the sky [W m-2 nm-1].
-    water : (band,) ndarray
-        Radiance out of the water where it is deep [W m-2 sr-1 nm-1].
-    objects : (object, band) ndarray
-        Radiance out of the water over each object [W m-2 sr-1 nm-1].
-    depths : (depth,) ndarray
-        Depths of the columns of `bottom` [m]; empty without one.
-    bottom : (material, depth, band) ndarray
-        Radiance out of the water over the two materials of the bottom [W m-2 sr-1 nm-1].
-    """
-
-    normal: Array
-    direct: Array
-    diffuse: Array
-    water: Array
-    objects: Array
-    depths: Array
-    bottom: Array
+    normal: Array  # irradiance of a plane that faces the sun, by the sun alone, (band,)
+    direct: Array  # irradiance of a level plane by the sun, (band,)
+    diffuse: Array  # and by the sky
+    water: Array  # radiance out of the water where it is deep, (band,)
+    objects: Array  # radiance out of the water over each object, (object, band)
+    depths: Array  # of the columns of `bottom` [m], (depth,); empty without one
+    bottom: Array  # radiance out of the water over the two materials of the bottom, (material, depth, band)
 
 
 def light(setup: Setup) -> Light:

@@ -35,10 +35,7 @@ SPECTRA = {
 def check_material(name: str) -> None:
     """Refuse a material that is not in `SPECTRA`.
 
-    Raises
-    ------
-    InputError
-        There is no such material; the message lists them.
+    Raises InputError: there is no such material; the message lists them.
     """
     if name not in SPECTRA:
         raise InputError(f"material must be one of {', '.join(SPECTRA)}, got {name!r}. Choose one of these.")

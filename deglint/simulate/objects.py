@@ -42,10 +42,7 @@ class SubmergedObject:
     def check_inside(self, height: float, width: float) -> None:
         """Refuse an object that reaches over the edge of a scene of a size [m].
 
-        Raises
-        ------
-        InputError
-            It does.
+        Raises InputError: it does.
         """
         right, down = np.asarray(self.corners, dtype=np.float64).T
         if right.min() < 0 or down.min() < 0 or right.max() > width or down.max() > height:

@@ -178,14 +178,11 @@ class _World:
 
     setup: Setup
     lit: Light
-    labels: Numbers
-    """Number of the submerged object, from 1."""
+    labels: Numbers  # number of the submerged object, from 1
     depth: Array | None
-    patches: npt.NDArray[np.bool_] | None
-    """Where the second material of the bottom lies."""
+    patches: npt.NDArray[np.bool_] | None  # where the second material of the bottom lies
     cover: Cover | None
-    matt: Array
-    """Radiance of the materials of the cover, (material, band)."""
+    matt: Array  # radiance of the materials of the cover, (material, band)
 
     @classmethod
     def of(cls, setup: Setup) -> _World:
@@ -229,27 +226,25 @@ class _World:
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """Radiances of one scene, (band, row, column) float32; `seen_*` lie on the grid of the sensor before resampling."""
+    """Radiances of one scene: truth and glint, on the map and on the grid of the sensor before resampling; water."""
 
-    truth: Array
-    glint: Array
-    water: Array
-    seen_truth: Array
-    seen_glint: Array
+    own: Array  # (truth or glint, band, row, column) float32
+    seen: Array  # the same, where the sensor sees them
+    water: Array  # (band, row, column) float32
 
     @classmethod
     def empty(cls, shape: tuple[int, int, int], *, resampled: bool) -> _Parts:
-        truth, glint, water = (np.empty(shape, np.float32) for _ in range(3))
-        seen = (np.empty(shape, np.float32), np.empty(shape, np.float32)) if resampled else (truth, glint)
-        return cls(truth, glint, water, *seen)
+        own = np.empty((2, *shape), np.float32)
+        return cls(own, np.empty_like(own) if resampled else own, np.empty(shape, np.float32))
 
 
 def _finished(
     setup: Setup, world: _World, parts: _Parts, surface: tuple[Array | None, Array | None],
     variance: tuple[float, float], workers: int,
 ) -> SimulatedScene:  # fmt: skip
-    image = _digitise(setup, parts.seen_truth + parts.seen_glint, workers)
-    truth_image = _digitise(setup, parts.seen_truth, workers)
+    truth, glint = parts.own
+    image = _digitise(setup, parts.seen[0] + parts.seen[1], workers)
+    truth_image = _digitise(setup, parts.seen[0], workers)
     ids = world.on_pixels(world.labels)
     cover = None
     if world.cover is not None:
@@ -257,11 +252,10 @@ def _finished(
         cover = np.stack([seen[t] for t in setup.times])
         ids[(cover > 0).any(axis=0)] = 0
     depth = None if world.depth is None else world.on_pixels(world.depth)
-    mask = parts.glint > setup.glint_threshold * parts.truth
+    mask = glint > setup.glint_threshold * truth
     return SimulatedScene(
-        setup, world.lit, image, parts.truth, truth_image, parts.glint, mask, ids, *surface, variance, parts.water,
-        cover, depth,
-    )  # fmt: skip
+        setup, world.lit, image, truth, truth_image, glint, mask, ids, *surface, variance, parts.water, cover, depth
+    )
 
 
 def _add_bands(
@@ -287,20 +281,17 @@ def _add_bands(
         for n in looking:
             setup, part = setups[n], parts[n]
             sun = lit.normal[i] * sea.glint_factor
-            part.truth[i] = level + factor * _pixels(spectrum, setup, i, workers)
-            part.glint[i] = np.maximum(sun * _pixels(density_spectrum, setup, i, workers), 0.0)
-            if world.is_plain:
-                part.water[i] = lit.water[i]
-            else:
-                part.water[i] = part.truth[i] - lit.diffuse[i] * _pixels(sky_spectrum, setup, i, workers)
-            off = setup.artefacts.shift
-            if off:
-                part.seen_truth[i] = level + factor * _pixels(spectrum, setup, i, workers, off)
-                part.seen_glint[i] = np.maximum(sun * _pixels(density_spectrum, setup, i, workers, off), 0.0)
+            for off, (truth, glint) in {0.0: part.own, setup.artefacts.shift: part.seen}.items():
+                truth[i] = level + factor * _pixels(spectrum, setup, i, workers, off)
+                glint[i] = np.maximum(sun * _pixels(density_spectrum, setup, i, workers, off), 0.0)
+            part.water[i] = lit.water[i]
+            if not world.is_plain:
+                part.water[i] = part.own[0, i] - lit.diffuse[i] * _pixels(sky_spectrum, setup, i, workers, 0.0)
             yield
 
 
-def _pixels(spectrum: Any, setup: Setup, i: int, workers: int, off: float = 0.0) -> Array:
+def _pixels(spectrum: Any, setup: Setup, i: int, workers: int, off: float) -> Array:
+    """What the sensor sees of a spectrum in band i, from a grid that is off by some pixels."""
     down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
     wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
     seen = observe(spectrum, setup.sensor, wavelength, factor=setup.supersample, shift=shift, workers=workers)

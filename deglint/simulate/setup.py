@@ -237,10 +237,7 @@ class Setup:
 def check_one_sea(setups: Sequence[Setup]) -> None:
     """Refuse setups that differ in more than optics, noise, artefacts and band delays.
 
-    Raises
-    ------
-    InputError
-        There is none, or two differ in something else; the message says in what.
+    Raises InputError: there is none, or two differ in something else; the message says in what.
     """
     if not setups:
         raise InputError("setups must hold at least one, got none; give the scenes to simulate")

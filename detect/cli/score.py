@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from deglint.checksum import begin_checksum
 from deglint.cli.console import Console
 from deglint.cli.grouped import SETTINGS, Grouped
 from deglint.cli.options import (
@@ -128,7 +127,6 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         if given["method"] not in ("auto", "lines"):
             raise click.UsageError(f"--lines is a method of its own: leave out --method {given['method']}.")
         given["method"] = "lines"
-    begin_checksum(inputs)
     with Console(given) as console, cluster_of(given) as cluster:
         from ..pipeline import Recipe, score_file
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from deglint import tiles as tiling
 from deglint.errors import BandError, DeglintError, InputError, NoWaterError
 from deglint.masks import Roles, WaterRule, water
-from deglint.pipeline.overview import block_of, core_of, overview_of, role_bands
+from deglint.pipeline.overview import block_of, overview_of, role_bands
 from deglint.readers.areas import Area, open_area
 from deglint.readers.place import ground_area
 from deglint.readers.roles import band_roles, explain_nir, find_band, find_nir
@@ -124,7 +124,7 @@ class Masking:
             return None
         outer = tile.grown(self.water.halo, scene.height, scene.width)
         found = water(scene.source.read(outer.window, list(self.water_bands)), self.water)
-        return np.asarray(found[core_of(tile.crop_of(outer), found.shape)])
+        return np.asarray(found[tile.within(outer)])
 
 
 def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:

@@ -15,12 +15,12 @@ from deglint import tiles as tiling
 from deglint.checks import checked_keywords
 from deglint.checksum import Checksum
 from deglint.errors import InputError, NoWaterError
-from deglint.pipeline.cluster import Cluster, writing_images
+from deglint.pipeline.cluster import Cluster
 from deglint.pipeline.overview import raster_of
 from deglint.pipeline.sidecar import log_scene
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
-from deglint.raster.output import Layout, Scratch, plain, write_json, write_text
+from deglint.raster.output import Layout, Scratch, plain, write_json, write_text, writing_all
 from deglint.raster.targets import Reads, check_image, check_targets
 from deglint.readers.stated import Names, Numbers
 from deglint.readers.undeclared import settled
@@ -230,8 +230,9 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress 
         return Part.of(block, both(plan.mask.read(plan.scene, tile), area), (tile.row0, tile.col0), share)
 
     told = progress and partial(progress, "fit")
-    rows = run(plan.tiles, gather, combine=Part.merge, progress=told, threads=plan.threads, start=enter_thread)
-    return Part.merge([part for _row, part in rows]).background(recipe.covariance, ridge=recipe.ridge, names=plan.names)
+    done = run(plan.tiles, gather, progress=told, threads=plan.threads, start=enter_thread)
+    whole = Part.merge(list(tiling.by_rows(done, Part.merge)))
+    return whole.background(recipe.covariance, ridge=recipe.ridge, names=plan.names)
 
 
 def _law(plan: Plan, ready: Detector | None, background: Background | None) -> tuple[int, int] | None:
@@ -269,8 +270,9 @@ def _write_tiles(
     plan, highest, tally = work.plan, work.highest, PixelCounts()
     beside: list[Places] = []
     images = _images(plan, targets)
-    with writing_images(scratch, targets.image, images, cluster) as (run, writers):
-        told = progress and partial(progress, "score")
+    run = cluster.run if cluster else tiling.run
+    told = progress and partial(progress, "score")
+    with writing_all(scratch, images) as writers:
         for tile, scored in run(plan.tiles, work, threads=plan.threads, progress=told, start=enter_thread):
             for what, writer in writers.items():
                 if (block := getattr(scored, what)) is not None:

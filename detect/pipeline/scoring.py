@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from deglint.pipeline.overview import core_of
 from deglint.tiles import Tile
 
 from .. import sea
@@ -141,8 +140,8 @@ class Scoring:
         states = np.zeros(tile.shape, np.uint8)
         block = plan.scene.source.read(outer.window, list(plan.bands))
         scores = score_part(block, plan.rule, (outer.row0, outer.col0), tile.window, mask, flags=states)
-        core = core_of(tile.crop_of(outer), block.shape[1:])
-        return scores, block[(slice(None), *core)], None if mask is None else mask[core], states
+        core = tile.within(outer)
+        return scores, block[core], None if mask is None else mask[core], states
 
     def _of_lines(self, block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.float32]:
         """Scores line by line: the only work whose order matters, so that one thread does it."""
@@ -158,10 +157,10 @@ class Scoring:
         assert plan.sea.model is not None
         outer = tile.grown(plan.sea.halo, plan.scene.height, plan.scene.width)
         block, classes = read_sea(plan, outer, plan.bands)
-        core = core_of(tile.crop_of(outer), classes.shape)
+        core = tile.within(outer)
         nir = read_nir(plan, outer) if plan.sea.model.glint is not None else None
         scores = sea.score(block, classes, plan.sea.model, nir)[core]
-        classes, valid = classes[core], np.isfinite(block[(slice(None), *core)]).all(axis=0)
+        classes, valid = classes[core], np.isfinite(block[core]).all(axis=0)
         tail = None
         if self.highest is not None:
             tail = self.highest.of(np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores))

@@ -1,0 +1,54 @@
+"""Removal after an opening: kernels that an object does not draw, and the noise that replacing cuts off."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from deglint import remove
+from deglint.compensate.stages import apply_stages, fit_stages, parse
+from deglint.compensate.state import Sample, Setting, State
+from deglint.remove import SampleTile, mixture, nir_request
+from deglint.scene import Band
+
+BANDS = (Band("GREEN", 560.0), Band("RED", 660.0), Band("NIR", 840.0))
+
+
+def faint_glint(seed=0, shape=(192, 256)):
+    """Glint that an opening has left, and water whose green and red have noise of their own."""
+    rng = np.random.default_rng(seed)
+    glint = 30 * np.maximum(gaussian_filter(rng.normal(size=shape), 5) * 15, 0)
+    water = np.array([100, 50, 5.0])[:, None, None] + rng.normal(size=(3, *shape))
+    return (water + glint * np.array([1.2, 1.1, 1.0])[:, None, None]).astype(np.float32), glint
+
+
+def fitted(block):
+    every = np.ones(block.shape[1:], bool)
+    return mixture.fit(nir_request(BANDS, [2], regression="detrended"), [SampleTile(block, every, every)], 1.0)
+
+
+def test_an_object_under_a_clump_of_glint_does_not_draw_the_kernels():
+    block, glint = faint_glint()
+    row, column = np.unravel_index(glint[20:-20, 20:-20].argmax(), (152, 216))
+    covered = block.copy()
+    covered[0, row + 12 : row + 28, column + 12 : column + 28] += 1000
+    alone, among = ([sum(i.weights) for i in fitted(b).indexes] for b in (block, covered))
+    assert alone[0] == pytest.approx(1.2, rel=0.1)
+    assert among == pytest.approx(alone, rel=0.1)
+
+
+def test_the_level_is_raised_by_what_is_cut():
+    block, _ = faint_glint()
+    every = np.ones(block.shape[1:], bool)
+    tiles, request = [SampleTile(block, every, every)], nir_request(BANDS, [2], regression="detrended")
+    plain, raised = (remove.apply(block, mixture.fit(request, tiles, 1.0, cut)) for cut in (None, (2.0, 1.0, 0.0)))
+    assert (raised - plain).mean(axis=(1, 2)) == pytest.approx([2, 1, 0], abs=1e-3)
+
+
+def test_what_replacing_cuts_is_known():
+    block = (100 + 3 * np.random.default_rng(1).normal(size=(3, 256, 256))).astype(np.float32)
+    state = State.of(block)
+    steps = parse("identify-level:7, replace-level")[:-1]
+    stages, _ = fit_stages(steps, Sample((state,), (state.water,)), Setting(BANDS, (2,)))
+    fallen = (block - apply_stages(state, stages).image).mean()
+    assert fallen == pytest.approx(np.mean(stages[0].cut), rel=0.15)
+    assert fallen > 1
