@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from deglint import tiles
 from deglint.errors import FitError, InputError
 from deglint.moments import CELL, CellMoments, Moments, cell_moments, thinned
 
@@ -283,9 +284,8 @@ def default_threads(image: npt.NDArray[Any]) -> int:
     """
     if image.size < THREADED_VALUES:
         return 1
-    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    limit = os.environ.get("OMP_NUM_THREADS", "")
-    return max(min(processors, int(limit) if limit.isdecimal() else processors), 1)
+    limit, processors = os.environ.get("OMP_NUM_THREADS", ""), tiles.default_threads()
+    return max(min(processors, int(limit)), 1) if limit.isdecimal() else processors
 
 
 def as_image(image: npt.NDArray[Any]) -> npt.NDArray[Any]:

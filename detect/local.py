@@ -120,9 +120,8 @@ def local_rx(
 
     Notes
     -----
-    Where the ring's covariance has not full rank - fewer pixels than bands, a constant band, bands that follow from
-    others - the Moore-Penrose inverse is taken and the pixel is flagged. About B^2 multiplications a pixel for few
-    bands B, whatever the window; for many, as many as (pixels of the ring) x B x min(B, pixels).
+    Where the ring's covariance has not full rank, the Moore-Penrose inverse is taken and the pixel is flagged. For few
+    bands B, about B^2 multiplications a pixel; for many, as many as (pixels of the ring) x B x min(B, pixels).
 
     Examples
     --------

@@ -50,6 +50,8 @@ class Object:
         Its pixels within `bounds`.
     score_top : float
         Root mean square of its three highest scores, missing pixels being 0: peak and extent in one number.
+    scores : (size,) ndarray
+        Of its detected pixels, in row-major order.
     """
 
     label: int
@@ -61,6 +63,7 @@ class Object:
     bounds: tuple[tuple[int, int], tuple[int, int]]
     footprint: Mask = field(repr=False)
     score_top: float = math.nan
+    scores: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), repr=False)
 
     @cached_property
     def outline(self) -> tuple[tuple[Ring, ...], ...]:
@@ -218,7 +221,7 @@ def _described(
             area=None if pixel_area is None else len(own) * pixel_area,
             centroid=(float(down.mean()), float(across.mean())),
             bounds=((row, row + footprint.shape[0]), (left, left + footprint.shape[1])), footprint=footprint,
-            score_top=float(top[at[own[0]]]),
+            score_top=float(top[at[own[0]]]), scores=values[own],
         ))  # fmt: skip
     return out
 

@@ -25,7 +25,7 @@ Schaum (2007), "Hyperspectral anomaly detection beyond RX", Proc. SPIE 6565, 656
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from types import ModuleType
@@ -40,14 +40,6 @@ from deglint.errors import FitError, InputError
 from .background import RIDGE, Background, Float64, Mask, Scores, as_image, as_mask, default_threads, fit
 from .covariance import TOLERANCE, whitener
 
-GLOBAL_METHODS = {
-    "rx": "squared Mahalanobis distance",
-    "utd": "uniform target detector: likeness to a spectrum of ones",
-    "rx-utd": "rx less utd",
-    "subspace": "rx without the leading eigenvectors of the covariance (--drop)",
-    "residual": "rx of the bands' residuals after regression on the NIR",
-}
-"""Detectors that compare with one background for the whole scene."""
 _CHUNK = 1024
 """Least pixels scored at a time: their whitened values stay in the cache."""
 _PRODUCTS = 1 << 18
@@ -56,6 +48,28 @@ _STRIP_PIXELS = 1 << 19
 """Pixels that a thread scores at a time."""
 _NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 """Standard deviations by which a mean may be off, by the type of the scores."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A line of the table of detectors.
+
+    Attributes
+    ----------
+    summary : str
+    matrices : callable, optional
+        (background, whitener, drop, nir) to `Detector.whiten` and, where there is one, `Detector.linear`; None for a
+        detector that does not compare with one background.
+    law : bool
+        Whether scores over a normal background follow F or chi-squared.
+    invariant : bool
+        Whether no invertible affine map of the bands, such as a linear glint removal, changes the scores.
+    """
+
+    summary: str
+    matrices: Callable[[Background, Float64, int, Sequence[int]], tuple[Float64, ...]] | None = None
+    law: bool = False
+    invariant: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +101,7 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
     Parameters
     ----------
     method : str
-        A key of `GLOBAL_METHODS`.
+        A key of `METHODS` that has `matrices`.
     background : Background
     drop : int
         For "subspace": leading eigenvectors to leave out.
@@ -101,21 +115,14 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
     FitError
         No band of the background varies.
     """
-    if method not in GLOBAL_METHODS:
-        raise InputError(f"method {method!r} is not one of {', '.join(GLOBAL_METHODS)}.")
+    make = METHODS[method].matrices if method in METHODS else None
+    if make is None:
+        known = ", ".join(name for name, kind in METHODS.items() if kind.matrices)
+        raise InputError(f"method {method!r} is not one of {known}.")
     whiten = whitener(background.covariance)
     if not len(whiten):
         raise FitError("no band of the background varies, so no pixel can exceed it. Check bands and nodata.")
-    mean, rest = background.mean, background.rest
-    if method == "subspace":
-        return Detector(mean, rest, _subspace(background.covariance, drop))
-    if method == "residual":
-        return Detector(mean, rest, _residual(background.covariance, nir))
-    if method in ("utd", "rx-utd"):
-        likeness = whiten.T @ (whiten @ (1 - mean))
-        whiten, linear = (whiten[:0], likeness) if method == "utd" else (whiten, -likeness)
-        return Detector(mean, rest, whiten, linear)
-    return Detector(mean, rest, whiten)
+    return Detector(background.mean, background.rest, *make(background, whiten, drop, nir))
 
 
 def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None, *, threads: int = 1) -> Scores:
@@ -163,6 +170,11 @@ def _fill(flat: npt.NDArray[Any], detector: Detector, matrix: Float64, out: Scor
         out[start : start + count] = np.add.reduce(z, axis=0)[:count]
 
 
+def _likeness(background: Background, whiten: Float64) -> Float64:
+    """Inverse covariance times the difference of ones and the mean."""
+    return np.asarray(whiten.T @ (whiten @ (1 - background.mean)))
+
+
 def _subspace(covariance: Float64, drop: int) -> Float64:
     """Matrix that whitens without the leading eigenvectors of the covariance."""
     values, vectors = np.linalg.eigh(covariance)
@@ -193,6 +205,22 @@ def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
     out = np.zeros((len(whiten), bands))
     out[:, others], out[:, reference] = whiten, -whiten @ slopes
     return out
+
+
+METHODS = {
+    "sea": Method("distance from the water around, floating objects of the sea included"),
+    "lines": Method("squared Mahalanobis distance from the lines before, one line after the other"),
+    "rx": Method("squared Mahalanobis distance", lambda _b, w, _drop, _nir: (w,), law=True, invariant=True),
+    "local": Method("squared Mahalanobis distance from the ring around the pixel (--window)", law=True, invariant=True),
+    "utd": Method("uniform target detector: likeness to a spectrum of ones",
+                  lambda b, w, _drop, _nir: (w[:0], _likeness(b, w))),
+    "rx-utd": Method("rx less utd", lambda b, w, _drop, _nir: (w, -_likeness(b, w))),
+    "subspace": Method("rx without the leading eigenvectors of the covariance (--drop)",
+                       lambda b, _w, drop, _nir: (_subspace(b.covariance, drop),), law=True),
+    "residual": Method("rx of the bands' residuals after regression on the NIR",
+                       lambda b, _w, _drop, nir: (_residual(b.covariance, nir),), law=True, invariant=True),
+}  # fmt: skip
+"""All detectors; those with `matrices` compare with one background for the whole scene."""
 
 
 @checked_keywords()

@@ -31,6 +31,13 @@ from deglint.errors import FitError, InputError
 from . import pareto
 
 Scores = npt.NDArray[Any]
+THRESHOLDS = {
+    "gpd": "tail fitted to the scores",
+    "empirical": "quantile of the scores",
+    "f": "F",
+    "chi2": "chi-squared",
+}
+"""How the threshold for --pfa is found."""
 KEEP = 1 << 18
 """Highest scores that a `Tail` keeps where nothing else is said."""
 _LEAST_EXCEEDANCES = 50
@@ -144,9 +151,9 @@ class Threshold:
         with np.errstate(over="ignore"):
             return np.asarray(np.asarray(scores) > self.value)
 
-    def measured(self, above: int, n: int) -> Threshold:
-        """The same with the rate that it gave: `above` of `n` valid scores were greater."""
-        return replace(self, pfa_achieved=above / n if n else None)
+    def measured(self, above: int | None, n: int) -> Threshold:
+        """The same with the rate that it gave: `above` of `n` valid scores were greater; None where it is not known."""
+        return self if above is None else replace(self, pfa_achieved=above / n if n else None)
 
     def __str__(self) -> str:
         error = "" if self.standard_error is None else f" +- {self.standard_error:.2g}"
@@ -262,8 +269,7 @@ def from_quantile(scores: Scores | Tail, pfa: float) -> Threshold:
         )
     value = float(tail.values[allowed])
     notes = () if allowed >= 10 else (f"only {allowed} scores lie above the threshold: it is uncertain",)
-    found = Threshold(value, "quantile", pfa, n=tail.n, notes=notes)
-    return found.measured(tail.above(value) or 0, tail.n)
+    return Threshold(value, "quantile", pfa, n=tail.n, notes=notes).measured(tail.above(value), tail.n)
 
 
 def from_gpd(scores: Scores | Tail, pfa: float) -> Threshold:
@@ -316,8 +322,7 @@ def from_gpd(scores: Scores | Tail, pfa: float) -> Threshold:
         "shape_by_moments": moments, "kolmogorov": distance,
     }  # fmt: skip
     found = Threshold(value, "gpd", pfa, n=tail.n, standard_error=error, numbers=numbers, notes=tuple(notes))
-    above = tail.above(value)
-    return found if above is None else found.measured(above, tail.n)
+    return found.measured(tail.above(value), tail.n)
 
 
 def _tail(scores: Scores | Tail, pfa: float) -> Tail:

@@ -26,10 +26,9 @@ from deglint.xr import need_xarray
 from .background import Background
 from .local import CELL
 from .pipeline import Recipe
-from .pipeline.plan import make_plan
+from .pipeline.plan import fit_sea, make_plan
 from .pipeline.run import fit_background
 from .pipeline.scoring import Scoring
-from .pipeline.sea_plan import fit_sea
 from .rx import detector
 
 
@@ -63,7 +62,7 @@ def fit(
         As `score`.
     """
     recipe = _recipe(recipe)
-    if recipe.method in ("local", "sea", "lines"):
+    if recipe.kind.matrices is None:
         raise InputError(f"{recipe.method} has a background for every pixel: there is none to fit.")
     recipe = replace(recipe, method="rx") if recipe.method == "auto" else recipe
     opened = open_array(array, sensor=sensor, nodata=nodata)
@@ -122,7 +121,7 @@ def score(
             raise InputError(f"the background has {fitted.bands} bands, the array is used with {len(plan.bands)}.")
         ready = detector(recipe.method, fitted, drop=recipe.drop, nir=plan.nir)
     bare = replace(opened.scene, source=None)  # type: ignore[arg-type]
-    work = Scoring(replace(plan, scene=bare, mask=replace(plan.mask, scene=bare), tiles=[]), ready, None, None, False)
+    work = Scoring(replace(plan, scene=bare, tiles=[]), ready, None, None, False)
     reach = plan.rule.halo if plan.rule else plan.sea.halo if plan.sea else 0
     reach += plan.mask.water.halo if plan.mask.water else 0
     step = CELL if plan.rule else 1
@@ -161,5 +160,4 @@ def _recipe(recipe: Recipe | str) -> Recipe:
 
 def _scored(work: Scoring, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
     """Scores of a tile of another scene than that of the plan."""
-    plan = replace(work.plan, scene=scene, mask=replace(work.plan.mask, scene=scene))
-    return replace(work, plan=plan)(tile).scores[None]
+    return replace(work, plan=replace(work.plan, scene=scene))(tile).scores[None]

@@ -8,13 +8,11 @@ import numpy as np
 import rasterio
 
 import deglint
-import detect
 from deglint.compensate.stages import STAGES, Kind
 from deglint.pipeline import load_chain, load_model
 from deglint.remove import METHODS, Method, hedley
 from deglint.remove.request import slope_weights
-from detect.pipeline import recipe as scoring
-from detect.rx import GLOBAL_METHODS as GLOBAL_METHODS
+from detect.rx import METHODS as DETECTORS
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text()
@@ -67,10 +65,10 @@ def test_a_new_stage_is_a_module_and_a_line_of_the_table(monkeypatch, sea, write
     assert (read(tmp_path / "again.tif") == read(out)).all()
 
 
-def test_a_new_detector_is_a_line_of_the_table(monkeypatch, sea, write, read, tmp_path):
-    for table in (GLOBAL_METHODS, scoring.METHODS):
-        monkeypatch.setitem(table, "mine", "as rx, by another name")
+def test_a_new_detector_is_a_line_of_the_table(monkeypatch, sea, write, read, tmp_path, rxdetect):
+    monkeypatch.setitem(DETECTORS, "mine", replace(DETECTORS["rx"], summary="as rx, by another name"))
     source = write(tmp_path / "in.tif", sea())
     for method in ("mine", "rx"):
-        detect.score_file(source, tmp_path / f"{method}.tif", detect.Recipe(method=method, mask="none"))
+        ran = rxdetect("score", source, tmp_path / f"{method}.tif", "--method", method, "--mask", "none")
+        assert ran.code == 0, ran.err
     assert (read(tmp_path / "mine.tif") == read(tmp_path / "rx.tif")).all()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 import click
@@ -15,17 +15,15 @@ log = logging.getLogger(__name__)
 
 
 class AutoOr(click.Choice[str]):
-    """ "auto" or a key of a table of `deglint.remove`, which is loaded when its keys are asked for."""
+    """ "auto" (or other words) or a key of a table, whose module is loaded when its keys are asked for."""
 
-    def __init__(self, table: str) -> None:
-        self._table, self.case_sensitive = table, True
+    def __init__(self, table: str, module: str = "deglint.remove", words: tuple[str, ...] = ("auto",)) -> None:
+        self._table, self._module, self._words, self.case_sensitive = table, module, words, True
 
-    @cached_property
+    @property
     def choices(self) -> tuple[str, ...]:  # type: ignore[override]
         """What may be given."""
-        from .. import remove
-
-        return ("auto", *getattr(remove, self._table))
+        return (*self._words, *getattr(import_module(self._module), self._table))
 
 
 class FileName(click.ParamType):

@@ -50,14 +50,14 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     rxdetect roc scores.tif truth.tif
     rxdetect roc global.tif local.tif truth.tif --per-object --report roc.html
     """
+    from deglint.checksum import Checksum
     from deglint.raster.environment import environment
     from deglint.raster.output import Scratch, plain, write_json, write_text
     from deglint.raster.targets import check_targets
 
     from ..report import Request, evaluate, page
+    from ..report.page import provenance, table
     from ..report.plots import check_installed
-    from ..report.provenance import begin_inputs, provenance
-    from ..report.words import table
 
     if given["report"]:
         check_installed("--report")
@@ -68,7 +68,7 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     request = Request(scores, truth, **{f.name: given[f.name] for f in fields(Request) if f.name in given})
     start = time.perf_counter()
     with Console(given) as console, environment():
-        checksum = begin_inputs(request)
+        checksum = Checksum([*scores, truth, *([request.mask] if request.mask else [])])
         found = evaluate(request, console.progress)
         made = provenance(request, _command(scores, truth, given), time.perf_counter() - start, checksum)
         numbers = plain(found.numbers | {"made": made})

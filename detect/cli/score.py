@@ -13,6 +13,7 @@ from deglint.cli.console import Console
 from deglint.cli.grouped import SETTINGS, Grouped
 from deglint.cli.options import (
     FILE,
+    AutoOr,
     FileName,
     cluster_of,
     common,
@@ -22,13 +23,6 @@ from deglint.cli.options import (
     on_cluster,
     opening,
 )
-
-# The keys of detect.pipeline.recipe's tables, which --help must not wait for; a test holds them equal.
-METHOD_NAMES = ("auto", "sea", "lines", "rx", "local", "utd", "rx-utd", "subspace", "residual")
-COVARIANCE_NAMES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")
-THRESHOLD_NAMES = ("gpd", "empirical", "f", "chi2")
-SIDE_NAMES = ("auto", "bright", "both")
-BORDER_NAMES = ("shrink", "mirror", "shift")
 
 
 def pair(kind: type, name: str, example: str) -> Callable[..., tuple[Any, Any]]:
@@ -48,7 +42,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., tuple[Any, Any]]:
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("inputs", nargs=-1, type=FILE, metavar="IN [IN ...]")
 @click.argument("output", type=FILE, metavar="OUT")
-@click.option("--method", type=click.Choice(METHOD_NAMES), default="auto",
+@click.option("--method", type=AutoOr("METHODS", "detect.rx"), default="auto",
               help="auto: sea where there is water, else rx. Compared with the water around, ships and boats of the "
               "sea included: sea. Compared with the whole background: rx, utd, rx-utd, subspace (rx without the "
               "leading eigenvectors), residual (rx after regression on the NIR). Compared with the ring around each "
@@ -58,10 +52,10 @@ def pair(kind: type, name: str, example: str) -> Callable[..., tuple[Any, Any]]:
 @click.option("--window", default="5,21", callback=pair(int, "INNER,OUTER", "5,21"), metavar="INNER,OUTER",
               help="For local: sides of the guard and of the window around it, odd, in pixels. The guard should hold "
               "the largest object.")
-@click.option("--border", type=click.Choice(BORDER_NAMES), default="shrink",
+@click.option("--border", type=AutoOr("BORDERS", "detect.local", ()), default="shrink",
               help="For local, at the scene's edge: the window loses what is outside, mirrors the scene, or moves "
               "inside.")
-@click.option("--covariance", type=click.Choice(COVARIANCE_NAMES), default="empirical",
+@click.option("--covariance", type=AutoOr("COVARIANCES", "detect.background", ()), default="empirical",
               help="How it is estimated; mcd is robust: of the core of the background alone. local: empirical or "
               "ridge.")
 @click.option("--ridge", type=click.FloatRange(0), default=1e-3, metavar="SHARE",
@@ -81,7 +75,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., tuple[Any, Any]]:
               "everywhere.")
 @click.option("--pfa", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="RATE",
               help="False alarms wanted per pixel, such as 1e-4: find the threshold for it.")
-@click.option("--threshold", type=click.Choice(THRESHOLD_NAMES), default="gpd",
+@click.option("--threshold", type=AutoOr("THRESHOLDS", "detect.threshold", ()), default="gpd",
               help="How it is found: by a law fitted to the scores' tail, their own quantile, or the law of a normal "
               "background (F, or chi-squared), which real scenes seldom keep.")
 @click.option("--false-per-km2", type=click.FloatRange(0, min_open=True), metavar="RATE",
@@ -89,7 +83,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., tuple[Any, Any]]:
 @click.option("--largest-object", default="400,60", callback=pair(float, "LENGTH,WIDTH", "400,60"),
               metavar="LENGTH,WIDTH", help="For sea: length and width of the largest object that floats, in metres; "
               "0,0 searches the mask as it is.")
-@click.option("--side", type=click.Choice(SIDE_NAMES), default="auto",
+@click.option("--side", type=AutoOr("SIDES", "detect.sea"), default="auto",
               help="For sea: search what is brighter than the water around, or what is darker, too. auto: bright from "
               "pixels of 5 m on, else both.")
 @click.option("--objects", type=FILE, metavar="FILE.geojson|.gpkg",

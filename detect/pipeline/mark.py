@@ -21,7 +21,7 @@ from .. import sea
 from ..objects import Move, Object, to_geojson
 from ..sea.rates import LOW
 from ..sea.region import hull, likeness, rectangle
-from ..threshold import Tail, Threshold
+from ..threshold import Tail, Threshold, from_quantile
 from .chips import write_chips
 from .ground import distance_and_bearing, motions, to_wgs84
 from .plan import Plan, Progress
@@ -67,59 +67,46 @@ class Marker:
     targets : Outputs
     scores : rasterio dataset
         That was just written.
+    tail : Tail
+        The highest scores.
     beside : Places
         Pixels of the sea that are attached to land.
     """
 
-    def __init__(self, plan: Plan, targets: Outputs, scores: Any, beside: Places) -> None:
-        self._plan, self._targets, self._scores, self._beside = plan, targets, scores, beside
-        self._tail: Tail | None = None
-
-    @property
-    def _options(self) -> dict[str, Any]:
-        recipe, scene = self._plan.recipe, self._plan.scene
+    def __init__(self, plan: Plan, targets: Outputs, scores: Any, tail: Tail, beside: Places) -> None:
+        self._plan, self._targets, self._scores, self._tail, self._beside = plan, targets, scores, tail, beside
+        recipe, scene = plan.recipe, plan.scene
         area = ground_area(scene.transform, scene.crs, scene.height, scene.width)
-        return {"min_size": recipe.min_size, "merge_distance": recipe.merge_distance, "pixel_area": area}
+        self._options: dict[str, Any] = {
+            "min_size": recipe.min_size, "merge_distance": recipe.merge_distance, "pixel_area": area,
+        }  # fmt: skip
+        # kinds of objects that share the false alarms: afloat, and attached to land
+        self._strata = 2 if len(beside[0]) else 1
 
-    def threshold(self, tail: Tail) -> Threshold:
+    def threshold(self) -> Threshold:
         """Threshold of the sea, from the clutter that is left when confirmed objects are taken out."""
-        recipe = self._plan.recipe
-        self._tail = tail
-        clutter = self._clutter
+        recipe, clutter = self._plan.recipe, self._clutter
         if recipe.false_per_km2 is not None:
             value = clutter.score_at(recipe.false_per_km2 / self._strata)
             above = clutter.tail.above(value)
             rate = (above or 0) / max(clutter.tail.n, 1)
             notes = () if clutter.fitted else ("too few candidates for a law of their peaks: their ranks are used",)
             return Threshold(value, "peaks", rate, None if above is None else rate, clutter.tail.n, notes=notes)
-        if recipe.threshold == "empirical":
-            from ..threshold import from_quantile
-
-            return from_quantile(clutter.tail, float(recipe.pfa or 0))
-        return clutter.threshold(float(recipe.pfa or 0))
+        pfa = float(recipe.pfa or 0)
+        return from_quantile(clutter.tail, pfa) if recipe.threshold == "empirical" else clutter.threshold(pfa)
 
     @cached_property
     def _clutter(self) -> sea.Clutter:
         """What is not confirmed as an object."""
-        of_sea, tail = self._plan.sea, self._tail
+        of_sea = self._plan.sea
         assert of_sea is not None
         assert of_sea.model is not None
-        assert tail is not None
-        low = LOW * of_sea.model.q90
-        rows, columns, scores = self._open(low)
-        found = marking.find_among(rows, columns, scores)
-        parts = _pixels_of(found, rows, columns, scores)
-        area = tail.n * of_sea.area / 1e6
-        fine = of_sea.model.side == "both"
-        return sea.clutter_of(tail, found, parts, of_sea.model.q90, area=area, fine=fine)
-
-    @property
-    def _strata(self) -> int:
-        """Kinds of objects that share the false alarms: afloat, and attached to land."""
-        return 2 if len(self._beside[0]) else 1
+        q90, fine = of_sea.model.q90, of_sea.model.side == "both"
+        found = marking.find_among(*self._above(LOW * q90))
+        return sea.clutter_of(self._tail, found, q90, area=self._tail.n * of_sea.area / 1e6, fine=fine)
 
     def _above(self, value: float) -> Places:
-        """Rows, columns and scores above a value, read in strips."""
+        """Rows, columns and scores above a value, read in strips, of what is not attached to land."""
         found = []
         dataset = self._scores
         for top in range(0, dataset.height, LONGEST_SIDE):
@@ -129,14 +116,7 @@ class Marker:
                 rows, columns = np.nonzero(scores > value)
             found.append((rows + top, columns, scores[rows, columns]))
         rows, columns, scores = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        return rows, columns, scores
-
-    def _open(self, value: float) -> Places:
-        """The same of what is not attached to land."""
-        rows, columns, scores = self._above(value)
-        if not len(self._beside[0]):
-            return rows, columns, scores
-        width = self._plan.scene.width
+        width = dataset.width
         apart = ~np.isin(rows * width + columns, self._beside[0] * width + self._beside[1])
         return rows[apart], columns[apart], scores[apart]
 
@@ -149,7 +129,7 @@ class Marker:
         assert of_sea.model is not None
         clutter, share = self._clutter, self._strata
         low = min(LOW * of_sea.model.q90, threshold.value)
-        afloat = marking.find_among(*self._open(low), above=threshold.value, **self._options)
+        afloat = marking.find_among(*self._above(low), above=threshold.value, **self._options)
         by_peaks = threshold.method == "peaks"
         if by_peaks:
             afloat = [o for o in afloat if o.score_top > threshold.value]
@@ -195,18 +175,6 @@ def _likeness(found: Object) -> float:
     """How much an object attached to land is like a ship."""
     length, width, _ = rectangle(found.footprint)
     return likeness(found.size, found.size / (length * width))
-
-
-def _pixels_of(found: Sequence[Object], rows: Any, columns: Any, scores: Any) -> list[npt.NDArray[Any]]:
-    """Scores of each object's pixels."""
-    width = int(columns.max()) + 1 if len(columns) else 1
-    place = rows * width + columns
-    out = []
-    for o in found:
-        (top, _), (left, _) = o.bounds
-        y, x = np.nonzero(o.footprint)
-        out.append(scores[np.searchsorted(place, (y + top) * width + x + left)])
-    return out
 
 
 def _described(rated: Rated, move: Move | None) -> dict[str, Any]:

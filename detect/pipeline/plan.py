@@ -4,24 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from deglint import tiles as tiling
-from deglint.errors import BandError, InputError, NoWaterError
+from deglint.errors import BandError, DeglintError, InputError, NoWaterError
 from deglint.masks import Roles, WaterRule, water
 from deglint.pipeline.overview import block_of, overview_of, role_bands
 from deglint.readers.areas import Area, open_area
-from deglint.readers.roles import explain_nir, find_band, find_nir
-from deglint.readers.text import read_text
+from deglint.readers.place import ground_area
+from deglint.readers.roles import band_roles, explain_nir, find_band, find_nir
+from deglint.readers.text import read_json, read_text
 from deglint.scene import Scene
 from deglint.tiles import Tile
 
+from .. import sea
 from ..background import Background
 from ..local import CELL, WindowRule
-from .recipe import Recipe
-from .sea_plan import SeaPlan, no_nir, plan_sea, visible_bands, water_of_removal, why_not_sea
+from .recipe import WINDOW, Recipe
 
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
@@ -29,6 +31,53 @@ SEA_TILE = 1024
 """Side of the tiles of sea, whose halo is some hundred pixels [pixel]."""
 _STRIP_LINES = 64
 """Least lines that are read at a time, where lines are scored one after the other."""
+_VISIBLE_RANGE = (400.0, 700.0)
+"""Bands in which water is seen through a removed glint: the NIR is not corrected, and its glint is the clutter [nm]."""
+_NIR = (740.0, 1100.0)
+"""Bands that see glint and hardly any water [nm]."""
+_MANY = 16
+"""Bands from which on the spectrum alone tells a target, and a global covariance has the pixels to know it."""
+_UNKNOWN = 10.0
+"""Side of a pixel where the scene has no CRS [m]."""
+_SAMPLE_BLOCK = 1024
+"""Side of the blocks that the water is learnt from [pixel]."""
+_BLOCKS = 4
+"""How many of them hold enough water."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeaPlan:
+    """The sea of a scene.
+
+    Attributes
+    ----------
+    rule : SeaRule
+        What floats.
+    area : float
+        Of a pixel [m2]; NaN where the scene has no CRS.
+    side : str or None
+        As `detect.sea.fit`; None chooses by the pixels' size.
+    model : SeaModel or None
+        None until it is fitted.
+    nir : tuple of int
+        0-based NIR bands that tell how much glint a pixel has.
+    """
+
+    rule: sea.SeaRule
+    area: float
+    side: str | None = None
+    model: sea.SeaModel | None = None
+    nir: tuple[int, ...] = ()
+
+    @property
+    def pixel(self) -> float | None:
+        """Side of a pixel [m], where it is known."""
+        return self.rule.pixel if np.isfinite(self.area) else None
+
+    @property
+    def halo(self) -> int:
+        """Pixels around a tile that its scores depend on."""
+        return self.rule.halo + (self.model.halo if self.model else 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +100,6 @@ class Plan:
     given: Background | None
     rule: WindowRule | None
     notes: tuple[str, ...] = ()
-    progress: Progress | None = None
     sea: SeaPlan | None = None
 
     @property
@@ -59,33 +107,27 @@ class Plan:
         """Names of the bands in use."""
         return tuple(self.scene.names[b] for b in self.bands)
 
-    def note(self, stage: str) -> Callable[[int, int], None] | None:
-        """Progress of a stage."""
-        tell = self.progress
-        return (lambda done, total: tell(stage, done, total)) if tell else None
-
 
 @dataclass(frozen=True, eq=False)
 class Masking:
     """Where to score: everywhere, inside an area, or on water."""
 
-    scene: Scene
     area: Area | None = None
     water: WaterRule | None = None
     water_bands: tuple[int, ...] = ()
 
-    def read(self, tile: Tile) -> Mask | None:
+    def read(self, scene: Scene, tile: Tile) -> Mask | None:
         """Mask of a tile; None for everywhere."""
         if self.area is not None:
             return self.area.read(tile.window)
         if self.water is None:
             return None
-        outer = tile.grown(self.water.halo, self.scene.height, self.scene.width)
-        found = water(self.scene.source.read(outer.window, list(self.water_bands)), self.water)
+        outer = tile.grown(self.water.halo, scene.height, scene.width)
+        found = water(scene.source.read(outer.window, list(self.water_bands)), self.water)
         return np.asarray(found[tile.within(outer)])
 
 
-def make_plan(scene: Scene, recipe: Recipe, threads: int, progress: Progress | None = None) -> Plan:
+def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
     """Find out what a recipe needs to know of a scene.
 
     Raises
@@ -120,9 +162,7 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, progress: Progress | N
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
-    return Plan(
-        scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, rule, tuple(notes), progress, of_sea
-    )
+    return Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, rule, tuple(notes), of_sea)
 
 
 def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking, list[str]]:
@@ -137,7 +177,7 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking
             searched = replace(recipe, method="sea", mask="water" if recipe.mask == "auto" else recipe.mask)
             return searched, _masking(scene, searched, threads), ["auto: sea, since there is water to compare with"]
         except BandError as error:
-            why = no_nir(error)
+            why = str(error).split(";", 1)[0].split(".", 1)[0]
         except (InputError, NoWaterError) as error:
             if recipe.mask not in ("auto", "water"):
                 raise
@@ -183,19 +223,19 @@ def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int,
 
 def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
     if recipe.mask == "none":
-        return Masking(scene)
+        return Masking()
     if recipe.mask != "water":
-        return Masking(scene, open_area(recipe.mask, scene, "--mask"))
+        return Masking(open_area(recipe.mask, scene, "--mask"))
     nir = find_nir(scene, list(recipe.nir) or None)[0]
     if (known := water_of_removal(scene, nir)) is not None:
-        return Masking(scene, None, *known)
+        return Masking(None, *known)
     look = overview_of(scene, nir, threads, wanted=True)
     if look.water is None:
         raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")
     if not look.water.has_water:
         raise NoWaterError(look.water.reason)
     roles: Roles = look.roles
-    return Masking(scene, None, look.water, role_bands(roles))
+    return Masking(None, look.water, role_bands(roles))
 
 
 def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[int, int]:
@@ -204,3 +244,116 @@ def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[in
     while -(-scene.height // (rows * CELL)) * -(-scene.width // (columns * CELL)) < 2 * threads and rows * columns > 1:
         rows, columns = (rows // 2, columns) if rows >= columns else (rows, columns // 2)
     return rows * CELL, columns * CELL
+
+
+def plan_sea(scene: Scene, recipe: Recipe) -> SeaPlan:
+    """Sizes of what may float on the sea of a scene."""
+    known = ground_area(scene.transform, scene.crs, scene.height, scene.width)
+    area = known or float("nan")
+    pixel = float(np.sqrt(area)) if known else _UNKNOWN
+    side = None if recipe.side == "auto" else recipe.side
+    nir = tuple(i for i, b in enumerate(scene.bands) if b.wavelength is not None and _NIR[0] <= b.wavelength <= _NIR[1])
+    return SeaPlan(sea.SeaRule(pixel, *recipe.largest_object), area, side, nir=nir)
+
+
+def why_not_sea(scene: Scene, recipe: Recipe) -> str:
+    """Why auto does not search the sea, before looking for water; "" where nothing speaks against it."""
+    for name, usual in (("background", ""), ("covariance", "empirical"), ("window", WINDOW), ("drop", 1)):
+        if getattr(recipe, name) != usual:
+            return f"--{name} is an option of it"
+    if recipe.threshold in ("chi2", "f"):
+        return f"--threshold {recipe.threshold} is the law of its scores"
+    count = len(recipe.bands or scene.bands)
+    if count > _MANY:
+        return f"{count} bands tell targets by their spectrum"
+    return ""
+
+
+def visible_bands(scene: Scene) -> tuple[int, ...]:
+    """0-based visible bands, at least two; all bands where fewer are known."""
+    low, high = _VISIBLE_RANGE
+    found = [i for i, b in enumerate(scene.bands) if b.wavelength is not None and low <= b.wavelength <= high]
+    if len(found) < 2:
+        roles = band_roles(scene)
+        found = sorted({i for r in ("blue", "green", "red") if (i := roles[r]) is not None})
+    return tuple(found) if len(found) > 1 else tuple(range(len(scene.bands)))
+
+
+def water_of_removal(scene: Scene, nir: int) -> tuple[WaterRule, tuple[int, ...]] | None:
+    """The water that `deglint remove` found before it changed the visible bands, and the bands that it looked at.
+
+    The NIR, which decides, is a copy of the input's. None where the scene is not the result of a removal.
+    """
+    found = band_roles(scene)
+    bands = role_bands(Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir}))
+    try:
+        numbers: dict[str, Any] = dict(read_json(f"{scene.path}.json", "sidecar")["water"])
+        roles = Roles(**numbers.pop("roles"))
+        rule = WaterRule(roles=roles, **{k: v for k, v in numbers.items() if k in WaterRule.__dataclass_fields__})
+    except (DeglintError, KeyError, TypeError, ValueError):
+        return None
+    same = max(roles.nir, *roles.visible) < len(bands) and bands[roles.nir] == nir
+    return (rule, bands) if rule.has_water and same else None
+
+
+def read_sea(plan: Plan, tile: Tile, bands: Any) -> tuple[npt.NDArray[Any], npt.NDArray[np.uint8]]:
+    """The pixels of a tile, and the class of each pixel (`detect.sea.region`)."""
+    assert plan.sea is not None
+    block = plan.scene.source.read(tile.window, list(bands))
+    valid = np.asarray(np.isfinite(block).all(axis=0))
+    mask = plan.mask.read(plan.scene, tile)
+    water = valid if mask is None else np.logical_and(mask, valid)
+    return block, sea.region(water, plan.sea.rule, valid)
+
+
+def read_nir(plan: Plan, tile: Tile) -> npt.NDArray[Any]:
+    """NIR of a tile, where scores are evened by it; else of no bands."""
+    assert plan.sea is not None
+    return plan.scene.source.read(tile.window, list(plan.sea.nir)) if plan.sea.nir else np.zeros((0, *tile.shape))
+
+
+def fit_sea(plan: Plan) -> SeaPlan:
+    """Learn the water from the scene, or of a large scene from some blocks with water.
+
+    Raises
+    ------
+    NoWaterError
+        There is no water to learn from.
+    """
+    assert plan.sea is not None
+    scene, blocks, nir = plan.scene, [], []
+    everything = tiling.tiles(scene.height, scene.width, (2 * _SAMPLE_BLOCK, 2 * _SAMPLE_BLOCK))
+    if len(everything) > 1:
+        everything = tiling.tiles(scene.height, scene.width, (_SAMPLE_BLOCK, _SAMPLE_BLOCK))
+    few = _BLOCKS * _SAMPLE_BLOCK**2 // 2
+    held = 0
+    for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
+        block, classes = read_sea(plan, tile, plan.bands)
+        count = int(np.count_nonzero(classes == sea.WATER))
+        if not count:
+            continue
+        blocks.append((block, classes))
+        nir.append(read_nir(plan, tile))
+        held += count
+        if held >= few and len(blocks) >= _BLOCKS:
+            break
+    if not blocks:
+        raise NoWaterError(f"no water in {scene.path} to compare with. Check --mask and --nodata, or take --method rx.")
+    known = nir if plan.sea.nir else ()
+    return replace(plan.sea, model=sea.fit(blocks, pixel=plan.sea.pixel, side=plan.sea.side, nir=known))
+
+
+def explain(plan: Plan) -> list[str]:
+    """What was decided, one line each."""
+    found = plan.sea
+    if found is None or found.model is None:
+        return []
+    size = f"{found.rule.pixel:.3g} m" if found.pixel else f"of unknown size, taken as {_UNKNOWN:g} m"
+    what = "brighter or darker" if found.model.side == "both" else "brighter"
+    scales = ", ".join(map(str, found.model.scales))
+    even = ", over what is usual at the same NIR" if found.model.glint else ""
+    floats = f"{found.rule.length:g} m by {found.rule.width:g} m"
+    return [
+        f"sea: water closed over what is up to {floats}; pixels {size}",
+        f"sea: {what} than the water within {sea.SEA_WINDOW} pixels, at scales of {scales} pixels{even}",
+    ]

@@ -11,26 +11,13 @@ from deglint.errors import InputError
 
 from ..background import RIDGE, check_rule
 from ..local import BORDERS
-from ..rx import GLOBAL_METHODS
+from ..rx import METHODS, Method
 from ..sea import SIDES
 from ..sea.region import LARGEST
+from ..threshold import THRESHOLDS
 
-METHODS = {
-    "sea": "distance from the water around, floating objects of the sea included",
-    "local": "squared Mahalanobis distance from the ring around the pixel (--window)",
-    "lines": "squared Mahalanobis distance from the lines before, one line after the other",
-    **GLOBAL_METHODS,
-}
-"""Detectors, with what they are; "auto" is sea where there is water and pixels are compared with it, else rx."""
-THRESHOLDS = {
-    "gpd": "tail fitted to the scores",
-    "empirical": "quantile of the scores",
-    "f": "F",
-    "chi2": "chi-squared",
-}
-"""How the threshold for --pfa is found."""
-NO_LAW = ("utd", "rx-utd", "sea", "lines")
-"""Detectors whose scores follow no known law even over a normal background."""
+SUFFIXES = (".geojson", ".json", ".gpkg")
+"""Files that objects can be written to."""
 WINDOW = (5, 21)
 """Guard and window of local RX, unless they are said [pixel]."""
 
@@ -42,7 +29,7 @@ class Recipe:
     Attributes
     ----------
     method : str
-        "auto", or a key of `METHODS`.
+        "auto" (sea where there is water, else rx), or a key of `detect.rx.METHODS`.
     window : (int, int)
         Guard and window of "local" [pixel].
     border, ddof : str, int
@@ -61,7 +48,7 @@ class Recipe:
     pfa : float, optional
         False alarms wanted per pixel.
     threshold : str
-        A key of `THRESHOLDS`.
+        A key of `detect.threshold.THRESHOLDS`.
     false_per_km2 : float, optional
         False objects wanted per km2 of sea, in place of pfa; for "sea".
     largest_object : (float, float)
@@ -103,41 +90,36 @@ class Recipe:
         check_rule(self.covariance, self.ridge)
         if self.pfa is not None and not 0 < self.pfa < 1:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
-        self._check_local()
-        self._check_sea()
-        if self.method == "lines" and (self.background or self.covariance != "empirical"):
-            raise InputError("lines are compared with the lines before: leave out --background and --covariance.")
-        if self.pfa is not None and self.threshold in ("chi2", "f") and self.method in NO_LAW:
-            raise InputError(
-                f"{self.method} scores follow neither chi-squared nor F: take --threshold empirical or gpd."
-            )
+        method, rate = self.method, self.false_per_km2
+        local, by_law = method == "local", self.threshold in ("chi2", "f")
+        for wrong, message in (
+            (local and self.covariance not in ("empirical", "ridge"),
+             (f"local takes covariance empirical or ridge, got {self.covariance}: the ring of a pixel is too small to "
+             "estimate more.")),
+            (local and self.background,
+             "local takes the ring around each pixel as its background: leave out --background."),
+            (rate is not None and not rate > 0, f"false-per-km2: allowed is above 0, got {rate}."),
+            (rate is not None and self.pfa is not None,
+             "pfa and false-per-km2 both state the false-alarm rate: give one of them."),
+            (rate is not None and method not in ("auto", "sea"),
+             f"false-per-km2 needs --method sea, got {method}. Give --pfa."),
+            (method == "lines" and (self.background or self.covariance != "empirical"),
+             "lines are compared with the lines before: leave out --background and --covariance."),
+            (by_law and not self.kind.law and (method == "sea" or self.pfa is not None),
+             f"{method} scores follow neither chi-squared nor F: take --threshold gpd or empirical."),
+        ):  # fmt: skip
+            if wrong:
+                raise InputError(message)
+
+    @property
+    def kind(self) -> Method:
+        """The line of the table; "auto" counts as rx, which takes every option."""
+        return METHODS["rx" if self.method == "auto" else self.method]
 
     @property
     def thresholded(self) -> bool:
         """Whether a threshold is wanted."""
         return self.pfa is not None or self.false_per_km2 is not None
-
-    def _check_sea(self) -> None:
-        if self.false_per_km2 is not None:
-            if not self.false_per_km2 > 0:
-                raise InputError(f"false-per-km2: allowed is above 0, got {self.false_per_km2}.")
-            if self.pfa is not None:
-                raise InputError("pfa and false-per-km2 both state the false-alarm rate: give one of them.")
-            if self.method not in ("auto", "sea"):
-                raise InputError(f"false-per-km2 needs --method sea, got {self.method}. Give --pfa.")
-        if self.method == "sea" and self.threshold in ("chi2", "f"):
-            raise InputError("sea scores follow neither chi-squared nor F: take --threshold gpd or empirical.")
-
-    def _check_local(self) -> None:
-        if self.method != "local":
-            return
-        if self.covariance not in ("empirical", "ridge"):
-            raise InputError(
-                f"local takes covariance empirical or ridge, got {self.covariance}: the ring of a pixel is too small "
-                "to estimate more."
-            )
-        if self.background:
-            raise InputError("local takes the ring around each pixel as its background: leave out --background.")
 
 
 Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-assign]
@@ -152,7 +134,7 @@ class Outputs:
     image : Path
         The scores; the sidecar is `image` with ".json" appended.
     p_value, flags, objects, background : Path, optional
-        Raster of p-values, raster of `detect.pipeline.flags.MEANINGS`, detected objects as GeoJSON, the fitted
+        Raster of p-values, raster of `detect.pipeline.scoring.MEANINGS`, detected objects as GeoJSON, the fitted
         background.
     overwrite : bool
         Replace what exists.
@@ -170,6 +152,24 @@ class Outputs:
     overwrite: bool = False
     options: Mapping[str, str] = field(default_factory=dict)
     chips: Path | None = None
+
+    def check(self, recipe: Recipe) -> None:
+        """Refuse outputs that the recipe does not give."""
+        for wrong, message in (
+            (self.objects and not recipe.thresholded,
+             ("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4, or "
+             "--false-per-km2.")),
+            (self.chips and not self.objects, "chips are pictures of objects: give --objects FILE, too."),
+            (self.objects and self.objects.suffix.lower() not in SUFFIXES,
+             f"{self.objects} (--objects): allowed are {', '.join(SUFFIXES)}."),
+            (self.p_value and not recipe.kind.law,
+             f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx."),
+            (self.background and recipe.kind.matrices is None,
+             (f"{recipe.method} has a background for every pixel, none to save. Leave out --save-background, or take "
+             "--method rx.")),
+        ):  # fmt: skip
+            if wrong:
+                raise InputError(message)
 
     @property
     def sidecar(self) -> Path:

@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,15 +33,12 @@ from ..background import Background, Part, sample_share
 from ..lines import LineScorer
 from ..rx import Detector, both, detector
 from ..threshold import Tail, Threshold
-from .flags import MEANINGS
 from .ground import delayed_bands
 from .mark import CANDIDATES, Marker, Places, joined
-from .plan import Plan, Progress, make_plan
-from .recipe import NO_LAW, Outputs, Recipe
-from .scoring import Highest, Law, PixelCounts, Scoring
-from .sea_plan import fit_sea
+from .plan import Plan, Progress, fit_sea, make_plan
+from .recipe import Outputs, Recipe
+from .scoring import MEANINGS, Highest, PixelCounts, Scoring
 from .sidecar import describe, notes_on, warnings_of
-from .vectors import check_vector
 
 log = logging.getLogger(__name__)
 
@@ -93,9 +91,8 @@ def score_file(
     sensor, nodata, bands, wavelengths, scale, offset
         As `deglint.open_scene`.
     threads : int, optional
-        All processors by default. The result is the same for any number.
-    progress : callable, optional
-        progress(stage, done, total).
+        All processors by default. The result does not depend on it.
+    progress : callable(stage, done, total), optional
     cluster : Cluster, optional
         Workers in place of threads, as `deglint.remove_glint`; the result is the same to the bit.
     **outputs
@@ -117,20 +114,16 @@ def score_file(
     from threadpoolctl import threadpool_limits
 
     from deglint.readers import open_scene
-    from deglint.readers.stac import files_of
 
     recipe = recipe or Recipe()
     files = ("p_value", "flags", "objects", "background", "chips")
     paths: dict[str, Any] = {k: Path(v) if k in files and v else v for k, v in outputs.items()}
     targets = Outputs(Path(image), **paths)
-    _check_targets(recipe, targets, threads)
+    if threads is not None and threads < 1:
+        raise InputError(f"threads: want at least 1, got {threads}.")
+    targets.check(recipe)
     with environment(), threadpool_limits(1, user_api="blas"):  # the tiles' threads are all the threads
-        given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
-        read = [file for name in given for file in files_of(name)]
-        reads: Reads = {"the input": [*given, *read], "--background": [recipe.background], "--mask": [recipe.mask],
-                        "--sensor": [str(sensor or "")]}  # fmt: skip
-        check_targets(targets.every(), reads, overwrite=targets.overwrite)
-        check_image(targets.image)
+        read = _files_read(source, targets, recipe, str(sensor or ""))
         # before it is opened: what changes from now on is noticed
         checksum = Checksum(read, [recipe.background, recipe.mask])
         scene = settled(open_scene(source, sensor=sensor, nodata=nodata, bands=bands, wavelengths=wavelengths,
@@ -139,26 +132,21 @@ def score_file(
             return _run(scene, checksum, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
 
 
-def _check_targets(recipe: Recipe, targets: Outputs, threads: int | None) -> None:
-    """Refuse outputs that the recipe does not give."""
-    if threads is not None and threads < 1:
-        raise InputError(f"threads: want at least 1, got {threads}.")
-    if targets.objects and not recipe.thresholded:
-        raise InputError("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4, or "
-                         "--false-per-km2.")  # fmt: skip
-    if targets.chips and not targets.objects:
-        raise InputError("chips are pictures of objects: give --objects FILE, too.")
-    check_vector(targets.objects)
-    _check_method(recipe, targets)
+def _files_read(
+    source: str | Path | Sequence[str | Path], targets: Outputs, recipe: Recipe, sensor: str
+) -> list[str]:  # fmt: skip
+    """Files of the input; refuses outputs that are read or that exist."""
+    from deglint.readers.stac import files_of
 
-
-def _check_method(recipe: Recipe, targets: Outputs) -> None:
-    """Refuse what a detector cannot give."""
-    if targets.p_value and recipe.method in NO_LAW:
-        raise InputError(f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx.")
-    if targets.background and recipe.method in ("local", "sea", "lines"):
-        raise InputError(f"{recipe.method} has a background for every pixel, none to save. Leave out "
-                         "--save-background, or take --method rx.")  # fmt: skip
+    given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
+    read = [file for name in given for file in files_of(name)]
+    reads: Reads = {
+        "the input": [*given, *read], "--background": [recipe.background], "--mask": [recipe.mask],
+        "--sensor": [sensor],
+    }  # fmt: skip
+    check_targets(targets.every(), reads, overwrite=targets.overwrite)
+    check_image(targets.image)
+    return read
 
 
 def _run(
@@ -172,23 +160,23 @@ def _run(
         recipe = replace(recipe, method="rx")  # the only detector that gives both
     if recipe.moving:
         delayed_bands(scene)  # refused before the work, not after it
-    plan = make_plan(scene, recipe, threads, progress)
+    plan = make_plan(scene, recipe, threads)
     for note in plan.notes:
         log.info("%s", note)
     recipe = plan.recipe
-    _check_method(recipe, targets)
+    targets.check(recipe)
     if cluster and recipe.method == "lines":
         raise InputError("lines are scored in the order in which they come: leave out --workers and --cluster.")
     background = None
     if plan.sea is not None:
         plan = replace(plan, sea=fit_sea(plan))
     elif plan.rule is None and recipe.method != "lines":
-        background = plan.given or fit_background(plan, cluster.run if cluster else tiling.run)
+        background = plan.given or fit_background(plan, cluster.run if cluster else tiling.run, progress)
     notes = notes_on(plan, background)
     for note in notes:
         log.info("%s", note)
     ready = detector(recipe.method, background, drop=recipe.drop, nir=plan.nir) if background else None
-    law = _law(recipe, ready, background, len(plan.bands))
+    law = _law(plan, ready, background)
     with Scratch(overwrite=targets.overwrite) as scratch:
         work = _scoring(plan, targets, ready, law)
         tally, tail, beside = _write_tiles(scratch, work, targets, cluster, progress)
@@ -197,8 +185,8 @@ def _run(
         threshold, found = None, None
         if tail is not None:
             with open_dataset(str(scratch.file(targets.image))) as scores:
-                marker = Marker(plan, targets, scores, beside)
-                threshold = marker.threshold(tail) if plan.sea else _threshold(recipe, tail, law, tally)
+                marker = Marker(plan, targets, scores, tail, beside)
+                threshold = marker.threshold() if plan.sea else _threshold(recipe, tail, law)
                 found = marker.write(threshold, scratch, progress)
         if targets.background and background:
             write_text(scratch, targets.background, replace(background, names=plan.names).to_json() + "\n")
@@ -230,68 +218,62 @@ def _log_result(
              said["seconds"])  # fmt: skip
 
 
-def fit_background(plan: Plan, run: tiling.Run = tiling.run) -> Background:
+def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Background:
     """Fit the background of a plan over its tiles, on threads or by a cluster's `run`."""
     recipe, bands = plan.recipe, plan.bands
     pixels = sum(t.shape[0] * t.shape[1] for t in plan.tiles)
     share = sample_share(recipe.covariance, pixels)
-    silent = replace(plan, progress=None)  # what tells of progress stays in this process
 
     def gather(tile: Tile) -> Part:
-        block = silent.scene.source.read(tile.window, list(bands))
-        area = None if silent.area is None else silent.area.read(tile.window)
-        return Part.of(block, both(silent.mask.read(tile), area), (tile.row0, tile.col0), share)
+        block = plan.scene.source.read(tile.window, list(bands))
+        area = None if plan.area is None else plan.area.read(tile.window)
+        return Part.of(block, both(plan.mask.read(plan.scene, tile), area), (tile.row0, tile.col0), share)
 
-    done = run(plan.tiles, gather, progress=plan.note("fit"), threads=plan.threads, start=enter_thread)
+    told = progress and partial(progress, "fit")
+    done = run(plan.tiles, gather, progress=told, threads=plan.threads, start=enter_thread)
     whole = Part.merge(list(tiling.by_rows(done, Part.merge)))
     return whole.background(recipe.covariance, ridge=recipe.ridge, names=plan.names)
 
 
-def _law(recipe: Recipe, ready: Detector | None, background: Background | None, bands: int) -> Law | None:
-    """The law of scores over a normal background."""
-    if recipe.method in NO_LAW:
+def _law(plan: Plan, ready: Detector | None, background: Background | None) -> tuple[int, int] | None:
+    """Degrees of freedom of scores over a normal background, and pixels that the statistics come from."""
+    if not plan.recipe.kind.law:
         return None
     if ready is not None and background is not None:
-        return Law(ready.rank, background.n)
-    inner, outer = recipe.window
-    return Law(bands, outer * outer - inner * inner)
+        return ready.rank, background.n
+    inner, outer = plan.recipe.window
+    return len(plan.bands), outer * outer - inner * inner
 
 
-def _threshold(recipe: Recipe, tail: Tail, law: Law | None, tally: PixelCounts) -> Threshold:
+def _threshold(recipe: Recipe, tail: Tail, law: tuple[int, int] | None) -> Threshold:
     """The threshold for the wanted rate, with the rate that it gave."""
     pfa = float(recipe.pfa or 0)
-    if recipe.threshold == "chi2" and law:
-        found = cutting.from_chi2(pfa, law.bands)
-    elif recipe.threshold == "f" and law:
-        found = cutting.from_f(pfa, law.bands, law.n)
-    elif recipe.threshold == "empirical":
-        return cutting.from_quantile(tail, pfa)
-    else:
-        return cutting.from_gpd(tail, pfa)
-    above = tail.above(found.value)
-    return found if above is None else found.measured(above, tally.scored)
+    if recipe.threshold in ("chi2", "f") and law:
+        found = cutting.from_chi2(pfa, law[0]) if recipe.threshold == "chi2" else cutting.from_f(pfa, *law)
+        return found.measured(tail.above(found.value), tail.n)
+    return (cutting.from_quantile if recipe.threshold == "empirical" else cutting.from_gpd)(tail, pfa)
 
 
-def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: Law | None) -> Scoring:
+def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: tuple[int, int] | None) -> Scoring:
     """What scores a tile, and keeps as many of the highest scores as the threshold needs."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     highest = Highest(Tail.keep_for(rate, pixels)) if recipe.thresholded else None
     lines = LineScorer() if recipe.method == "lines" else None
-    return Scoring(replace(plan, progress=None), ready, law, highest, bool(targets.p_value), bool(targets.flags), lines)
+    return Scoring(plan, ready, law, highest, bool(targets.p_value), bool(targets.flags), lines)
 
 
 def _write_tiles(
     scratch: Scratch, work: Scoring, targets: Outputs, cluster: Cluster | None, progress: Progress | None
 ) -> tuple[PixelCounts, Tail | None, Places]:
     """Score and write all tiles; returns counts, the highest scores, and pixels of ships that are attached to land."""
-    plan, highest, tally = replace(work.plan, progress=progress), work.highest, PixelCounts()
+    plan, highest, tally = work.plan, work.highest, PixelCounts()
     beside: list[Places] = []
     images = _images(plan, targets)
     run = cluster.run if cluster else tiling.run
+    told = progress and partial(progress, "score")
     with writing_all(scratch, images) as writers:
-        done = run(plan.tiles, work, threads=plan.threads, progress=plan.note("score"), start=enter_thread)
-        for tile, scored in done:
+        for tile, scored in run(plan.tiles, work, threads=plan.threads, progress=told, start=enter_thread):
             for what, writer in writers.items():
                 if (block := getattr(scored, what)) is not None:
                     writer.write(block, tile.window)

@@ -1,7 +1,8 @@
-"""What is done with one tile: read, mask, score, and count; and the highest scores of all tiles together."""
+"""What is done with one tile: read, mask, score, flag and count; and the highest scores of all tiles together."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,13 +14,26 @@ from deglint.tiles import Tile
 from .. import sea
 from .. import threshold as cutting
 from ..lines import LineScorer
-from ..local import DEFICIENT, TOO_FEW, score_part
+from ..local import DEFICIENT, STATES, TOO_FEW, score_part
 from ..rx import Detector, score
 from ..threshold import Tail
-from .flags import Flags, flags_of, flags_of_sea
 from .mark import Places
-from .plan import Plan
-from .sea_plan import read_nir, read_sea
+from .plan import Plan, read_nir, read_sea
+
+Mask = npt.NDArray[np.bool_]
+NOT_VALID, MASKED_OUT, NOT_BACKGROUND, PSEUDO_INVERSE, NO_RING = 1, 2, 4, 8, 16
+ON_RIM, FLOATS, BESIDE_LAND = 32, 64, 128
+MEANINGS = {
+    NOT_VALID: "nodata, or not finite, in a band in use: no score",
+    MASKED_OUT: "outside --mask: no score",
+    NOT_BACKGROUND: "outside the area of --background: scored, but not fitted to",
+    PSEUDO_INVERSE: STATES[DEFICIENT],
+    NO_RING: STATES[TOO_FEW],
+    ON_RIM: "sea: water beside land, half land itself: no score",
+    FLOATS: "sea: no water, but small enough to float",
+    BESIDE_LAND: "sea: no water, attached to land, with the size and shape of a ship or a short pier",
+}
+"""Bits of the flag raster; 0: a score like any other."""
 
 
 @dataclass
@@ -47,7 +61,7 @@ class Scored:
     tally: PixelCounts
     tail: Tail | None = None
     p_values: npt.NDArray[np.float32] | None = None
-    flags: Flags | None = None
+    flags: npt.NDArray[np.uint8] | None = None
     beside: Places | None = None
 
 
@@ -79,20 +93,15 @@ class Highest:
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
-    """What scores over a normal background follow: degrees of freedom, and pixels that the statistics come from."""
-
-    bands: int
-    n: int
-
-
-@dataclass(frozen=True, eq=False)
 class Scoring:
-    """All that scoring a tile needs, as a function of the tile; shared by the threads. Only `lines` remembers."""
+    """All that scoring a tile needs, as a function of the tile; shared by the threads. Only `lines` remembers.
+
+    `law` is that of scores over a normal background: degrees of freedom, and pixels that the statistics come from.
+    """
 
     plan: Plan
     ready: Detector | None
-    law: Law | None
+    law: tuple[int, int] | None
     highest: Highest | None
     want_p: bool
     want_flags: bool = False
@@ -106,16 +115,20 @@ class Scoring:
         if plan.rule is not None:
             scores, block, mask, states = self._of_rings(tile)
         else:
-            mask = plan.mask.read(tile)
+            mask = plan.mask.read(plan.scene, tile)
             block = plan.scene.source.read(tile.window, list(plan.bands))
             scores = score(block, self.ready, mask) if self.ready else self._of_lines(block, mask)
         found = scores.astype(np.float32, copy=False)
         tail = self.highest.of(found) if self.highest else None
         p_values = flags = None
         if self.want_p and self.law:
-            p_values = cutting.fast_p_value(found, self.law.bands, self.law.n).astype(np.float32)
+            p_values = cutting.fast_p_value(found, *self.law).astype(np.float32)
         if self.want_flags:
-            flags = flags_of(block, mask, None if plan.area is None else plan.area.read(tile.window), states)
+            area = None if plan.area is None else plan.area.read(tile.window)
+            marks = [(m == 0, bit) for m, bit in ((mask, MASKED_OUT), (area, NOT_BACKGROUND)) if m is not None]
+            if states is not None:
+                marks += [(states == DEFICIENT, PSEUDO_INVERSE), (states == TOO_FEW, NO_RING)]
+            flags = _flags(np.isfinite(block).all(axis=0), marks)
         return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
     def _of_rings(self, tile: Tile) -> tuple[npt.NDArray[Any], npt.NDArray[Any], Any, npt.NDArray[np.uint8]]:
@@ -123,7 +136,7 @@ class Scoring:
         plan = self.plan
         assert plan.rule is not None
         outer = tile.grown(plan.rule.halo, plan.scene.height, plan.scene.width)
-        mask = plan.mask.read(outer)
+        mask = plan.mask.read(plan.scene, outer)
         states = np.zeros(tile.shape, np.uint8)
         block = plan.scene.source.read(outer.window, list(plan.bands))
         scores = score_part(block, plan.rule, (outer.row0, outer.col0), tile.window, mask, flags=states)
@@ -151,13 +164,24 @@ class Scoring:
         tail = None
         if self.highest is not None:
             tail = self.highest.of(np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores))
-        flags = flags_of_sea(valid, classes) if self.want_flags else None
+        flags = None
+        if self.want_flags:
+            bits = {sea.NOT_SEA: MASKED_OUT, sea.RIM: ON_RIM, sea.AFLOAT: FLOATS, sea.ALONGSIDE: BESIDE_LAND}
+            flags = _flags(valid, [(valid & (classes == which), bit) for which, bit in bits.items()])
         tally = PixelCounts(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
         tally.not_valid = int(np.count_nonzero(~valid))
         tally.masked_out = tally.total - tally.scored - tally.not_valid
         rows, columns = np.nonzero((classes == sea.ALONGSIDE) & np.isfinite(scores))
         beside = rows + tile.row0, columns + tile.col0, scores[rows, columns]
         return Scored(scores, tally, tail, None, flags, beside)
+
+
+def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> npt.NDArray[np.uint8]:
+    """Bits of the flag raster."""
+    flags = np.where(valid, 0, NOT_VALID).astype(np.uint8)
+    for where, bit in marks:
+        flags[where] |= bit
+    return flags
 
 
 def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> PixelCounts:

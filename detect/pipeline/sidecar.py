@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from deglint import __version__
 from deglint.checksum import Checksum
@@ -14,18 +14,12 @@ from deglint.readers.text import read_json
 from ..background import Background
 from ..local import STATES
 from ..threshold import Threshold
-from .flags import MEANINGS
-from .plan import Plan
+from .plan import Plan, explain
 from .recipe import Outputs
-from .sea_plan import explain
-
-if TYPE_CHECKING:
-    from .scoring import PixelCounts
+from .scoring import MEANINGS, PixelCounts
 
 AFFINE = ("hedley", "lyzenga", "joyce", "nir-subtraction")
 """Glint removals that subtract a multiple of the NIR from each band."""
-BLIND = ("rx", "local", "residual")
-"""Detectors that such a removal does not change: no invertible affine map of the bands does."""
 _MOST_BANDS = 32
 """Bands up to which the covariance stands in the sidecar."""
 _FEW_PIXELS = 10
@@ -101,7 +95,7 @@ def warnings_of(
 
 def deglinted(plan: Plan) -> str | None:
     """That a linear glint removal does not change RX, where the input is the output of one and has its NIR."""
-    if plan.recipe.method not in BLIND or plan.recipe.covariance not in ("empirical", "mcd"):
+    if not plan.recipe.kind.invariant or plan.recipe.covariance not in ("empirical", "mcd"):
         return None
     try:
         made = read_json(f"{plan.scene.path}.json", "sidecar")

@@ -8,21 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from deglint.errors import InputError
 from deglint.raster.output import Scratch, write_json, write_text
-
-SUFFIXES = (".geojson", ".json", ".gpkg")
-"""Files that objects can be written to."""
-_WGS84 = (
-    'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],PRIMEM["Greenwich",0],'
-    'UNIT["degree",0.0174532925199433],AUTHORITY["EPSG","4326"]]'
-)
-
-
-def check_vector(path: Path | None) -> None:
-    """Refuse a name whose format is not known."""
-    if path is not None and path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path} (--objects): allowed are {', '.join(SUFFIXES)}.")
 
 
 def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, geographic: bool) -> None:
@@ -50,11 +36,6 @@ def _write_geopackage(path: Path, document: dict[str, Any], *, geographic: bool)
     whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
     with sqlite3.connect(path) as db:
         db.executescript(_data("geopackage.sql"))
-        db.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?,?,?,?,?,?)", [
-            ("WGS 84", 4326, "EPSG", 4326, _WGS84, "longitude and latitude"),
-            ("Undefined Cartesian SRS", -1, "NONE", -1, "undefined", None),
-            ("Undefined geographic SRS", 0, "NONE", 0, "undefined", None),
-        ])  # fmt: skip
         declared = "".join(f', "{name}" {kind}' for name, kind in columns.items())
         db.execute(f"CREATE TABLE objects (fid INTEGER PRIMARY KEY AUTOINCREMENT, geom MULTIPOLYGON{declared})")
         db.execute(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deglint.errors import InputError
-from deglint.raster import RasterSource
+from deglint.pipeline.overview import raster_of
 from deglint.readers import open_scene
 from deglint.readers.areas import open_area, polygons
 from deglint.readers.text import read_json
@@ -86,8 +87,7 @@ def _first_band(scene: Scene, path: str, notes: list[str]) -> npt.NDArray[Any]:
     """Scores of a scene; a note where it has more bands."""
     if len(scene.bands) > 1:
         notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
-    assert isinstance(scene.source, RasterSource)
-    with scene.source as source:
+    with raster_of(scene) as source:
         return np.asarray(source.read(((0, scene.height), (0, scene.width)), [0])[0])
 
 
@@ -100,13 +100,10 @@ def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[npt.N
     _check_grid(scene, f"TRUTH {path}", grid, f"SCORES {scores}")
     if len(scene.bands) > 1:
         raise InputError(f"TRUTH {path} has {len(scene.bands)} bands; want one, of 0 or an object's number.")
-    source = scene.source
-    assert isinstance(source, RasterSource)
-    if source.info.nodatas[0] == 0:
+    if raster_of(scene).info.nodatas[0] == 0:
         notes.append(f"{path} declares 0 as nodata; 0 is taken as background")
-        files = [replace(file, nodatas=(None,)) for file in source.files]
-        source = RasterSource(files, replace(source.info, nodatas=(None,)))
-    with source:
+        scene = open_scene(path, nodata="none")
+    with raster_of(scene) as source:
         marks = source.read(((0, scene.height), (0, scene.width)), [0])[0]
     known = np.isfinite(marks)
     return np.where(known, marks, 0), known
@@ -151,16 +148,10 @@ def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
     a, b = scene.transform, grid.transform
     if a is None or b is None:
         return
-    size = abs(b.a) + abs(b.b)
-    corners = [(0, 0), (scene.width, 0), (0, scene.height)]
-    off = max(
-        max(abs((a.a - b.a) * x + (a.b - b.b) * y + a.c - b.c), abs((a.d - b.d) * x + (a.e - b.e) * y + a.f - b.f))
-        for x, y in corners
-    )
-    if off > _OFF * size:
-        raise InputError(
-            f"{name} lies {off / size:.3g} pixels beside {reference}: they must lie on one grid. Warp one to the other."
-        )
+    off = max(math.dist(~b * (a * corner), corner) for corner in [(0, 0), (scene.width, 0), (0, scene.height)])
+    if off > _OFF:
+        raise InputError(f"{name} lies {off:.3g} pixels beside {reference}: they must lie on one grid. Warp one to the "
+                         "other.")  # fmt: skip
 
 
 def _names(paths: Sequence[str]) -> tuple[str, ...]:

@@ -160,10 +160,8 @@ def false_alarms(
     scores: Scores, objects: npt.NDArray[Any], threshold: float, valid: Mask | None = None
 ) -> list[Object]:
     """Connected parts above a threshold that touch no object, the highest score first."""
-    ok = usable(scores, objects, valid)
-    mask = (scores > threshold) & ok
-    labels = label(mask)
-    touched = np.unique(labels[(objects != 0) & mask])
+    mask = (scores > threshold) & usable(scores, objects, valid)
+    labels, touched = _parts(mask, objects)
     return find(mask & ~np.isin(labels, touched), scores)
 
 
@@ -176,10 +174,14 @@ def _limits(roc: Roc, pfa_max: float) -> Float64:
 
 def count_false_alarms(mask: Mask, objects: npt.NDArray[Any], valid: Mask) -> int:
     """Connected parts of a detection mask that touch no object."""
-    mask = mask & valid
+    labels, touched = _parts(mask & valid, objects)
+    return int(labels.max(initial=0)) - len(touched)
+
+
+def _parts(mask: Mask, objects: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Numbers of connected parts, and those that touch an object."""
     labels = label(mask)
-    hits = np.unique(labels[mask & (objects != 0)])
-    return int(labels.max(initial=0)) - len(hits)
+    return labels, np.unique(labels[mask & (objects != 0)])
 
 
 def _scored(scores: Scores, objects: npt.NDArray[Any], ok: Mask, roc: Roc) -> Iterator[ObjectScore]:

@@ -150,9 +150,7 @@ class Clutter:
         return replace(found, notes=(*found.notes, note)) if self.confirmed else found
 
 
-def clutter_of(
-    tail: Tail, candidates: Sequence[Object], scores: Sequence[Scores], q90: float, *, area: float, fine: bool = False
-) -> Clutter:
+def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: float, fine: bool = False) -> Clutter:
     """Separate clutter from what is confirmed, and fit its tail.
 
     Parameters
@@ -161,8 +159,6 @@ def clutter_of(
         Scores of the searched sea.
     candidates : sequence of Object
         Connected pixels above `LOW` times `q90`.
-    scores : sequence of ndarray
-        The scores of each candidate's pixels.
     q90 : float
         90 % quantile of water.
     area : float
@@ -174,7 +170,7 @@ def clutter_of(
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
     large, body = max(_LARGE_OBJECTS[fine], kept), max(_BODY, kept) if fine else math.inf
     sure = [(o.size >= large and o.score_max > peak) or o.size >= body for o in candidates]
-    taken = [s for s, known in zip(scores, sure, strict=True) if known]
+    taken = [o.scores for o, known in zip(candidates, sure, strict=True) if known]
     pixels = sum(len(s) for s in taken)
     if pixels:
         tail = _without(tail, np.concatenate(taken))

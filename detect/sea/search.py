@@ -93,9 +93,8 @@ def score_scene(
     searched = np.where(classes == ALONGSIDE, np.float32(np.nan), scores)
     tail = Tail.of(searched, Tail.keep_for(max(pfa, 0.04), searched.size))
     candidates = find(searched > LOW * model.q90, scores)
-    parts = [scores[slice(*o.bounds[0]), slice(*o.bounds[1])][o.footprint] for o in candidates]
     area = pixel * pixel
-    clutter = clutter_of(tail, candidates, parts, model.q90, area=tail.n * area / 1e6, fine=model.side == "both")
+    clutter = clutter_of(tail, candidates, model.q90, area=tail.n * area / 1e6, fine=model.side == "both")
     threshold = clutter.threshold(pfa)
     rows, columns = np.nonzero(searched > min(LOW * model.q90, threshold.value))
     found = find_among(rows, columns, searched[rows, columns], above=threshold.value, pixel_area=area)

@@ -95,8 +95,7 @@ def test_the_requested_rate_is_the_observed_one_below_anomalies(seed, pfa):
     scores[ships] = 60 + rng.normal(0, 5, ships.sum())  # 0.4 % of the sea: more than either rate
     q90 = float(np.quantile(scores[~ships], 0.9))
     candidates = find(scores > 1.5 * q90, scores)
-    parts = [scores[slice(*o.bounds[0]), slice(*o.bounds[1])][o.footprint] for o in candidates]
-    clutter = sea.clutter_of(Tail.of(scores), candidates, parts, q90, area=100.0)
+    clutter = sea.clutter_of(Tail.of(scores), candidates, q90, area=100.0)
     threshold = clutter.threshold(pfa)
     assert clutter.confirmed >= 35
     assert 0.5 < (scores[~ships] > threshold.value).mean() / pfa < 2
@@ -110,7 +109,7 @@ def test_few_candidates_are_ranked_not_fitted():
     scores = np.zeros((50, 50))
     scores[::10, ::10] = 5 + np.arange(25).reshape(5, 5)
     candidates = find(scores > 3, scores)
-    clutter = sea.clutter_of(Tail.of(scores), candidates, [scores[:1, :1]] * 25, 1.0, area=25.0)
+    clutter = sea.clutter_of(Tail.of(scores), candidates, 1.0, area=25.0)
     assert not clutter.fitted
     assert clutter.false_per_km2(100.0) == pytest.approx(1 / 25)
     assert "quantile" in " ".join(clutter.threshold(0.01).notes)
@@ -233,7 +232,7 @@ def test_what_is_large_bright_and_long_counts_before_what_is_bright():
     scores = np.zeros((60, 60))
     scores[::10, ::10] = 5 + np.arange(36).reshape(6, 6)
     candidates = find(scores > 3, scores)
-    clutter = sea.clutter_of(Tail.of(scores), candidates, [scores[:1, :1]] * 36, 1.0, area=25.0)
+    clutter = sea.clutter_of(Tail.of(scores), candidates, 1.0, area=25.0)
     assert clutter.false_per_km2(30.0, 50) < clutter.false_per_km2(30.0) / 20
     assert clutter.false_per_km2(8.0, 50) == clutter.false_per_km2(8.0)
 
@@ -242,8 +241,7 @@ def test_a_body_of_many_fine_pixels_is_no_clutter():
     scores = np.abs(np.random.default_rng(0).normal(0, 1, (300, 300)))
     scores[50:60, 50:60] = 3.0
     candidates = find(scores > 2.5, scores)
-    parts = [scores[slice(*o.bounds[0]), slice(*o.bounds[1])][o.footprint] for o in candidates]
-    kept = [sea.clutter_of(Tail.of(scores), candidates, parts, 1.6, area=1.0, fine=fine).confirmed for fine in (0, 1)]
+    kept = [sea.clutter_of(Tail.of(scores), candidates, 1.6, area=1.0, fine=fine).confirmed for fine in (0, 1)]
     assert kept == [0, 1]
 
 
@@ -253,15 +251,14 @@ def test_what_is_narrower_than_the_smallest_object_is_clutter_however_bright(sid
     scores = np.abs(np.random.default_rng(0).normal(0, 1, (300, 300)))
     scores[50 : 50 + side, 50 : 50 + side] = 30.0
     candidates = find(scores > 5, scores)
-    parts = [scores[slice(*o.bounds[0]), slice(*o.bounds[1])][o.footprint] for o in candidates]
     area = scores.size * 0.25**2 / 1e6
-    assert sea.clutter_of(Tail.of(scores), candidates, parts, 1.6, area=area, fine=True).confirmed == confirmed
+    assert sea.clutter_of(Tail.of(scores), candidates, 1.6, area=area, fine=True).confirmed == confirmed
 
 
 def test_a_tail_without_a_mean_gives_its_quantile():
     rng = np.random.default_rng(0)
     scores = np.concatenate([np.abs(rng.normal(0, 1, 99_000)), 5 + rng.pareto(0.6, 1000)])
-    clutter = sea.clutter_of(Tail.of(scores), [], [], 1.0, area=1.0)
+    clutter = sea.clutter_of(Tail.of(scores), [], 1.0, area=1.0)
     threshold = clutter.threshold(1e-3)
     assert threshold.method == "quantile"
     assert "no mean" in threshold.notes[0]
