@@ -265,10 +265,8 @@ class Excess:
         import cv2
 
         on = near(self.stage.threshold < T, 3) & (S > 0)
-        places, (light, s) = (
-            np.flatnonzero(on),
-            (np.array(v, "f4")[:, None] for v in (self.stage.light, self.stage.noise)),
-        )
+        places = np.flatnonzero(on)
+        light, s = (np.array(v, np.float32)[:, None] for v in (self.stage.light, self.stage.noise))
         if not places.size:
             return places, np.zeros((len(self.raw), 0), np.float32)
         e = self.at(places)
@@ -329,8 +327,8 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (SPECTRA_ALIKE * rate), 1))
     stage = replace(stage, threshold=float(threshold))
     blocks = [replace(x, stage=stage) for x in blocks]
-    found = [near(stage.threshold < x.scores()[1], 3) for x in blocks]
-    share = float(np.mean(np.concatenate([f[m] for f, m in zip(found, sample.inside, strict=True)])))
+    found = [near(stage.threshold < x.scores()[1], 3).astype(np.float32) for x in blocks]
+    share = float(sample.values(found).mean())
     if share > COMMON:
         return Targets(reason=f"{share:.0%} of the water would be targets: that is texture of the bottom")
     met = sample.values([x.aside(later).scores()[1] for x in blocks])
@@ -372,11 +370,7 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     following = {}
     for same in made.values():
         i, j = (np.concatenate(q[pairs[list(same), k]]) for k in (0, 1))
-        both = (
-            np.bincount(i * EXCESS_BINS + j, minlength=EXCESS_BINS * EXCESS_BINS)
-            .astype(np.float64)
-            .reshape(EXCESS_BINS, EXCESS_BINS)
-        )
+        both = np.bincount(i * EXCESS_BINS + j, minlength=EXCESS_BINS**2).reshape(EXCESS_BINS, -1).astype(np.float64)
         both = cv2.sepFilter2D(both, -1, smooth, smooth, borderType=cv2.BORDER_REPLICATE) + 5 * single
         following[same] = tuple(np.round(np.log(both / both.sum(axis=1, keepdims=True)), 3).ravel().tolist())
     tables = tuple(list(following).index(made[delay]) for delay in np.diff(t))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -39,6 +38,8 @@ def read_text(path: str, option: str, most: int | None = None) -> str:
 
 def read_toml(path: str, option: str) -> dict[str, Any]:
     """The tables in a TOML file that an option names; errors as `read_text`."""
+    import tomllib
+
     text = read_text(path, option, MOST_TOML_BYTES)
     try:
         return tomllib.loads(text)
