@@ -45,8 +45,7 @@ LEAST_DELAY, FEWEST_BANDS = 0.01, 4
 COMMON = 0.1
 """Share of the water above which what is found is texture of the bottom (14 to 32 %); dense boats cover 6 %."""
 MEETING = 2.0
-"""Where later bands are displaced, targets meet others as often as the square of their share of the water, which their
-rims of one pixel double."""
+"""Displaced targets meet as often as their share of the water squared; their rims of one pixel double the share."""
 MEAN_WINDOW = 15
 """Side of the local mean where no background was determined [pixel]: three times a target of 5 pixels."""
 DISPLACEMENTS = 37, 53
@@ -164,11 +163,15 @@ def brightness(e: Float32) -> Places:
 
 @dataclass(frozen=True, eq=False)
 class Excess:
-    """What exceeds the background in a block; planes in the order of time."""
+    """What exceeds the background in a block; planes in the order of time.
+
+    `afloat`: a target must be lit in a dark band. Without an opening before it nothing under water needs restoring.
+    """
 
     stage: Targets
     raw: list[Float32]
     below: list[Float32]
+    afloat: bool = False
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
@@ -176,12 +179,9 @@ class Excess:
         import cv2
 
         planes = [raw[b] for b in stage.bands]
-        below = (
-            [cv2.blur(p, (MEAN_WINDOW, MEAN_WINDOW)) for p in planes]
-            if background is None
-            else [background[b] for b in stage.bands]
-        )
-        return cls(stage, planes, below)
+        if background is None:
+            return cls(stage, planes, [np.asarray(cv2.blur(p, (MEAN_WINDOW,) * 2)) for p in planes], afloat=True)
+        return cls(stage, planes, [background[b] for b in stage.bands])
 
     def at(self, places: Places) -> Float32:
         """Of pixels, over the light of a white target, (band, pixel)."""
@@ -213,13 +213,17 @@ class Excess:
         import cv2
 
         shape, least = self.raw[0].shape, EXCEEDS * np.array(self.stage.noise, np.float32)[:, None]
+        dark = [i for i, w in enumerate(self.stage.wavelengths) if w >= DARK_FROM]
         S, known, kind = np.zeros(shape, np.float32), np.zeros(shape, np.bool_), np.zeros(shape, np.uint8)
 
         def weigh(where: Mask) -> Float32:
             """Score pixels that are not yet; sum over 3 x 3."""
             i = np.flatnonzero(where & ~known)
             known.flat[i], e = True, self.at(i)
-            lit = (e > least).sum(axis=0) >= FEWEST_LIT
+            bright = e > least
+            lit = bright.sum(axis=0) >= FEWEST_LIT
+            if self.afloat and dark:
+                lit &= bright[dark].any(axis=0)
             found, kind.flat[i[lit]], _ = self.stage.score(e[:, lit])
             S.flat[i[lit]] = np.where(found > LONE, found, 0)
             return np.asarray(cv2.boxFilter(S, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT), np.float32)
@@ -233,11 +237,11 @@ class Excess:
 
     def aside(self, later: int) -> Excess:
         """The same with the bands from `later` on displaced, so that what is in all of them is there by chance."""
-        raw, below = (
-            [p if i < later else np.roll(p, DISPLACEMENTS, (0, 1)) for i, p in enumerate(planes)]
-            for planes in (self.raw, self.below)
-        )
-        return replace(self, raw=raw, below=below)
+        both = [
+            [p if i < later else np.roll(p, DISPLACEMENTS, (0, 1)) for i, p in enumerate(v)]
+            for v in (self.raw, self.below)
+        ]
+        return replace(self, raw=both[0], below=both[1])
 
     def outline(self, rows: Places, columns: Places) -> Float32:
         """Log likelihood ratio by the share of the power of 3 x 3 pixels that is not one outline times one spectrum.
@@ -246,9 +250,8 @@ class Excess:
         worst band of each pixel does not count: sparkle beside targets spoils them one by one.
         """
         (height, width), steps = self.raw[0].shape, (-1, 0, 1)
-        at = [
-            np.clip(rows + i, 0, height - 1) * width + np.clip(columns + j, 0, width - 1) for i in steps for j in steps
-        ]
+        row, column = ([np.clip(v + i, 0, n - 1) for i in steps] for v, n in ((rows, height), (columns, width)))
+        at = [r * width + c for r in row for c in column]
         patch = np.stack([self.at(i).T for i in at], axis=1).astype(np.float64)
         power = (patch**2).sum(axis=(1, 2))
         v = np.linalg.eigh(patch.swapaxes(1, 2) @ patch)[1][:, :, -1:]
@@ -327,7 +330,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (SPECTRA_ALIKE * rate), 1))
     stage = replace(stage, threshold=float(threshold))
     blocks = [replace(x, stage=stage) for x in blocks]
-    found = [near(stage.threshold < x.scores()[1], 3).astype(np.float32) for x in blocks]
+    found = [near(stage.threshold < replace(x, afloat=False).scores()[1], 3).astype(np.float32) for x in blocks]
     share = float(sample.values(found).mean())
     if share > COMMON:
         return Targets(reason=f"{share:.0%} of the water would be targets: that is texture of the bottom")
