@@ -174,15 +174,15 @@ def choose(
     -------
     Choice
     """
+    wiener = Candidate("wiener", "wiener")
     if sum(int(m.sum()) for m in sample.inside) < LEAST_TRIED:
-        return Choice(Candidate("wiener", "wiener"), width=width)
+        return Choice(wiener, width=width)
     sample = without_ships(sample) if coarse else sample
     unit = _unit(sample, correct, len(setting.bands))
     level = np.where(np.isfinite(unit), unit, _levels(sample, len(setting.bands))).astype(np.float32)
     disc = min(width, LARGEST_DISC)
     added = [implants(s.image.shape[1:], setting.bands, level, disc, n) for n, s in enumerate(sample.states)]
     marked = replace(sample, states=tuple(_with(s, a) for s, a in zip(sample.states, added, strict=True)))
-    clump = clump_width(sample, setting.nir[0])
 
     def work(candidate: Candidate) -> _Run | str:
         try:
@@ -190,12 +190,27 @@ def choose(
         except FitError as error:
             return str(error)
 
-    todo = candidates(setting, width=width, clump=clump)
+    todo = candidates(setting, width=width, clump=clump_width(sample, setting.nir[0]))
     done = list(each(work, todo))
     failed = {c.name: why for c, why in zip(todo, done, strict=True) if isinstance(why, str)}
     if "wiener" in failed:  # nothing tests the slopes of a method of one pixel
         failed["hedley"] = "the bands share no glint"
     runs = {c: r for c, r in zip(todo, done, strict=True) if isinstance(r, _Run) and c.name not in failed}
+    trials = _judged(runs, sample, added, unit)
+    if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
+        return Choice(wiener, failed=failed, width=disc)
+    return Choice(_best(trials).candidate, tuple(trials), failed, disc)
+
+
+def _best(trials: Sequence[Trial]) -> Trial:
+    """The plainest of the best; the copy, which is first, where none is clearly better."""
+    least = min(t.error for t in trials)
+    best = next(t for t in trials if t.error <= EQUAL_ERRORS * least)
+    return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
+
+
+def _judged(runs: dict[Candidate, _Run], sample: Sample, added: Sequence[Implants], unit: Float32) -> list[Trial]:
+    """The trials with their expected errors, infinite where they cannot be computed."""
     inside = _without_targets(without_shore(sample), list(runs.values()))
     clear = _clear(runs, inside)
     trials = [
@@ -204,18 +219,11 @@ def choose(
     ]
     errors = expected_errors(
         np.array([t.power for t in trials]),
-        np.array([powers(runs[t.candidate].images, inside, unit, clear) for t in trials]),
+        np.array([powers(r.images, inside, unit, clear) for r in runs.values()]),
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
     )
-    errors = np.where(np.isfinite(errors), errors, np.inf)
-    if not np.isfinite(errors[0]):  # numbers beyond float32: not even a copy can be judged
-        return Choice(Candidate("wiener", "wiener"), failed=failed, width=disc)
-    trials = [replace(t, error=float(e)) for t, e in zip(trials, errors, strict=True)]
-    best = next(t for t in trials if t.error <= EQUAL_ERRORS * errors.min())
-    copy = trials[0]
-    best = best if best.error < WORTH_REMOVING * copy.error else copy
-    return Choice(best.candidate, tuple(trials), failed, disc)
+    return [replace(t, error=float(e) if np.isfinite(e) else np.inf) for t, e in zip(trials, errors, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

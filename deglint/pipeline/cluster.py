@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -145,7 +145,7 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     if not re.fullmatch(r"auto|\d+(\.\d+)? ?[kKMGT]i?B", memory):
         raise InputError(f"memory of a worker: want a number and its unit, such as 1GiB or 800MB, got {memory!r}.")
     try:
-        from distributed import Client, LocalCluster
+        import distributed  # noqa: F401
     except ModuleNotFoundError as error:
         raise DeglintError(
             "a cluster needs dask's distributed. Install it with: pip install 'deglint[cluster]'"
@@ -154,29 +154,31 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
         raise InputError(f"the address of a cluster looks like tcp://HOST:PORT, got {address!r}.")
     _quiet()
     with ExitStack() as stack:
+        yield Cluster(partial(_client, stack, address, workers, memory))
 
-        def start() -> Any:
-            if workers is not None:
-                local = LocalCluster(
-                    workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
-                    dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
-                )  # fmt: skip
-                inside = stack.enter_context(local)
-                return stack.enter_context(Client(inside, set_as_default=False, direct_to_workers=True))
-            try:
-                client = stack.enter_context(Client(address, timeout=_CONNECT, set_as_default=False))
-            except (OSError, ValueError, TypeError) as error:
-                raise DeglintError(
-                    f"cannot reach a scheduler at {address}. Start one with `dask scheduler`, and name it as "
-                    "tcp://HOST:PORT."
-                ) from error
-            try:
-                client.wait_for_workers(1, timeout=_CONNECT)
-            except TimeoutError as error:
-                raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
-            return client
 
-        yield Cluster(start)
+def _client(stack: ExitStack, address: str | None, workers: int | None, memory: str) -> Any:
+    """A client of a cluster, or of processes that are started here, for as long as the stack lives."""
+    from distributed import Client, LocalCluster
+
+    if workers is not None:
+        local = LocalCluster(
+            workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
+            dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
+        )  # fmt: skip
+        inside = stack.enter_context(local)
+        return stack.enter_context(Client(inside, set_as_default=False, direct_to_workers=True))
+    try:
+        client = stack.enter_context(Client(address, timeout=_CONNECT, set_as_default=False))
+    except (OSError, ValueError, TypeError) as error:
+        raise DeglintError(
+            f"cannot reach a scheduler at {address}. Start one with `dask scheduler`, and name it as tcp://HOST:PORT."
+        ) from error
+    try:
+        client.wait_for_workers(1, timeout=_CONNECT)
+    except TimeoutError as error:
+        raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
+    return client
 
 
 @contextmanager
