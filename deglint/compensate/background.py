@@ -38,9 +38,11 @@ ABOVE = 1.5
 """The limit is so many times that quantile: at 1, sparkle adds 10 % to the error at 9 m/s; at 4, faint discs go."""
 COVER_K = 3.0
 """Standard deviations above the background that count as glint where its share is determined (normal noise: 0.1 %)."""
-HALF_NORMAL, SPOILT = 0.399, 4.0
-"""Mean of what lies below the middle of normal noise [standard deviation of all of it]; and how many times as many
-pixels as have glint beyond doubt have faint glint, or glint within the window, so that their background is too bright."""
+HALF_NORMAL = 0.399
+"""Mean of what lies below the middle of normal noise [standard deviation of all of it]."""
+RAISED = 4.0
+"""How many times as many pixels as have glint beyond doubt have faint glint, or glint within the window, which raises
+their background."""
 PIT_K, MOST_PITS = 5.0, 3e-4
 """A pit lies so many standard deviations below the water around it: 3e-7 of normal noise, and 1e-4 of all pixels on
 simulated seas; the least of all bands of a scene resampled by cubic convolution or Lanczos is 4e-4 to 1e-2."""
@@ -264,7 +266,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     offsets, sigmas, cover = zip(*found, strict=True)
     stage = replace(stage, offsets=offsets, sigmas=sigmas, cover=float(np.median(cover)))
     unit = 1.0 if states[0].unit is None else states[0].unit
-    return replace(stage, cut=tuple((HALF_NORMAL * max(1 - SPOILT * stage.cover, 0) * sigma * unit).tolist()))
+    return replace(stage, cut=tuple((HALF_NORMAL * max(1 - RAISED * stage.cover, 0) * sigma * unit).tolist()))
 
 
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
