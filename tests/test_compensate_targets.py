@@ -3,13 +3,12 @@
 import json
 from dataclasses import asdict, replace
 
-import cv2
 import numpy as np
 import pytest
 
 from deglint.compensate.spectra import reflectances
 from deglint.compensate.state import Sample, Setting, State
-from deglint.compensate.targets import DISPLACEMENTS, Targets, extrapolated, fit
+from deglint.compensate.targets import Targets, extrapolated, fit
 from deglint.errors import FitError
 from deglint.physics.atmosphere import irradiance
 from deglint.scene import Band
@@ -104,7 +103,7 @@ def test_what_covers_much_of_the_water_is_texture(share, refused):
     assert ("texture" in stage.reason) == refused
 
 
-def test_dense_boats_do_not_raise_the_threshold_against_each_other():
+def test_dense_boats_are_targets():
     image, clean, _ = scene()
     boats = np.kron(np.random.default_rng(7).random((32, 32)) < 0.02, np.ones((5, 5))) > 0
     image[:, boats] += (COLOURS["white"] * light())[:, None]
@@ -182,20 +181,6 @@ def test_sparkle_that_lasts_raises_the_threshold():
     flash = np.random.default_rng(6).random((160, 160)) < 0.03
     lasting[:7, flash] += 0.2 * light()[:7, None]
     assert fitted(lasting, clean)[1].threshold > fitted(image, clean)[1].threshold + 5
-
-
-def test_clumps_that_meet_where_bands_are_displaced_raise_the_threshold():
-    image, clean, _ = scene()
-    clump = np.zeros((160, 160), bool)
-    clump[[40, 90], [30, 100]] = True
-    early = cv2.dilate(clump.view(np.uint8), np.ones((4, 4))) > 0
-    first = GROUPS.offsets < 0.1
-    image += np.float32(0.3) * (light() * first)[:, None, None] * early
-    apart = fitted(image.astype(np.float32), clean, GROUPS)[1].threshold
-    image += np.float32(0.3) * (light() * ~first)[:, None, None] * np.roll(early, [-d for d in DISPLACEMENTS], (0, 1))
-    state, stage = fitted(image, clean, GROUPS)
-    assert stage.threshold > apart + 5
-    assert not np.asarray(stage.apply(state).targets).any()
 
 
 def test_extrapolation_does_not_count_targets():

@@ -7,8 +7,7 @@ The excess e of a pixel over the background, in bands 1 to B in the order of tim
 A target has one of the spectra F (smooth, or with an edge or two, in the light of sun and sky; V noise and what is not
 smooth, h the water that it hides) and is there at all instants; sparkle comes and goes as histograms of the scene's own
 bands show. A pixel belongs to a target where S summed over 3 x 3 pixels, and the log likelihood ratio of one outline in
-all bands, reach a threshold for a false-alarm rate. It rises where sparkle lasts through all instants, and to what that
-rate of the pixels reaches with the later bands displaced, where clumps of sparkle meet by chance.
+all bands, reach a threshold for a false-alarm rate, which rises where sparkle lasts through all instants.
 
 Without instants there is no test: sparkle is as smooth as paint. It fails for targets that move by more than half their
 size while the bands are taken, for most coloured ones of 1 pixel where sparkle lasts, and where bands are registered to
@@ -44,8 +43,6 @@ LEAST_DELAY, FEWEST_BANDS = 0.01, 4
 """Spread of instants [s] in which ripples turn; three bands always meet the three parameters of a smooth spectrum."""
 COMMON = 0.1
 """Share of the water above which what is found is texture of the bottom (14 to 32 %); dense boats cover 6 %."""
-MEETING = 2.0
-"""Displaced targets meet as often as their share of the water squared; their rims of one pixel double the share."""
 MEAN_WINDOW = 15
 """Side of the local mean where no background was determined [pixel]: three times a target of 5 pixels."""
 DISPLACEMENTS = 37, 53
@@ -235,14 +232,6 @@ class Excess:
         T[rows, columns] += self.outline(rows, columns)
         return S, T, kind
 
-    def aside(self, later: int) -> Excess:
-        """The same with the bands from `later` on displaced, so that what is in all of them is there by chance."""
-        both = [
-            [p if i < later else np.roll(p, DISPLACEMENTS, (0, 1)) for i, p in enumerate(v)]
-            for v in (self.raw, self.below)
-        ]
-        return replace(self, raw=both[0], below=both[1])
-
     def outline(self, rows: Places, columns: Places) -> Float32:
         """Log likelihood ratio by the share of the power of 3 x 3 pixels that is not one outline times one spectrum.
 
@@ -334,9 +323,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     share = float(sample.values(found).mean())
     if share > COMMON:
         return Targets(reason=f"{share:.0%} of the water would be targets: that is texture of the bottom")
-    met = sample.values([x.aside(later).scores()[1] for x in blocks])
-    place = met.size - 1 - int((rate + (MEETING * share) ** 2) * met.size)
-    return replace(stage, threshold=max(stage.threshold, float(np.partition(met, place)[place])))
+    return stage
 
 
 def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets:
