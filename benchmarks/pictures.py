@@ -10,7 +10,7 @@ import json
 import logging
 import tempfile
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -80,10 +80,6 @@ VIEWS = (
 def drawn(view: View, target: Path) -> None:
     """Write the picture of a scene, and print the errors and what was chosen."""
     known, scene = Known.of(view.path), open_scene(view.path)
-    cover = view.path.with_name(f"{view.path.stem}_cover.tif")
-    if cover.exists():  # foam and boats are no open water, nor are the pixels that optics blur them into
-        covered = (open_scene(cover).read() > 0).any(axis=0).astype(np.uint8)
-        known = replace(known, counts=cv2.dilate(covered, np.ones((9, 9), np.uint8)) == 0)
     images = {"raw": scene.read().astype(float), "truth": known.truth}
     images["--method hedley"] = correct(scene, fit_scene(scene, HEDLEY)).astype(float)
     fitted = fit_scene(scene)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import rasterio
@@ -119,6 +120,10 @@ class Known:
         if mask.exists():
             with rasterio.open(mask) as given:
                 counts, level = given.read(2) > 0, np.array(json.loads(given.tags()["level"]))
+        cover = path.with_name(f"{path.stem}_cover.tif")
+        if cover.exists():  # foam and boats are no open water, nor are the pixels that optics blur them into
+            covered = (open_scene(cover).read() > 0).any(axis=0).astype(np.uint8)
+            counts = cv2.dilate(covered, np.ones((9, 9), np.uint8)) == 0
         visible = tuple(i for i, b in enumerate(bands) if b.wavelength and b.wavelength < VISIBLE)
         return cls(path, truth, level, counts, visible or tuple(range(len(bands) - 1)))
 

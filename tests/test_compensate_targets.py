@@ -8,7 +8,7 @@ import pytest
 
 from deglint.compensate.spectra import reflectances
 from deglint.compensate.state import Sample, Setting, State
-from deglint.compensate.targets import Targets, extrapolated, fit
+from deglint.compensate.targets import Excess, Targets, extrapolated, fit
 from deglint.errors import FitError
 from deglint.physics.atmosphere import irradiance
 from deglint.scene import Band
@@ -109,6 +109,21 @@ def test_dense_boats_are_targets():
     image[:, boats] += (COLOURS["white"] * light())[:, None]
     state, stage = fitted(image, clean)
     assert (np.asarray(stage.apply(state).targets) > 0).any(axis=0)[boats].mean() > 0.75
+
+
+def test_without_a_background_only_what_floats_is_restored():
+    class Sure(Targets):  # that every lit pixel is a target
+        def score(self, e):
+            return np.full(e.shape[1], 50, np.float32), np.zeros(e.shape[1], np.intp), np.zeros(e.shape[1], np.intp)
+
+    image, clean, _ = scene()
+    sand = 0.3 * (WAVELENGTHS < 700) * light()  # under some metres of water, which is dark beyond
+    image[:, 100:103, 60:63] = clean[:, 100:103, 60:63] + sand[:, None, None]
+    excess = Excess.of(Sure(**vars(fitted(image, clean)[1])), image, None)
+    every, afloat = (replace(excess, afloat=a).scores()[0][101, 61] for a in (False, True))
+    assert excess.afloat
+    assert every == 50
+    assert afloat == 0
 
 
 def test_flashes_that_last_for_half_of_the_bands_are_sparkle():

@@ -7,6 +7,7 @@ from scipy.ndimage import gaussian_filter
 from deglint import remove
 from deglint.compensate.stages import apply_stages, fit_stages, parse
 from deglint.compensate.state import Sample, Setting, State
+from deglint.pipeline.sample import offshore
 from deglint.remove import SampleTile, mixture, nir_request
 from deglint.scene import Band
 
@@ -52,3 +53,12 @@ def test_what_replacing_cuts_is_known():
     fallen = (block - apply_stages(state, stages).image).mean()
     assert fallen == pytest.approx(np.mean(stages[0].cut), rel=0.15)
     assert fallen > 1
+
+
+def test_the_sample_keeps_a_window_from_land_where_that_leaves_enough():
+    water = np.ones((64, 64), bool)
+    water[:, 50:] = False
+    tile = SampleTile(np.zeros((3, 64, 64), np.float32), water, water)
+    (wide,), (narrow,) = offshore([tile], 7), offshore([tile], 31)
+    np.testing.assert_array_equal(wide.sample, np.arange(64) < np.full((64, 1), 44))
+    np.testing.assert_array_equal(narrow.sample, water)

@@ -10,7 +10,6 @@ from deglint import remove
 from deglint.remove import GlintModel, SampleTile, nir_request, wiener
 from deglint.remove.further import more_references
 from deglint.remove.levels import LevelSample, apart_from_sparkle, shared_level
-from deglint.remove.predict import glint
 from deglint.scene import Band
 
 BANDS = (Band("BLUE", 480.0), Band("RED", 660.0), Band("EDGE", 715.0), Band("NIR", 840.0))
@@ -65,7 +64,7 @@ def test_a_plume_survives_a_fit_with_it():
     assert kept == pytest.approx(1, abs=0.1)
 
 
-@pytest.mark.parametrize("options", [{"more": (2,)}, {"more": (2,), "faint": True}, {"level_percentile": 30.0}])
+@pytest.mark.parametrize("options", [{"more": (2,)}, {"more": (2,), "faint": True}])
 def test_a_tile_with_its_halo_is_the_whole_to_the_bit(options):
     block, _ = sparkle_over_bottom()
     request, tiles = parts(block)
@@ -82,16 +81,6 @@ def test_faint_glint_is_followed_better_than_strong():
     faint = (block[3] > 10) & (block[3] < 40)
     wrong = [remove.apply(block, wiener.fit(replace(request, faint=f), tiles))[0] - water[0] for f in (False, True)]
     assert np.std(wrong[1][faint]) < 0.9 * np.std(wrong[0][faint])
-
-
-def test_a_level_of_replaced_glint_is_a_percentile_and_glint_may_be_negative():
-    block, _ = sparkle_over_bottom()
-    request, tiles = parts(block)
-    model = wiener.fit(replace(request, level_percentile=30.0), tiles)
-    taken, _ = glint(block, model, np.ones(block.shape[1:], bool))
-    assert model.signed
-    assert GlintModel.from_json(model.to_json()).signed
-    assert 0.1 < np.mean(taken[0] < 0) < 0.4
 
 
 def test_pits_beside_sparkle_are_no_level():

@@ -40,7 +40,7 @@ def run_batch(
 
     So many `processes` work at the same time, each on a scene and with so many `threads` (all processors, shared out,
     by default): what ends one ends no other. `overwrite` makes again what was made by another recipe or of another
-    input; what is finished is never made again. `dry_run` only says what would be done. `say` is told what happens.
+    input; what is finished is never made again. `dry_run` only says what would be done. `say` is called on events.
     `reads` are files that were read for this batch, such as its recipe: no output may replace them.
 
     Raises InputError, WriteError: names that clash, a directory that cannot be written to, or another batch at work in

@@ -226,5 +226,5 @@ def _quiet() -> None:
     """The workers' comings and goings are no news: what matters becomes an error."""
     for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker"):
         logging.getLogger(name).setLevel(logging.ERROR)
-    for name in ("distributed.client", "distributed.utils"):  # tracebacks of what is told in one line
+    for name in ("distributed.client", "distributed.utils"):  # tracebacks of what one line says
         logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -153,7 +153,7 @@ class Correction:
         return self._corrected(block), block.where
 
     def _corrected(self, block: _Block) -> npt.NDArray[Any]:
-        """Physical values of the tile after the correction; the block is told which bands changed, and where."""
+        """Physical values of the tile after the correction; the block notes which bands changed, and where."""
         physical = np.ascontiguousarray(block.own)
         if not physical.flags.writeable or np.shares_memory(physical, block.raw):
             physical = physical.copy()

@@ -109,7 +109,7 @@ def remove_glint(
 
 @dataclass(frozen=True)
 class _Run:
-    """What passes over the tiles, what is told of it, and when it began."""
+    """What passes over the tiles, what is called on progress, and when it began."""
 
     threads: int
     progress: Progress

@@ -25,7 +25,7 @@ from ..compensate import (
     fit_chain,
     system_psf,
     typical_psf,
-)  # fmt: skip
+)
 from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
 from ..masks.find import COARSE_PIXEL
@@ -261,7 +261,7 @@ def removal_of(job: Job, training: Sequence[Training], method: str) -> FitRemova
         if background is not None:
             percentile = max(50 * background.clear, LEAST_PERCENTILE)
             replaced = any(isinstance(stage, ReplaceLevel) for stage in chain.before)
-            inner = _within(tiles, background.size)
+            inner = offshore(tiles, background.size)
             return mixture.fit(job.request, inner, percentile, background.cut if replaced else None)
         request = replace(job.request, regression="detrended")
         if chain.text != "remove":  # the posterior mean follows
@@ -272,7 +272,7 @@ def removal_of(job: Job, training: Sequence[Training], method: str) -> FitRemova
     return fit
 
 
-def _within(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
+def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
     """Tiles whose sample keeps a window from land, where openings are too dark; as they are where most is that near."""
     import cv2
 

@@ -205,23 +205,15 @@ class LevelSample:
         return LevelSample(self.prediction[:, which], self.value[:, which], *rest)
 
 
-def shared_level(
-    sample: LevelSample, slopes: Float64, share: float | None = None
-) -> tuple[Float64, tuple[float, float, float]]:
-    """Level of each band [unit of its NIR], and the interval: the lowest possible, the one chosen, the median.
-
-    share : percent of the sample whose median is the level, found by default [%]
-    """
+def shared_level(sample: LevelSample, slopes: Float64) -> tuple[Float64, tuple[float, float, float]]:
+    """Level of each band [unit of its NIR], and the interval: the lowest possible, the one chosen, the median."""
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     middle, strong = np.percentile(together, [50.0, 99.0])
     if sample.apart is not None and sample.apart.any():
         sample, together = sample.some(sample.apart), together[sample.apart]
     span = (middle - float(np.percentile(together, LEAST_GLINT / 2))) / max(strong - middle, np.finfo(float).tiny)
-    around = sample.around if share is None and span < SPARSE else None
-    order = together if around is None else around
-    if share is None:
-        share = LEAST_CLEAR if span < MOSTLY_CLEAR else LEAST_GLINT
-    least = order <= np.percentile(order, share)
+    order = sample.around if sample.around is not None and span < SPARSE else together
+    least = order <= np.percentile(order, LEAST_CLEAR if span < MOSTLY_CLEAR else LEAST_GLINT)
     prediction, value = sample.prediction, sample.value
     level = np.median(prediction[:, least], axis=1)
     raised, middle = float(np.median(together[least])), float(middle)
@@ -234,10 +226,10 @@ def shared_level(
     return np.asarray(level + lift, np.float64), (max(float(lowest), 0.0), float(raised + lift), middle)
 
 
-def shared_level_error(sample: LevelSample, slopes: Float64, share: float | None = None) -> float:
+def shared_level_error(sample: LevelSample, slopes: Float64) -> float:
     """Standard error of the level [unit of the NIR]: the jackknife over groups of neighbouring pixels of the sample."""
     sample = sample.some(slice(None, None, max(sample.prediction.shape[1] // LEVEL_PIXELS, 1)))
     pixels = sample.prediction.shape[1]
     group = np.arange(pixels) * FOLDS // pixels
-    left_out = [shared_level(sample.some(group != g), slopes, share)[1][1] for g in range(FOLDS)]
+    left_out = [shared_level(sample.some(group != g), slopes)[1][1] for g in range(FOLDS)]
     return float(np.std(left_out) * np.sqrt(FOLDS - 1))

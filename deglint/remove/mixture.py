@@ -106,7 +106,7 @@ def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> npt.NDArra
     """Coefficients (input, 1) that leave the least sum of root mean squares of the squares."""
     weight = np.ones(len(grams.grams))
     for _ in range(REWEIGHTED):
-        found = solve(np.tensordot(weight, grams.grams, 1), inputs, output)
+        found = solve((weight[:, None, None] * grams.grams).sum(axis=0), inputs, output)  # the same for any threads
         left = np.array([float(unexplained(g, inputs, output, found)[0]) for g in grams.grams]) / grams.pixels
         least = LEAST_LEFT * float(np.median(left))
         if not least > 0:

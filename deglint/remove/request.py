@@ -55,11 +55,8 @@ class FitRequest:
     faint : bool
         Kernels suit faint glint rather than strong glint, of which they leave more: for the posterior mean, which takes
         that from the water beside.
-    level_percentile : float, optional
-        Percentile of the prediction that is the level of `wiener` [%], where strong glint has been replaced: what is
-        left lies evenly about it, and may be negative.
     level_error : bool
-        Estimate the standard error of that level: half the time of a fit, not needed where fits are compared.
+        Estimate the standard error of the level of `wiener`: half the time of a fit, not needed to compare fits.
     """
 
     bands: tuple[Band, ...]
@@ -71,7 +68,6 @@ class FitRequest:
     rrs_factor: float = math.pi
     more: tuple[int, ...] = ()
     faint: bool = False
-    level_percentile: float | None = None
     level_error: bool = True
 
     def __post_init__(self) -> None:

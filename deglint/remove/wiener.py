@@ -366,17 +366,14 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
             planes = (found, np.stack(tile.bands), around, apart_from_sparkle(together, tile.sample))
             parts.append(tuple(p[..., tile.sample] for p in planes))
     sample = LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
-    share = None if request.level_percentile is None else 2 * request.level_percentile
-    level, interval = shared_level(sample, slopes, share)
-    error = shared_level_error(sample, slopes, share) if request.level_error else None
+    level, interval = shared_level(sample, slopes)
+    error = shared_level_error(sample, slopes) if request.level_error else None
     indexes = tuple(replace(i, level=float(at)) for i, at in zip(model.indexes, level, strict=True))
     second = tuple(replace(i, level=float(at)) for i, at in zip(model.second, level, strict=False))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
     above = np.maximum(sample.prediction[green] - indexes[green].level, 0)
     clean = float(np.median(sample.value[green] - slopes[green] * above))
-    model = replace(
-        model, indexes=indexes, second=second, level_interval=interval, level_stderr=error, signed=share is not None
-    )
+    model = replace(model, indexes=indexes, second=second, level_interval=interval, level_stderr=error)
     return replace(model, warnings=_sheet(interval, clean))
 
 
