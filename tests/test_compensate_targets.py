@@ -1,7 +1,7 @@
 """Small targets are distinguished from sparkle by the instants of the bands."""
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
@@ -119,7 +119,8 @@ def test_without_a_background_only_what_floats_is_restored():
     image, clean, _ = scene()
     sand = 0.3 * (WAVELENGTHS < 700) * light()  # under some metres of water, which is dark beyond
     image[:, 100:103, 60:63] = clean[:, 100:103, 60:63] + sand[:, None, None]
-    excess = Excess.of(Sure(**vars(fitted(image, clean)[1])), image, None)
+    stage = fitted(image, clean)[1]
+    excess = Excess.of(Sure(**{f.name: getattr(stage, f.name) for f in fields(stage)}), image, None)
     every, afloat = (replace(excess, afloat=a).scores()[0][101, 61] for a in (False, True))
     assert excess.afloat
     assert every == 50
