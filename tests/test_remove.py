@@ -294,6 +294,26 @@ def test_what_is_not_a_model_is_refused(text):
         GlintModel.from_json(text)
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda m: m["fits"][0].update(band=99),
+        lambda m: m["fits"][0].update(index=1),
+        lambda m: m["indexes"][0].update(bands=[-1]),
+        lambda m: m["indexes"][0].update(weights=[1.0, 1.0]),
+        lambda m: m["band_names"].pop(),
+        lambda m: m.update(second=2 * m["indexes"]),
+        lambda m: m.update(strips={"rows": ["01", "0"]}),
+    ],
+)
+def test_a_saved_model_whose_numbers_name_nothing_is_refused(wrong):
+    block, _ = scene()
+    data = json.loads(fitted("hedley", block).to_json())
+    wrong(data)
+    with pytest.raises(InputError, match="not a saved deglint model"):
+        GlintModel.from_json(json.dumps(data))
+
+
 def test_errors_say_what_to_do():
     block, _ = scene()
     with pytest.raises(FitError, match="holds 9 valid pixels, need at least 64"):

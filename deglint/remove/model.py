@@ -199,7 +199,7 @@ class GlintModel:
                 raise InputError(f"saved model has format {data['format']!r}, this version reads {FORMAT}.")
             if not any(i["bands"] for i in data["indexes"]):
                 raise ValueError("it follows no band")
-            return cls(
+            model = cls(
                 method=str(data["method"]),
                 indexes=tuple(_index_from(i) for i in data["indexes"]),
                 fits=tuple(_fit_from(f) for f in data["fits"]),
@@ -213,6 +213,7 @@ class GlintModel:
                 second=tuple(_index_from(i) for i in data.get("second", ())),
                 signed=bool(data.get("signed", False)),
             )
+            return _checked(model)
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             if isinstance(error, InputError):
                 raise
@@ -245,6 +246,21 @@ class GlintModel:
     def index_bands(self) -> tuple[int, ...]:
         """0-based bands that the glint indexes are made of."""
         return tuple(sorted({b for i in self.indexes for b in i.bands}))
+
+
+def _checked(model: GlintModel) -> GlintModel:
+    """A model read from text, where every number of a band or an index names one that it has."""
+    indexes = (*model.indexes, *model.second)
+    bands = {*(b for i in indexes for b in i.bands), *(f.band for f in model.fits), *(r.band for r in model.references)}
+    if not bands <= set(range(len(model.band_names))):
+        raise ValueError(f"it uses bands {sorted(bands)}, counted from 0, and names {len(model.band_names)}")
+    if not {f.index for f in model.fits} <= set(range(len(model.indexes))):
+        raise ValueError("a fit on an index that it does not hold")
+    if any(len(i.weights) != len(i.bands) for i in indexes) or len(model.second) not in (0, len(model.indexes)):
+        raise ValueError("weights or indexes of another number than what they belong to")
+    if model.strips is not None and len({len(row) for row in model.strips.rows}) != 1:
+        raise ValueError("strips whose rows differ in length")
+    return model
 
 
 def _index_from(data: Mapping[str, Any]) -> GlintIndex:
