@@ -167,6 +167,8 @@ def test_names_that_clash_are_told_before_anything_is_done(place, write, sea):
     write(place / "in2" / "a.tif", sea())
     with pytest.raises(InputError, match=r"several scenes would be written to .*a_clean.tif: .*in/a.tif, .*in2/a.tif"):
         run_batch(order, list_scenes([str(place / "in" / "a.tif"), str(place / "in2" / "a.tif")]))
+    with pytest.raises(InputError, match="an output cannot be named"):
+        run_batch(order, [ListedScene("x" * 5000, (str(place / "in" / "a.tif"),))])
     assert not (place / "out").exists()
     text = (place / "r.toml").read_text().replace(str(place / "out"), str(place / "in")).replace("_clean", "")
     (place / "r.toml").write_text(text)

@@ -8,12 +8,14 @@ import rasterio
 from scipy.ndimage import gaussian_filter, grey_opening
 
 from deglint import Recipe, remove_glint
-from deglint.compensate.state import Sample, State
-from deglint.compensate.uncertainty import ReplacedError, fit_replaced, halo, stderr
+from deglint.compensate.state import Sample, Setting, State
+from deglint.compensate.uncertainty import ReplacedError, fit_removed, fit_replaced, halo, stderr
 from deglint.pipeline.flags import PROTECTED
 from deglint.remove import BandFit, GlintIndex, GlintModel
+from deglint.scene import Band
 
 SAMPLES = Path(__file__).parents[1] / "sample_data"
+BANDS = (Band("B", 490), Band("NIR", 840))
 NOTHING = GlintModel("wiener", (GlintIndex((1,), (1.0,)),), (), ("B", "NIR"))
 
 
@@ -52,6 +54,24 @@ def test_errors_of_slope_and_level_add_to_those_of_the_water():
     out = stderr(state, model)
     np.testing.assert_allclose(out[0], np.sqrt(4 + 9 + 1), rtol=1e-6)
     np.testing.assert_allclose(out[1], 2, rtol=1e-6)
+
+
+def test_the_error_of_the_slope_where_glint_moved_between_the_bands():
+    rng = np.random.default_rng(5)
+    moved, seen = (np.float32(5) * rng.standard_normal((2, 192, 192)).astype(np.float32) + 20 for _ in range(2))
+    nir, rho = moved[1], 0.8
+    band = rho * nir + np.sqrt(1 - rho**2) * seen[0]
+    raw = np.stack([50 + band, nir]).astype(np.float32)
+    removed = np.stack([rho * nir, 0 * nir]).astype(np.float32)  # the slope of least squares, where 1 was right
+    state = State(raw, raw - removed, np.ones(nir.shape, bool), removed=removed)
+    said = []
+    for r2 in (1.0, rho**2):
+        model = GlintModel("wiener", NOTHING.indexes, (BandFit(0, "B", 0, rho, r2=r2),), ("B", "NIR"))
+        left = fit_removed(Sample((state,), (state.water,)), Setting(BANDS, (1,)), model)
+        assert not left.resolved
+        said.append(stderr(left.apply(state), model)[0])
+    more = np.mean(said[1] ** 2 - said[0] ** 2) / np.mean(((1 / rho - 1) / np.sqrt(3) * removed[0]) ** 2)
+    assert more == pytest.approx(1, abs=0.03)
 
 
 def test_without_a_trial_there_is_no_halo():

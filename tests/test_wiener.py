@@ -198,13 +198,19 @@ def test_tiles_are_the_whole_to_the_bit(row, column, two_kinds):
                 np.testing.assert_array_equal(mine[inside], want[inside])
 
 
+def without_sheet(error, interval):
+    """Of swell, which is so even that a sheet of glint may hide in it."""
+    return np.sqrt(error**2 - (interval[1] - interval[0]) ** 2 / 6)
+
+
 def test_standard_errors_against_draws():
     found = [fitted(swell_block((192, 192), seed=s, noise=20.0)) for s in range(12)]
     slopes = np.array([[f.slope for f in m.fits] for m in found])
     claimed = np.array([[f.stderr for f in m.fits] for m in found]).mean(axis=0)
     assert (claimed / slopes.std(axis=0, ddof=1) > 0.5).all()
     assert (claimed / slopes.std(axis=0, ddof=1) < 2.0).all()
-    levels, errors = [m.level_interval[1] for m in found], [m.level_stderr for m in found]
+    levels = [m.level_interval[1] for m in found]
+    errors = [without_sheet(m.level_stderr, m.level_interval) for m in found]
     assert 0.4 < np.mean(errors) / np.std(levels, ddof=1) < 2.5
 
 
@@ -219,8 +225,23 @@ def test_the_error_of_the_level_against_a_bootstrap_over_tiles():
 
     spread = np.std([level(rng.integers(0, 16, 16)) for _ in range(60)])
     some = np.concatenate(list(cells), axis=1)
-    claimed = shared_level_error(LevelSample(np.repeat(some[3:], 3, axis=0), some[:3]), slopes)
+    sample = LevelSample(np.repeat(some[3:], 3, axis=0), some[:3])
+    claimed = without_sheet(shared_level_error(sample, slopes), shared_level(sample, slopes)[1])
     assert 0.4 < claimed / spread < 2.5
+
+
+@pytest.mark.parametrize("sheet", [0.0, 30.0])
+def test_the_error_of_the_level_holds_a_sheet_where_every_pixel_has_glint(sheet):
+    rng = np.random.default_rng(14)
+    water, glint = 20.0, sheet + (rng.gamma(20.0, 4.0, 200_000) if sheet else rng.gamma(0.1, 50.0, 200_000))
+    sample = LevelSample((water + glint)[None], (100.0 + glint)[None])
+    claimed = shared_level_error(sample, np.ones(1))
+    lowest, chosen, _ = shared_level(sample, np.ones(1))[1]
+    if sheet:  # the level is too high by the sheet and what every pixel has besides
+        assert chosen - water > 40
+        assert (chosen - water) / 3 < claimed < 3 * (chosen - water)
+    else:
+        assert claimed < 0.1 * (chosen - lowest)
 
 
 def test_strips_are_found_and_each_follows_its_own_waves():

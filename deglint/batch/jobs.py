@@ -184,7 +184,10 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = 
                 "with columns path and name."
             )
     # what is not there yet can be no file that is read
-    there = [path for job in jobs for path in job.outputs.every() if path.exists()]
+    try:
+        there = [path for job in jobs for path in job.outputs.every() if path.exists()]
+    except OSError as error:  # of a name that no file may have
+        raise InputError(f"an output cannot be named so: {error.strerror}: {str(error.filename)[:80]} ...") from error
     if there:
         scenes_files = [p for job in jobs for name in job.scene.source for p in (name, *files_of(name))]
         named = [order.recipe.sample, order.recipe.mask, order.sensor or "", *reads]

@@ -77,6 +77,11 @@ class LeftOver:
     variance: tuple[float, ...]
     ratio: float = 0.0
 
+    def with_slope_error(self, relative: float) -> LeftOver:
+        """The same, with glint of which this share was taken too little or too much."""
+        more = tuple(v + (relative * g) ** 2 for g, v in zip(self.glint, self.variance, strict=True))
+        return replace(self, variance=more)
+
     def of(self, glint: Float32) -> Float32:
         """Variance for the glint taken from each pixel (row, column)."""
         if not any(self.variance):

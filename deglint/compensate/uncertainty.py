@@ -6,10 +6,11 @@ with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the
 :math:`\sigma_0` the standard error of the level that all bands share. The variance of the water, :math:`\sigma_w^2`, is
 that of the posterior mean where that stage ran (`deglint.compensate.posterior`). Where glint was replaced by a
 background instead, it is that of the background's error, by one trial: the glint of the scene is laid on its own
-compensated image, half a tile away, and the chain run again. Where nothing was replaced it is that of noise.
+compensated image, half a tile away, and the chain run again. Where nothing was replaced it is that of noise, and of
+what removal leaves.
 
-Root mean square errors, noise included. What all pixels share and no image shows is not in them: calibration,
-atmosphere, an even sheet of glint. What is narrower than the window of an opening is erased, and nothing tells.
+Root mean square errors, noise included. What all pixels share and no image shows is not in them: calibration and
+atmosphere. What is narrower than the window of an opening is erased, and nothing tells.
 
 References
 ----------
@@ -19,16 +20,21 @@ Efron, Tibshirani (1993), An Introduction to the Bootstrap, doi:10.1201/97804292
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..remove.model import GlintModel
 from ..remove.noise import noise
-from .state import FEWEST, Float32, Sample, State
+from . import posterior
+from .posterior import Posterior
+from .state import FEWEST, Float32, Sample, Setting, State
 
 SPAN = 7
 """Side of the window in which a background's relief is looked at [pixel]: errors lie at edges."""
+
+LEAST_R2 = 0.25
+"""Share of a band's variance that glint explains, below which the rest is rather the water's: slopes at most double."""
 
 LEAST_BACKGROUND_VARIANCE = 0.25
 """Least variance of a background, relative to that of noise: it is made of a few of the window's darkest pixels."""
@@ -136,6 +142,26 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
             variance[f.band] += np.square(np.float32((f.stderr or 0.0) / f.slope) * state.removed[f.band])
         variance[f.band] += np.float32((f.slope * (model.level_stderr or 0.0)) ** 2)
     return np.sqrt(variance)
+
+
+def fit_removed(after: Sample, setting: Setting, model: GlintModel) -> Posterior:
+    """Measure on a sample what removal leaves where nothing else is done: a stage that sets the variance alone.
+
+    Least squares gives between rho and 1 times the slope, with rho the correlation of the band with the glint: rho
+    where all that differs is glint that moved between the bands, 1 where it is the water. All between are as likely,
+    so that the slope has a relative standard error of (1 / rho - 1) / sqrt(3).
+
+    Parameters
+    ----------
+    after : Sample
+        After removal.
+    setting : Setting
+    model : GlintModel
+    """
+    found = posterior.fit(after, setting)
+    share = {f.band: (max(f.r2, LEAST_R2) ** -0.5 - 1) / 3**0.5 for f in model.fits if f.r2 is not None}
+    left = tuple(p.with_slope_error(share.get(p.band, 0.0)) for p in found.left)
+    return replace(found, left=left, resolved=False)
 
 
 def halo(errors: Sequence[ReplacedError]) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import tiles as tiling
-from ..compensate import Background, Posterior, Sample, Setting, State, apply_chain, fit_posterior, fit_replaced
+from ..compensate import Background, Posterior, Sample, Setting, State, apply_chain, fit_removed, fit_replaced
 from ..errors import FitError, InputError
 from ..raster.environment import enter_thread
 from ..raster.output import Layout
@@ -117,10 +117,10 @@ def with_stderr(work: Correction, threads: int) -> Correction:
     if opens:
         errors = fit_replaced(before, after, lambda s: apply_chain(s, work.chain, work.model))
         return replace(work, want_stderr=True, replaced=errors)
-    if any(isinstance(stage, Posterior) for stage in work.chain.after):
+    if any(isinstance(stage, Posterior) and stage.resolved for stage in work.chain.after):
         return replace(work, want_stderr=True)
-    left = fit_posterior(after, Setting(scene.bands, tuple(work.model.index_bands) or (0,)))
-    return replace(work, want_stderr=True, left=replace(left, resolved=False))
+    left = fit_removed(after, Setting(scene.bands, tuple(work.model.index_bands) or (0,)), work.model)
+    return replace(work, want_stderr=True, left=left)
 
 
 def with_noise(work: Correction, threads: int) -> Correction:

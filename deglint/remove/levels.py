@@ -35,6 +35,9 @@ AVERAGED, SPARSE = 3, 0.1
 """Where that span is less than a tenth there is water without glint, and the least glint is sought in means of 3 x 3
 pixels: a kernel that sharpens the NIR amplifies its noise, whose least values would be taken for the level. Wider spans
 are of pixels that do not resolve glint, which differ as they should."""
+SHEET_SPAN = 0.3
+"""Where that span is wider, every pixel may hold some glint, as those of 10 m do (.32 to .5; those of 5 m have .2): how
+much of the least is water and how much an even sheet of glint no image tells."""
 STRONG_PERCENTILE, PIT = 98.0, 7
 """Glint above this percentile [%], and the width of the pits around it [pixel]: two lobes of a Lanczos kernel and the
 kernel of the removal. A third of the pixels stay where glint has the size of a pixel."""
@@ -208,15 +211,14 @@ class LevelSample:
 def shared_level(sample: LevelSample, slopes: Float64) -> tuple[Float64, tuple[float, float, float]]:
     """Level of each band [unit of its NIR], and the interval: the lowest possible, the one chosen, the median."""
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
-    middle, strong = np.percentile(together, [50.0, 99.0])
+    span, middle = _span(sample, together), float(np.median(together))
     if sample.apart is not None and sample.apart.any():
         sample, together = sample.some(sample.apart), together[sample.apart]
-    span = (middle - float(np.percentile(together, LEAST_GLINT / 2))) / max(strong - middle, np.finfo(float).tiny)
     order = sample.around if sample.around is not None and span < SPARSE else together
     least = order <= np.percentile(order, LEAST_CLEAR if span < MOSTLY_CLEAR else LEAST_GLINT)
     prediction, value = sample.prediction, sample.value
     level = np.median(prediction[:, least], axis=1)
-    raised, middle = float(np.median(together[least])), float(middle)
+    raised = float(np.median(together[least]))
     short = [
         float(np.percentile((p - v / s)[inside], 100 - NEGATIVE)) - at
         for p, v, s, at in zip(prediction, value, slopes, level, strict=True)
@@ -226,10 +228,25 @@ def shared_level(sample: LevelSample, slopes: Float64) -> tuple[Float64, tuple[f
     return np.asarray(level + lift, np.float64), (max(float(lowest), 0.0), float(raised + lift), middle)
 
 
+def _span(sample: LevelSample, together: FloatArray) -> float:
+    """How far the calmer half of the predictions spans, over what strong glint spans."""
+    middle, strong = np.percentile(together, [50.0, 99.0])
+    low = together if sample.apart is None or not sample.apart.any() else together[sample.apart]
+    return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))
+
+
 def shared_level_error(sample: LevelSample, slopes: Float64) -> float:
-    """Standard error of the level [unit of the NIR]: the jackknife over groups of neighbouring pixels of the sample."""
+    """Standard error of the level [unit of the NIR].
+
+    The jackknife over groups of neighbouring pixels of the sample. Where every pixel may hold glint, also that of a
+    level between the lowest possible and the one chosen, which is the likeliest (a triangle: the interval over root 6).
+    """
     sample = sample.some(slice(None, None, max(sample.prediction.shape[1] // LEVEL_PIXELS, 1)))
     pixels = sample.prediction.shape[1]
     group = np.arange(pixels) * FOLDS // pixels
     left_out = [shared_level(sample.some(group != g), slopes)[1][1] for g in range(FOLDS)]
-    return float(np.std(left_out) * np.sqrt(FOLDS - 1))
+    error = float(np.std(left_out) * np.sqrt(FOLDS - 1))
+    if _span(sample, slopes @ sample.prediction / slopes.sum()) < SHEET_SPAN:
+        return error
+    lowest, chosen, _ = shared_level(sample, slopes)[1]
+    return float(np.hypot(error, (chosen - lowest) / np.sqrt(6)))
