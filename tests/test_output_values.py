@@ -56,10 +56,9 @@ def test_every_type_comes_back_as_numpy_says(sea, write, read, tmp_path, dtype):
 def test_rounding_is_to_nearest_with_ties_to_even():
     values = np.array([-0.5, 0.4, 0.5, 0.6, 1.5, 2.5, 254.5, 255.4, 255.6, 300.0])[None, None]
     raw = np.full(values.shape, 77, np.uint8)
-    counts = encode(values, raw, bands=[0], scales=[1.0], offsets=[0.0])
+    negative, clipped = encode(values, raw, bands=[0], scales=[1.0], offsets=[0.0])
     assert raw.ravel().tolist() == [0, 0, 0, 1, 2, 2, 254, 255, 255, 255]
-    assert counts.clipped.tolist() == [2]
-    assert counts.negative.tolist() == [1]
+    assert (clipped.sum(), negative.sum()) == (2, 1)
 
 
 @pytest.mark.parametrize("dtype", ["uint16", "int16", "float32", "float64"])
@@ -116,11 +115,11 @@ def test_a_corrected_number_moves_off_nodata(dtype):
     values = np.array([-3.0, -0.2, 0.0, 0.3, 0.9, 7.0])[None, None]
     raw = np.full(values.shape, 9, dtype)
     where = np.array([[True, True, True, True, True, True]])
-    counts = encode(values, raw, bands=[0], scales=[1.0], offsets=[0.0], where=where, nodata=0.0)
+    _, clipped = encode(values, raw, bands=[0], scales=[1.0], offsets=[0.0], where=where, nodata=0.0)
     assert not (raw == 0).any()
     if dtype == "uint8":
         assert raw.ravel().tolist() == [1, 1, 1, 1, 1, 7]
-        assert counts.clipped.tolist() == [4]
+        assert clipped.sum() == 4
     if dtype == "float32":
         np.testing.assert_allclose(raw, values, rtol=1e-6, atol=1e-30)
 

@@ -8,7 +8,7 @@ from rio_cogeo import cog_validate
 from deglint import open_scene
 from deglint.pipeline.overview import raster_of
 from deglint.raster.environment import environment
-from deglint.raster.output import Layout, Scratch, levels, writing
+from deglint.raster.output import Layout, RasterWriter, Scratch, levels
 from deglint.tiles import tiles
 
 SIZE = 1100, 1030
@@ -16,7 +16,11 @@ SIZE = 1100, 1030
 
 def write(folder, data, layout, valid=None):
     """Write an image tile by tile; its name."""
-    with environment(), Scratch() as scratch, writing(scratch, folder / "out.tif", layout) as writer:
+    with (
+        environment(),
+        Scratch() as scratch,
+        RasterWriter(scratch.add(folder / "out.tif"), folder / "out.tif", layout) as writer,
+    ):
         for tile in tiles(*SIZE, layout.tile):
             at = np.s_[:, tile.row0 : tile.row1, tile.col0 : tile.col1]
             writer.write(data[at], tile.window)

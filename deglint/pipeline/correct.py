@@ -291,11 +291,16 @@ class Correction:
         changes: list[tuple[list[int], Mask | None]] = [(block.removed, block.part)] if block.removed else []
         changes += [([band], place) for band, place in block.rewritten.items()]
         for bands, place in changes:
-            counts = encode(
+            negative, clipped = encode(
                 physical, raw, bands=bands, scales=info.scales, offsets=info.offsets, where=place,
-                nodata=self.layout.nodata, flags=flags, marks=(bits.NEGATIVE, bits.CLIPPED),
+                nodata=self.layout.nodata,
             )  # fmt: skip
-            tally.negative, tally.clipped = tally.negative + counts.negative, tally.clipped + counts.clipped
+            counts = np.zeros((2, len(raw)), np.int64)
+            counts[:, bands] = np.count_nonzero([negative, clipped], axis=(2, 3))
+            tally.negative, tally.clipped = tally.negative + counts[0], tally.clipped + counts[1]
+            if flags is not None:
+                flags[negative.any(axis=0)] |= bits.NEGATIVE
+                flags[clipped.any(axis=0)] |= bits.CLIPPED
             if lost is not None:
                 lost[bands] &= False if place is None else ~place
         if lost is not None:

@@ -6,7 +6,6 @@ Pixels that were not corrected keep their bits: they are never converted there a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,16 +16,6 @@ from .convert import is_valid, slabs
 from .info import same_nodata
 
 Mask = npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class Counts:
-    """Corrected pixels per band: `negative` after the correction, and `clipped` to what the output's type can hold or
-    moved off the number that says "not valid".
-    """
-
-    negative: npt.NDArray[np.int64]
-    clipped: npt.NDArray[np.int64]
 
 
 def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Mask | None]:
@@ -50,42 +39,36 @@ def encode(
     bands: Sequence[int],
     scales: Sequence[float],
     offsets: Sequence[float],
-    where: npt.NDArray[np.bool_] | None = None,
+    where: Mask | None = None,
     nodata: float | None = None,
-    flags: npt.NDArray[np.uint8] | None = None,
-    marks: tuple[int, int] = (0, 0),
-) -> Counts:
+) -> tuple[Mask, Mask]:
     """Put corrected values of some bands (0-based) into `raw`, (band, row, column), in its type and in place.
 
     physical = raw * scale + offset, a band. Values that are not finite, and pixels outside `where` (row, column), leave
-    `raw` as it is. No value is left on `nodata`. `flags` (row, column) get `marks[0]` where a value is negative, and
-    `marks[1]` where one is clipped.
+    `raw` as it is. No value is left on `nodata`.
+
+    Returns
+    -------
+    (len(bands), row, column) ndarrays of bool
+        Where a value is negative, and where it was clipped to what the type can hold or moved off `nodata`.
 
     Notes
     -----
     Integers are rounded to nearest (ties to even) and saturate at the ends of their type.
     """
-    counts = Counts(np.zeros(len(raw), np.int64), np.zeros(len(raw), np.int64))
-    for b, rows in slabs(raw.shape):
-        if b not in bands:
-            continue
+    negative, clipped = np.zeros((2, len(bands), *raw.shape[1:]), np.bool_)
+    for i, rows in slabs(negative.shape):
+        b = bands[i]
         values = physical[b, rows]
         put = values.astype(np.float64)
         if offsets[b] != 0:
             put -= offsets[b]
         if scales[b] != 1:
             put /= scales[b]
-        good, below = np.isfinite(put), values < 0
-        if where is not None:
-            good &= where[rows]
-            below &= where[rows]
-        outside = _put(put, raw[b, rows], good, nodata)
-        for count, found, mark in zip((counts.negative, counts.clipped), (below, outside), marks, strict=True):
-            many = np.count_nonzero(found)
-            count[b] += many
-            if flags is not None and many:
-                flags[rows][found] |= mark
-    return counts
+        inside = True if where is None else where[rows]
+        negative[i, rows] = (values < 0) & inside
+        clipped[i, rows] = _put(put, raw[b, rows], np.isfinite(put) & inside, nodata)
+    return negative, clipped
 
 
 def _put(put: npt.NDArray[np.float64], raw: npt.NDArray[Any], good: Mask, nodata: float | None) -> Mask:
@@ -121,7 +104,7 @@ def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
 
 def relaid(
     raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
-) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_] | None]:
+) -> tuple[npt.NDArray[Any], Mask | None]:
     """Numbers of a file in the type, and with the nodata, of another, and where a valid number was clipped.
 
     `own` is the nodata of each band as it is; there may be more. `raw` is overwritten where the type is the same.

@@ -17,6 +17,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from .. import __version__
 from ..errors import WriteError
 from ..scene import Window
 from .failing import check_whole, free_bytes, refusals, write_errors
@@ -161,6 +162,39 @@ class RasterWriter:
                 self._dataset.close()
 
 
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A GeoTIFF that is written at once: a (band, row, column) array, and what is said of it."""
+
+    array: npt.NDArray[Any]
+    meaning: str
+    names: tuple[str, ...]
+    units: tuple[str, ...] = ()
+    scales: tuple[float, ...] = ()
+    band_tags: tuple[Mapping[str, str], ...] = ()
+    tags: Mapping[str, str] = field(default_factory=dict)
+
+    def write(self, path: Path, **options: Any) -> None:
+        """Write the file; `options` are those of `rasterio.open`."""
+        import rasterio
+
+        count, height, width = self.array.shape
+        profile = {
+            "driver": "GTiff", "dtype": self.array.dtype.name, "count": count, "height": height, "width": width,
+            "compress": "deflate", "predictor": 3 if self.array.dtype.kind == "f" else 2,
+        }  # fmt: skip
+        with unplaced(), rasterio.open(path, "w", **profile, **options) as out:
+            out.write(self.array)
+            out.update_tags(MEANING=self.meaning, SOFTWARE=f"deglint {__version__}", **self.tags)
+            out.descriptions = self.names
+            if self.units:
+                out.units = self.units
+            if self.scales:
+                out.scales = self.scales
+            for i, tags in enumerate(self.band_tags, start=1):
+                out.update_tags(i, **tags)
+
+
 def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> None:
     """Add overviews to a closed GeoTIFF, and put all of its blocks in order.
 
@@ -184,16 +218,14 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
             ordered.unlink(missing_ok=True)
 
 
-def writing(scratch: Scratch, target: Path, layout: Layout) -> RasterWriter:
-    """A `RasterWriter` of one of several files."""
-    return RasterWriter(scratch.add(target), target, layout)
-
-
 @contextlib.contextmanager
 def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
     """A `RasterWriter` for each of several images, of which `images` has target and layout by name."""
     with contextlib.ExitStack() as stack:
-        yield {name: stack.enter_context(writing(scratch, *image)) for name, image in images.items()}
+        yield {
+            name: stack.enter_context(RasterWriter(scratch.add(target), target, layout))
+            for name, (target, layout) in images.items()
+        }
 
 
 def write_text(scratch: Scratch, target: Path, text: str) -> None:

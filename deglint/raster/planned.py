@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,12 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError, WriteError
-from .info import unplaced
-from .output import Scratch, plain, write_bytes, write_json, write_text
+from .output import Layer, Scratch, plain, write_bytes, write_json
 from .targets import Reads, check_targets
 
 Plan = Any
 """What `deglint.plan.reticle` returns; that room is not imported before it is needed here."""
+Content = bytes | str | Mapping[str, Any] | Callable[[Path], None]
 PLANNED_ENDINGS = (".png", ".json", ".nc", ".tif")
 
 
@@ -41,33 +42,30 @@ def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes]
     """Write a plan (`deglint.plan.Reticle`) into every target, each by its ending; `picture` gives the PNG."""
     from ..plan import dataset
 
-    check_plan(targets, overwrite=overwrite)
-    writers: Mapping[str, Callable[[Scratch, Path], None]] = {
-        ".png": lambda scratch, target: write_bytes(scratch, target, picture()),
-        ".json": lambda scratch, target: write_text(scratch, target, _compact(dataset.document(plan))),
-        ".nc": lambda scratch, target: _netcdf(dataset.dataset(plan), scratch.add(target)),
-        ".tif": lambda scratch, target: _geotiff(plan, scratch.add(target)),
+    makers: Mapping[str, Callable[[], Content]] = {
+        ".png": picture,
+        ".json": lambda: _compact(dataset.document(plan)),
+        ".nc": lambda: partial(_netcdf, dataset.dataset(plan)),
+        ".tif": lambda: partial(_geotiff, plan),
     }
+    write_numbers({target: makers[_kind(target)]() for target in targets}, overwrite=overwrite)
+
+
+def write_numbers(targets: Mapping[Path, Content], *, overwrite: bool = False) -> None:
+    """Write pictures (bytes), text, numbers (for JSON), and what a function writes into a path, or none of them."""
     with Scratch(overwrite=overwrite) as scratch:
-        for target in targets:
+        for target, data in targets.items():
             try:
-                writers[_kind(target)](scratch, target)
+                if isinstance(data, Mapping):
+                    write_json(scratch, target, _signed(data))
+                elif callable(data):
+                    data(scratch.add(target))
+                else:
+                    write_bytes(scratch, target, data if isinstance(data, bytes) else data.encode())
             except OSError as error:
                 if isinstance(error, WriteError):
                     raise
                 raise WriteError(f"cannot write {target}: {error}") from error
-
-
-def write_numbers(targets: Mapping[Path, bytes | Mapping[str, Any]], *, overwrite: bool = False) -> None:
-    """Write pictures (bytes) and numbers (for JSON) together, or none of them."""
-
-    check_plan(list(targets), (".png", ".json"), overwrite=overwrite)
-    with Scratch(overwrite=overwrite) as scratch:
-        for target, data in targets.items():
-            if isinstance(data, bytes):
-                write_bytes(scratch, target, data)
-            else:
-                write_json(scratch, target, _signed(data))
 
 
 def _kind(target: Path) -> str:
@@ -95,7 +93,6 @@ def _netcdf(data: Any, path: Path) -> None:
 
 def _geotiff(plan: Plan, path: Path) -> None:
     """One band a layer, columns azimuths, rows zenith angles, both in degrees; no CRS."""
-    import rasterio
     from affine import Affine
 
     from ..plan.dataset import BAND_LAYERS, LAYERS, layer
@@ -105,17 +102,7 @@ def _geotiff(plan: Plan, path: Path) -> None:
         known += [(f"{name} {band}", unit, layer(plan, name)[k]) for k, band in enumerate(plan.bands)]
     names, units, layers = zip(*known, strict=True)
     down, across = (float(axis[1] - axis[0]) for axis in (plan.zenith, plan.azimuth))
-    array = np.stack(layers).astype(np.float32)
-    profile = {
-        "driver": "GTiff", "dtype": "float32", "count": len(array), "height": array.shape[1],
-        "width": array.shape[2], "compress": "deflate", "predictor": 3, "interleave": "band",
-        "transform": Affine(across, 0.0, -0.5 * across, 0.0, down, -0.5 * down),
-    }  # fmt: skip
-    with unplaced(), rasterio.open(path, "w", **profile) as out:
-        out.write(array)
-        out.descriptions, out.units = names, units
-        out.update_tags(
-            MEANING="look from: columns are azimuths, rows zenith angles of the sensor [degree]",
-            SOFTWARE=f"deglint {__version__}",
-            SUN=f"zenith {plan.mission.sun[0]:.3f}, azimuth {plan.mission.sun[1]:.3f}",
-        )
+    meaning = "look from: columns are azimuths, rows zenith angles of the sensor [degree]"
+    sun = "zenith {:.3f}, azimuth {:.3f}".format(*plan.mission.sun)
+    found = Layer(np.stack(layers).astype(np.float32), meaning, names, units, tags={"SUN": sun})
+    found.write(path, interleave="band", transform=Affine(across, 0.0, -0.5 * across, 0.0, down, -0.5 * down))

@@ -6,16 +6,15 @@ The files of a scene come into being together, or not at all.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from .. import __version__
 from ..errors import WriteError
-from .output import Scratch, write_json
+from .output import Layer, Scratch, write_json
 from .targets import check_targets
 
 CRS = "EPSG:32610"
@@ -28,19 +27,6 @@ Simulated = Any
 """What `deglint.simulate.simulate` returns; that room lies above this one and is not imported here."""
 
 
-@dataclass(frozen=True, eq=False)
-class Layer:
-    """One file of a scene: (band, row, column) array, and what is said of it."""
-
-    array: npt.NDArray[Any]
-    meaning: str
-    names: tuple[str, ...]
-    unit: str = ""
-    scales: tuple[float, ...] = ()
-    band_tags: tuple[Mapping[str, str], ...] = ()
-    tags: Mapping[str, str] = field(default_factory=dict)
-
-
 def write_scene(
     scene: Simulated, stem: str | Path, *, overwrite: bool = False, truth: bool | Collection[str] = True
 ) -> list[Path]:
@@ -49,6 +35,8 @@ def write_scene(
     `truth` says whether all that is known of the scene is written beside the image and the JSON, or names the parts
     that are, such as "_truth_water". Either all files are written or none; their names are returned.
     """
+    from affine import Affine
+
     base = _base(stem)
     layers = layers_of(scene)
     if truth is not True:
@@ -56,10 +44,13 @@ def write_scene(
     targets = {part: base.with_name(f"{base.name}{part}.tif") for part in layers}
     sidecar = base.with_name(f"{base.name}.json")
     check_targets([*targets.values(), sidecar], overwrite=overwrite)
+    gsd = scene.setup.sensor.gsd
+    place: dict[str, Any] = {"crs": CRS, "transform": Affine(gsd, 0.0, CORNER[0], 0.0, -gsd, CORNER[1])}
+    place |= {"tiled": True, "blockxsize": 256, "blockysize": 256, "interleave": "pixel", "num_threads": 2}
     with Scratch(overwrite=overwrite) as scratch:
         try:
             for part, layer in layers.items():
-                _write(scratch.add(targets[part]), layer, scene.setup.sensor.gsd)
+                layer.write(scratch.add(targets[part]), **place)
             write_json(scratch, sidecar, describe(scene, {p: t.name for p, t in targets.items()}))
         except OSError as error:
             raise WriteError(f"cannot write {base}: {error}") from error
@@ -84,7 +75,7 @@ def layers_of(scene: Simulated) -> dict[str, Layer]:
     setup, sensor = scene.setup, scene.setup.sensor
     names = tuple(b.name for b in sensor.bands)
     tags = tuple({"wavelength": f"{b.wavelength:g}", "time_offset_s": f"{b.time_offset:.3f}"} for b in sensor.bands)
-    radiance: dict[str, Any] = {"unit": SIMULATED_UNIT, "band_tags": tags}
+    radiance: dict[str, Any] = {"units": (SIMULATED_UNIT,) * len(names), "band_tags": tags}
     numbers = radiance | {"scales": tuple(sensor.scale(b) for b in sensor.bands), "tags": _tags(setup)}
     truth = "radiance out of the water {}, without sun glint{} and noise, through the same optics"
     glint = f"1 where glint exceeds {setup.glint_threshold:g} of the radiance without it"
@@ -103,9 +94,9 @@ def layers_of(scene: Simulated) -> dict[str, Layer]:
     if scene.cover is not None:
         out["_cover"] = Layer(scene.cover, cover, names, band_tags=tags)
     if scene.depth is not None:
-        out["_depth"] = Layer(scene.depth[None], "depth of the bottom", ("depth",), unit="m")
+        out["_depth"] = Layer(scene.depth[None], "depth of the bottom", ("depth",), ("m",))
     if scene.height is not None:
-        out["_height"] = Layer(scene.height[None], "height of the sea at the first time", ("height",), unit="m")
+        out["_height"] = Layer(scene.height[None], "height of the sea at the first time", ("height",), ("m",))
     if scene.slopes is not None:
         out["_slopes"] = Layer(scene.slopes, "slope of the sea at the first time", ("east", "north"))
     return out
@@ -127,30 +118,6 @@ def _tags(setup: Any) -> dict[str, str]:
     }
     said = {"SENSOR": sensor.name, "FULL_SCALE": str(sensor.levels)}
     return said | {k: f"{v:g}" for k, v in numbers.items()} | {"SEED": str(setup.seed)}
-
-
-def _write(path: Path, layer: Layer, gsd: float) -> None:
-    import rasterio
-    from affine import Affine
-
-    count, rows, columns = layer.array.shape
-    place = Affine(gsd, 0.0, CORNER[0], 0.0, -gsd, CORNER[1])
-    profile = {
-        "driver": "GTiff", "dtype": layer.array.dtype.name, "count": count, "height": rows, "width": columns,
-        "crs": CRS, "transform": place, "tiled": True, "blockxsize": 256,
-        "blockysize": 256, "compress": "deflate", "predictor": 3 if layer.array.dtype.kind == "f" else 2,
-        "interleave": "pixel", "num_threads": 2,
-    }  # fmt: skip
-    with rasterio.open(path, "w", **profile) as out:
-        out.write(layer.array)
-        out.update_tags(MEANING=layer.meaning, SOFTWARE=f"deglint {__version__}", **layer.tags)
-        out.descriptions = layer.names
-        if layer.scales:
-            out.scales = layer.scales
-        if layer.unit:
-            out.units = (layer.unit,) * count
-        for i, tags in enumerate(layer.band_tags, start=1):
-            out.update_tags(i, **tags)
 
 
 def describe(scene: Simulated, files: Mapping[str, str]) -> dict[str, Any]:

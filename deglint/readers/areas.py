@@ -9,6 +9,7 @@ import logging
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -20,12 +21,12 @@ from ..errors import InputError, ReadError
 from ..raster import FileBands, RasterSource
 from ..raster.info import describe_file, gdal_errors, one_line, unplaced
 from ..scene import Scene, Window
-from .grid import nearest_on, same_grid
+from .grid import at, corners_of, nearest_on, same_grid
 from .text import read_json
 
 log = logging.getLogger(__name__)
 Mask = npt.NDArray[np.bool_]
-_WGS84 = "OGC:CRS84"
+LONGITUDE_LATITUDE = "OGC:CRS84"
 _CRS_NAME = re.compile(
     r"(?:urn:(?:x-)?ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?([A-Za-z]+)[:/](?:[\w.]*[:/])?(\w+)"
 )
@@ -80,7 +81,10 @@ class PolygonArea:
 
         (top, bottom), (left, right) = window
         out = np.zeros((bottom - top, right - left), np.bool_)
-        for row, column in self._cells(window):
+        shared = [(max(a, b), min(c, d)) for (a, c), (b, d) in zip(window, self.bounds, strict=True)]
+        # always the same squares are drawn: a centre that lies on an edge falls to the same side in every window
+        across, down = (range(start // _POLYGON_CELL * _POLYGON_CELL, stop, _POLYGON_CELL) for start, stop in shared)
+        for row, column in product(across, down):
             moved = _moved(self.transform, column, row)
             cell = geometry_mask(self.shapes, (_POLYGON_CELL, _POLYGON_CELL), moved, invert=True)
             rows = slice(max(top, row), min(bottom, row + _POLYGON_CELL))
@@ -88,19 +92,6 @@ class PolygonArea:
             inside = cell[rows.start - row : rows.stop - row, columns.start - column : columns.stop - column]
             out[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = inside
         return out
-
-    def _cells(self, window: Window) -> Iterator[tuple[int, int]]:
-        """Corners of the squares, the same for every window, that a window and the polygons share.
-
-        Drawing always the same squares, a centre that lies on an edge falls to the same side in every window.
-        """
-        (top, bottom), (left, right) = (
-            (max(a, b), min(c, d)) for (a, c), (b, d) in zip(window, self.bounds, strict=True)
-        )
-        for row in range(top // _POLYGON_CELL * _POLYGON_CELL, bottom, _POLYGON_CELL):
-            for column in range(left // _POLYGON_CELL * _POLYGON_CELL, right, _POLYGON_CELL):
-                if top < bottom and left < right:
-                    yield row, column
 
 
 @dataclass(frozen=True)
@@ -164,18 +155,15 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
         log.info("%s", note)
     if scene.crs is not None and not note:
         try:
-            shapes = [transform_geom(_crs_of(document, name), scene.crs, s) for s in shapes]
+            shapes = [transform_geom(crs_of(document, name), scene.crs, s) for s in shapes]
         except gdal_errors(ValueError, IndexError) as error:
             raise InputError(f"{name} has coordinates that do not fit its CRS: {one_line(error)}.") from error
     transform = scene.transform or Affine.identity()
     boxes = [bounds_of(s) for s in shapes]
     corners = np.array([(x, y) for left, bottom, right, top in boxes for x in (left, right) for y in (bottom, top)])
     with np.errstate(all="ignore"):
-        back = ~transform
-        columns = back.a * corners[:, 0] + back.b * corners[:, 1] + back.c
-        rows = back.d * corners[:, 0] + back.e * corners[:, 1] + back.f
-        far = not (np.abs([columns, rows]) < _FAR).all()
-    if far:
+        columns, rows = at(~transform, corners[:, 0], corners[:, 1])
+    if not (np.abs([columns, rows]) < _FAR).all():
         raise InputError(f"{name} has coordinates that cannot be brought into the scene's CRS. Check its CRS.")
     window = (
         (int(np.floor(rows.min())), int(np.ceil(rows.max()))),
@@ -190,7 +178,7 @@ def _own_crs(shapes: Sequence[Mapping[str, Any]], scene: Scene, name: str) -> st
     if (np.abs(points) <= (360, 90)).all():  # some programs count longitudes to 360 degrees
         return ""
     (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
-    edges = [scene.transform * (x, y) for x in (0, scene.width) for y in (0, scene.height)]
+    edges = [at(scene.transform, *corner) for corner in corners_of(scene)]
     (west, south), (east, north) = np.min(edges, axis=0), np.max(edges, axis=0)
     own = scene.crs.to_string() if len(scene.crs.to_string()) < 40 else "that of the scene"
     if left < east and right > west and bottom < north and top > south:
@@ -230,21 +218,25 @@ def _moved(transform: Any, column: int, row: int) -> Any:
     return Affine(t.a, t.b, t.a * column + t.b * row + t.c, t.d, t.e, t.d * column + t.e * row + t.f)
 
 
-def _polygons(document: Any) -> Iterator[Any]:
-    """Coordinates of every polygon in a document, whatever wraps it."""
+def geometries(document: Any) -> Iterator[tuple[Any, Any]]:
+    """Type and coordinates of every geometry in a GeoJSON document, whatever wraps it."""
     waiting = [document]
     while waiting:
         node = waiting.pop()
-        if not isinstance(node, Mapping):
-            continue
-        coordinates = node.get("coordinates") or []
-        if node.get("type") == "Polygon" and coordinates:
+        if isinstance(node, list):
+            waiting += node[::-1]
+        elif isinstance(node, Mapping):
+            if node.get("coordinates"):
+                yield node.get("type"), node["coordinates"]
+            waiting += [node.get(member) for member in ("geometries", "features", "geometry")]
+
+
+def _polygons(document: Any) -> Iterator[Any]:
+    for kind, coordinates in geometries(document):
+        if kind == "Polygon":
             yield coordinates
-        elif node.get("type") == "MultiPolygon" and isinstance(coordinates, list):
+        elif kind == "MultiPolygon" and isinstance(coordinates, list):
             yield from coordinates
-        children = [node.get(member) for member in ("geometry", "features", "geometries")]
-        for child in children[::-1]:
-            waiting += child[::-1] if isinstance(child, list) else [child]
 
 
 def _checked(coordinates: Any, name: str) -> dict[str, Any]:
@@ -263,14 +255,15 @@ def _checked(coordinates: Any, name: str) -> dict[str, Any]:
     return {"type": "Polygon", "coordinates": rings}
 
 
-def _crs_of(document: Mapping[str, Any], name: str) -> Any:
+def crs_of(document: Mapping[str, Any], name: str) -> Any:
+    """The CRS that a GeoJSON document names, else that of longitude and latitude."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
-    text = _WGS84
+    text = LONGITUDE_LATITUDE
     member = document.get("crs")
     if isinstance(member, Mapping) and isinstance(member.get("properties"), Mapping):
-        text = str(member["properties"].get("name", _WGS84))
+        text = str(member["properties"].get("name", LONGITUDE_LATITUDE))
     named = _CRS_NAME.fullmatch(text.strip())
     try:
         if named:  # nothing else goes to GDAL, which would take it for a file or an address

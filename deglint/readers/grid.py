@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -98,7 +97,7 @@ def _transform(info: RasterInfo | Scene) -> Any:
 def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, float, float], float]:
     """Left, bottom, right and top of a file, and the area of its pixels, in the CRS of the first file."""
     transform = _transform(info)
-    xs, ys = zip(*(_at(transform, *corner) for corner in _corners(info)), strict=True)
+    xs, ys = zip(*(at(transform, *corner) for corner in corners_of(info)), strict=True)
     left, bottom, right, top = min(xs), min(ys), max(xs), max(ys)
     area = abs(transform.determinant)
     if info.crs is not None and first.crs is not None and info.crs != first.crs:
@@ -119,15 +118,16 @@ def same_grid(info: RasterInfo, reference: RasterInfo | Scene) -> bool:
     if info.transform is None or reference.transform is None:
         return True
     back = ~reference.transform
-    return all(math.dist(_at(back, *_at(info.transform, *corner)), corner) < _OFF for corner in _corners(info))
+    return all(math.dist(at(back, *at(info.transform, *corner)), corner) < _OFF for corner in corners_of(info))
 
 
-def _corners(info: RasterInfo) -> list[tuple[int, int]]:
+def corners_of(info: RasterInfo | Scene) -> list[tuple[int, int]]:
+    """Column and row of the corners of a raster."""
     return [(column, row) for column in (0, info.width) for row in (0, info.height)]
 
 
-def _at(transform: Any, x: float, y: float) -> tuple[float, float]:
-    """Affine transform of a point, written out: versions of affine differ in the operator for it."""
+def at(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    """Affine transform of a point or of arrays, written out: versions of affine differ in the operator for it."""
     t = transform
     return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f
 
@@ -144,50 +144,39 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | No
     return RasterSource([file], replace(placed, nodatas=file.nodatas))
 
 
+@dataclass(frozen=True)
 class Footprints:
     """Which detector saw each pixel of each band, on the grid of the scene; a `deglint.scene.Source`.
 
     They are Sentinel-2's MSK_DETFOO: rasters in products since baseline 04.00; the GML of older ones is not read.
-
     Files are opened when they are first read. It can be pickled.
 
     Parameters
     ----------
-    paths : sequence of str or None
+    paths : tuple of str or None
         GDAL name of the mask of each band of the scene; None where there is none.
     grid : RasterInfo
         Whose grid the scene has.
     """
 
-    def __init__(self, paths: Sequence[str | None], grid: RasterInfo) -> None:
-        self.paths = tuple(p if p is None or p.startswith("/vsi") else str(Path(p).absolute()) for p in paths)
-        self.grid = grid
-        self._sources: dict[str, RasterSource] = {}
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"paths": self.paths, "grid": self.grid, "_sources": {}}
+    paths: tuple[str | None, ...]
+    grid: RasterInfo
+    _sources: dict[str, RasterSource] = field(default_factory=dict, compare=False, repr=False)
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
         """Detector numbers of a window, (len(bands), rows, columns) float32; NaN where no detector saw the pixel."""
         (top, bottom), (left, right) = window
         out = np.full((len(bands), bottom - top, right - left), np.nan, np.float32)
         for i, band in enumerate(bands):
-            path = self.paths[band]
-            if path is not None:
-                out[i] = self._source(path).read(window, [0])[0]
+            if (path := self.paths[band]) is not None:
+                source = self._sources.get(path) or nearest_on(describe_file(path), self.grid, nodata=0.0)
+                out[i] = self._sources.setdefault(path, source).read(window, [0])[0]
         return out
 
     def close(self) -> None:
         """Close the masks' files."""
-        sources, self._sources = self._sources, {}
-        for source in sources.values():
-            source.close()
-
-    def _source(self, path: str) -> RasterSource:
-        if path not in self._sources:
-            made = nearest_on(describe_file(path), self.grid, nodata=0.0)
-            self._sources.setdefault(path, made)  # another thread may have been quicker
-        return self._sources[path]
+        while self._sources:
+            self._sources.popitem()[1].close()
 
 
 def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:

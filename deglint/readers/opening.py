@@ -51,23 +51,22 @@ def open_scene(
     ----------
     path : str, path or sequence of them
         GDAL name(s), products (a folder, an archive or a metadata file), or a STAC Item (a file or URL), which stands
-        for its bands. Bands of several files are stacked in the order given. Where their grids differ they are put on
-        one: bilinear for larger pixels, averaged for smaller ones, in their own type.
+        for its bands. Bands of several files are stacked in the order given, on one grid: bilinear for larger pixels,
+        averaged for smaller ones, in their own type.
     sensor : str, optional
-        Name of a preset (`deglint.sensors.names`), or a file that ends in .toml with a sensor of one's own, that fills
-        in what the file does not say of its bands. By default the one that a tag of the file names, if it fits.
+        Name of a preset (`deglint.sensors.names`) or of a .toml file, that fills in what the file does not say of its
+        bands. By default the one that a tag of the file names, if it fits.
     nir : str, int or sequence, optional
         Near-infrared band(s), only checked and noted here; see `find_nir`.
     nodata : float or "none", optional
-        Number (or NaN) that says "not valid", in place of what the files declare; "none": every number is data.
+        Number (or NaN) that says "not valid"; "none": every number is data.
     grid : str or int, optional
         Whose grid to use: "finest" (the default), or a file by 1-based number or name.
-    bands : str or sequence of str, optional
-        Name of every band, in order ("blue,green,red,nir"), in place of what the files say.
-    wavelengths : str or sequence of float, optional
-        Centre of every band [nm, or um up to 30], in place of what the files say.
+    bands, wavelengths : str or sequence, optional
+        Name ("blue,green,red,nir") and centre [nm, or um up to 30] of every band, in order.
     scale, offset : float or sequence of float, optional
-        One number, or one a band: physical value = number in the file * scale + offset, in place of what the files say.
+        One number, or one a band: physical value = number in the file * scale + offset. These five options count
+        more than what the files say.
 
     Returns
     -------
@@ -76,12 +75,9 @@ def open_scene(
 
     Raises
     ------
-    ReadError
-        No such file, or not a raster GDAL can read.
-    InputError
-        Complex numbers, no bands, files that do not overlap, or an option that is out of range.
-    BandError
-        The sensor preset or the near-infrared band does not fit the bands.
+    ReadError, InputError, BandError
+        No raster that GDAL can read; no bands, complex numbers, files that do not overlap, or an option out of range;
+        a preset or near-infrared band that does not fit the bands.
 
     Examples
     --------
@@ -91,8 +87,19 @@ def open_scene(
     """
     paths = [as_path(p, "path") for p in (path if isinstance(path, (list, tuple)) else [path])]
     _check(paths, sensor, nodata, grid)
-    sensor = None if sensor is None else os.fspath(sensor)
-    stated = Stated.of(bands, wavelengths, scale, offset)
+    preset = None if sensor is None else os.fspath(sensor)
+    scene = _stacked(paths, preset, nir, nodata, grid, Stated.of(bands, wavelengths, scale, offset))
+    return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
+
+
+def _stacked(
+    paths: Sequence[str],
+    sensor: str | None,
+    nir: Wanted | None,
+    nodata: float | str | None,
+    grid: str | int | None,
+    stated: Stated,
+) -> Scene:
     notes: list[str] = []
     opened = _opened(paths, sensor, nir, stated, notes)
     infos = stated.on([with_nodata(info, nodata, notes) for o in opened for info in o.infos])
@@ -102,7 +109,7 @@ def open_scene(
     found, preset, told = bands_of(info, stems, sensor)
     if len(infos) > 1 or sensor is not None or stated.labels:
         info = labelled(info, found)
-    scene = Scene(
+    return Scene(
         bands=tuple(found),
         height=info.height,
         width=info.width,
@@ -115,7 +122,6 @@ def open_scene(
         product=products.named(opened),
         footprints=products.footprints(opened, reference),
     )
-    return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
 
 
 def _check(paths: Sequence[str], sensor: Any, nodata: Any, grid: Any) -> None:

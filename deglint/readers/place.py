@@ -12,11 +12,10 @@ import numpy as np
 from ..errors import InputError
 from ..raster.info import gdal_errors, one_line, open_dataset
 from ..scene import Scene
-from .areas import _crs_of
+from .areas import LONGITUDE_LATITUDE, crs_of, geometries
 from .products.metadata import positive
 from .text import read_json
 
-_LONGITUDE_LATITUDE = "OGC:CRS84"
 _EQUATOR, _ECCENTRICITY2 = 6_378_137.0, 0.006_694_379_990_14
 """Radius at the equator [m] and squared eccentricity of the WGS 84 ellipsoid."""
 _TRUE = 0.01
@@ -42,7 +41,7 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
         longitudes, latitudes = xs, ys
     else:
         try:
-            longitudes, latitudes = to_crs(crs, _LONGITUDE_LATITUDE, xs, ys)
+            longitudes, latitudes = to_crs(crs, LONGITUDE_LATITUDE, xs, ys)
         except gdal_errors(ValueError):
             return None
     if not np.isfinite([longitudes, latitudes]).all() or abs(latitudes[0]) >= 90.0:
@@ -93,11 +92,12 @@ def middle_of(path: str, option: str = "--place") -> tuple[float, float]:
 
     if Path(path).suffix.lower() in (".geojson", ".json"):
         document = read_json(path, option)
-        points = np.array(list(_points(document)), dtype=np.float64).reshape(-1, 2)
+        found = [point for _kind, coordinates in geometries(document) for point in _points(coordinates)]
+        points = np.array(found, dtype=np.float64).reshape(-1, 2)
         if not len(points) or not np.isfinite(points).all():
             raise InputError(f"{path} ({option}) holds no point. Draw a point, a line or an area in it.")
         x, y = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        crs = _crs_of(document, path)
+        crs = crs_of(document, path)
     else:
         with open_dataset(path) as dataset:
             crs, corner = dataset.crs, dataset.transform * (0.5 * dataset.width, 0.5 * dataset.height)
@@ -105,7 +105,7 @@ def middle_of(path: str, option: str = "--place") -> tuple[float, float]:
             raise InputError(f"{path} ({option}) has no CRS, so its place is not known. Give --lat and --lon.")
         x, y = corner
     try:
-        (longitude,), (latitude,) = transform(crs, _LONGITUDE_LATITUDE, [x], [y])
+        (longitude,), (latitude,) = transform(crs, LONGITUDE_LATITUDE, [x], [y])
     except gdal_errors(ValueError) as error:
         raise InputError(f"{path} ({option}) has a place that cannot be found: {one_line(error)}.") from error
     if not np.isfinite([latitude, longitude]).all() or abs(latitude) > 90.0:
@@ -114,11 +114,8 @@ def middle_of(path: str, option: str = "--place") -> tuple[float, float]:
 
 
 def _points(node: Any) -> Iterator[tuple[float, float]]:
-    """All positions in a GeoJSON document, whatever wraps them."""
-    if isinstance(node, dict):
-        for member in ("features", "geometries", "geometry", "coordinates"):
-            yield from _points(node.get(member))
-    elif isinstance(node, list):
+    """The positions in the coordinates of a geometry, however deep they lie."""
+    if isinstance(node, list):
         if len(node) >= 2 and all(isinstance(n, (int, float)) for n in node[:2]):
             yield float(node[0]), float(node[1])
         else:

@@ -39,17 +39,17 @@ class Spectral:
 def spectral_of(info: RasterInfo) -> list[Spectral]:
     """Wavelength and width of every band, from its own tags or from a list in the dataset's tags."""
     unit = _first(info.tags, _UNIT_TAG, "")
-    unknown: list[tuple[float | None, str]] = [(None, "")] * info.count
-    wavelengths, widths = _listed(info, _WAVELENGTH) or unknown, _listed(info, _WIDTH_TAG) or unknown
+    wavelengths, widths = (_stated(info.tags, key, info.count) for key in (_WAVELENGTH, _WIDTH_TAG))
+    unknown: list[tuple[float | None, str]] = [(None, "")]
     found = []
-    for tags, listed, listed_width in zip(info.band_tags, wavelengths, widths, strict=True):
+    for i, tags in enumerate(info.band_tags):
         own_unit = _first(tags, _UNIT_TAG, unit)
-        value, stated = _single(tags, _WAVELENGTH) or listed
+        ((value, stated),) = _stated(tags, _WAVELENGTH, 1) or wavelengths[i : i + 1] or unknown
         wavelength, assumed = (None, False) if value is None else nanometres(value, stated or own_unit)
         if wavelength is None or not SPECTRAL_RANGE[0] <= wavelength <= SPECTRAL_RANGE[1]:
             found.append(Spectral())
             continue
-        value, stated = _single(tags, _WIDTH_TAG) or listed_width
+        ((value, stated),) = _stated(tags, _WIDTH_TAG, 1) or widths[i : i + 1] or unknown
         found.append(Spectral(wavelength, _width(value, stated or own_unit), assumed))
     return found
 
@@ -78,8 +78,7 @@ def own_facts(info: RasterInfo) -> RasterInfo:
     dataset = _first(info.tags, _FULL_SCALE, "")
     tags = []
     for own, known in zip(info.band_tags, spectral_of(info), strict=True):
-        stated = _single(own, _WAVELENGTH) is not None
-        said = dict(own) if stated else said_of_wavelength(own, known.wavelength, known.width)
+        said = dict(own) if _stated(own, _WAVELENGTH, 1) else said_of_wavelength(own, known.wavelength, known.width)
         if dataset and not _first(own, _FULL_SCALE, ""):
             said[""] = {**said.get("", {}), "FULL_SCALE": dataset}
         tags.append(said)
@@ -127,27 +126,14 @@ def _key(name: str) -> str:
     return re.sub(r"[\s\-]+", "_", name.strip().lower())
 
 
-def _single(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> tuple[float, str] | None:
-    """The first tag that fits and holds one number, and the unit that it states, if any."""
+def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: int) -> list[tuple[float, str]]:
+    """The first tag that fits and holds so many numbers, each with the unit that name or text state, or ""."""
     for value, match in _matching(tags, key):
         numbers = _NUMBER_PATTERN.findall(value)
-        if len(numbers) == 1:
-            rest = value.replace(numbers[0], "").strip(" {}[]()")
-            return float(numbers[0]), rest or _unit_in_key(match)
-    return None
-
-
-def _listed(info: RasterInfo, key: re.Pattern[str]) -> list[tuple[float, str]]:
-    """The first tag of the dataset that fits and holds one number a band, with the unit it states."""
-    for value, match in _matching(info.tags, key):
-        numbers = _NUMBER_PATTERN.findall(value)
-        if len(numbers) == info.count:
-            return [(float(n), _unit_in_key(match)) for n in numbers]
+        if len(numbers) == count:
+            rest = value.replace(numbers[0], "").strip(" {}[]()") if count == 1 else ""
+            return [(float(n), rest or next(filter(None, match.groups()), "")) for n in numbers]
     return []
-
-
-def _unit_in_key(match: re.Match[str]) -> str:
-    return next((g for g in match.groups() if g), "")
 
 
 def _width(value: float | None, unit: str) -> float | None:

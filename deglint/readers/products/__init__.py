@@ -117,7 +117,8 @@ def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> Footprints | N
         stated = [()] * len(o.infos) if o.product is None else o.product.files.values()
         for info, bands in zip(o.infos, stated, strict=True):
             paths += [bands[i].footprint if i < len(bands) else None for i in range(info.count)]
-    return Footprints(paths, grid) if any(paths) else None
+    absolute = tuple(p if p is None or p.startswith("/vsi") else str(Path(p).absolute()) for p in paths)
+    return Footprints(absolute, grid) if any(paths) else None
 
 
 def find(path: str) -> Product | None:

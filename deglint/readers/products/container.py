@@ -14,8 +14,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path, PurePosixPath
+from xml.etree import ElementTree as ET
 
 from ...errors import InputError, ReadError
+from .metadata import MetadataError, tree_of
 
 MOST_MEMBERS = 20_000
 """Members of a folder or archive that are listed."""
@@ -81,6 +83,20 @@ class Container:
                 f"{member} in {self.path} is larger than {MOST_METADATA_BYTES >> 20} MB, too large for metadata."
             )
         return data
+
+    def tree(self, member: str, notes: list[str], otherwise: str = "", *, needs: str = "") -> ET.Element | None:
+        """The metadata in a member; None where they are damaged or lack the element `needs`.
+
+        Then `notes` get one line more, which ends with `otherwise`.
+        """
+        try:
+            root = tree_of(self.read(member), member)
+            if needs and root.find(f".//{needs}") is None:
+                raise MetadataError(f"{member} is damaged: it has no {needs}")
+        except MetadataError as error:
+            notes.append(f"{error}{otherwise}")
+            return None
+        return root
 
     def _bytes(self, member: str) -> bytes:
         if self.kind == "zip":

@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 from ...errors import InputError
 from ..spectral import nanometres
 from .container import Container
-from .metadata import MetadataError, angle_tags, positive, said, said_number, tags_of, xml_of
+from .metadata import angle_tags, positive, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"
@@ -38,12 +38,10 @@ def find(container: Container) -> Product | None:
         for n in container.find(METADATA)
         if named in (None, n) or re.fullmatch(IMAGES, PurePosixPath(named or "").name, re.I)
     ]
-    found, damaged = [], []
+    found, damaged = [], list[str]()
     for member in files:
-        try:
-            root = xml_of(container.read(member), member)
-        except MetadataError as error:
-            damaged.append(str(error))
+        root = container.tree(member, damaged)
+        if root is None:
             continue
         tiles = [n.get("href", "") for n in root.iter("DATA_FILE_PATH")]
         if named and named not in (member, *(container.beside(member, t) for t in tiles)):

@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import PurePosixPath
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,8 @@ UNREGISTERED = (
 )
 
 Facts = Mapping[str, Sequence[str]]
+Calibration = tuple[float, str | None, FlatField]
+"""Scale and unit, and the black level with what lens and shutter do."""
 _BLACK_LEVEL = 50714  # the tag of DNG, which GDAL does not tell of
 _PLAUSIBLE = (0.1, 10.0)
 """By what light may be multiplied: lenses lose less than nine tenths in the corners."""
@@ -63,47 +66,42 @@ def find(container: Container) -> Product | None:
 
 
 def _product(container: Container, capture: str, members: list[str]) -> Product | None:
-    infos = {m: describe_file(container.gdal(m)) for m in members}
     order = sorted(members, key=lambda m: [int(p) if p.isdecimal() else p for p in re.split(r"(\d+)", m)])
-    bands, radiometry, left, notes = [], list[Radiometry](), [], list[str]()
+    infos = [describe_file(container.gdal(m)) for m in order]
+    bands, left, notes, corrected = [], [], list[str](), list[str]()
     facts: Facts = {}
-    for member in order:
-        info = infos[member]
-        facts, said_of_it = facts_of(info)
-        notes += [n for n in said_of_it if n not in notes]
-        found = bands_of(info, facts)
+    for info in infos:
+        facts, damaged = facts_of(info)
+        found, said_of_it = bands_of(info, facts)
+        notes += damaged
         if len(found) != 1:
             continue
         if (found[0].wavelength or 0.0) > THERMAL or found[0].name.casefold() in ("lwir", "panchro"):
             left.append(found[0].name)
         else:
-            bands.append(found[0])
-            radiometry.append(radiometry_of(info, facts))
+            bands += found
+            corrected += said_of_it
     if not bands:
         return None
     if not re.search(r"_\d+(?:_\d+)?\.tiff?$", members[0], re.IGNORECASE):
         bands.sort(key=lambda b: b.wavelength or 0.0)  # names that end in letters have no order of their own
     if left:
         notes.append(f"{', '.join(left)} left out: pixels and light of another kind; name the file to open it")
-    notes += [*_corrected(radiometry), UNREGISTERED]
-    tags = tags_of({"acquired": infos[order[0]].tags.get("", {}).get("TIFFTAG_DATETIME")})
+    notes = list(dict.fromkeys([*notes, *corrected, UNREGISTERED]))
+    tags = tags_of({"acquired": infos[0].tags.get("", {}).get("TIFFTAG_DATETIME")})
     return Product(_kind(facts), capture, container.asked, tuple(bands), _sensor(facts), tags, tuple(notes))
 
 
 def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
     """A file's description, with what its XMP says of the bands; as it is where there is none."""
-    if "xml:XMP" not in info.tags:
-        return info, []
     facts, notes = facts_of(info)
-    bands = bands_of(info, facts)
-    if len(bands) != info.count or (len(bands) == 1 and not facts.get("BandName")):
+    bands, corrected = bands_of(info, facts)
+    if not bands:
         return info, notes
     if any(info.descriptions):  # names that somebody gave in the file count more
         bands = [replace(b, name=d or b.name) for b, d in zip(bands, info.descriptions, strict=True)]
     notes.append(f"{info.paths[0]}: band names and wavelengths are those of its XMP ({_kind(facts)})")
-    if is_capture(info):
-        notes += _corrected([radiometry_of(info, facts)])
-    return filled(info, tuple(bands), {}, _sensor(facts)), notes
+    return filled(info, tuple(bands), {}, _sensor(facts)), notes + corrected
 
 
 def is_capture(info: RasterInfo) -> bool:
@@ -133,26 +131,24 @@ def facts_of(info: RasterInfo) -> tuple[Facts, list[str]]:
     return found, []
 
 
-def bands_of(info: RasterInfo, facts: Facts) -> list[ProductBand]:
-    """The bands that an XMP names, those of a capture with their radiometry; else none."""
+def bands_of(info: RasterInfo, facts: Facts) -> tuple[list[ProductBand], list[str]]:
+    """The bands that an XMP names, and of a capture what is corrected; none where their number is not the file's."""
     names = facts.get("BandName", ())
+    if not names or len(names) != info.count:
+        return [], []
     centres, widths = (
         [next(iter(numbers(v)), None) for v in facts.get(k, ())] for k in ("CentralWavelength", "WavelengthFWHM")
     )
     spread = re.match(r"\s*([\d.]+)\s*\(\s*\+/-\s*([\d.]+)\s*\)", one(facts, "BandFreq"))
     if spread and not centres:
         centres, widths = [float(spread[1])], [2 * float(spread[2])]
-    if not names or len(names) != info.count:
-        return []
     none: list[float | None] = [None] * len(names)
     centres, widths = (v if len(v) == len(names) else none for v in (centres, widths))
-    made = radiometry_of(info, facts) if is_capture(info) else Radiometry()
-    offset = 0.0 - made.black * made.scale  # not -0.0
-    band = ProductBand(info.paths[0], "", scale=made.scale, offset=offset, unit=made.unit, flat=made.flat)
+    radiometry, notes = _radiometry(info, facts) if is_capture(info) else ({}, [])
     return [
-        replace(band, name=name, number=i, wavelength=centre, width=width)
+        ProductBand(info.paths[0], name, number=i, wavelength=centre, width=width, **radiometry)
         for i, (name, centre, width) in enumerate(zip(names, centres, widths, strict=True), start=1)
-    ]
+    ], notes
 
 
 def _kind(facts: Facts) -> str:
@@ -167,45 +163,30 @@ def _sensor(facts: Facts) -> str | None:
     return "micasense" if one(facts, "RigName").lower().startswith("rededge") else None
 
 
-def _corrected(bands: Sequence[Radiometry]) -> list[str]:
-    """What of the radiometry is corrected, and what is not."""
-    words = list(dict.fromkeys(w for b in bands for w in b.applied))
-    applied = f"{', '.join(words)} are corrected as the XMP says" if words else ""
-    if any(b.flat for b in bands):
-        applied += "; the numbers become floating point"
-    missing = "the XMP says nothing of exposure: the numbers are taken as they stand"
-    return [applied or missing, *dict.fromkeys(n for b in bands for n in b.notes)]
-
-
-@dataclass(frozen=True)
-class Radiometry:
-    """physical = scale * (number in the file - black), the number being corrected by `flat`."""
-
-    scale: float = 1.0
-    black: float = 0.0
-    unit: str | None = None
-    flat: FlatField | None = None
-    applied: tuple[str, ...] = ()  # what is corrected, in words; empty where the XMP says nothing of it
-    notes: tuple[str, ...] = ()  # what is not, and why
-
-
 def one(facts: Facts, name: str) -> str:
     """The first value of that name, or ""."""
     return next(iter(facts.get(name, ())), "")
 
 
-def radiometry_of(info: RasterInfo, facts: Facts) -> Radiometry:
-    """The radiometry of a capture of one band, as it left the camera; nothing of it where the XMP does not say."""
-    if info.count != 1 or info.dtypes[0] != "uint16":
-        return Radiometry()
-    found = _micasense(info, facts) or _dji(facts) or Radiometry()
-    if found.flat is None or _plausible(found.flat, info):
-        return found
-    note = f"{info.paths[0]}: the vignette or row gradient in its XMP is not plausible: neither is corrected"
-    return replace(found, flat=None, applied=found.applied[:1], notes=(note,))
+def _radiometry(info: RasterInfo, facts: Facts) -> tuple[dict[str, Any], list[str]]:
+    """Scale, offset, unit and flat field of a capture as it left the camera, and what is corrected of it."""
+    found = None if info.dtypes[0] != "uint16" else _micasense(info, facts) or _dji(facts)
+    if found is None:
+        return {}, ["the XMP says nothing of exposure: the numbers are taken as they stand"]
+    scale, unit, flat = found
+    words = [word for word, there in (("vignette", flat.polynomial), ("row gradient", flat.row_gradient)) if there]
+    plausible = _plausible(flat, info)
+    corrected = ", ".join(["exposure, gain and black level", *(words if plausible else ())])
+    notes = [f"{corrected} are corrected as the XMP says"]
+    if words and plausible:
+        notes[0] += "; the numbers become floating point"
+    elif words:
+        notes.append(f"{info.paths[0]}: the vignette or row gradient in its XMP is not plausible: neither is corrected")
+    offset = 0.0 - flat.black * scale  # not -0.0
+    return {"scale": scale, "offset": offset, "unit": unit, "flat": flat if words and plausible else None}, notes
 
 
-def _micasense(info: RasterInfo, facts: Facts) -> Radiometry | None:
+def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
     """L = V(x, y) R(y) (p - black) a1 / (gain t 2^16), R = 1 / (1 + (a2 / t - a3) y)."""
     exif = {k: number(v.strip("()")) for k, v in info.tags.get("EXIF", {}).items()}
     calibration, dark, centre, vignette = (
@@ -219,20 +200,15 @@ def _micasense(info: RasterInfo, facts: Facts) -> Radiometry | None:
     black = _black_level(info.paths[0])
     if black is None:
         black = sum(dark) / len(dark) if dark else 0.0
-    has_vignette = len(centre) == 2 and bool(vignette)
-    has_gradient = len(calibration) == 3
-    flat = FlatField(
-        black=black,
-        centre=(centre[0], centre[1]) if has_vignette else (0.0, 0.0),
-        polynomial=tuple(vignette) if has_vignette else (),
-        row_gradient=calibration[1] / shutter - calibration[2] if has_gradient else 0.0,
-    )
-    words = ["exposure, gain and black level", *["vignette"] * has_vignette, *["row gradient"] * has_gradient]
-    return Radiometry(calibration[0] / (gain * shutter * 65536), black, "W m-2 sr-1 nm-1",
-                      flat if len(words) > 1 else None, tuple(words))  # fmt: skip
+    flat = FlatField(black)
+    if len(centre) == 2 and vignette:
+        flat = replace(flat, centre=(centre[0], centre[1]), polynomial=tuple(vignette))
+    if len(calibration) == 3:
+        flat = replace(flat, row_gradient=calibration[1] / shutter - calibration[2])
+    return calibration[0] / (gain * shutter * 65536), "W m-2 sr-1 nm-1", flat
 
 
-def _dji(facts: Facts) -> Radiometry | None:
+def _dji(facts: Facts) -> Calibration | None:
     """(p - black) / 2^16 / (gain t), times the camera's factor: proportional to radiance, the unit is not known."""
     micro, gain = positive(one(facts, "ExposureTime")), positive(one(facts, "SensorGain"))
     black = number(one(facts, "BlackLevel") or one(facts, "BlackCurrent"))
@@ -241,11 +217,10 @@ def _dji(facts: Facts) -> Radiometry | None:
     factor = positive(one(facts, "SensorGainAdjustment")) or 1.0
     vignette = numbers(one(facts, "VignettingData"))
     centre = [number(one(facts, f"CalibratedOpticalCenter{axis}")) for axis in "XY"]
-    flat, words = None, ["exposure, gain and black level"]
+    flat = FlatField(black)
     if vignette and None not in centre and one(facts, "VignettingFlag") != "1":  # 1: the camera has done it
         flat = FlatField(black, (centre[0] or 0.0, centre[1] or 0.0), tuple(vignette), corrects=True)
-        words.append("vignette")
-    return Radiometry(factor / (65536 * gain * micro * 1e-6), black, None, flat, tuple(words))
+    return factor / (65536 * gain * micro * 1e-6), None, flat
 
 
 def _plausible(flat: FlatField, info: RasterInfo) -> bool:

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from xml.etree import ElementTree as ET
 
 from .container import Container, last
-from .metadata import MetadataError, angle_tags, groups_of, json_of, number, positive, tags_of, text_of, xml_of
+from .metadata import angle_tags, positive, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
@@ -29,8 +28,6 @@ LANDSAT_ORBIT = 705_000.0
 """[m] Landsat 8 and 9 look down from there, but for a few scenes, which have a ROLL_ANGLE of some 15 degrees."""
 CIRRUS = (1373.5, 20.0)
 """Centre and width of B9 [nm] (USGS: 1363-1384 nm), which the preset of the reflective bands 1 to 7 leaves out."""
-
-Groups = Mapping[str, Mapping[str, Any]]
 
 
 def find(container: Container) -> Product | None:
@@ -48,10 +45,10 @@ def find(container: Container) -> Product | None:
         raise container.several("Landsat scenes", scenes, "Name the *_MTL.txt file of one.")
     (scene,) = scenes
     level = "2" if any(m["band"].upper().startswith("SR_") for _, m in images) else "1"
-    groups, notes = _groups(container, [m for m in metadata if _stem(m) == scene], level)
-    bands = [_band(container.gdal(n), m["band"].upper(), m["number"], level, groups) for n, m in images]
-    facts = groups.get("IMAGE_ATTRIBUTES", {})
-    elevation = number(facts.get("SUN_ELEVATION"))
+    root, notes = _metadata(container, [m for m in metadata if _stem(m) == scene], level)
+    bands = [_band(container.gdal(n), m["band"].upper(), m["number"], level, root) for n, m in images]
+    facts = None if root is None else root.find(".//IMAGE_ATTRIBUTES")
+    elevation = said_number(facts, "SUN_ELEVATION")
     if level == "1" and elevation is not None and elevation > 0:
         notes.append(
             f"reflectance is not divided by the sine of the sun's elevation ({elevation:g} degrees, a factor of "
@@ -59,12 +56,12 @@ def find(container: Container) -> Product | None:
         )
     angles = angle_tags(
         sun_elevation=elevation,
-        sun_azimuth=facts.get("SUN_AZIMUTH"),
-        off_nadir=number(facts.get("ROLL_ANGLE")),
+        sun_azimuth=said(facts, "SUN_AZIMUTH"),
+        off_nadir=said_number(facts, "ROLL_ANGLE"),
         altitude=LANDSAT_ORBIT,
     )
-    when = f"{facts.get('DATE_ACQUIRED', '')}T{facts.get('SCENE_CENTER_TIME', '')}" if facts else ""
-    tags = tags_of({"satellite": facts.get("SPACECRAFT_ID"), "acquired": when} | angles)
+    when = "" if facts is None else f"{said(facts, 'DATE_ACQUIRED')}T{said(facts, 'SCENE_CENTER_TIME')}"
+    tags = tags_of({"satellite": said(facts, "SPACECRAFT_ID"), "acquired": when} | angles)
     kind = f"Landsat {scene[3:4]} Level {level}"
     return Product(
         kind, scene, container.asked, tuple(sorted(bands, key=lambda b: b.name)), "landsat8", tags, tuple(notes)
@@ -75,41 +72,23 @@ def _stem(member: str) -> str:
     return re.sub(r"_MTL\.\w+$", "", last(member), flags=re.IGNORECASE)
 
 
-def _groups(container: Container, metadata: list[str], level: str) -> tuple[Groups, list[str]]:
-    """The MTL file's groups; where there is none that can be read, what to say."""
+def _metadata(container: Container, files: list[str], level: str) -> tuple[ET.Element | None, list[str]]:
+    """The MTL file; where there is none that can be read, what to say."""
     remedy = "the numbers are taken as they stand. Download it again, or give --scale and --offset"
     if level == "2":
         remedy = f"scale {SURFACE[0]:g} and offset {SURFACE[1]:g} of all Level-2 products of Collection 2 are assumed"
-    if not metadata:
-        return {}, [f"{container.path} has no *_MTL.txt: {remedy}"]
-    chosen = min(metadata, key=lambda m: (not m.lower().endswith(".txt"), m))
-    try:
-        return _read(container.read(chosen), chosen), []
-    except MetadataError as error:
-        return {}, [f"{error}: {remedy}"]
+    if not files:
+        return None, [f"{container.path} has no *_MTL.txt: {remedy}"]
+    chosen = min(files, key=lambda m: (not m.lower().endswith(".txt"), m))
+    notes: list[str] = []
+    return container.tree(chosen, notes, f": {remedy}", needs=_MTL_GROUPS[level][0]), notes
 
 
-def _read(data: bytes, name: str) -> Groups:
-    """The groups of an MTL file in one of its three forms."""
-    found: Any
-    if name.lower().endswith(".xml"):
-        found = {g.tag: {v.tag: (v.text or "").strip() for v in g} for g in xml_of(data, name)}
-    elif name.lower().endswith(".json"):
-        document = json_of(data, name)
-        found = document.get("LANDSAT_METADATA_FILE") if isinstance(document, Mapping) else None
-    else:
-        found = groups_of(text_of(data, name))
-    groups = {k: v for k, v in found.items() if isinstance(v, Mapping)} if isinstance(found, Mapping) else {}
-    if not any(g in groups for pair in _MTL_GROUPS.values() for g in pair):
-        raise MetadataError(f"{name} is damaged: it has no factors of reflectance")
-    return groups
-
-
-def _band(path: str, name: str, digit: str, level: str, groups: Groups) -> ProductBand:
-    factors, limits = (groups.get(g, {}) for g in _MTL_GROUPS[level])
-    scale = positive(factors.get(f"REFLECTANCE_MULT_BAND_{digit}"))
-    offset = number(factors.get(f"REFLECTANCE_ADD_BAND_{digit}"))
-    full = positive(limits.get(f"QUANTIZE_CAL_MAX_BAND_{digit}")) or FULL
+def _band(path: str, name: str, digit: str, level: str, root: ET.Element | None) -> ProductBand:
+    factors, limits = _MTL_GROUPS[level]
+    scale = positive(said(root, f".//{factors}/REFLECTANCE_MULT_BAND_{digit}"))
+    offset = said_number(root, f".//{factors}/REFLECTANCE_ADD_BAND_{digit}")
+    full = positive(said(root, f".//{limits}/QUANTIZE_CAL_MAX_BAND_{digit}")) or FULL
     centre, width = CIRRUS if digit == "9" else (None, None)
     band = ProductBand(path, name, wavelength=centre, width=width, nodata=0.0, saturation=full)
     if scale is None or offset is None:

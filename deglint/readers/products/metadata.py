@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 from xml.etree import ElementTree as ET
 
@@ -41,21 +41,35 @@ def xml_of(data: bytes, name: str) -> ET.Element:
     return root
 
 
-def json_of(data: bytes, name: str) -> Any:
-    """A JSON document."""
+def tree_of(data: bytes, name: str) -> ET.Element:
+    """Metadata in XML, in JSON, or in lines of groups (MTL, IMD, TIL) as one tree: objects and groups are elements."""
+    if name.lower().endswith(".xml"):
+        return xml_of(data, name)
+    if not name.lower().endswith(".json"):
+        return _grown("", groups_of(_text(data, name)))
     try:
-        return json.loads(data)
+        return _grown("", json.loads(data))
     except (ValueError, RecursionError) as error:
         raise MetadataError(f"{name} is damaged: it is not JSON") from error
+
+
+def _grown(tag: str, value: Any) -> ET.Element:
+    """An element with a value, or with one element for each entry of an object; lists are left out."""
+    node = ET.Element(tag)
+    if isinstance(value, Mapping):
+        node.extend(_grown(str(k), v) for k, v in value.items())
+    elif isinstance(value, (str, int, float)):
+        node.text = str(value)
+    return node
 
 
 def groups_of(text: str) -> dict[str, dict[str, str]]:
     """The values in text of lines "NAME = value" with GROUP and END_GROUP lines (MTL, IMD, TIL), by group.
 
-    Values before the first group, and between groups, stand under "". A value in several lines is left out.
+    Names are in capitals. Values outside of groups stand under "". A value in several lines is left out.
 
     >>> groups_of('a = 1;\\nBEGIN_GROUP = BAND_R\\n\\tb = "x";\\nEND_GROUP = BAND_R')
-    {'': {'a': '1'}, 'BAND_R': {'b': 'x'}}
+    {'': {'A': '1'}, 'BAND_R': {'B': 'x'}}
     """
     found: dict[str, dict[str, str]] = {"": {}}
     inside = [""]
@@ -69,11 +83,11 @@ def groups_of(text: str) -> dict[str, dict[str, str]]:
         elif name == "END_GROUP":
             inside = inside[:-1] or [""]
         elif value != "(":
-            found.setdefault(inside[-1], {})[name] = value
+            found.setdefault(inside[-1], {})[name.upper()] = value
     return found
 
 
-def text_of(data: bytes, name: str) -> str:
+def _text(data: bytes, name: str) -> str:
     """Text in UTF-8 or, as older products have it, Latin-1."""
     if b"\0" in data:
         raise MetadataError(f"{name} is damaged: it is not text")
@@ -155,13 +169,3 @@ def angle_tags(
         "view_elevation": None if incidence is None else round(90.0 - abs(incidence), 4),
         "view_azimuth": None if view_azimuth is None else round(view_azimuth, 4) % 360.0,
     }
-
-
-def flat(document: Any, depth: int = 8) -> Iterator[tuple[str, Any]]:
-    """Name and value of everything in a JSON document that is no list or object."""
-    if isinstance(document, Mapping) and depth:
-        for name, value in document.items():
-            if isinstance(value, Mapping):
-                yield from flat(value, depth - 1)
-            elif not isinstance(value, list):
-                yield str(name), value

@@ -9,12 +9,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 from xml.etree import ElementTree as ET
 
 from ... import sensors
 from .container import Container, last
-from .metadata import MetadataError, angle_tags, flat, json_of, number, positive, said, said_number, tags_of, xml_of
+from .metadata import angle_tags, positive, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
@@ -43,10 +42,13 @@ def find(container: Container) -> Product | None:
     if len(images) > 1:
         raise container.several("PlanetScope images", map(last, images))
     ((image, match),) = images.items()
-    root, facts, notes = _read(container, [n for n in container.find(METADATA) if last(n).startswith(match["scene"])])
+    root, notes = ET.Element("scene"), list[str]()
+    for member in (n for n in container.find(METADATA) if last(n).startswith(match["scene"])):
+        found = container.tree(member, notes, ", and is not used. Download it again")
+        root.extend([] if found is None else [found])
     factors, surface = _factors(root), match["surface"] is not None
     eight = "_8b" in match["rest"].lower() or len(factors) == 8
-    instrument = said(root, ".//Instrument/shortName") or str(facts.get("instrument", ""))
+    instrument = said(root, ".//Instrument/shortName", ".//instrument")
     bands, sensor = _bands(container.gdal(image), eight, instrument)
     scales, unit = ([SURFACE_SCALE] * len(bands), "reflectance") if surface else _scales(factors, len(bands))
     if unit:
@@ -54,38 +56,24 @@ def find(container: Container) -> Product | None:
     else:
         remedy = "they are taken as they stand. Put it beside the image, or give --scale"
         notes.append(f"no *_metadata.xml says how the numbers become reflectance: {remedy}")
-    view_angle = said(root, ".//spaceCraftViewAngle") or facts.get("view_angle")
+    view_angle = said(root, ".//spaceCraftViewAngle", ".//view_angle")
     angles = angle_tags(
-        sun_elevation=said(root, ".//illuminationElevationAngle") or facts.get("sun_elevation"),
-        sun_azimuth=said(root, ".//illuminationAzimuthAngle") or facts.get("sun_azimuth"),
+        sun_elevation=said(root, ".//illuminationElevationAngle", ".//sun_elevation"),
+        sun_azimuth=said(root, ".//illuminationAzimuthAngle", ".//sun_azimuth"),
         incidence=said_number(root, ".//incidenceAngle"),
-        off_nadir=number(view_angle),
-        view_azimuth=number(facts.get("satellite_azimuth")),  # the XML's azimuthAngle is that of the image's lines
+        off_nadir=said_number(root, ".//spaceCraftViewAngle", ".//view_angle"),
+        view_azimuth=said_number(root, ".//satellite_azimuth"),  # the XML's azimuthAngle is that of the image's lines
         altitude=DOVE_ORBIT,
     )
-    when = said(root, ".//acquisitionDateTime") or facts.get("acquired")
+    when = said(root, ".//acquisitionDateTime", ".//acquired")
     tags = tags_of({"instrument": instrument, "acquired": when, "view_angle": view_angle} | angles)
     kind = f"PlanetScope AnalyticMS{'_SR' if surface else ''}, {len(bands)} bands"
     return Product(kind, match["scene"], container.asked, tuple(bands), sensor, tags, tuple(notes))
 
 
-def _read(container: Container, files: list[str]) -> tuple[ET.Element | None, Mapping[str, Any], list[str]]:
-    """XML and JSON of a scene as far as they are there and sound, and what to say of those that are not."""
-    root, facts, notes = None, {}, []
-    for name in files:
-        try:
-            if name.lower().endswith(".xml"):
-                root = xml_of(container.read(name), name)
-            else:
-                facts = dict(flat(json_of(container.read(name), name)))
-        except MetadataError as error:
-            notes.append(f"{error}, and is not used. Download it again")
-    return root, facts, notes
-
-
-def _factors(root: ET.Element | None) -> dict[int, ET.Element]:
+def _factors(root: ET.Element) -> dict[int, ET.Element]:
     """What the XML says of each band, by its number from 1."""
-    nodes = [] if root is None else root.iter("bandSpecificMetadata")
+    nodes = root.iter("bandSpecificMetadata")
     return {int(place): node for node in nodes if (place := said(node, "bandNumber")).isdecimal()}
 
 

@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 
 from ... import sensors
 from .container import Container, last
-from .metadata import MetadataError, angle_tags, numbers, positive, said, said_number, tags_of, xml_of
+from .metadata import angle_tags, numbers, positive, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
@@ -89,13 +89,8 @@ def _root(container: Container, metadata: list[str]) -> tuple[ET.Element | None,
     )
     if not metadata:
         return None, [f"{container.path} has no MTD_MSIL1C.xml or MTD_MSIL2A.xml: {remedy}"]
-    try:
-        root = xml_of(container.read(metadata[0]), metadata[0])
-        if root.find(".//Product_Image_Characteristics") is None:
-            raise MetadataError(f"{metadata[0]} is damaged: it has no Product_Image_Characteristics")
-    except MetadataError as error:
-        return None, [f"{error}: {remedy}"]
-    return root, []
+    notes: list[str] = []
+    return container.tree(metadata[0], notes, f": {remedy}", needs="Product_Image_Characteristics"), notes
 
 
 def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str, str], list[str]]:
@@ -167,12 +162,9 @@ def _mask(container: Container, band: str, file: str) -> str | None:
 def _angles(container: Container, granule: str, notes: list[str]) -> dict[str, str]:
     """Where sun and satellite stand, seen from the ground: means over the tile, and over the bands."""
     member = next((n for n in container.find(_TILE) if granule and n.startswith(f"{granule}/")), None)
-    if member is None:
-        return {}
-    try:
-        root = xml_of(container.read(member), member)
-    except MetadataError as error:
-        notes.append(f"{error}: the angles of sun and satellite are not known")
+    otherwise = ": the angles of sun and satellite are not known"
+    root = None if member is None else container.tree(member, notes, otherwise)
+    if root is None:
         return {}
     sun = said_number(root, ".//Mean_Sun_Angle/ZENITH_ANGLE")
     zenith, azimuth = _mean_direction(list(root.iter("Mean_Viewing_Incidence_Angle")))
