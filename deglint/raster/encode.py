@@ -1,6 +1,6 @@
-"""From physical values back to what stands in a file: scale, offset, rounding, saturation - and what was lost.
+"""Conversion of physical values to file values: scale, offset, rounding, saturation; lost values are counted.
 
-Pixels that were not corrected keep their bits: they are never converted there and back.
+Pixels that were not corrected keep their bits: they are not converted.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Counts:
-    """Corrected pixels per band: `negative` after the correction, and `clipped` to what the output's type can hold or
-    moved off the number that says "not valid".
+    """Corrected pixels per band that are `negative`, or `clipped` to the range of the type or moved off its nodata
+    value.
     """
 
     negative: npt.NDArray[np.int64]
@@ -30,9 +30,9 @@ class Counts:
 
 
 def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Mask | None]:
-    """Numbers of a file in another type, and where they were clipped (None where none can be).
+    """File values in another type, and the mask of clipped values (None if there can be none).
 
-    Integers are rounded to nearest, and saturate; NaN becomes 0.
+    Values are rounded to the nearest integer and saturate; NaN becomes 0.
     """
     with np.errstate(over="ignore"):
         if dtype.kind not in "iu" or np.can_cast(raw.dtype, dtype):
@@ -55,11 +55,11 @@ def encode(
     flags: npt.NDArray[np.uint8] | None = None,
     marks: tuple[int, int] = (0, 0),
 ) -> Counts:
-    """Put corrected values of some bands (0-based) into `raw`, (band, row, column), in its type and in place.
+    """Store corrected values of some bands (0-based) in `raw`, (band, row, column), in its type and in place.
 
-    physical = raw * scale + offset, a band. Values that are not finite, and pixels outside `where` (row, column), leave
-    `raw` as it is. No value is left on `nodata`. `flags` (row, column) get `marks[0]` where a value is negative, and
-    `marks[1]` where one is clipped.
+    physical = raw * scale + offset, per band. `raw` is not changed where values are not finite, or outside `where`
+    (row, column). Values equal to `nodata` are moved off it. `flags` (row, column) get `marks[0]` where a value is
+    negative, and `marks[1]` where one is clipped.
 
     Notes
     -----
@@ -89,7 +89,7 @@ def encode(
 
 
 def _put(put: npt.NDArray[np.float64], raw: npt.NDArray[Any], good: Mask, nodata: float | None) -> Mask:
-    """Store numbers in the type of a band, and off its nodata; return where they were clipped."""
+    """Store values in the type of a band, avoiding its nodata; return the mask of clipped values."""
     whole = raw.dtype.kind in "iu"
     outside = np.zeros(raw.shape, np.bool_)
     if whole:
@@ -122,9 +122,10 @@ def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
 def relaid(
     raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_] | None]:
-    """Numbers of a file in the type, and with the nodata, of another, and where a valid number was clipped.
+    """File values in another type and with another nodata value, and the mask of clipped values.
 
-    `own` is the nodata of each band as it is; there may be more. `raw` is overwritten where the type is the same.
+    `own` is the present nodata value of each band; further entries are ignored. `raw` is overwritten if the type is the
+    same.
     """
     lost, own = None, own[: len(raw)]
     hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)

@@ -1,4 +1,4 @@
-"""Writes a plan: a picture (.png), numbers (.json), NetCDF (.nc) or a GeoTIFF in polar coordinates (.tif).
+"""Write a plan: a picture (.png), numbers (.json), NetCDF (.nc) or a GeoTIFF in polar coordinates (.tif).
 
 All files of a plan are written, or none.
 """
@@ -19,7 +19,7 @@ from .output import Scratch, plain, write_bytes, write_json, write_text
 from .targets import Reads, check_targets
 
 Plan = Any
-"""What `deglint.plan.reticle` returns; that room is not imported before it is needed here."""
+"""Result of `deglint.plan.reticle`; that package is imported only when needed."""
 PLANNED_ENDINGS = (".png", ".json", ".nc", ".tif")
 
 
@@ -30,7 +30,7 @@ def check_plan(
     *,
     overwrite: bool = False,
 ) -> None:
-    """Refuse names that could not be written, before the work is done; what is read is as in `check_targets`."""
+    """Check, before any computation, that the outputs can be written; `reads` as in `check_targets`."""
     for target in targets:
         if _kind(target) not in kinds:
             raise InputError(f"{target} must end in one of {', '.join(kinds)}, which says what to write.")
@@ -38,7 +38,7 @@ def check_plan(
 
 
 def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
-    """Write a plan (`deglint.plan.Reticle`) into every target, each by its ending; `picture` gives the PNG."""
+    """Write a plan (`deglint.plan.Reticle`) to every target, by its ending; `picture` returns the PNG."""
     from ..plan import dataset
 
     check_plan(targets, overwrite=overwrite)
@@ -59,7 +59,7 @@ def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes]
 
 
 def write_numbers(targets: Mapping[Path, bytes | Mapping[str, Any]], *, overwrite: bool = False) -> None:
-    """Write pictures (bytes) and numbers (for JSON) together, or none of them."""
+    """Write pictures (bytes) and values (for JSON) together, or none of them."""
 
     check_plan(list(targets), (".png", ".json"), overwrite=overwrite)
     with Scratch(overwrite=overwrite) as scratch:
@@ -80,7 +80,7 @@ def _signed(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _compact(document: Mapping[str, Any]) -> str:
-    """JSON with each table and each layer on one line; its layers are finite numbers already."""
+    """JSON with each table and each layer on one line; the layers contain only finite numbers."""
 
     head = {k: v for k, v in document.items() if k != "layers"}
     lines = [f"{json.dumps(k)}: {json.dumps(plain(v), allow_nan=False)}" for k, v in _signed(head).items()]
@@ -94,7 +94,7 @@ def _netcdf(data: Any, path: Path) -> None:
 
 
 def _geotiff(plan: Plan, path: Path) -> None:
-    """One band a layer, columns azimuths, rows zenith angles, both in degrees; no CRS."""
+    """One band per layer, columns are azimuths, rows zenith angles, both in degrees; no CRS."""
     import rasterio
     from affine import Affine
 
