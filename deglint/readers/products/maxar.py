@@ -1,7 +1,7 @@
-"""WorldView-2, WorldView-3, GeoEye-1 and QuickBird: an .IMD file (or the XML that repeats it), a .TIL mosaic, an image.
+"""WorldView-2, WorldView-3, GeoEye-1 and QuickBird: an .IMD file (or the equivalent XML), a .TIL mosaic, an image.
 
-A mosaic of several tiles is opened by GDAL's TIL driver; a single image is opened itself. The factors to radiance are
-those of the IMD file: absCalFactor over effectiveBandwidth, band by band.
+A mosaic of several tiles is opened by GDAL's TIL driver, a single image directly. The factors to radiance are those of
+the IMD file: absCalFactor over effectiveBandwidth of each band.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SATELLITES = {
     "GE01": ("GeoEye-1", "geoeye1"),
     "QB02": ("QuickBird", "quickbird"),
 }
-"""Title and preset of the satellites that metadata name by these codes."""
+"""Title and preset of the satellites by their code in the metadata."""
 _MAXAR_NAMES = {"C": "COASTAL", "B": "BLUE", "G": "GREEN", "Y": "YELLOW", "R": "RED", "RE": "REDEDGE", "N": "NIR1",
           "N2": "NIR2", "P": "PAN"}  # fmt: skip
 _NOT_ENHANCED = ("", "OFF", "NONE")
@@ -37,7 +37,7 @@ Groups = Mapping[str, Mapping[str, str]]
 
 
 def find(container: Container) -> Product | None:
-    """The multispectral product in a folder or archive, or the one that was named; None where there is none."""
+    """The multispectral product in a folder or archive, or the selected one; None if there is none."""
     named = container.named
     stems = {_stem(n) for n in container.find(METADATA)}
     if named is not None:
@@ -58,7 +58,7 @@ def find(container: Container) -> Product | None:
 
 
 def _product(container: Container, stem: str, image: str, groups: Groups, notes: list[str]) -> Product:
-    """The product of an image, by the groups of its metadata."""
+    """The product of an image, from the groups of its metadata."""
     letters = _letters(groups)
     every = {k: v for g in groups.values() for k, v in g.items()}
     satellite, enhanced = every.get("SATID", ""), every.get("RADIOMETRICENHANCEMENT", "").upper()
@@ -97,7 +97,7 @@ def _stem(member: str) -> str:
 
 
 def _groups(container: Container, stem: str) -> tuple[Groups, list[str]]:
-    """Groups of the IMD file, else those of the XML file; where neither can be read, what to say."""
+    """Groups of the IMD file, else of the XML file; if neither can be read, notes on that."""
     notes = []
     for ending in (".imd", ".xml"):
         member = next((n for n in container.names if n.casefold() == f"{stem}{ending}".casefold()), None)
@@ -115,20 +115,20 @@ def _groups(container: Container, stem: str) -> tuple[Groups, list[str]]:
 
 
 def _of_imd(data: bytes, member: str) -> Groups:
-    """The groups of an IMD file, with names in capitals as the XML file has them."""
+    """The groups of an IMD file, with names in upper case as in the XML file."""
     found = groups_of(text_of(data, member))
     return {group: {k.upper(): v for k, v in values.items()} for group, values in found.items()}
 
 
 def _of_xml(data: bytes, member: str) -> Groups:
-    """The same from the element IMD."""
+    """The groups of an XML file, from the element IMD."""
     own: Iterable[ET.Element] = next(xml_of(data, member).iter("IMD"), ())
     single = {node.tag: (node.text or "").strip() for node in own if not len(node)}
     return {"": single} | {node.tag: {v.tag: (v.text or "").strip() for v in node} for node in own if len(node)}
 
 
 def _image(container: Container, stem: str) -> str | None:
-    """The mosaic of several tiles, else the one image of that name; tiles lie beside it."""
+    """The mosaic of several tiles, else the image of that name; tiles are beside it."""
     til = next((n for n in container.names if n.casefold() == f"{stem}.til".casefold()), None)
     if til is not None:
         groups = groups_of(text_of(container.read(til), til))
