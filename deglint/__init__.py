@@ -2,17 +2,17 @@
 
     import deglint
 
-    deglint.remove_glint("scene.tif", "clean.tif")  # the whole job, by tiles
+    deglint.remove_glint("scene.tif", "clean.tif")  # file to file, tile by tile
 
     scene = deglint.open_scene("scene.tif")  # or step by step
     fitted = deglint.fit_scene(scene, deglint.Recipe(method="hedley"))
     clean = deglint.correct(scene, fitted)
 
-Bands are counted from 1 where a name or number is what a user writes (`Recipe`, `open_scene`, `find_nir`, the command
-line), and from 0 where they index an array (`fit`, `apply`, `Scene.read`, what `find_nir` returns).
+Band numbers start at 1 where a user writes them (`Recipe`, `open_scene`, `find_nir`, the command line), and at 0 where
+they index an array (`fit`, `apply`, `Scene.read`, the value that `find_nir` returns).
 
-What is decided is logged to "deglint" and loggers below it (`logging`); nothing is printed.
-Names are loaded when they are first used: importing deglint itself costs next to nothing.
+Decisions are logged to the logger "deglint" and its children (`logging`); nothing is printed. Names are imported at
+first use, so that `import deglint` is fast.
 """
 
 import logging
@@ -56,7 +56,7 @@ _HOMES = {
     "open_scene": "readers.opening",
     "remove_glint": "pipeline.run",
 }
-"""Where each name lives; type checkers read the imports above, and a test holds the two equal."""
+"""Module of each public name. Type checkers read the imports above; a test checks that both lists are equal."""
 
 __all__ = [
     "METHODS", "Band", "DeglintError", "Fitted", "GlintModel", "Recipe", "Result", "Scene", "__version__", "apply",
@@ -68,7 +68,7 @@ logging.getLogger(__name__).addHandler(logging.NullHandler())
 if not TYPE_CHECKING:  # a checker that saw it would take any name for one of type Any
 
     def __getattr__(name: str) -> object:
-        """Load a public name from the room it lives in."""
+        """Import a public name from its module at first use."""
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from importlib import import_module

@@ -1,4 +1,4 @@
-"""What a public function says of an argument that it cannot use: which, what is wanted, what was given, in one line."""
+"""Checks of arguments of public functions: each error names the argument, the allowed values and the given value."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Result = TypeVar("Result")
 
 
 def nearest(word: str, known: list[str]) -> str:
-    """ "; did you mean X?" where a known word is like this one, else nothing.
+    """Suggestion "; did you mean X?" if a known word is similar to this one, else an empty string.
 
     Examples
     --------
@@ -29,12 +29,12 @@ def nearest(word: str, known: list[str]) -> str:
 
 
 def checked_keywords(*more: str) -> Callable[[Callable[Args, Result]], Callable[Args, Result]]:
-    """Decorator: a keyword that a function does not take is a TypeError that names the nearest one.
+    """Decorator: an unknown keyword is a TypeError that suggests the closest known one.
 
     Parameters
     ----------
     *more : str
-        What the function takes by ** beside its own parameters.
+        Further keywords that the function accepts through ``**``.
     """
 
     def decorate(function: Callable[Args, Result]) -> Callable[Args, Result]:
@@ -56,7 +56,7 @@ def checked_keywords(*more: str) -> Callable[[Callable[Args, Result]], Callable[
 
 
 def described(value: Any) -> str:
-    """A value for a message: short, and an array by its shape.
+    """Short text for a value in an error message; an array is given by its shape.
 
     Examples
     --------
@@ -78,7 +78,7 @@ def as_path(value: Any, name: str) -> str:
     Raises
     ------
     InputError
-        Something else.
+        The value is neither a path nor a non-empty text.
     """
     if isinstance(value, str) and value:
         return value
@@ -89,24 +89,24 @@ def as_path(value: Any, name: str) -> str:
 
 
 def check_kind(value: Any, kind: type, name: str, remedy: str) -> None:
-    """Refuse a value that is of another kind.
+    """Check the type of a value.
 
     Raises
     ------
     InputError
-        With the `remedy`.
+        The value has another type; the message ends with `remedy`.
     """
     if not isinstance(value, kind):
         raise InputError(f"{name}: want a {'text' if kind is str else kind.__name__}, got {described(value)}. {remedy}")
 
 
 def check_choice(value: Any, known: list[str], name: str) -> None:
-    """Refuse a word that is not one of those known.
+    """Check that a value is one of the known words.
 
     Raises
     ------
     InputError
-        Names the nearest, and all.
+        It is not; the message lists the known words and suggests the closest one.
     """
     if not isinstance(value, str) or value not in known:
         hint = nearest(value, known) if isinstance(value, str) else ""
@@ -114,12 +114,12 @@ def check_choice(value: Any, known: list[str], name: str) -> None:
 
 
 def check_number(value: Any, low: float, high: float, name: str) -> None:
-    """Refuse what is no number from `low` to `high`.
+    """Check that a value is a number from `low` to `high`.
 
     Raises
     ------
     InputError
-        Names the range.
+        It is not; the message gives the range.
     """
     if not isinstance(value, Real) or isinstance(value, bool) or not low <= float(value) <= high:
         raise InputError(f"{name}: want a number from {low:g} to {high:g}, got {described(value)}.")

@@ -1,4 +1,4 @@
-"""Fingerprints of inputs: of every file behind a name its size, time and checksum, computed on a thread of its own."""
+"""Size, modification time and CRC-32 of all input files, computed in a separate thread."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from .errors import ReadError
 from .raster.files import files_behind
 
 _CHUNK = 4 << 20
-"""Bytes read at a time: a piece should take as long as Python lets another thread work before it asks."""
+"""Bytes read at a time: large enough that the thread rarely has to compete for Python's interpreter lock."""
 _VIEWER_FILES = (".aux.xml", ".ovr")
-"""Endings of files that viewers write beside a raster when they show it: what is read of them is read at the start."""
+"""Endings of files that viewers write beside a raster; they may change during a run, as GDAL reads them only when it
+opens the raster."""
 Stamp = tuple[int, int, int, int]
 
 
 class Checksum:
-    """CRC-32 of the bytes of all files behind some names, computed on a thread of its own while the work goes on.
+    """CRC-32 of all files behind some names, computed in a separate thread during the run.
 
-    Names that are not local files (/vsis3/, zip://) have none. Files behind the names `aside`, such as a mask, must not
-    change either, and are not listed.
+    Names that are not local files (/vsis3/, zip://) have no checksum. Files behind the names `aside`, such as a mask,
+    must not change either, but are not listed.
     """
 
     def __init__(self, names: Sequence[str], aside: Sequence[str] = ()) -> None:
@@ -36,9 +37,9 @@ class Checksum:
         self._thread.start()
 
     def result(self) -> list[dict[str, Any]]:
-        """For each file its name, size [byte] and checksum (8 hexadecimal digits), or None.
+        """Name, size [byte] and checksum (8 hexadecimal digits, or None) of each file.
 
-        Raises ReadError: a file was changed while it was read: what was made of it is of no one state of it.
+        Raises ReadError: a file was changed while it was read, so the result may mix old and new content.
         """
         self._thread.join()
         if changed := self.changed():
@@ -46,12 +47,12 @@ class Checksum:
         return [{k: v for k, v in file.items() if k != "modified_ns"} for file in self._found]
 
     def fingerprints(self) -> list[dict[str, Any]]:
-        """The same, with the times of the last change."""
+        """The same with modification times."""
         self._thread.join()
         return self._found
 
     def changed(self) -> str | None:
-        """A file that was changed, came or went since this was begun."""
+        """Path of the first file that was modified, added or removed since the start; None if there is none."""
         crcs = {file["path"]: file["crc32"] for file in self._found}
         after = {path: _stamp(path) for path in (*files_behind(self._names), *files_behind(self._aside))}
         for path in {**self._before, **after}:
@@ -70,12 +71,12 @@ class Checksum:
 
 
 def fingerprints(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """`fingerprint` of every file behind some names."""
+    """`fingerprint` of every file behind some names, by path."""
     return {path: fingerprint(path) for path in files_behind(names)}
 
 
 def fingerprint(path: str | Path) -> dict[str, Any]:
-    """Size [byte], time of the last change [ns] and CRC-32 (8 hexadecimal digits) of a file; None where it has none."""
+    """Size [byte], modification time [ns] and CRC-32 (8 hexadecimal digits) of a file; None where not available."""
     stamp = _stamp(path)
     if stamp is not None:
         crc, room = 0, memoryview(bytearray(min(_CHUNK, stamp[0] + 1)))
@@ -87,13 +88,13 @@ def fingerprint(path: str | Path) -> dict[str, Any]:
 
 
 def are_as(names: Sequence[str], said: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Whether the files behind some names are those, and as those, that `Checksum.fingerprints` listed, by name."""
+    """Whether the files behind some names are those in `said` (from `Checksum.fingerprints`, by name), unchanged."""
     files = files_behind(names)
     return set(files) == set(said) and all(is_as(path, said[path]) for path in files)
 
 
 def is_as(path: str | Path, said: Mapping[str, Any]) -> bool:
-    """Whether a file is the one that `fingerprint` said this of: read only where size or time do not tell."""
+    """Whether a file still has the fingerprint `said`; its content is read only if size and time do not decide."""
     stamp = _stamp(path)
     if stamp is None:
         return said.get("bytes") is None
@@ -103,7 +104,7 @@ def is_as(path: str | Path, said: Mapping[str, Any]) -> bool:
 
 
 def _stamp(path: str | Path) -> Stamp | None:
-    """Size, time of the last change of the content, number, and time of any change of a local file."""
+    """Size, modification time, inode and change time of a local file; None if it is not a regular file."""
     try:
         found = Path(path).stat()
     except (OSError, ValueError):

@@ -1,33 +1,32 @@
-"""The errors that deglint raises: few, each also the builtin a caller would guess.
+"""The exceptions that deglint raises; each is also a subclass of the matching builtin exception.
 
-Every message is one line that says what was wrong, where, and what to do about it.
-This room imports nothing of the project.
+Every message is one line: what was wrong, where, and a remedy. This module imports nothing of the project.
 """
 
 
 class DeglintError(Exception):
-    """Base of every error raised on purpose by this project."""
+    """Base class of the project's exceptions."""
 
 
 class InputError(DeglintError, ValueError):
-    """An option, array or file content that cannot be used as it is."""
+    """An option, array or file content is not valid."""
 
 
 class ReadError(DeglintError, OSError):
-    """A raster or vector file that cannot be opened or read."""
+    """A raster or vector file cannot be opened or read."""
 
 
 class WriteError(DeglintError, OSError):
-    """An output that cannot be written; nothing was left half-written."""
+    """An output cannot be written; no partial file is left."""
 
 
 class BandError(InputError, LookupError):
-    """A band that is asked for, or needed, and is not in the scene."""
+    """A band that is selected, or needed, is not in the scene."""
 
 
 class FitError(DeglintError, ValueError):
-    """Statistics that cannot carry a fit: too few pixels, or no variation."""
+    """The sample does not allow a fit: too few pixels, or no variation."""
 
 
 class NoWaterError(DeglintError, ValueError):
-    """The scene was read, and the answer is no: there is no usable water in it."""
+    """The scene was read, but contains no usable water."""

@@ -1,7 +1,7 @@
-"""numba's compiler, whose cache on disk is used where it can be, and done without where it cannot.
+"""numba's compiler with a disk cache that is optional: an unusable cache is not an error.
 
-numba ends a program whose functions it cannot keep: in an installation that is read-only for a user without a home, or
-on a full disk. Kernels take `njit` and everything else of numba from here.
+numba itself raises an error if it cannot cache a function: in a read-only installation without a home directory, or on
+a full disk. Kernels import `njit` and all other names of numba from this module.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from numba.core.caching import FunctionCache
 
 
 class _Cache(FunctionCache):
-    """A cache that an error of the disk turns off, and does not end what asked it."""
+    """A cache that is disabled by an error of the disk."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What was kept; None where it cannot be read."""
+        """The cached function; None where it cannot be read."""
         try:
             return super().load_overload(sig, target_context)
         except (OSError, EOFError, ValueError):
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep it, if that can be."""
+        """Cache a function, if possible."""
         try:
             super().save_overload(sig, data)
         except OSError:
@@ -33,7 +33,7 @@ class _Cache(FunctionCache):
 
 
 def njit(function: Callable[..., Any] | None = None, /, *, cache: bool = False, **options: Any) -> Any:
-    """Compile a function as `numba.njit` does; with `cache`, for the next process, too, where the disk allows it."""
+    """Compile a function like `numba.njit`; with `cache`, it is cached on disk where possible."""
     if function is None:
         return partial(njit, cache=cache, **options)
     made = numba.njit(**options)(function)
@@ -46,5 +46,5 @@ def njit(function: Callable[..., Any] | None = None, /, *, cache: bool = False, 
 
 
 def __getattr__(name: str) -> Any:
-    """Everything else of numba."""
+    """All other names of numba."""
     return getattr(numba, name)

@@ -1,13 +1,13 @@
-"""Mean and covariance of pixels in one stable, mergeable pass: the statistics kernel of the project.
+"""Mean and covariance of pixels by a numerically stable algorithm whose partial results can be merged.
 
 A block is cut into square cells that are aligned with the *scene's* origin, not with the tile's. Every cell is
 reduced by itself, and the cells are merged pairwise in row-major order, so the result is the same to the bit whatever
 tiles the scene was read in (as long as tile edges fall on cell edges) and however many threads worked on it.
 
-A cell is reduced while it is in cache: in one pass about a typical pixel, or, where that lies far from the mean or
-pixels are missing, in two, first the mean and then the moments about it. Cells are merged with the update of Chan,
-Golub and LeVeque (1983), means held in two doubles. No large sums of squares are ever formed, so an offset of 1e8 or
-one extreme pixel costs no digits.
+A cell is reduced while it is in cache: in one pass about a typical pixel; or, where that lies far from the mean or
+pixels are missing, in two passes, first the mean and then the moments about it. Cells are merged with the update of
+Chan, Golub and LeVeque (1983); means are stored as sums of two doubles. No large sums of squares are formed, so an
+offset of 1e8 or one extreme pixel costs no precision.
 
 References
 ----------
@@ -29,7 +29,8 @@ from .errors import InputError
 Float64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 _NEAR_MEAN = 0.9
-"""Share of the sum of squares about a typical pixel that may be due to its distance from the mean: costs three bits."""
+"""Largest share of the sum of squares about a typical pixel that is due to its distance from the mean: a loss of three
+bits."""
 CELL = 64
 """Side of a cell [pixel]; tiles that start at multiples of it give bit-identical statistics."""
 
@@ -44,11 +45,11 @@ class Moments:
         Pixels in which every variable is finite.
     mean : (variables,) ndarray
     comoment : (variables, variables) ndarray
-        Sum over pixels of (x - mean)(x - mean)^T; not finite where values reach beyond some 1e150.
+        Sum over pixels of (x - mean)(x - mean)^T; not finite for values above about 1e150.
     minimum, maximum : (variables,) ndarray
         +inf and -inf where n is 0.
     rest : (variables,) ndarray
-        What rounding took from the mean, so that parts merge without loss.
+        Rounding error of the mean, so that parts merge without loss.
     """
 
     n: int
@@ -67,7 +68,7 @@ class Moments:
 
 @dataclass(frozen=True, eq=False)
 class CellMoments:
-    """Moments of many cells, each with its place in the scene.
+    """Moments of many cells, each with its position in the scene.
 
     Attributes
     ----------
@@ -78,7 +79,7 @@ class CellMoments:
     comoment : (cells, variables, variables) ndarray
     minimum, maximum : (cells, variables) ndarray
     rest : (cells, variables) ndarray
-        The mean of a cell is mean + rest, held in two doubles.
+        Rounding error of the mean; the mean of a cell is mean + rest.
     """
 
     keys: npt.NDArray[np.int64]
@@ -109,9 +110,10 @@ class CellMoments:
         return self.where(np.lexsort((self.keys[:, 1], self.keys[:, 0])))
 
     def joined(self, levels: int) -> CellMoments:
-        """Cells of one row merged in groups of 2**levels that follow each other from the scene's edge on; by place.
+        """Cells merged in groups of 2**levels neighbours in a row, counted from the edge of the scene; in row-major
+        order.
 
-        Within a group, neighbours are merged first. A group that was merged before stays as it is.
+        Within a group, neighbours are merged first. Groups that are merged already do not change.
         """
         out = self.by_place()
         for level in range(1, levels + 1):
@@ -119,7 +121,7 @@ class CellMoments:
         return out
 
     def _pairs_merged(self, level: int) -> CellMoments:
-        """Cells in order, one or two in a group of 2**level columns: two are merged."""
+        """Merge pairs of cells that lie in the same group of 2**level columns."""
         groups = self.keys >> np.array([0, level])
         first = np.flatnonzero((groups[1:] == groups[:-1]).all(axis=1))
         both = self.where(np.stack([first, first + 1], axis=1).ravel())
@@ -135,7 +137,7 @@ class CellMoments:
         return CellMoments(*(getattr(self, name)[chosen] for name in _CELL_FIELDS))
 
     def total(self) -> Moments:
-        """Merge all cells, neighbours in their present order first."""
+        """Merge all cells, neighbours in the current order first."""
         if not len(self.n):
             variables = self.mean.shape[1]
             return Moments(0, *_two_passes(np.empty((variables, 0)))[1:])
@@ -173,7 +175,7 @@ def cell_moments(
 
     Notes
     -----
-    Assumes nothing of the data. Costs one read of the block and (variables + 1)^2 / 2 multiply-adds a pixel.
+    Costs one read of the block and (variables + 1)^2 / 2 multiply-adds per pixel.
     """
     block = np.asarray(block)
     if block.ndim != 3:
@@ -194,7 +196,7 @@ def cell_moments(
 
 
 def _edges(first: int, length: int, cell: int) -> list[tuple[int, slice]]:
-    """Number of each cell along an axis of a block that starts at pixel `first`, and its pixels in the block."""
+    """Cells along one axis of a block that starts at pixel `first`: number of each, and its pixels in the block."""
     numbers = range(first // cell, -(-(first + length) // cell)) if length else range(0)
     return [(k, slice(max(k * cell - first, 0), min((k + 1) * cell - first, length))) for k in numbers]
 
@@ -222,7 +224,9 @@ def moments(block: npt.NDArray[Any], mask: Mask | None = None) -> Moments:
 
 
 def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
-    """One masked pixel in `share`, chosen by a hash of its place in the scene alone: the same in any tiling."""
+    """A share of 1 / `share` of the masked pixels, selected by a hash of their position in the scene: independent of
+    tiles.
+    """
     if share <= 1:
         return mask
     rows = np.arange(origin[0], origin[0] + mask.shape[0])[:, None]
@@ -231,8 +235,10 @@ def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
 
 
 def in_share(rows: npt.NDArray[np.integer], columns: npt.NDArray[np.integer], share: int) -> Mask:
-    """Whether `thinned` keeps a pixel of this row and column; of a share that divides another, it keeps all of the
-    other's."""
+    """Whether `thinned` keeps the pixel of this row and column.
+
+    If a share divides another, the pixels of the larger share are among those of the smaller.
+    """
     mixed = rows.astype(np.uint64) * np.uint64(0x9E3779B1) + columns.astype(np.uint64) * np.uint64(0x85EBCA77)
     mixed ^= mixed >> np.uint64(15)
     mixed *= np.uint64(0x2C1B3C6D)
@@ -245,7 +251,7 @@ Reduced = tuple[int, Float64, Float64, Float64, Float64, Float64]
 
 
 def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
-    """Moments of the pixels of one cell, (variable, row, column): in one pass where that loses no digits."""
+    """Moments of the pixels of one cell, (variable, row, column); in one pass where that loses no precision."""
     x = np.array(pixels, np.float64).reshape(len(pixels), -1)
     if inside is None or inside.all():
         one = _one_pass(x)
@@ -257,7 +263,9 @@ def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
 
 
 def _one_pass(x: Float64) -> Reduced | None:
-    """Sums about a typical pixel, taken off `x`; None where it is too far from the mean, or one is not finite."""
+    """Moments in one pass about a typical pixel, which is subtracted from `x`; None if that would lose precision, or a
+    value is not finite.
+    """
     count = x.shape[1]
     low, high = x.min(axis=1), x.max(axis=1)
     shift = _typical(x)
@@ -272,7 +280,7 @@ def _one_pass(x: Float64) -> Reduced | None:
 
 
 def _two_passes(x: Float64) -> Reduced:
-    """First the mean, then the moments about it, and what rounding left of the mean."""
+    """Moments in two passes: the mean, then the moments about it; also the rounding error of the mean."""
     count = x.shape[1]
     low, high = x.min(axis=1, initial=np.inf), x.max(axis=1, initial=-np.inf)
     if not count:
@@ -287,20 +295,20 @@ def _two_passes(x: Float64) -> Reduced:
 
 
 def _typical(x: Float64) -> Float64:
-    """The middle one of the first, middle and last pixel: exactly that of a constant, and not a single stray pixel."""
+    """Median of the first, middle and last pixel: exact for constant data, and robust against one outlier."""
     a, b, c = x[:, 0], x[:, x.shape[1] // 2], x[:, -1]
     return np.asarray(np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)))
 
 
 def _two_sum(a: Float64, b: Float64) -> tuple[Float64, Float64]:
-    """a + b, rounded, and what rounding dropped (Knuth)."""
+    """Rounded sum a + b, and its rounding error (Knuth's TwoSum)."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
 
 
 def _merge_neighbours(n: Float64, mean: Float64, rest: Float64, comoment: Float64) -> tuple[Float64, ...]:
-    """Merge cells 0 and 1, 2 and 3, ... (Chan, Golub and LeVeque); an odd one at the end is left."""
+    """Merge cells 0 and 1, 2 and 3, ... (Chan, Golub and LeVeque); an odd last cell is kept."""
     even = len(n) // 2 * 2
     a, b = slice(0, even, 2), slice(1, even, 2)
     total = n[a] + n[b]

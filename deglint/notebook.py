@@ -1,4 +1,4 @@
-"""How values show themselves in a notebook: a table of escaped text beside a small picture (a PNG in the page)."""
+"""HTML representation of objects in a notebook: a table of escaped text beside a small picture (an embedded PNG)."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import numpy.typing as npt
 PICTURE_SIDE = 192
 """Longest side of a picture [pixel]."""
 MOST_PNG_BYTES = 64 << 10
-"""A picture is made smaller until its PNG, as it stands in the page, has at most this size [byte]."""
+"""Largest size of the encoded PNG of a picture [byte]; larger pictures are made smaller."""
 MOST_ROWS = 40
-"""Rows of a table; hyperspectral scenes have hundreds of bands."""
+"""Most rows of a table; hyperspectral scenes have hundreds of bands."""
 GAMMA = 1.8
 
 
@@ -48,7 +48,7 @@ def data_uri(picture: npt.NDArray[np.uint8]) -> str:
 
 
 def stretched(images: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
-    """Images (3, row, column) beside each other, in one stretch from the 1st to the 99th percentile of the last."""
+    """Images (3, row, column) side by side, stretched from the 1st to the 99th percentile of the last."""
     low, high = level(images[-1], 1), level(images[-1], 99)
     parts = []
     for image in images:
@@ -65,14 +65,14 @@ def level(image: npt.NDArray[Any], percent: float) -> npt.NDArray[np.float64]:
 
 
 def stretch(image: npt.NDArray[Any], low: npt.NDArray[Any], high: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    """Three bands as a picture (row, column, 3) that is black at `low` and at NaN, white at `high` of each band."""
+    """Three bands as a picture (row, column, 3): black at `low` and at NaN, white at `high` of each band."""
     span = np.where(high > low, high - low, 1)[:, None, None]
     unit = np.clip(np.nan_to_num((image - low[:, None, None]) / span, nan=0.0), 0, 1) ** (1 / GAMMA)
     return np.ascontiguousarray((unit * 255).astype(np.uint8).transpose(1, 2, 0))
 
 
 def bars(shares: Sequence[float]) -> npt.NDArray[np.uint8]:
-    """A bar for each share from 0 to 1, from the left to the right."""
+    """Bar chart of shares from 0 to 1, from left to right."""
     width = max(PICTURE_SIDE // max(len(shares), 1), 2)
     picture = np.full((PICTURE_SIDE // 2, width * len(shares), 3), 255, np.uint8)
     for i, share in enumerate(shares):

@@ -1,4 +1,4 @@
-"""Pictures of what was done: before and after, side by side, in the same stretch."""
+"""Pictures of the result: before and after, side by side, in the same stretch."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LONGEST_PICTURE = 900
 
 
 def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
-    """A PNG of the scene before and after correction, with a line that says what was done.
+    """A PNG of the scene before and after correction, with a caption.
 
     Both halves have the same stretch: black at the 1st percentile of the corrected bands, white at the 99.5th of them
     or at the 90th of the raw ones, whichever is higher.
@@ -43,7 +43,7 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
 
 
 def _rgb(scene: Scene, model: GlintModel) -> list[int]:
-    """Three corrected bands nearest to red, green and blue; fewer bands stand in for all three."""
+    """Three corrected bands nearest to red, green and blue; if there are fewer, they are repeated."""
     corrected = [f.band for f in model.fits] or list(range(len(scene.bands)))
     known = [b for b in corrected if scene.bands[b].wavelength]
     if len(known) >= 3:

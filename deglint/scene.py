@@ -1,8 +1,8 @@
-"""What a scene is: its bands, its size and place, and a way to read windows of it.
+"""A scene: its bands, size and georeferencing, and a method to read windows of it.
 
-A `Scene` is frozen and reads no pixels until `Scene.read` is called. Arrays are (band, row, column),
-floating point, in physical units (scale and offset applied), with NaN where a pixel is not valid.
-This room knows no file formats: `deglint.readers` makes scenes, `deglint.raster` serves their pixels.
+A `Scene` is frozen and reads no pixels until `Scene.read` is called. Arrays are (band, row, column), floating point, in
+physical units (scale and offset applied), with NaN where a pixel is not valid. File formats are dealt with elsewhere:
+`deglint.readers` makes scenes, `deglint.raster` reads their pixels.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from .errors import BandError, DeglintError
 
 FloatArray = npt.NDArray[np.floating[Any]]
 MIDDLE = 768
-"""Side of the middle of a scene that a small picture shows [pixel]."""
+"""Side of the central part of a scene in a small picture [pixel]."""
 Window = tuple[tuple[int, int], tuple[int, int]]
-"""((first row, one past the last row), (first column, one past the last column))"""
+"""((first row, last row + 1), (first column, last column + 1))."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +36,11 @@ class Band:
     width : float, optional
         Full width at half maximum [nm].
     time_offset : float, optional
-        When the band sees the ground, after the first band [s].
+        Time of the band after the first band [s].
     group : str, optional
-        Bands with the same group are taken (nearly) at the same instant.
+        Bands with the same group are taken at (nearly) the same time.
     saturation : float, optional
-        Physical value at and above which the detector was full.
+        Physical value from which on the band is saturated.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Band:
 
 
 class Source(Protocol):
-    """What serves the pixels of a scene (made by `deglint.raster`; thread-safe)."""
+    """Protocol of objects that read the pixels of a scene (made by `deglint.raster`; thread-safe)."""
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
         """Physical values, shape (len(bands), rows, columns), NaN where not valid."""
@@ -70,7 +70,7 @@ class Scene:
     height, width : int
         Rows and columns [pixel].
     source : Source
-        Serves the pixels.
+        Reads the pixels.
     path : str
         GDAL name(s) of what was opened, for messages and the sidecar.
     crs, transform
@@ -80,9 +80,9 @@ class Scene:
     product : str, optional
         Kind and name of the product that was opened, or of several ("Sentinel-2 L2A S2A ...").
     notes : tuple of str
-        What was deduced on opening, one line each, for the log.
+        Conclusions drawn on opening, one line each, for the log.
     footprints : Source, optional
-        Detector number of each band at each pixel, NaN where no detector saw it, for products that say so
+        Detector number of each band at each pixel, NaN for pixels without a detector, if the product has it
         (Sentinel-2): ``read(window, bands)`` gives (band, row, column) float32.
     """
 
@@ -111,12 +111,12 @@ class Scene:
         return shown(repr(self), [*rows, *(("note", note) for note in self.notes)], picture)
 
     def middle(self) -> FloatArray | None:
-        """Red, green and blue of the middle of the scene, for a small picture; None where it cannot be read.
+        """Red, green and blue of the central part of the scene, for a small picture; None if it cannot be read.
 
         Returns
         -------
         (3, row, column) ndarray or None
-            At most `MIDDLE` rows and columns: of a large scene no more is read.
+            At most `MIDDLE` rows and columns.
         """
         known = [b for b in range(len(self.bands)) if self.bands[b].wavelength]
         bands = (list(range(len(self.bands))) * 3)[:3]
@@ -182,7 +182,7 @@ class Scene:
         raise BandError(f"no band {band!r} in {self.path or 'the scene'}; it has {self.describe_bands()}")
 
     def describe_bands(self) -> str:
-        """One line that numbers (from 1) and names the bands, with wavelengths where known."""
+        """One line with numbers (from 1), names and known wavelengths of the bands."""
         return ", ".join(
             f"{i} {b.name}" + (f" ({b.wavelength:g} nm)" if b.wavelength else "")
             for i, b in enumerate(self.bands, start=1)

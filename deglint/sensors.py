@@ -1,7 +1,7 @@
-"""What is known of each sensor: its bands, when each band looks, and its optics.
+"""Sensor presets: bands, band delays, and optics.
 
-The facts stand in `sensors.toml` beside this module, each with its sources and with a word on whether it
-was verified. This room reads that table and never guesses: what is not known is None.
+The data are in `sensors.toml` beside this module, with their sources and whether they were verified. Values that are
+not known are None.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ class SensorBand:
     Attributes
     ----------
     name : str
-        Name that the maker gives it.
+        Name given by the manufacturer.
     aliases : tuple of str
-        Other names under which files carry it.
+        Other names in files.
     wavelength, width : float
         Centre and full width [nm].
     time_offset : float, optional
-        When the band sees a ground point, after the first band [s].
+        Time of the band after the first band [s].
     time_status : str, optional
         "verified", "unverified" or "defined"; None without an offset.
     group : str, optional
-        Bands with the same group are taken (nearly) at the same instant.
+        Bands with the same group are taken at (nearly) the same time.
     """
 
     name: str
@@ -81,19 +81,19 @@ class Sensor:
     Attributes
     ----------
     name, title : str
-        Short name, and what it stands for.
+        Short name, and full name.
     bands : tuple of SensorBand
-        In the order of the maker's product.
+        In the order of the manufacturer's product.
     ordered : bool
-        False where products come in more than one band order: match by name or wavelength only.
+        False if products have different band orders: match by name or wavelength only.
     wavelength_status, width_status, group_status : str
         "verified", "unverified" or "defined".
     optics : Optics, optional
-        None where nothing is known.
+        None if not known.
     products : tuple of tuple of str
-        Names of the bands of products that have a part of them, in the order of each product.
+        Names of the bands of products with fewer bands, in the order of each product.
     aliases, sources : tuple of str
-        Other names of the preset, and where the facts were read.
+        Other names of the preset, and sources of the data.
     """
 
     name: str
@@ -109,7 +109,7 @@ class Sensor:
     sources: tuple[str, ...] = ()
 
     def product(self, count: int) -> tuple[SensorBand, ...]:
-        """The bands of the product that has so many, in its order; empty where none is known, or the order varies.
+        """The bands of the product with `count` bands, in its order; empty if not known, or if the order varies.
 
         >>> [b.name for b in load("sentinel2").product(4)]
         ['B02', 'B03', 'B04', 'B08']
@@ -123,7 +123,7 @@ class Sensor:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """How many bands its known products have."""
+        """Numbers of bands of its known products."""
         return tuple(sorted({len(self.bands), *map(len, self.products)})) if self.ordered else ()
 
     def describe_bands(self) -> str:
@@ -141,7 +141,7 @@ def names() -> tuple[str, ...]:
 
 
 def load(name: str) -> Sensor:
-    """The preset of that name or alias (case, blanks and punctuation do not matter).
+    """The preset with that name or alias (case, blanks and punctuation are ignored).
 
     Raises
     ------
@@ -163,7 +163,7 @@ def load(name: str) -> Sensor:
 
 
 def find(name: str) -> Sensor | None:
-    """As `load`, but None where there is no such preset."""
+    """As `load`, but None if there is no such preset."""
     wanted = normalise(name)
     for sensor in _table().values():
         if wanted in map(normalise, (sensor.name, *sensor.aliases)):
@@ -186,7 +186,7 @@ def _table() -> dict[str, Sensor]:
 
 
 def sensor_from(name: str, entry: Mapping[str, Any]) -> Sensor:
-    """A sensor from an entry of the table; its keys and values must have been checked."""
+    """A sensor from a checked entry of the table."""
     wavelength_status = entry["wavelength_status"]
     return Sensor(
         name=name,

@@ -1,7 +1,7 @@
-"""Text from other people's files as it may be shown.
+"""Safe display of text from untrusted files.
 
-Names of bands, scenes and files may hold what commands a terminal, or turns the order of letters around, so that one
-name looks like another.
+Names of bands, scenes and files may contain control characters for a terminal, or reverse the order of letters, so that
+one name looks like another.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ _HIDDEN_CHARACTERS = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u0600-\u0605\u061c\u06dd\u070f\u115f\u1160\u180e\u200b-\u200f\u2028-\u202e"
     "\u2060-\u206f\u3164\ufeff\ufff9-\ufffb\U000e0000-\U000e0fff\ud800-\udfff]"
 )
-"""Characters that act and are not seen: controls, marks of direction, joints, half characters; but tab and newline."""
+"""Invisible characters: controls, direction marks, joiners, surrogates; without tab and newline."""
 
 
 def shown(text: str) -> str:
-    """Text whose hidden characters are spelled as Python spells them.
+    """Text with hidden characters escaped as in Python.
 
     Examples
     --------
@@ -28,7 +28,7 @@ def shown(text: str) -> str:
 
 
 def in_file_name(text: str) -> str:
-    """Text for the name of a file: hidden characters as web addresses spell them.
+    """Text for a file name, with hidden characters percent-encoded.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Many scenes with one recipe: what is to be done with each, and processes that do it."""
+"""Process many scenes with one recipe: the list of jobs, and the worker processes that run them."""

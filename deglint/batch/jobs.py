@@ -1,7 +1,7 @@
-"""The scenes of a batch: what is done with every one, the names of its outputs, and what was made of it before.
+"""The scenes of a batch: options that apply to all of them, names of outputs, and the state of earlier outputs.
 
-A recipe file says what is done. What was made before is known again by the recipe and by the checksums of input and
-outputs in the sidecar.
+A recipe file holds the options. An output of an earlier run is reused if its sidecar records the same recipe and the
+same checksums of input and outputs.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from ..readers.stac import files_of
 from ..readers.text import read_json, read_toml
 
 EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
-"""Outputs beside the image that a recipe may ask for, and how their names end."""
+"""Optional outputs beside the image, and the endings of their file names."""
 OF_OUTPUT = ("directory", "name", "extras", "dtype", "options")
 OF_INPUT = ("sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset", "assets")
 TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
@@ -36,7 +36,7 @@ TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no
 
 @dataclass(frozen=True)
 class Order:
-    """What a batch does with every scene: the tables [recipe], [output] and [input] of a recipe file."""
+    """Options that apply to every scene of a batch: the tables [recipe], [output] and [input] of a recipe file."""
 
     recipe: Recipe = field(default_factory=Recipe)
     directory: Path = Path()  # of the outputs; made where it is missing
@@ -76,13 +76,13 @@ class Order:
             check_choice(self.dtype, list(DTYPES), "[output] dtype")
 
     def opening(self) -> dict[str, Any]:
-        """What the order says of the input, as `deglint.open_scene` takes it."""
+        """The options of [input] as keywords of `deglint.open_scene`."""
         stated = {"wavelengths": self.wavelengths, "scale": self.scale, "offset": self.offset}
         given = {name: value or None for name, value in (stated | {"bands": ",".join(self.bands)}).items()}
         return given | {"sensor": self.sensor, "nodata": self.nodata, "grid": self.grid}
 
     def request(self) -> str:
-        """A checksum of all that the result depends on but the scene: the same order, the same text."""
+        """Checksum of everything that the result depends on except the scene; equal orders give equal checksums."""
         named = {k: getattr(self.recipe, k) for k in ("sample", "mask")}
         if self.sensor and self.sensor.lower().endswith(".toml"):
             named["sensor"] = self.sensor
@@ -93,13 +93,13 @@ class Order:
 
 
 def read_order(path: str, directory: str | None = None) -> Order:
-    """Read a recipe file, whose outputs go into `directory` where that is given.
+    """Read a recipe file; `directory`, if given, replaces its output directory.
 
     It is TOML with the tables [recipe] (fields of `Recipe`), [input] (`OF_INPUT`) and [output] (`OF_OUTPUT`); every one
     may be left out.
 
-    Raises ReadError: no such file; InputError: not TOML, or a name or value that is not allowed, such as a directory
-    above the one that the batch runs in.
+    Raises ReadError: no such file; InputError: not TOML, or a name or value that is not allowed, such as an output
+    directory above the current one.
     """
     document = read_toml(path, "recipe")
     allowed = {"recipe": [f.name for f in fields(Recipe)], "input": OF_INPUT, "output": OF_OUTPUT}
@@ -147,7 +147,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one scene: a row of the summary."""
+    """Result of one scene: a row of the summary."""
 
     name: str
     inputs: str
@@ -161,13 +161,13 @@ class Outcome:
 
 
 Say = Callable[[str, Any], None]
-"""say("begin", name), say("end", Outcome)."""
+"""Callback for events: ``say("begin", name)`` and ``say("end", outcome)``."""
 
 
 def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = ()) -> list[Job]:
-    """The work on each scene; `reads` are files that were read beside the scenes and what the recipe names.
+    """One job for each scene; `reads` are further input files, which no output may replace.
 
-    Raises InputError: two scenes would be written to one file, or a file that is read would be written over.
+    Raises InputError: two scenes would be written to one file, or an output would replace an input file.
     """
     jobs = []
     for scene in scenes:
@@ -197,7 +197,7 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = 
 
 
 def state_of(job: Job, request: str) -> tuple[str, str]:
-    """Whether a scene is finished, to do, or in the way of its doing ("failed"), and why."""
+    """Whether a scene is finished, to do, or cannot be processed because of existing files ("failed"), and why."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     there = [p for p in every if p.exists()]
     if not there:
@@ -226,6 +226,6 @@ def state_of(job: Job, request: str) -> tuple[str, str]:
 
 
 def outcome(job: Job, status: str, reason: str = "", seconds: float = 0.0, **more: Any) -> Outcome:
-    """A row for a job."""
+    """The row of the summary for a job."""
     inputs = ";".join(job.scene.paths)
     return Outcome(job.scene.name, inputs, str(job.outputs.image), status, reason, round(seconds, 3), **more)

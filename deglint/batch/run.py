@@ -1,8 +1,8 @@
-"""Many scenes with one recipe, in processes of their own: a scene that fails, or ends its process, stops no other.
+"""Run a batch in separate processes: a scene that fails, or crashes its process, does not stop the others.
 
-What is finished is known by recipe and checksums, so a batch that was stopped - however - goes on where it was.
-A worker keeps what it has loaded from scene to scene. One that dies is reported with its exit code, and replaced. When
-the batch is stopped, or dies itself, the workers clean up and end.
+Finished scenes are recognised by recipe and checksums, so a batch that was interrupted can be continued. A worker keeps
+its loaded modules from scene to scene. A worker that crashes is reported with its exit code and replaced. When the
+batch is stopped, its workers remove temporary files and end.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ from .jobs import DONE, FAILED, NO_WATER, TODO, Job, Order, Outcome, Say, jobs_o
 
 log = logging.getLogger(__name__)
 STOP_PATIENCE = 10.0
-"""How long a worker may take to clean up when it is stopped [s]."""
+"""Time that workers have to remove temporary files when the batch is stopped [s]."""
 
 
 def run_batch(
     order: Order, scenes: Sequence[ListedScene], *, processes: int = 1, threads: int | None = None,
     overwrite: bool = False, dry_run: bool = False, say: Say | None = None, reads: Sequence[str] = (),
 ) -> list[Outcome]:  # fmt: skip
-    """Take the glint off many scenes; what came of each, in their order.
+    """Remove glint from many scenes and return the outcome of each, in their order.
 
-    So many `processes` work at the same time, each on a scene and with so many `threads` (all processors, shared out,
-    by default): what ends one ends no other. `overwrite` makes again what was made by another recipe or of another
-    input; what is finished is never made again. `dry_run` only says what would be done. `say` is called on events.
-    `reads` are files that were read for this batch, such as its recipe: no output may replace them.
+    `processes` scenes are processed at the same time, each with `threads` threads (by default the processors are
+    divided evenly). `overwrite` recomputes outputs of another recipe or of another input; finished scenes are never
+    recomputed. `dry_run` only reports what would be done. `say` is called on events. `reads` are files that were read
+    for this batch, such as its recipe: no output may replace them.
 
-    Raises InputError, WriteError: names that clash, a directory that cannot be written to, or another batch at work in
-    it: nothing was begun.
+    Raises InputError, WriteError before any work starts: names that clash, a directory that cannot be written to, or
+    another batch that runs in it.
     """
     if processes < 1:
         raise InputError(f"jobs: want at least 1, got {processes}.")
@@ -75,7 +75,7 @@ def run_batch(
 
 @contextlib.contextmanager
 def _claimed(directory: Path) -> Iterator[None]:
-    """Make the directory of the outputs, and keep other batches from it."""
+    """Create the output directory and lock it against other batches."""
     make_directory(directory, parents=True)
     check_target(directory / "x.tif", overwrite=True)
     with claimed(directory):
@@ -85,7 +85,7 @@ def _claimed(directory: Path) -> Iterator[None]:
 def _run_jobs(
     todo: Mapping[int, tuple[Job, bool]], order: Order, request: str, processes: int, threads: int | None, say: Say
 ) -> dict[int, Outcome]:
-    """Do jobs, each given with whether it may replace what is there, and say what came of each."""
+    """Run the jobs, each given with whether it may replace existing files, and return their outcomes by index."""
     found: dict[int, Outcome] = {}
     waiting, count = list(todo)[::-1], min(processes, len(todo))
     each = threads or max(1, default_threads() // max(count, 1))
@@ -120,7 +120,7 @@ def _run_jobs(
 
 
 def _start(order: Order, request: str, threads: int) -> tuple[Any, Any]:
-    """A way to talk to a new worker, and its process."""
+    """Start a worker; return the connection to it, and its process."""
     context = get_context("spawn")  # a fork would take locks of this process's threads with it
     ours, theirs = context.Pipe()
     talks = log.isEnabledFor(logging.DEBUG)
@@ -131,7 +131,7 @@ def _start(order: Order, request: str, threads: int) -> tuple[Any, Any]:
 
 
 def _hear(line: Any, process: Any, job: Job, begun: float) -> Outcome | None:
-    """What a worker says; the outcome of its job where that is known."""
+    """Read one message of a worker; return the outcome of its job, or None if the job still runs."""
     try:
         said = line.recv()
     except (EOFError, OSError):
@@ -150,7 +150,7 @@ def _hear(line: Any, process: Any, job: Job, begun: float) -> Outcome | None:
 
 
 def _join(processes: Iterable[Any]) -> None:
-    """Wait until workers have ended; end those that do not."""
+    """Wait until workers have ended; kill those that do not end in time."""
     until = time.monotonic() + STOP_PATIENCE
     for process in processes:
         process.join(max(until - time.monotonic(), 0.1))
@@ -160,7 +160,7 @@ def _join(processes: Iterable[Any]) -> None:
 
 
 class _Forward(logging.Handler):
-    """Sends what a worker logs to the batch."""
+    """Log handler of a worker: sends its records to the batch process."""
 
     def __init__(self, line: Any) -> None:
         super().__init__(logging.INFO)
@@ -172,9 +172,9 @@ class _Forward(logging.Handler):
 
 
 def _serve(line: Any, order: Order, request: str, threads: int, talks: bool) -> None:
-    """A worker's life: take jobs until there are no more, or the batch is gone.
+    """Main loop of a worker: run jobs until there are no more or the batch process has ended.
 
-    It sends its log if it `talks`, else what the log says of the time that is left.
+    It sends all its log records if it `talks`, else only those of the remaining time.
     """
     sent = logging.getLogger("deglint" if talks else "deglint.timing")
     sent.setLevel(logging.INFO)

@@ -1,4 +1,4 @@
-"""The recipes that are tried on a scene, in order of preference where they are as good: plain ones first."""
+"""The candidate recipes for a scene, simplest first; of equally good candidates the first is chosen."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from ..compensate import Setting
 from ..compensate.targets import LEAST_DELAY
 
 SMALLEST_OPENING, LARGEST_OPENING = 5, 13
-"""Windows of an opening [pixel]: a smaller one leaves clumps of sparkle, a larger one meets two waves at a time."""
+"""Windows of an opening [pixel]: smaller ones leave clumps of sparkle, larger ones span two waves."""
 OF_OBJECT = 0.85
-"""Of the width of the smallest object: a window that leaves its corners alone."""
+"""Window of the opening as a share of the width of the smallest object: such a window preserves its corners."""
 LONG = 1.5
-"""Of a clump of glint, that a window must be wide to reach the water on both sides of it."""
+"""Least width of a window in widths of a clump of glint, so that it reaches the water on both sides."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A recipe to try.
+    """A recipe to try on sample tiles.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Candidate:
 
 
 def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]:
-    """Recipes that make sense for a scene.
+    """Candidate recipes for a scene.
 
     Parameters
     ----------
@@ -56,7 +56,8 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
 
 
 def windows(width: float, clump: int) -> list[int]:
-    """Odd sides of openings: what the smallest object allows, and what the clumps of glint need, if that is less.
+    """Windows of openings to try, odd [pixel]: the largest that preserves the smallest object, and a smaller one if
+    clumps of glint are small.
 
     Examples
     --------

@@ -1,8 +1,9 @@
-"""Known signals that are added to sample tiles, to see what a recipe leaves of them.
+"""Known signals that are added to sample tiles, to measure how much of them a recipe preserves.
 
-Of four kinds: textures of three scales, discs as wide as the smallest object to keep, broad plumes of turbid water, and
-small white targets. Their contrasts are relative to the water in each band, through some metres of water where they lie
-below the surface. What a recipe makes of them is its gain: 1 where a signal is kept, 0 where it is lost.
+There are four kinds: textures of three scales, discs as wide as the smallest object to keep, broad plumes of turbid
+water, and small white targets. Their contrasts are relative to the water in each band; textures and discs are
+attenuated by some metres of water. The gain of a recipe is the share of a signal that it preserves: 1 where a signal is
+kept, 0 where it is lost.
 """
 
 from __future__ import annotations
@@ -22,17 +23,17 @@ Float32 = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 SCALES = (1, 3, 9, 27)
-"""Sides of the windows between whose local means textures lie [pixel]: factors of three part the range from a pixel to
-the swell."""
+"""Windows of the local means between which textures lie [pixel]: factors of three divide the range from one pixel to
+the length of swell."""
 DEPTH = 3.0
-"""Depth of textures and discs [m]: an object that is dimmed in the red, and gone in the NIR."""
+"""Depth of textures and discs [m]: weak in the red and invisible in the NIR."""
 TEXTURE_CONTRAST, BRIGHT, DARK_DISC, WHITE_DISC = 0.1, 0.5, -0.25, 0.3
-"""Contrasts with the water: of textures (standard deviation), discs; radiance of white targets
-relative to the water's blue. An analyst would not miss any of them in an image without glint."""
+"""Contrasts with the water: of textures (standard deviation) and discs; radiance of white targets relative to the water
+in the blue. All are easily visible in an image without glint."""
 SEED = 1
-"""The same signals in the same tiles, every time."""
+"""Seed of the random generator: the same tiles always get the same signals."""
 CHLOROPHYLL = 0.1
-"""Of the clear sea through which they are seen [mg m-3]."""
+"""Chlorophyll of the water above textures and discs [mg m-3]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ class Implants:
 
     @property
     def total(self) -> Float32:
-        """All of them together, (band, row, column)."""
+        """Sum of all signals, (band, row, column)."""
         return np.einsum("sb,sij->bij", self.colours, self.patterns, dtype=np.float32)
 
 
@@ -70,7 +71,7 @@ def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, widt
     width : float
         Of the smallest object to keep [pixel].
     seed : int
-        Another one for each tile.
+        A different one for each tile.
     """
     rng = np.random.default_rng((SEED, seed))
     known = [b.wavelength for b in bands]
@@ -93,12 +94,12 @@ def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, widt
 def gains(
     responses: Sequence[Float32], added: Sequence[Implants], inside: Sequence[Mask], unit: Float32
 ) -> dict[str, float]:
-    """What is left of each signal: least squares of the responses on the patterns, over all tiles and bands.
+    """Gain of each signal: least squares fit of the responses to the patterns, over all tiles and bands.
 
-    Means of tiles are left out: what the signals change of the level is not their own.
+    The mean of each tile is subtracted first, because signals also change the fitted level.
 
-    responses : (band, row, column) of each tile, what a recipe makes of it with the signals less without them
-    unit : (band,) by which bands are divided; infinite for those that do not count
+    responses : (band, row, column) of each tile, result of a recipe with the signals minus that without
+    unit : (band,) divisor of each band; infinite for bands that are not evaluated
     """
     names = added[0].names
     gram, cross = np.zeros((len(names),) * 2), np.zeros(len(names))
@@ -120,7 +121,7 @@ def _pairs() -> list[tuple[int, int]]:
 
 
 def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Generator) -> Float32:
-    """Noise between two scales."""
+    """Noise between two scales [pixel]."""
     import cv2
 
     noise = rng.standard_normal(shape).astype(np.float32)
@@ -141,7 +142,7 @@ def _discs(shape: tuple[int, int], width: float, rng: np.random.Generator) -> Fl
 
 
 def _plume(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
-    """One Gaussian, a fifth of the tile wide."""
+    """One Gaussian with a standard deviation of a fifth of the tile."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     row, column = rng.uniform(0.25, 0.75, 2) * shape
     squares = (rows - row) ** 2 + (columns - column) ** 2
@@ -149,7 +150,7 @@ def _plume(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
 
 
 def _targets(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
-    """Squares of two pixels, 24 apart."""
+    """Squares of 2 x 2 pixels, about 24 pixels apart."""
     out = np.zeros(shape, np.float32)
     for row in range(12, shape[0] - 2, 24):
         for column in range(12, shape[1] - 2, 24):

@@ -1,4 +1,4 @@
-r"""Expected error of a recipe, from what it leaves in sample tiles and what it makes of implanted signals.
+r"""Expected error of a recipe, from the texture that it leaves in sample tiles and its gains of implanted signals.
 
 At each scale s the result of recipe c has the power
 
@@ -9,14 +9,14 @@ is left of glint and noise. The error, against the scene without glint and noise
 
 .. math:: E_{cs} = (1 - g_{cs})^2 S_s + N_{cs} = P_{cs} + (1 - 2 g_{cs}) S_s .
 
-S is not known, but no larger than :math:`P_{cs} / g_{cs}^2` of any recipe. The least of these is taken over all pixels,
-and over those with the least glint, where recipes leave less of it. The first includes what all recipes leave of glint;
-the second misses shallow bottoms, which the NIR sees as glint. S is their geometric mean. Recipes that erase signals
-have a small P, and a small g too, and gain nothing by it. Tiles are few: what signals they may lack counts with a least
-power, and objects as if they had a usual contrast and covered a hundredth of the scene.
+S is not known, but it cannot exceed :math:`P_{cs} / g_{cs}^2` of any recipe. The minimum over the recipes is computed
+twice: over all pixels, and over the pixels with the least glint. The first includes the glint that all recipes leave;
+the second excludes shallow bottoms, which look like glint in the NIR. S is the geometric mean of both. A recipe that
+erases signals has a small P but also a small g, so erasing is not rewarded. As the tiles are few, S has a lower limit,
+and objects are counted as if they had a typical contrast and covered a hundredth of the scene.
 
-At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: what is left of glint there is its level, which all
-pixels share, and which no texture tells.
+At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
+share, which texture cannot show.
 """
 
 from __future__ import annotations
@@ -31,24 +31,25 @@ from .implants import BRIGHT, PLUME, SCALES, Float32, Mask
 Float64 = npt.NDArray[np.float64]
 
 SHARE = 0.01
-"""Part of a scene that objects and plumes are taken to cover each."""
+"""Assumed share of a scene that is covered by objects, and by plumes."""
 SIGNAL = 0.05
-"""Signal that a scene is taken to hold at every scale beside what the tiles show, relative to the water: the least that
-an analyst sees in an image without glint. Tiles are few, and what is looked for is rare."""
+"""Lower limit of the signal at every scale, relative to the water: the weakest that an analyst sees in an image without
+glint. Sample tiles are few, and may not contain the objects of interest."""
 ZERO_GAIN = 0.05
-"""A gain below this is 0, within the error of its estimate from some tiles."""
+"""Gains below this are set to 0: the uncertainty of a gain estimated from a few tiles."""
 HALF = 0.5
-"""The same for plumes: there is one in a tile."""
+"""The same limit for the gain of plumes, of which there is only one in a tile."""
 LEAST_GLINT_PERCENT = 10.0
-"""Percent of the pixels that have the least glint: few, so that it is little, and ten thousand in eight tiles of
-each band, so that the power of their texture is known to a few percent [%]."""
+"""Share of the pixels that count as having the least glint [%]: small, so that glint is weak; large enough (ten
+thousand pixels in eight tiles) that the power of their texture is known to a few percent."""
 
 
 def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, clear: Sequence[Mask] = ()) -> Float64:
-    """Mean square of the texture at each scale: between the scales, and what is coarser than the last, about the mean.
+    """Mean square of the texture at each scale; the last is what is coarser than all scales, about the mean of each
+    tile.
 
-    unit : (band,) by which bands are divided; infinite for those that do not count
-    clear : (band, scale, row, column) of each image, the pixels that count, from `least_glint`; none, all inside
+    unit : (band,) divisor of each band; infinite for bands that are not evaluated
+    clear : (band, scale, row, column) of each image, the pixels to use, from `least_glint`; by default all inside
     """
     import cv2
 
@@ -70,7 +71,7 @@ def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, cle
 
 
 def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
-    """Pixels with the least glint around them, for each band and scale but the coarsest: (band, scale, row, column)."""
+    """Pixels with the least glint around them: (band, scale, row, column), without the coarsest scale."""
     import cv2
 
     out = []
@@ -86,7 +87,7 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _shares(mask: Mask) -> list[Float32]:
-    """Share of a mask around each pixel, at each scale but the finest; positive."""
+    """Share of a mask around each pixel, at each scale but the finest; always positive."""
     import cv2
 
     known = mask.astype(np.float32)
@@ -99,8 +100,8 @@ def expected_errors(power: Float64, clear: Float64, gain: Float64, objects: Floa
     Parameters
     ----------
     power, clear, gain : (recipe, scale) ndarray
-        From `powers`, over all pixels and over those with the least glint; and of the textures and, for the coarsest
-        scale, of plumes.
+        `powers` over all pixels, `powers` over those with the least glint, and the gains of textures (of plumes for the
+        coarsest scale).
     objects : (recipe,) ndarray
         Gain of discs.
     """

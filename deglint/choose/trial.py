@@ -1,4 +1,4 @@
-"""Run candidates on sample tiles, with and without implanted signals, and choose."""
+"""Run candidates on sample tiles, with and without implanted signals, and choose the best."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ from .implants import SCALES, Float32, Implants, Mask, gains, implants
 from .score import expected_errors, least_glint, powers
 
 WATER_PERCENTILE = 10.0
-"""Percentile of a band over the sample that is taken for the water without glint, as the unit of contrasts [%]."""
+"""Percentile of a band over the sample that estimates the water without glint, the unit of contrasts [%]."""
 EQUAL_ERRORS = 1.05
-"""Of candidates whose expected errors are no larger than this times the least the first is taken, which is plainest."""
+"""Candidates whose expected error is within this factor of the least count as equal; the simplest is chosen."""
 WORTH_REMOVING = 0.85
-"""Share of the error of a copy that the best candidate must stay below, else the scene is copied: a copy alters
-nothing, so what replaces it must be expected to leave a sixth less."""
+"""The best candidate must have an expected error below this share of that of a copy, else the scene is copied: a copy
+changes nothing, so a change must promise an improvement of at least 15 %."""
 LARGEST_DISC = 16.0
-"""Width of the widest disc that is implanted [pixel]: wider ones outlast every window that is tried."""
+"""Width of the widest implanted disc [pixel]: wider ones are preserved by every window that is tried."""
 NOT_JUDGED = 5
-"""Pixels around targets and ships by which candidates are not judged: blur, wakes, and what textures' windows reach."""
+"""Pixels around targets and ships that are excluded from the evaluation: blur, wakes, and the windows of textures."""
 FAR_OUT = 8.0
-"""How far a ship exceeds its surroundings at least [robust standard deviations]."""
+"""Least contrast of a ship with its surroundings [robust standard deviations]."""
 LEAST_TRIED = 2000
-"""Pixels of water below which nothing is tried: texture is not known."""
+"""Fewest pixels of water with which candidates are tried: fewer do not determine texture."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What a candidate did on the sample tiles.
+    """Result of a candidate on the sample tiles.
 
     Attributes
     ----------
     candidate : Candidate
     power : tuple of float
-        Mean square texture that it left, by scale, relative to the water.
+        Mean square texture of the result, by scale, relative to the water.
     gains : dict of str to float
-        What it left of each implanted signal.
+        Gain of each implanted signal.
     error : float
         Expected error, relative to the water.
     """
@@ -58,13 +58,13 @@ class Trial:
 
     @property
     def signals(self) -> npt.NDArray[np.float64]:
-        """Gain at each scale of `SCALES`; that of plumes for the coarsest."""
+        """Gain at each scale of `SCALES`; at the coarsest that of plumes."""
         textures = [v for k, v in self.gains.items() if k.startswith("texture")]
         return np.array([*textures, self.gains["plumes"]])
 
     @property
     def kept(self) -> str:
-        """What is kept, in words."""
+        """Gains of discs, plumes and targets as text."""
         said = [f"{k} keep {max(min(v, 1.0), 0.0):.0%}" for k, v in self.gains.items() if not k.startswith("texture")]
         return ", ".join(said)
 
@@ -91,12 +91,12 @@ class Choice:
 
     @property
     def trial(self) -> Trial | None:
-        """The trial of the best."""
+        """Trial of the best candidate; None where nothing was tried."""
         return next((t for t in self.trials if t.candidate == self.best), None)
 
     @property
     def why_copied(self) -> str:
-        """Why nothing is corrected, where the best is to copy."""
+        """Reason why the scene is copied, where that is the best candidate."""
         others = [t for t in self.trials if t.candidate.method != "copy"]
         if not others:
             why = (self.failed or {}).get("wiener", "no candidate could be tried")
@@ -111,14 +111,14 @@ class Choice:
 
     @property
     def why(self) -> str:
-        """Why the best was chosen."""
+        """Reason why the best candidate was chosen."""
         trial = self.trial
         if trial is None:
             return "there is too little water to try others"
         return f"least expected error of {len(self.trials)} candidates, {trial.error:.1%} of the water; {trial.kept}"
 
     def lines(self) -> list[str]:
-        """What to say, one line each."""
+        """Report for the log: the choice, and a line for each candidate."""
         out = []
         trial = self.trial
         if trial is not None:
@@ -130,7 +130,7 @@ class Choice:
         return out + [f"  {name}: not tried, {why}" for name, why in (self.failed or {}).items()]
 
     def numbers(self) -> dict[str, Any]:
-        """The same for the sidecar."""
+        """The choice as plain values for the sidecar."""
         return {
             "best": self.best.name,
             "smallest_object_pixels": self.width,
@@ -160,15 +160,17 @@ def choose(
     correct : sequence of int
         0-based bands that are to be corrected, by which candidates are judged.
     removal : callable
-        Gives what fits a method to a sample.
+        Returns, for the name of a method, the function that fits it to a sample.
     width : float
         Of the smallest object to keep [pixel].
     fine : bool
-        Pixels resolve sparkle where there is any: what a removal takes evenly about its median is then no glint.
+        The pixels are small enough to resolve sparkle. Removed light that is distributed evenly about its median is
+        then mirrored sky and not sun glint.
     coarse : bool
-        Pixels resolve no sparkle: what far exceeds its surroundings is a ship, by which no candidate is judged.
+        The pixels are too large to resolve sparkle. Pixels far brighter than their surroundings are then ships, which
+        are excluded from the evaluation.
     each : callable
-        What runs the candidates: `map`, or the map of a pool of threads.
+        Function that runs the candidates: `map`, or the `map` method of a pool of threads.
 
     Returns
     -------
@@ -203,14 +205,14 @@ def choose(
 
 
 def _best(trials: Sequence[Trial]) -> Trial:
-    """The plainest of the best; the copy, which is first, where none is clearly better."""
+    """The simplest of the best candidates; the copy, which is first, where none is clearly better."""
     least = min(t.error for t in trials)
     best = next(t for t in trials if t.error <= EQUAL_ERRORS * least)
     return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
 
 
 def _judged(runs: dict[Candidate, _Run], sample: Sample, added: Sequence[Implants], unit: Float32) -> list[Trial]:
-    """The trials with their expected errors, infinite where they cannot be computed."""
+    """The trials with their expected errors; infinite where these cannot be computed."""
     inside = _without_targets(without_shore(sample), list(runs.values()))
     clear = _clear(runs, inside)
     trials = [
@@ -228,7 +230,7 @@ def _judged(runs: dict[Candidate, _Run], sample: Sample, added: Sequence[Implant
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """What a candidate made of the tiles, how that changes with the signals, and where it recognised targets."""
+    """Results of a candidate on the tiles, their change by the signals, and the targets that it recognised."""
 
     images: list[Float32]
     responses: list[Float32]
@@ -243,7 +245,9 @@ def _run(
     removal: Callable[[str], FitRemoval],
     fine: Float32 | None,
 ) -> _Run:
-    """Fit and run a candidate with and without the signals; `fine` is the unit of the bands, where pixels are."""
+    """Fit and run a candidate with and without the signals; `fine` is the unit of the bands where pixels resolve
+    sparkle.
+    """
     if candidate.method == "copy":
         images, others = ([s.image for s in some.states] for some in (sample, marked))
         return _Run(images, [b - a for a, b in zip(images, others, strict=True)], [])
@@ -261,8 +265,8 @@ def _run(
 
 
 def without_ships(sample: Sample) -> Sample:
-    """The sample without what exceeds its surroundings in a band far beyond all else: none is the better for erasing
-    ships. Only where pixels resolve no sparkle, which does so, too.
+    """The sample without pixels far brighter than their surroundings, so that no candidate is rewarded for erasing
+    ships. Only for coarse pixels: at fine pixels sparkle is as bright.
     """
     import cv2
 
@@ -286,13 +290,13 @@ def _targets(state: State) -> Mask:
 
 
 def without_shore(sample: Sample) -> Sample:
-    """The sample without the rim of land: pixels mixed with land look like glint, and hold what no removal can tell."""
+    """The sample without pixels near land: these are mixed with land, which looks like glint and cannot be removed."""
     inside = (m & ~_around(~s.water) for s, m in zip(sample.states, sample.inside, strict=True))
     return replace(sample, inside=tuple(inside))
 
 
 def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
-    """The sample without targets that some candidate recognised: none is the better for erasing them."""
+    """The sample without targets that any candidate recognised, so that none is rewarded for erasing them."""
     inside = list(sample.inside)
     for run in runs:
         for n, mask in enumerate(run.targets):
@@ -301,7 +305,7 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
 
 
 def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
-    """Where the linear removal takes least of each band; none where it could not be fitted."""
+    """Pixels from which the linear removal takes least, for each band; empty where it could not be fitted."""
     by_name = {c.name: r.images for c, r in runs.items()}
     if not {"copy", "wiener"} <= by_name.keys():
         return []
@@ -310,12 +314,12 @@ def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _refuse_even(fitted: FittedChain, unit: Float32) -> None:
-    """Refuse a removal that takes the mirrored sky: glint only adds, and is rare where pixels resolve it.
+    """Reject a removal that takes mirrored sky: sun glint is only bright, and rare where pixels resolve it.
 
     Raises
     ------
     FitError
-        More than half of what it takes lies evenly about its median.
+        More than half of the removed light is distributed evenly about its median.
     """
     planes = [np.sum(s.removed / unit[:, None, None], axis=0) for s in fitted.sample.states if s.removed is not None]
     share = even_share(fitted.sample.values(planes))
@@ -324,14 +328,14 @@ def _refuse_even(fitted: FittedChain, unit: Float32) -> None:
 
 
 def _levels(sample: Sample, bands: int) -> npt.NDArray[np.float64]:
-    """The water without glint in each band, positive."""
+    """Level of the water without glint in each band; positive."""
     values = [sample.values([s.image[b] for s in sample.states]) for b in range(bands)]
     noises = [noise([s.image[b] for s in sample.states], sample.inside) for b in range(bands)]
     return np.maximum([float(np.percentile(v, WATER_PERCENTILE)) for v in values], noises)
 
 
 def _unit(sample: Sample, correct: Sequence[int], bands: int) -> Float32:
-    """The same for the bands that are judged; infinite for the others."""
+    """The same for the bands that are evaluated; infinite for the others."""
     level = _levels(sample, bands)
     return np.where(np.isin(np.arange(bands), list(correct)), level, np.inf).astype(np.float32)
 

@@ -1,4 +1,4 @@
-"""The command `deglint`: one module a command, loaded when it is called."""
+"""The command `deglint`: one module for each subcommand, imported when it is called."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def main() -> NoReturn:
 
 
 def run(arguments: list[str]) -> int:
-    """Run the command; what goes wrong becomes one line on stderr and an exit code."""
+    """Run the command; an error becomes one line on stderr and an exit code."""
     return running.run(cli, "deglint", arguments)
 
 
 rio = running.plugin(cli, "deglint")
-"""`rio deglint`: the same command as a plugin of rasterio's program."""
+"""`rio deglint`: the same command as a plugin of rasterio's command `rio`."""

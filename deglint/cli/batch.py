@@ -52,24 +52,14 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     """Remove sun glint from many SCENES as RECIPE.toml says.
 
     SCENES are rasters or products, patterns in quotes, a CSV with a column `path` (and `name`), or a STAC
-    ItemCollection. What is finished is known by recipe and checksums, so a batch that was stopped goes on where it was;
-    a scene that fails does not stop the rest. Exit code 1 where one failed.
+    ItemCollection. Finished scenes are recognised by recipe and checksums, so a batch that was interrupted can be
+    continued. A scene that fails does not stop the others; the exit code is then 1.
 
-    \b
-    deglint batch recipe.toml 'tiles/*.tif' --jobs 4
-    deglint batch recipe.toml archive.csv --table done.csv
-    \b
-    # recipe.toml; every line may be left out
-    [recipe]                      # as the options of deglint remove
-    method = "auto"
+    \b deglint batch recipe.toml 'tiles/*.tif' --jobs 4 deglint batch recipe.toml archive.csv --table done.csv \b #
+    recipe.toml; every line is optional [recipe]                      # as the options of deglint remove method = "auto"
     [input]                       # sensor, bands, wavelengths, scale, offset, nodata, grid, assets (of a STAC Item)
-    sensor = "sentinel2"
-    [output]
-    directory = "clean"
-    name = "{name}_deglinted.tif"
-    extras = ["flags"]            # flags, amount, picture, sample, model
-    dtype = "uint16"
-    options = {COMPRESS = "ZSTD"}
+    sensor = "sentinel2" [output] directory = "clean" name = "{name}_deglinted.tif" extras = ["flags"]            #
+    flags, amount, picture, sample, model dtype = "uint16" options = {COMPRESS = "ZSTD"}
     """  # fmt: skip
     from ..batch.jobs import FAILED, TODO, read_order
     from ..batch.run import run_batch
@@ -103,7 +93,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
 
 
 def summary(found: list[Any]) -> list[str]:
-    """The table, and a line that counts."""
+    """Lines of the summary: a table of the scenes, and the number of scenes by status."""
     rows = [("scene", "status", "seconds", "corrected", "method", "reason")]
     for o in found:
         share = "" if o.corrected is None else f"{o.corrected:.1%}"
@@ -122,7 +112,7 @@ def _columns() -> list[str]:
 
 
 def _check_table(path: Path, reads: list[str]) -> None:
-    """Refuse a table that would replace anything but an older table."""
+    """Check that the table replaces no file other than an older table."""
     from ..errors import WriteError
     from ..raster.targets import check_targets
 
@@ -147,7 +137,7 @@ def _write_table(path: Path, found: list[Any]) -> None:
 
 
 def _watch(total: int, console: Console) -> Callable[[str, Any], None]:
-    """What logs a line for each scene that ends, and shows on a terminal how many have and the time that is left."""
+    """Callback that logs a line for each finished scene; on a terminal it shows the progress and the remaining time."""
     done = count(1)
 
     def say(what: str, about: Any) -> None:

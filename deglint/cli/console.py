@@ -1,7 +1,7 @@
-"""What a command says on stderr: log lines, and on a terminal a progress line with the time that is left.
+"""Output of a command on stderr: log lines, and on a terminal a progress line with the remaining time.
 
-The library logs to "deglint", "detect" and loggers below them, and installs no handler. A command installs this one for
-as long as it runs; scripts and notebooks install their own.
+The library logs to "deglint", "detect" and their child loggers, and installs no handler. A command installs this
+handler while it runs; scripts and notebooks install their own.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from .running import printable
 
 LOGGERS = ("deglint", "detect")
 LEVEL_NAMES = {logging.WARNING: ("warning: ", "yellow"), logging.ERROR: ("Error: ", "red")}
-"""What a line of these levels begins with, and in which colour on a terminal."""
+"""Prefix of log lines of these levels, and its colour on a terminal."""
 WIDEST_LINE = 110
 """Longest progress line [character]."""
 
 
 class Console(logging.Handler):
-    """Handler of the project's loggers, installed while it is entered.
+    """Handler of the project's loggers, installed within its `with` block.
 
-    `given` holds the command's options "verbose" (how often -v is given) and "quiet"; `level` is the lowest that is
-    shown with neither.
+    `given` holds the command's options "verbose" (number of -v) and "quiet"; `level` is the lowest level that is shown
+    with neither of them.
     """
 
     def __init__(self, given: dict[str, Any], level: int = logging.INFO) -> None:
@@ -54,13 +54,13 @@ class Console(logging.Handler):
             logger.setLevel(level)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a line, in place of the progress line."""
+        """Write a log line; a progress line is erased first."""
         self.clear()
         name, colour = LEVEL_NAMES.get(record.levelno, ("", None))
         click.echo((click.style(name, fg=colour) if name else "") + printable(record.getMessage()), err=True)
 
     def progress(self, stage: str, done: int, total: int) -> None:
-        """Redraw the progress line on a terminal; elsewhere log a line now and then."""
+        """Redraw the progress line on a terminal; elsewhere log a line from time to time."""
         if not self._bar:
             self._report(stage, done, total)
             return
@@ -71,14 +71,14 @@ class Console(logging.Handler):
             self.clear()
 
     def draw(self, line: str) -> None:
-        """Draw a progress line, where stderr is a terminal."""
+        """Draw a progress line if stderr is a terminal."""
         if self._bar:
             sys.stderr.write(f"\r\x1b[K{line[:WIDEST_LINE]}")
             sys.stderr.flush()
             self._drawn = True
 
     def clear(self) -> None:
-        """Take the progress line away."""
+        """Erase the progress line."""
         if self._drawn:
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()

@@ -1,4 +1,4 @@
-"""What `--dry-run` says: which files a command would write and how many bytes they hold, before any is written."""
+"""Reports of `--dry-run`: the files that a command would write, and their size."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .remove import outputs_of, recipe_of
 
 
 def size(count: float) -> str:
-    """Bytes for people, such as "12.3 MB"."""
+    """Size in bytes as text, such as "12.3 MB"."""
     for unit in ("B", "kB", "MB", "GB"):
         if count < 1000:
             return f"{count:.3g} {unit}"
@@ -34,12 +34,12 @@ def size(count: float) -> str:
 
 
 def read_bytes(scene: Scene) -> int:
-    """Bytes of the pixels of a scene as they are stored, before compression."""
+    """Size of the pixels of a scene in its data type, before compression [byte]."""
     return scene.height * scene.width * len(scene.bands) * raster_of(scene).info.dtype.itemsize
 
 
 def removal(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
-    """What `deglint remove` would do: it opens the scene, fits the recipe, and writes nothing."""
+    """Report of `deglint remove --dry-run`: the scene is opened and the recipe fitted, but nothing is written."""
     wanted, used = outputs_of(given), recipe_of(given)
     targets = Outputs(Path(output), model=wanted.pop("model_file"), **wanted)
     with environment():
@@ -74,7 +74,7 @@ def removal(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
 
 
 def batch_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> str:
-    """Line that says how much a batch would read, from the headers of its scenes."""
+    """Line with the total size of the scenes of a batch, from their headers."""
     total = unread = 0
     with environment():
         for names in paths:

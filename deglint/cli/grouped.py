@@ -21,9 +21,9 @@ OPTION_GROUPS = {
     "Processing": ("threads", "jobs", "cluster", "workers", "worker_memory"),
     "Messages": ("as_json", "verbose", "quiet", "help"),
 }  # fmt: skip
-"""Headings, with the parameters below them; what is not named describes the input."""
+"""Headings and the names of the parameters below them; other parameters are listed under "Input"."""
 SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}
-"""Settings of such a command."""
+"""click settings of a grouped command."""
 
 
 class _Formatter(click.HelpFormatter):
@@ -32,13 +32,13 @@ class _Formatter(click.HelpFormatter):
 
 
 class BoldContext(click.Context):
-    """Writes help with bold headings; they are plain where no terminal shows them."""
+    """click context whose help has bold headings on a terminal."""
 
     formatter_class = _Formatter
 
 
 class Grouped(click.Command):
-    """Lists options under headings; a subclass may have its own `groups`, and names all of its options there."""
+    """Command that lists its options in groups; a subclass with its own `groups` must list all its options there."""
 
     context_class = BoldContext
     groups: ClassVar[dict[str, tuple[str, ...]]] = OPTION_GROUPS
@@ -59,7 +59,7 @@ class Grouped(click.Command):
 
 
 class Judging(Grouped):
-    """Lists the options of `rxdetect roc` and `rxdetect bench`."""
+    """Option groups of `rxdetect roc` and `rxdetect bench`."""
 
     groups: ClassVar[dict[str, tuple[str, ...]]] = {
         "What to do": (

@@ -1,4 +1,4 @@
-"""`deglint info`: what a raster is, and what candidates would do to it."""
+"""`deglint info`: properties of a raster, and the expected error of each candidate recipe."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .options import FILE, FileName, common, opening
 @click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout, and nothing else.")
 @common
 def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> None:
-    """Say what IN is, and what the candidate recipes would do to it.
+    """Describe IN, and try the candidate recipes on sample tiles; nothing is written.
 
     \b
     deglint info scene.tif
@@ -42,7 +42,7 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
 
 
 def lines(found: dict[str, Any]) -> list[str]:
-    """What was found, for people."""
+    """The findings as lines of text."""
     size = f"{found['width']} x {found['height']} pixels, {len(found['bands'])} bands, {found['dtype']}"
     pixel = "" if found["pixel_size"] is None else ", {:.4g} x {:.4g} m on the ground".format(*found["pixel_size"])
     out = [

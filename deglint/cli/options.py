@@ -1,4 +1,4 @@
-"""Options that several commands share, and how values are read from the command line."""
+"""Options that several commands share, and parsers of their values."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ log = logging.getLogger(__name__)
 
 
 class AutoOr(click.Choice[str]):
-    """ "auto" (or other words) or a key of a table, whose module is loaded when its keys are asked for."""
+    """Option value: "auto" (or another given word), or a key of a table whose module is imported when needed."""
 
     def __init__(self, table: str, module: str = "deglint.remove", words: tuple[str, ...] = ("auto",)) -> None:
         self._table, self._module, self._words, self.case_sensitive = table, module, words, True
 
     @property
     def choices(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What may be given."""
+        """Allowed values."""
         return (*self._words, *getattr(import_module(self._module), self._table))
 
 
 class FileName(click.ParamType):
-    """Text that a shell completes to names of files, or to some words, such as "auto", or to names of sensors."""
+    """Option value that a shell completes to file names, to given words such as "auto", or to names of sensors."""
 
     name = "text"
 
@@ -49,11 +49,11 @@ class FileName(click.ParamType):
 
 FILE = FileName()
 AREA = FileName("auto", "none")
-"""Values of options that name a file, and of those that name an area."""
+"""Option value that is a file or area, "auto" or "none"."""
 
 
 def creation_options(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """Turn NAME=VALUE into a dict; the value's case is kept."""
+    """Turn NAME=VALUE into a dict; the case of the value is kept."""
     out = {}
     for text in values:
         name, sign, value = text.partition("=")
@@ -64,12 +64,14 @@ def creation_options(_ctx: click.Context, _param: click.Parameter, values: tuple
 
 
 def names(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
-    """Split "NIR1,NIR2" at its commas; the option may also be given several times."""
+    """Split "NIR1,NIR2" at commas; the option may also be repeated."""
     return tuple(part.strip() for text in values for part in text.split(",") if part.strip())
 
 
 def parsed(read: Callable[[str], Any], wrong: str) -> Callable[..., Any]:
-    """A callback that reads a text, or each of several, and says what is wrong with one that `read` refuses."""
+    """Callback that parses one text, or each of several, by `read`; a ValueError becomes a usage error that ends with
+    `wrong`.
+    """
 
     def one(text: str) -> Any:
         try:
@@ -86,7 +88,7 @@ def parsed(read: Callable[[str], Any], wrong: str) -> Callable[..., Any]:
 
 
 def with_options(*options: Callable[..., Any]) -> Callable[[Any], Any]:
-    """A decorator that gives a command many options, in the order of `--help`."""
+    """Decorator that adds several options to a command, in the order of `--help`."""
 
     def decorate(command: Any) -> Any:
         for option in reversed(options):
@@ -118,17 +120,17 @@ common = with_options(
                  help="Log the reasons of decisions, too; -vv: a traceback where it fails."),
     click.option("-q", "--quiet", is_flag=True, help="Log errors only."),
 )  # fmt: skip
-"""Options that say how to read the input and how much to tell."""
+"""Options for reading the input, and for the verbosity."""
 
 
 def opening(given: Mapping[str, Any]) -> dict[str, Any]:
-    """What the options say of the input, as `deglint.open_scene` takes it."""
+    """The options of the input as keywords of `deglint.open_scene`."""
     same = {name: given[name] for name in ("sensor", "nodata", "wavelengths", "scale", "offset")}
     return same | {"bands": given["band_names"]}
 
 
 def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
-    """Refuse a single name, which click takes for OUT."""
+    """Report a usage error if only one file is named, which click takes for OUT."""
     if not inputs:
         stem, _, _ = output.rpartition(".")
         raise click.UsageError(
@@ -144,12 +146,12 @@ on_cluster = with_options(
     click.option("--worker-memory", metavar="SIZE", help="With --workers: what each may hold, such as 1GiB; its"
                  " share of the machine's by default. One that holds more is ended, and its tiles done again."),
 )  # fmt: skip
-"""Options that name workers in place of threads."""
+"""Options that select a Dask cluster instead of threads."""
 
 
 @contextlib.contextmanager
 def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
-    """The cluster that the options name, or None; says at the end what memory its workers took."""
+    """The cluster selected by the options, or None; at the end the memory that its workers used is logged."""
     if given["worker_memory"] and given["workers"] is None:
         raise click.UsageError("--worker-memory limits the processes that --workers starts: give that, too.")
     if given["cluster"] is None and given["workers"] is None:

@@ -1,4 +1,4 @@
-"""`deglint plan`: where to look from, before flying."""
+"""`deglint plan`: viewing geometries without sun glint."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WATER_NAMES = ("scattering", "absorption")
 
 
 def at(first: str, second: str, example: str) -> Callable[..., dict[str, float] | None]:
-    """A callback that reads "A@B" into {first: A, second: B}, or "A" alone."""
+    """Callback that reads "A@B" into {first: A, second: B}, or "A" into {first: A}."""
 
     def read(text: str) -> dict[str, float]:
         head, sign, tail = text.partition("@")
@@ -33,7 +33,7 @@ def at(first: str, second: str, example: str) -> Callable[..., dict[str, float] 
 
 
 def minutes(text: str) -> float:
-    """Minutes of "30min", "1h" or "0.5h"; a number alone is minutes."""
+    """Number of minutes in "30min", "1h" or "0.5h"; a number without unit is minutes."""
     found = re.fullmatch(r"\s*([0-9.]+)\s*(min|m|h)?\s*", text)
     count = float(found[1]) * (60.0 if found[2] == "h" else 1.0) if found else 0.0
     if not 1.0 <= count <= 1440.0:
@@ -71,7 +71,7 @@ NUMBER_OPTIONS: tuple[tuple[str, str, str, str], ...] = (  # option, table and k
 
 
 def _numbers(chosen: slice) -> list[Callable[..., Any]]:
-    """Options of single numbers."""
+    """Options that take one number."""
     return [click.option(name, type=float, metavar=unit, help=said) for name, _, unit, said in NUMBER_OPTIONS[chosen]]
 
 
@@ -99,7 +99,7 @@ mission_options = with_options(
     click.option("-v", "--verbose", count=True, help="-vv: a traceback where it fails."),
     click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors and the plan."),
 )  # fmt: skip
-"""Options that describe a mission, and what to write."""
+"""Options that describe a mission, and the outputs."""
 mode_options = with_options(
     click.option("--from", "start", metavar="ISO", help="Sweep over time: from when,"),
     click.option("--to", "end", metavar="ISO", help="until when,"),
@@ -115,7 +115,7 @@ mode_options = with_options(
                  help="--serve: 8765 by default; 0 takes a free one."),
     click.option("--no-browser", is_flag=True, help="--serve: only say the address."),
 )  # fmt: skip
-"""Options that ask for more than one reticle."""
+"""Options that select a mode other than one reticle."""
 
 
 class _Plan(Grouped):
@@ -142,7 +142,7 @@ class _Plan(Grouped):
 @mission_options
 @mode_options
 def plan(**given: Any) -> None:
-    """Say from where to look at an object under water so that sun glint does not spoil it.
+    """Find the viewing geometries from which sun glint does not hide an object under water.
 
     \b
     deglint plan --lat 36.8 --lon -122 --time 2026-06-21T18:00Z --wind 7@310 -o plan.png
@@ -168,7 +168,7 @@ def plan(**given: Any) -> None:
 
 
 def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Options as tables of a mission; only what was given."""
+    """The given options as tables of a mission file."""
     latitude, longitude = given["lat"], given["lon"]
     if given["place"]:
         if latitude is not None or longitude is not None:
@@ -196,7 +196,7 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _assumed(given: dict[str, Any], tables: dict[str, dict[str, Any]], mission: Any) -> list[str]:
-    """What was taken for granted, and what to be careful of."""
+    """Notes on assumed values, and cautions."""
     out = []
     if mission.sun_zenith is None and mission.time is None:
         out.append(f"time: now, {mission.moment}Z.")

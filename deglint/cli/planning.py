@@ -1,4 +1,4 @@
-"""What `deglint plan` can be asked for: one reticle, a sweep over time, an uncertain wind, a flight line, a page."""
+"""Modes of `deglint plan`: one reticle, a sweep over time, an uncertain wind, a flight line, a web page."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Given = dict[str, Any]
 
 @dataclass(frozen=True)
 class Mode:
-    """One question to the planner."""
+    """One mode of the command."""
 
     kinds: tuple[str, ...]  # endings of files that it writes
     run: Callable[[Given, Any, Any], None]  # takes the options, the mission and where to show progress
@@ -35,13 +35,13 @@ class Mode:
     prepared: Callable[[Given, Mapping[str, Any]], Mapping[str, Any]] = lambda _given, tables: tables
 
     def check(self, given: Given) -> None:
-        """Refuse outputs that could not be written before anything is worked out."""
+        """Check, before any computation, that the outputs can be written."""
         reads = {"the mission": [given["mission"] or ""], "--place": [given["place"] or ""]}
         check_plan(given["outs"], self.kinds, reads, overwrite=given["overwrite"])
 
 
 def mode_of(given: Given) -> Mode:
-    """What the options ask for."""
+    """The mode that the options select."""
     asked = {
         "--from": SWEEP if given["start"] or given["end"] or given["every"] else None,
         "--wind-within": WIND_MODE if given["wind_within"] else None,
@@ -64,7 +64,7 @@ def mode_of(given: Given) -> Mode:
 
 
 def _reticle(given: Given, mission: Any, _console: Console) -> None:
-    """What one viewing hemisphere looks like."""
+    """One reticle: the viewing geometries of a hemisphere."""
     found, band = reticle(mission), given["show"]
     if band:
         found.index(band)
@@ -94,7 +94,7 @@ def _sweep(given: Given, mission: Any, console: Console) -> None:
 
 
 def _day(given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Tables of a sweep: the mission is made for a time with the sun up, if there is one."""
+    """Tables of a sweep; the time of the mission is one with the sun up, if there is one."""
     place = dict(tables.get("place", {}))
     if "latitude" in place and "longitude" in place:
         when = sweep.times(given["start"], given["end"], given["every"] or 30.0)
@@ -103,7 +103,7 @@ def _day(given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _winds(given: Given, mission: Any, _console: Console) -> None:
-    """What is good under every wind of an interval."""
+    """Viewing geometries that are free of glint for every wind of an interval."""
     within = {"turn": 30.0, **given["wind_within"]}
     found = uncertainty.wind_ensemble(mission, **within)
     numbers, said = uncertainty.numbers(found, **within), uncertainty.words(found)
@@ -125,7 +125,7 @@ def _line(given: Given, mission: Any, _console: Console) -> None:
 
 
 def _daylight(_given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Tables of a page: where no time is given it starts at the next daylight."""
+    """Tables of a web page; without a given time it starts at the next daylight."""
     place = dict(tables.get("place", {}))
     if "latitude" in place and "longitude" in place and "time" not in place:
         place["time"] = f"{sweep.next_daylight(place['latitude'], place['longitude'])}Z"
@@ -133,7 +133,7 @@ def _daylight(_given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _serve(given: Given, mission: Any, _console: Console) -> None:
-    """A page with sliders, until it is interrupted."""
+    """Serve a web page with sliders until it is interrupted."""
     from ..plan.serve import serve
 
     if mission.moment is not None and not given["time"]:
@@ -142,7 +142,7 @@ def _serve(given: Given, mission: Any, _console: Console) -> None:
 
 
 def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any], lines: list[str]) -> None:
-    """Write the files that were asked for, and print what was found."""
+    """Write the selected files, and print the result."""
     if given["outs"]:
         outs: dict[Path, bytes | Mapping[str, Any]] = {}
         for path in given["outs"]:

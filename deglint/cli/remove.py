@@ -1,4 +1,4 @@
-"""`deglint remove`: from a raster to a deglinted raster."""
+"""`deglint remove`: remove sun glint from a raster."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Remove sun glint from IN and write OUT, a GeoTIFF with the input's type, tags and place.
 
     IN is any raster that GDAL reads, or a product: its folder, archive or metadata file. Several files are stacked.
-    OUT.json beside OUT says what was done.
+    OUT.json beside it records what was done.
 
     \b
     deglint remove scene.tif clean.tif
@@ -134,7 +134,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
 
 
 def recipe_of(given: dict[str, Any]) -> Recipe:
-    """The recipe that the options name."""
+    """The recipe described by the options."""
     from ..pipeline import Recipe
 
     fields = ("method", "nir", "nir_use", "bands", "sample", "mask", "regression", "floor_percentile", "rrs_factor",
@@ -143,6 +143,6 @@ def recipe_of(given: dict[str, Any]) -> Recipe:
 
 
 def outputs_of(given: dict[str, Any]) -> dict[str, Any]:
-    """What the options say of the outputs, as `deglint.remove_glint` takes it."""
+    """The options of the outputs as keywords of `deglint.remove_glint`."""
     same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype")}
     return same | {"sample": given["save_sample"], "model_file": given["save_model"]}

@@ -1,4 +1,4 @@
-"""How a command of this project runs: commands loaded when called, one line where it fails, an exit code that tells."""
+"""Running a command: subcommands are imported when called, an error becomes one line and an exit code."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG)
 
 
 class Commands(click.Group):
-    """Loads a command's module when the command is called, so that `--help` is quick.
+    """Group that imports the module of a subcommand when it is called, so that `--help` is fast.
 
-    `home` is the package whose module NAME holds the command NAME; `lines` holds a line of help for each command.
+    `home` is the package whose module NAME defines the command NAME; `lines` has a line of help for each command.
     """
 
     context_class = BoldContext
@@ -56,7 +56,7 @@ class Commands(click.Group):
 
 
 def run(cli: click.Group, program: str, arguments: list[str]) -> int:
-    """Run a command; what goes wrong becomes one line on stderr and an exit code."""
+    """Run a command; an error becomes one line on stderr and an exit code."""
     complete = os.environ.get(f"_{program.upper()}_COMPLETE")
     if complete:
         return shell_complete(cli, {}, program, f"_{program.upper()}_COMPLETE", complete)
@@ -88,7 +88,7 @@ def run(cli: click.Group, program: str, arguments: list[str]) -> int:
 
 
 def plugin(cli: click.Group, name: str) -> click.Command:
-    """A command for the group of another program, such as rio: arguments pass through, exit codes come back."""
+    """The command as a plugin of another program, such as rio; arguments and exit codes are passed through."""
 
     @click.command(
         name,
@@ -105,7 +105,7 @@ def plugin(cli: click.Group, name: str) -> click.Command:
 
 
 def printable(text: str) -> str:
-    """Text as one line without what a terminal would take for commands: names in files are other people's."""
+    """Text as one line without control characters: names in files may contain terminal commands."""
     return shown(text.replace("\n", " ").replace("\t", " "))
 
 
@@ -128,13 +128,13 @@ def _explained(error: BaseException) -> tuple[int, str]:
 
 
 def _moved() -> list[Any]:
-    """Outputs that were moved into place; only a command that writes has loaded what knows."""
+    """Outputs that were moved into place so far."""
     found: list[Any] = getattr(sys.modules.get("deglint.raster.scratch"), "MOVED", [])
     return found
 
 
 def _interrupted() -> str:
-    """What there is after an interruption."""
+    """Message after an interruption: which outputs are complete."""
     moved = _moved()
     if not moved:
         return "interrupted: nothing was written."
@@ -143,14 +143,14 @@ def _interrupted() -> str:
 
 
 def _verbosity(arguments: list[str]) -> int:
-    """How often -v is given; options that failed to parse count too."""
+    """Number of -v; options that failed to parse are counted too."""
     short = [a for a in arguments if a[:1] == "-" and a[1:2] != "-" and set(a[1:]) <= set("vqh")]
     return sum(a.count("v") for a in short) + arguments.count("--verbose")
 
 
 @contextlib.contextmanager
 def _terminable() -> Iterator[None]:
-    """Being told to end (kill, a closed terminal) is like Ctrl-C: leave nothing behind."""
+    """Treat SIGTERM and SIGHUP like Ctrl-C, so that temporary files are removed."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may say what a signal does
         return
@@ -166,8 +166,10 @@ def _terminable() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _own_stderr() -> Iterator[Callable[[], None]]:
-    """Keep stderr for deglint's own lines. What C libraries print there is put aside (libtiff does so where a disk is
-    full); yields what shows it after all."""
+    """Keep messages of C libraries out of stderr (libtiff prints some when a disk is full).
+
+    Yields a function that prints them after all.
+    """
     if sys.stderr is None:  # closed by the caller; 2 may be any other file by now
         yield lambda: None
         return
@@ -195,7 +197,7 @@ def _own_stderr() -> Iterator[Callable[[], None]]:
 
 
 class _Seen:
-    """A stream on which nothing hidden is written but the progress line's own return and erasure, and few colours."""
+    """Output stream that removes control characters, except those of the progress line and a few colours."""
 
     _OWN = re.compile(r"(\x1b\[(?:K|0m|1m|31m|33m))")
 
@@ -203,7 +205,7 @@ class _Seen:
         self._stream = stream
 
     def write(self, text: str) -> int:
-        """Write text as it may be shown."""
+        """Write the printable part of a text."""
         if not isinstance(text, str) or text.isprintable():
             return int(self._stream.write(text))
         head = "\r" if text.startswith("\r") else ""  # a line that is drawn anew
@@ -219,7 +221,7 @@ class _Seen:
 
 @contextlib.contextmanager
 def _nothing_hidden() -> Iterator[None]:
-    """Let no name in a file command the terminal, whoever prints it."""
+    """Remove control characters from everything that is printed: names in files may contain terminal commands."""
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (stream and _Seen(stream) for stream in before)
     try:
@@ -229,7 +231,7 @@ def _nothing_hidden() -> Iterator[None]:
 
 
 def _nameless() -> Any:
-    """A file of no name: in memory where the system has such, for there may be no directory for temporary files."""
+    """An anonymous temporary file; in memory if possible, as there may be no directory for temporary files."""
     with contextlib.suppress(OSError, AttributeError):
         return os.fdopen(os.memfd_create("stderr"), "w+b")
     with contextlib.suppress(OSError):
@@ -245,6 +247,6 @@ def _writes_to(stream: Any, descriptor: int) -> bool:
 
 
 def _drop_stdout() -> None:
-    """Nobody reads stdout any more: keep the interpreter from complaining of it at exit."""
+    """Redirect a closed stdout to the null device, so that the interpreter does not report it at exit."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,4 +1,4 @@
-"""`deglint simulate`: synthetic scenes of the sea, with the truth beside them."""
+"""`deglint simulate`: synthetic scenes of the sea with their ground truth."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ KERNEL_NAMES = ("bilinear", "cubic", "lanczos")
 PRESET_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
 SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 BYTES = 2 + 4 + 4 + 2 + 4 + 1 + 1
-"""Of a pixel of one band: image, both truths, noisy truth, glint, its mask, and cover."""
+"""Bytes of one pixel of one band in all outputs: image, two truths, noisy truth, glint, its mask, and cover."""
 LEAST_SIDE, MOST_SIDE = 8, 16384
 SIMULATED_SLOPES = ("cox-munk", "cox-munk-gaussian")
 SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
@@ -41,7 +41,7 @@ def _depths(text: str) -> tuple[float, float]:
 
 
 def _boat(text: str) -> tuple[float, ...]:
-    """Read "RIGHT,DOWN,SPEED@HEADING": [m], [m], [m/s], [deg]."""
+    """Read "RIGHT,DOWN,SPEED@HEADING": [m], [m], [m/s], [degree]."""
     place, _, heading = text.partition("@")
     right, down, speed = (float(part) for part in place.split(","))
     return right, down, speed, float(heading or 0.0)
@@ -118,7 +118,7 @@ simulate_options = with_options(
 @click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
 @simulate_options
 def simulate(out: Path, **given: Any) -> None:
-    """Simulate the sea as a sensor sees it: OUT.tif, its truth beside it, and OUT.json with all parameters.
+    """Simulate an image of the sea: OUT.tif, the ground truth beside it, and OUT.json with all parameters.
 
     \b
     deglint simulate --preset thesis --wind 9 --delay 0.060 --seed 7 scene
@@ -169,7 +169,7 @@ def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:
 
 
 def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
-    """Name and setup of each scene that is asked for."""
+    """Name and setup of each scene."""
     from ..physics.presets import preset
     from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array, whitecaps
     from ..simulate.setup import DELAYS, WINDS, experiments
@@ -203,7 +203,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
 
 
 def _offsets(most: float, count: int, seed: int) -> tuple[tuple[float, float], ...]:
-    """How far each band is off, down and right [pixel]; the first is in place."""
+    """Misregistration of each band, down and right [pixel]; 0 for the first."""
     import numpy as np
 
     if most == 0:

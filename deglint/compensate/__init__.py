@@ -1,9 +1,10 @@
-"""Glint compensation: what a linear removal cannot do, as bands are not simultaneous, or differ in blur and noise.
+"""Glint compensation: corrections beyond a linear removal, for bands that are not simultaneous or differ in blur and
+noise.
 
-Stages, one module each, in any order around the removal (`STAGES`); `fit_chain` fits a chain to a sample, `apply_chain`
-applies it to a block with a halo. Arrays only.
+A chain is a sequence of stages (`STAGES`, one module each) before and after the removal; `fit_chain` fits a chain to a
+sample, `apply_chain` applies it to a block with a halo. Arrays only.
 
-Never here: files, tiles, threads, water masks, logging.
+This package does not deal with files, tiles, threads, water masks or logging.
 """
 
 from .background import Background

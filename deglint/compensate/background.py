@@ -1,12 +1,13 @@
-"""Background: what a band would be without glint, from the darkest pixels within a window (morphological opening).
+"""Background: a band without glint, estimated from the darkest pixels within a window (morphological opening).
 
-Glint is brighter and smaller than what is to be kept, so an opening takes it away: the darkest value of a window, then
-the brightest of these. Corners and round outlines of objects go with it. Openings by other windows bring them back,
-and glint as well; so what these add counts only where a band that is the neighbour in time has it, too, and where it
-is brighter than sparkle of the NIR, which sees no object under water, ever shares.
+Glint is brighter and smaller than the objects to keep, so an opening removes it: the minimum over a window, then the
+maximum of these minima. The opening also removes corners and round outlines of objects. Openings with windows of other
+shapes restore them, but restore glint as well. Their detail is therefore used only where a neighbouring band in time
+shows it too, and where it is brighter than the detail that sparkle shares between NIR bands, which show no objects
+under water.
 
-Fails where clumps of glint are wider than the window (their darkest pixel is glint), for objects narrower than the
-window, and for textures of the bottom of that size.
+Fails where clumps of glint are wider than the window (their darkest pixel is glint). Objects and textures of the bottom
+that are narrower than the window are removed.
 
 References
 ----------
@@ -26,32 +27,35 @@ from .sharpen import blurred
 from .state import Float32, Sample, Setting, State
 
 OPENING_WINDOW = 13
-"""Where no number is given: the largest square within a disc of 4 m at 0.25 m is 12 pixels wide, and optics blur it."""
+"""Default window [pixel]: the largest square within a disc of 4 m at 0.25 m is 12 pixels wide, and optics blur it."""
 SMALLEST_OUTLINE = 7
 """Smallest window whose octagon and diamond differ from a square [pixel]."""
 MOST = 2.0
-"""How many times as bright, against glint, an outline may be in one band as in the brighter of its neighbours in time:
-a metre of water more or less in the path makes that difference between bands of the visible."""
+"""Largest ratio of an outline in one band to the brighter of its neighbours in time, in units of glint: the difference
+in the visible that one metre of water makes."""
 RARE_SPARKLE = 0.99
-"""Share of the NIR's pixels whose sparkle shares less than the limit of outlines: about one clump in ten windows."""
+"""Quantile of the detail that sparkle shares between NIR bands, from which the limit for outlines is computed: about
+one clump in ten windows exceeds it."""
 ABOVE = 1.5
-"""The limit is so many times that quantile: at 1, sparkle adds 10 % to the error at 9 m/s; at 4, faint discs go."""
+"""The limit as a multiple of that quantile: at 1, sparkle adds 10 % to the error at 9 m/s; at 4, faint discs are lost.
+"""
 COVER_K = 3.0
-"""Standard deviations above the background that count as glint where its share is determined (normal noise: 0.1 %)."""
+"""Standard deviations above the background from which a pixel counts as glint in the fraction of glint pixels (0.1 % of
+normal noise)."""
 HALF_NORMAL = 0.399
-"""Mean of what lies below the middle of normal noise [standard deviation of all of it]."""
+"""Mean depth of normal noise below its centre, over all pixels [standard deviation]."""
 RAISED = 4.0
-"""How many times as many pixels as have glint beyond doubt have faint glint, or glint within the window, which raises
-their background."""
+"""Ratio of pixels with a raised background (faint glint, or glint within the window) to pixels with certain glint."""
 PIT_K, MOST_PITS = 5.0, 3e-4
-"""A pit lies so many standard deviations below the water around it: 3e-7 of normal noise, and 1e-4 of all pixels on
-simulated seas; the least of all bands of a scene resampled by cubic convolution or Lanczos is 4e-4 to 1e-2."""
+"""A pit lies this many standard deviations below the water around it; and the share of pits above which an image counts
+as ringing. Normal noise has 3e-7, simulated seas have up to 1e-4; scenes resampled by cubic convolution or Lanczos have
+4e-4 to 1e-2 in every band."""
 PIT_SIDE = 9
-"""Side of the window that pits are compared with [pixel]; ringing reaches 2 or 3 pixels."""
+"""Side of the window for the water around a pit [pixel]; ringing extends over 2 or 3 pixels."""
 
 
 def opening(band: Float32, size: int, cut: int = 0) -> Float32:
-    """Opening of a band by a square, an octagon or a diamond.
+    """Morphological opening of a band by a square, an octagon or a diamond.
 
     Parameters
     ----------
@@ -66,8 +70,8 @@ def opening(band: Float32, size: int, cut: int = 0) -> Float32:
     Returns
     -------
     (row, column) float32 ndarray
-        ``dilate(median_3x3(erode(band)))``. The median leaves out minima that stand alone, so that a clump must hold
-        the window at several places to remain.
+        ``dilate(median_3x3(erode(band)))``. The median removes isolated minima, so that a bright area remains only if
+        the window fits into it at several places.
     """
     import cv2
 
@@ -82,7 +86,7 @@ def opening(band: Float32, size: int, cut: int = 0) -> Float32:
 
 
 def _diamond(radius: int) -> list[npt.NDArray[np.uint8]]:
-    """Windows of five pixels that make a diamond one after the other: each doubles the radius."""
+    """Five-pixel structuring elements that, applied in turn, equal a diamond; each doubles the radius."""
     parts, reach = [], 0
     while reach < radius:
         arm = min(max(reach, 1), radius - reach)
@@ -94,7 +98,7 @@ def _diamond(radius: int) -> list[npt.NDArray[np.uint8]]:
 
 
 def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
-    """What windows of other shapes add to openings by a square: (band, row, column), not negative.
+    """Detail that openings with windows of other shapes add to openings by a square: (band, row, column), not negative.
 
     The octagon is 2 pixels narrower, to follow blurred discs; the diamond is 4 wider, which gives it the area of half
     the square and the height of a square of the same area that stands on its corner.
@@ -108,7 +112,7 @@ def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
 
 
 def shared(details: Float32, order: tuple[int, ...]) -> Float32:
-    """As much of each band's detail as the brighter of its neighbours in time has, times `MOST`; in units of glint."""
+    """Detail of each band, at most `MOST` times that of the brighter neighbour in time; in units of glint."""
     out = np.empty_like(details)
     for place, b in enumerate(order):
         beside = [details[order[i]] for i in (place - 1, place + 1) if 0 <= i < len(order)]
@@ -117,7 +121,7 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
 
 
 def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Where the commonest pixel lies above an opening, and the standard deviation of what lies below that."""
+    """Mode of the excess over an opening, and the standard deviation of the values below the mode."""
     away = np.abs(excess)
     apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # pixels found again say nothing
     d = excess[apart]
@@ -130,7 +134,7 @@ def mode_and_spread(excess: Float32) -> tuple[float, float]:
 
 
 def around(band: Float32, cap: float) -> Float32:
-    """Water about each pixel: mean of what is not brighter than the cap."""
+    """Mean of the water around each pixel, values limited to `cap`."""
     import cv2
 
     return np.asarray(cv2.blur(np.minimum(band, np.float32(cap)), (PIT_SIDE, PIT_SIDE)), np.float32)
@@ -147,17 +151,18 @@ class Background:
     order : tuple of int
         Bands by time.
     colour : tuple of float
-        Radiance of glint in each band, in about one standard deviation of noise.
+        Radiance of glint in each band, relative, in units of about one standard deviation of noise.
     offsets, sigmas : tuple of float
-        Of each band: how far the commonest pixel lies above the opening, and the standard deviation about that.
+        Of each band: mode of the difference between band and opening, and the standard deviation of the noise.
     cover : float
-        Share of pixels with glint in the sample, 0..1; median of the bands.
+        Fraction of glint pixels in the sample, 0..1; median of the bands.
     cut : tuple of float
-        How far the mean of each band falls where noise above the background is replaced by it [scene's unit].
+        Decrease of the mean of each band, caused by replacing noise above the background [scene's unit].
     limit : float, optional
-        Least shared detail of two bands that is an outline, in units of `colour`; None where outlines are not used.
+        Least detail that two bands must share to count as an outline, in units of `colour`; None where outlines are not
+        used.
     caps : tuple of (float, float)
-        Where the image was resampled and rings: of each band, brightest value that counts as water, and noise.
+        For resampled images with ringing: brightest value that counts as water, and noise, of each band; else empty.
     """
 
     name: ClassVar[str] = "identify-level"
@@ -174,31 +179,33 @@ class Background:
 
     @property
     def clear(self) -> float:
-        """Share of pixels without glint: as many as have it beyond doubt are taken to have some that is too faint."""
+        """Share of pixels without glint; as many pixels are assumed to have undetected faint glint as have detected
+        glint.
+        """
         return max(1 - 2 * self.cover, 0.0)
 
     @property
     def halo(self) -> int:
-        """Reach of the widest opening, of growing outlines, and of the PSF."""
+        """Reach of the widest opening, of the growth of outlines, and of the PSF [pixel]."""
         grown = 0 if self.limit is None else 4 + self.size // 2
         return self.size + 1 + grown + (PIT_SIDE // 2 if self.caps else self.reach)
 
     def source(self, state: State) -> tuple[Float32, bool]:
-        """The bands to open, and whether they were sharpened: where the image rings, its pits are filled instead."""
+        """The bands to open, and whether they are deconvolved; where the image rings, its pits are filled instead."""
         if self.caps:
             parts = zip(state.image, self.caps, strict=True)
             return np.stack([np.maximum(b, around(b, cap) - np.float32(s)) for b, (cap, s) in parts]), False
         return (state.image, False) if state.sharp is None else (state.sharp, True)
 
     def details(self, state: State) -> tuple[Float32, Float32]:
-        """Openings by a square, and what neighbours in time share of outlines, in units of `colour`."""
+        """Openings by a square, and the outlines that neighbours in time share, in units of `colour`."""
         source, _ = self.source(state)
         level = np.stack([opening(b, self.size) for b in source])
         unit = np.array(self.colour, np.float32)[:, None, None]
         return level, shared(outlines(source, level, self.size) / unit, self.order)
 
     def level(self, state: State) -> Float32:
-        """Opened bands with outlines, as blurred as the image; without the offsets."""
+        """Opened bands with outlines, blurred like the image; without the offsets."""
         import cv2
 
         source, sharpened = self.source(state)
@@ -216,9 +223,9 @@ class Background:
         return level
 
     def apply(self, state: State) -> State:
-        """Find the background, and mark what exceeds it.
+        """Determine the background, and mark the pixels that exceed it.
 
-        Pixels of noise above the background are marked, too: replaced by it they lose their noise. A threshold of one
+        Pixels with noise above the background are marked too; replacement removes their noise. A threshold of one
         standard deviation changed errors by less than 2 %, but by 19 % in dense glint, where faint glint is below it.
         """
         background = self.level(state)
@@ -270,13 +277,19 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
 
 
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
-    """Detail that sparkle does not share: of the NIR, which sees what glint does and no object under water."""
+    """Least detail that exceeds the detail that sparkle shares, from the NIR, which shows glint and no objects under
+    water.
+    """
     details = [stage.details(s)[1] for s in sample.states]
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 
 
 def ringing(sample: Sample, sigma: npt.NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
-    """Caps and noise of each band where resampling left negative lobes beside sparkle, which an erosion would spread.
+    """Caps and noise of each band if the image has ringing from resampling; else empty.
+
+    Resampling leaves negative lobes beside sparkle, which an erosion would spread. They are pits below the water. Dark
+    objects also are below it, but not in all bands, as water hides them in some. So an image has ringing if every band
+    has pits.
 
     They are pits below the water. Dark objects are in some bands only, as water hides them in others: it rings where
     every band has pits.

@@ -1,4 +1,4 @@
-"""Fit and apply a chain: stages, the removal, stages. Each is fitted to what the ones before it made of the sample."""
+"""Fit and apply a chain of stages and the removal; each is fitted to the result of the stages before it."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .stages import Chain, apply_stages, fit_stages, parse
 from .state import Float32, Sample, Setting, State
 
 FitRemoval = Callable[[Sample, Chain], GlintModel]
-"""What fits the removal to a sample, as the stages before it left it; the chain holds these."""
+"""Function that fits the removal to a sample, given the chain of the stages before it."""
 
 
 @dataclass(frozen=True, eq=False)
 class FittedChain:
-    """A fitted chain, and what it makes of the sample."""
+    """A fitted chain, and the sample after it."""
 
     chain: Chain
     model: GlintModel
@@ -26,7 +26,7 @@ class FittedChain:
 
     @property
     def images(self) -> list[Float32]:
-        """The sample's blocks at the end, with their targets."""
+        """Blocks of the sample after the chain, with targets restored."""
         return [with_targets(s) for s in self.sample.states]
 
 
@@ -57,7 +57,7 @@ def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemov
 
 
 def apply_chain(state: State, chain: Chain, model: GlintModel) -> State:
-    """What a chain makes of a block."""
+    """Apply a chain to a block."""
     state = removed(apply_stages(state, chain.before), model)
     return apply_stages(state, chain.after)
 
@@ -78,5 +78,5 @@ def removed(state: State, model: GlintModel) -> State:
 
 
 def with_targets(state: State) -> Float32:
-    """The image at the end: with the targets that were recognised."""
+    """The final image, with recognised targets restored."""
     return state.image if state.targets is None else state.image + state.targets

@@ -1,4 +1,4 @@
-"""Glint above a threshold for the whole scene: the median of deep water and some standard deviations."""
+"""Glint by one threshold for the whole scene: the median of deep water plus some standard deviations."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from ..remove.noise import noise, spread
 from .state import Sample, Setting, State
 
 K = 5.0
-"""Standard deviations above the median: the number of Fink (2014), section 6.3."""
+"""Standard deviations above the median, as in Fink (2014), section 6.3."""
 
 
 @dataclass(frozen=True)
 class IdentifyMedian:
-    """Fitted thresholds; any pixel above is glint, bright objects and shoals, too.
+    """Fitted thresholds; every pixel above is marked as glint, including bright objects and shoals.
 
     Attributes
     ----------
     thresholds : tuple of float
-        Of each band, in the image's unit at that stage; not above the radiance at which it saturates.
+        Of each band, in the image's unit at that stage; at most the radiance at which the band saturates.
     """
 
     name: ClassVar[str] = "identify-median"
@@ -29,20 +29,20 @@ class IdentifyMedian:
 
     @property
     def halo(self) -> int:
-        """None: it looks at single pixels."""
+        """0: pixels are processed independently."""
         return 0
 
     def apply(self, state: State) -> State:
-        """Mark glint."""
+        """Mark glint pixels."""
         return replace(state, glint=state.image > np.array(self.thresholds, np.float32)[:, None, None])
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> IdentifyMedian:
-    """Thresholds from a sample; `number` is that of the standard deviations above the median.
+    """Thresholds from a sample; `number` is the number of standard deviations above the median.
 
-    The standard deviation is that of what lies below the median, as glint only adds: ``1.4826 median(m - x | x <= m)``
-    (Rousseeuw, Croux 1993, doi:10.1080/01621459.1993.10476408), and at least that of the noise. Fails where glint
-    covers half of the pixels: the median is glint then.
+    The standard deviation is estimated from the values below the median, as glint only adds light: ``1.4826 median(m -
+    x | x <= m)`` (Rousseeuw, Croux 1993, doi:10.1080/01621459.1993.10476408), and at least that of the noise. Fails
+    where glint covers half of the pixels: the median is glint then.
     """
     k = K if number is None else number
     unit = sample.states[0].unit

@@ -1,4 +1,4 @@
-"""Adaptive median: glint that nothing else replaced takes the median of clean pixels around it."""
+"""Adaptive median: glint that no other stage replaced takes the median of glint-free pixels around it."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from .replace_glint import put
 from .state import Float32, Mask, State
 
 LARGEST_MEDIAN = 25
-"""Side of the largest window where none is given [pixel]: twice the usual window of the opening."""
+"""Default side of the largest window [pixel]: twice the default window of the opening."""
 CLEAN = 5
-"""Clean neighbours that are enough: the median of fewer is hardly less noisy than one pixel."""
+"""Number of glint-free neighbours that suffices: the median of fewer is hardly less noisy than one pixel."""
 VALUES_AT_ONCE = 1 << 22
-"""Values gathered at a time: 16 MB."""
+"""Values processed at a time: 16 MB."""
 
 
 @dataclass(frozen=True)
 class Median:
-    """Adaptive median of identified pixels.
+    """Adaptive median of glint pixels.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Median:
         return self.largest // 2
 
     def apply(self, state: State) -> State:
-        """Fill what is identified; what has too few clean pixels even in the largest window stays as it is."""
+        """Fill glint pixels; those with too few glint-free pixels in the largest window keep their value."""
         if state.glint is None:
             raise InputError("median needs glint to be identified: name identify-median or identify-level before it.")
         values, filled = state.image.copy(), np.zeros_like(state.glint)
@@ -50,7 +50,7 @@ class Median:
 
 
 def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARGEST_MEDIAN) -> tuple[Float32, Mask]:
-    """Median of the clean pixels around each pixel of glint.
+    """Median of the glint-free pixels around each glint pixel.
 
     Parameters
     ----------
@@ -58,12 +58,13 @@ def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARG
     glint, clean : (row, column) bool ndarray
         Pixels to fill, and those that may be used.
     largest : int
-        Side of the largest window, odd [pixel]. The window grows from 3 by 2 until it holds `CLEAN` of them.
+        Side of the largest window, odd [pixel]. The window grows from 3 by 2 until it contains `CLEAN` glint-free
+        pixels.
 
     Returns
     -------
     (ndarray, ndarray)
-        The band with filled pixels, and which were filled.
+        The band with filled pixels, and the mask of filled pixels.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Median normalisation: bands in units of water, so that one threshold serves all and one band may replace another."""
+"""Normalisation: each band is divided by its level of water, so that bands are comparable."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..remove.noise import spread
 from .state import Float32, Sample, Setting, State
 
 COVER_K = 3.0
-"""Standard deviations above the mode from which on a pixel counts as glint (normal noise: 0.1 %)."""
+"""Standard deviations above the mode from which a pixel counts as glint (0.1 % of normal noise)."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Normalise:
     levels : tuple of float
         Radiance of deep water in each band.
     robust : tuple of bool
-        Whether that is the mode, because of glint.
+        Whether the level is the mode instead of the median, because of glint.
     """
 
     name: ClassVar[str] = "normalise"
@@ -33,7 +33,7 @@ class Normalise:
 
     @property
     def halo(self) -> int:
-        """None: it looks at single pixels."""
+        """0: pixels are processed independently."""
         return 0
 
     def apply(self, state: State) -> State:
@@ -46,7 +46,7 @@ class Normalise:
 
 
 def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
-    """Median of a sample; its mode, and True, where glint covers a larger share than `most_cover`, 0..1."""
+    """Median of a sample; or its mode, and True, where the fraction of glint pixels is above `most_cover`, 0..1."""
     from ..remove.levels import mode
 
     middle = float(np.median(values))
@@ -58,15 +58,16 @@ def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normalise:
-    """Find the level of water in each band.
+    """Determine the level of water in each band.
 
     Parameters
     ----------
     sample : Sample
     setting : Setting
     number : float, optional
-        Cover of glint above which the mode is taken instead of the median [%]; never by default: the median of bands
-        that glint brightens is larger, which makes up for some of it when one band replaces another.
+        Fraction of glint pixels above which the mode is used instead of the median [%]. By default the median is always
+        used: glint raises the median of the bands that it brightens, which partly compensates for glint when one band
+        replaces another.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-r"""Posterior mean of the water, given what removal leaves of the glint.
+r"""Posterior mean of the water, given the glint that the removal left.
 
 .. math:: x = w + n + r, \quad w \sim N(\mu, \tau^2), \quad n \sim N(0, s^2), \quad r \sim N(0, v(g))
 
@@ -6,16 +6,16 @@ r"""Posterior mean of the water, given what removal leaves of the glint.
 
 .. math:: E[(E[w + n \mid x] - w)^2] = (1 - q)^2 (s^2 + v) + q^2 (\tau^2 + var(\mu))
 
-x is a band after removal, n its noise, and r the glint that removal left or took too much. The variance v grows with
-the glint g that was taken. The scene tells it: the spread about a median of 5 x 5 pixels, in groups of pixels of like
-g, beyond that of the calmest. So what varies where nothing was taken (noise of any correlation, and texture) is not
-glint, and a pixel of which nothing was taken keeps its value to the bit. The mean and the variance of the water around
-are weighted by precision, over a window about twice as wide as a clump of glint (Lee 1980, whose filter this is for
-even v). Where the water varies more than its noise explains - an edge, an object - :math:`\tau^2` is large, and the
-pixel stays.
+x is a band after removal, n its noise, and r the error of the removal: glint that is left, or removed in excess. The
+variance v grows with the removed glint g. It is measured on the scene: pixels are grouped by g, and v is the variance
+about a median of 5 x 5 pixels in a group, minus that of the group with the least glint. Variation where no glint was
+removed (noise of any correlation, and texture) is thus not counted as glint, and a pixel from which nothing was removed
+keeps its value to the bit. The mean and the variance of the water around are weighted by precision, over a window about
+twice as wide as a clump of glint (for constant v this is the filter of Lee 1980). Where the water varies more than its
+noise explains - an edge, an object - :math:`\tau^2` is large, and the pixel is hardly changed.
 
-Fails where strong glint covers all of a window: its mean then has the error of the removal. What is narrower than a
-clump and lies under strong glint is lost; its standard error says so. Costs three box filters a band.
+Fails where strong glint covers all of a window: its mean then has the error of the removal. Objects narrower than a
+clump under strong glint are lost; their standard error is then large. Costs three box filters per band.
 
 References
 ----------
@@ -36,28 +36,30 @@ from ..remove.noise import noise, spread
 from .state import FEWEST, Float32, Sample, Setting, State
 
 GLINT_QUANTILES = (*np.linspace(0.0, 0.95, 20), 0.97, 0.985, 0.993, 0.998, 1.0)
-"""Quantiles of the glint taken between which left-over glint is measured: most of it is in the last few."""
+"""Quantiles of the removed glint that bound the groups of pixels: most glint is in the last few."""
 CLUMP_REACH = 0.9
-"""Half of the window's side, in clumps: glint is uncorrelated there. Results change by less than 5 % from .6 to 1.6."""
+"""Half of the window's side, in widths of a clump: glint is uncorrelated there. Results change by less than 5 % from .6
+to 1.6."""
 NARROWEST_CLUMP = 3
-"""Least width of a clump that is used [pixel]: the mean of fewer pixels is too uncertain."""
+"""Lower limit of the width of a clump [pixel]: the mean of fewer pixels is too uncertain."""
 RESOLVED, STRONG_QUANTILE = 3.0, 0.993
-"""Where glint is strong (from this quantile on) it must leave so many times the spread of calm water, in the mean over
-bands; else the image stays. Pixels of 10 m have 1.1 to 2.7, from texture that grows with the waves; .25 m 6 to 50."""
+"""Pixels above this quantile have strong glint. The image is changed only if they vary by this factor more than water
+with little glint, in the mean over bands. The factor is 1.1 to 2.7 at pixels of 10 m, from texture that grows with the
+waves, and 6 to 50 at 0.25 m."""
 WIDEST_CLUMP = 32
-"""Longest distance at which glint is correlated that is looked for [pixel]."""
+"""Largest lag of the autocorrelation of glint [pixel]."""
 TABLE_ENTRIES = 2048
-"""Entries of the table of variances, at squares of even steps: interpolation by the pixel takes ten times as long."""
+"""Entries of the lookup table of variances, at squares of even steps: direct interpolation is ten times slower."""
 LEAST_VARIANCE = np.float32(0.01)
-"""Variance of the water relative to that of noise where none is seen: a tenth of the noise's standard deviation."""
+"""Lower limit of the variance of the water, relative to that of noise: a tenth of the standard deviation of noise."""
 UNKNOWN = np.float32(1e6)
-"""Variance of left-over glint, relative to that of noise, in pixels that tell nothing of the water: saturated ones, and
-for the posterior mean those that are zero or less in a band that is corrected."""
+"""Variance of left-over glint, relative to that of noise, in pixels without information on the water: saturated ones,
+and for the posterior mean those that are zero or negative in a corrected band."""
 
 
 @dataclass(frozen=True)
 class LeftOver:
-    """Variance of the glint that removal left in one band.
+    """Variance of the glint that the removal left in one band.
 
     Attributes
     ----------
@@ -66,9 +68,10 @@ class LeftOver:
     sigma : float
         Standard deviation of noise [unit of the band].
     glint, variance : tuple of float
-        Variance at some amounts of glint taken, linear between them, and in proportion to its square above.
+        Variance at some amounts of removed glint; linear between them, proportional to the square of the glint above
+        the last.
     ratio : float
-        Spread under strong glint over that of calm water.
+        Standard deviation under strong glint over that of water with little glint.
     """
 
     band: int
@@ -83,7 +86,7 @@ class LeftOver:
         return replace(self, variance=more)
 
     def of(self, glint: Float32) -> Float32:
-        """Variance for the glint taken from each pixel (row, column)."""
+        """Variance for the glint removed from each pixel (row, column)."""
         if not any(self.variance):
             return np.zeros_like(glint)
         part = glint * np.float32(1 / self.glint[-1])
@@ -95,7 +98,7 @@ class LeftOver:
 
 
 def left_over(band: int, sample: Sample) -> LeftOver:
-    """Measure on a sample how what removal leaves in a band grows with what it takes."""
+    """Measure on a sample how the error of the removal in a band grows with the removed glint."""
     import cv2
 
     images = [s.image[band] for s in sample.states]
@@ -123,7 +126,7 @@ def _taken(state: State) -> Float32:
 
 @dataclass(frozen=True)
 class Posterior:
-    """The stage.
+    """The stage `posterior`.
 
     Attributes
     ----------
@@ -132,9 +135,10 @@ class Posterior:
     left : tuple of LeftOver
         One for each band that the removal corrected.
     saturation : tuple of float
-        Of every band of the scene, from which on it tells nothing.
+        Value from which each band of the scene is saturated.
     resolved : bool
-        Whether glint leaves clearly more than the calm water varies; else only `State.variance` is set.
+        Whether left-over glint clearly exceeds the variation of water with little glint; else only `State.variance` is
+        set.
     """
 
     name: ClassVar[str] = "posterior"
@@ -145,16 +149,16 @@ class Posterior:
 
     @property
     def side(self) -> int:
-        """Side of the window of the water around [pixel]."""
+        """Side of the window for the mean of the water [pixel]."""
         return 2 * round(CLUMP_REACH * max(self.width, NARROWEST_CLUMP)) + 1
 
     @property
     def halo(self) -> int:
-        """Pixels around a block that the stage looks at."""
+        """Pixels around a block that the stage needs."""
         return self.side // 2
 
     def apply(self, state: State) -> State:
-        """The water in place of the image, and the variance of its error."""
+        """Replace the image by the posterior mean, and set the variance of its error."""
         taken, image, variance = _taken(state), state.image.copy(), np.zeros_like(state.image)
         unknown = np.zeros(state.water.shape, np.bool_)
         for band, limit in zip(state.raw, self.saturation, strict=True):
@@ -174,7 +178,7 @@ class Posterior:
 
 
 def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[Float32, Float32]:
-    """The water with its noise, and the variance of its error.
+    """Posterior mean of the water with its noise, and the variance of its error.
 
     Parameters
     ----------
@@ -185,14 +189,14 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[F
     s2 : float32
         Variance of noise.
     side : int
-        Side of the window of the water around [pixel].
+        Side of the window for the mean of the water [pixel].
 
     Returns
     -------
     mean : (row, column) float32 ndarray
         `x` to the bit where `v` is 0.
     variance : (row, column) float32 ndarray
-        Of its error, noise included.
+        Variance of the error, noise included.
     """
     import cv2
 
@@ -214,7 +218,7 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[F
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Posterior:
-    """Measure left-over glint in a sample after removal.
+    """Measure the glint that the removal left in a sample.
 
     Parameters
     ----------
@@ -234,7 +238,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Poster
 
 
 def clump_width(sample: Sample, band: int) -> int:
-    """Width of a clump of glint [pixel]: twice the lag at which its autocorrelation falls below a half."""
+    """Width of a clump of glint [pixel]: twice the lag at which its autocorrelation falls below one half."""
     import cv2
     import scipy.fft
 

@@ -1,4 +1,4 @@
-"""The point spread function (PSF) of a band: what the optics, the detector and the motion make of a point of light."""
+"""The point spread function (PSF) of a band: the image of a point source, blurred by optics, detector and motion."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ..physics.sensor import psf as sample_psf
 Float64Array = npt.NDArray[np.float64]
 
 MOST_TRUNCATED = 0.03
-"""Share of the light that the kernel may leave out: less than what an error of 5 % in the f-number moves."""
+"""Share of the light that may fall outside the kernel: less than the effect of an error of 5 % in the f-number."""
 MAX_RADIUS = 10
-"""Largest radius of a kernel [pixel]: the light outside falls as 1 / radius, the cost grows with it."""
+"""Largest radius of a kernel [pixel]: the light outside decreases as 1 / radius, while the cost grows."""
 
 TYPICAL = 6.0, 8e-6
-"""f-number and pitch [m] of typical optics: diffraction ends at twice the sampling frequency in the red. Cameras of
-satellites, aircraft and drones lie between that and the sampling frequency."""
+"""f-number and detector pitch [m] of typical optics: the diffraction cutoff is twice the sampling frequency in the red.
+Cameras of satellites, aircraft and drones have between one and two times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,9 @@ class PSF:
     Attributes
     ----------
     kernel : (side, side) float64 ndarray
-        Share of a point's light in each pixel, the point in the middle of the middle pixel; sums to 1.
+        Share of the light of a point source in each pixel, the source at the centre of the central pixel; sums to 1.
     truncated : float
-        Share of the light that falls outside it, 0..1.
+        Share of the light that falls outside the kernel, 0..1.
     """
 
     kernel: Float64Array = field(repr=False)
@@ -54,9 +54,9 @@ class PSF:
         return len(self.kernel) // 2
 
     def factors(self, rank: int = 1) -> list[tuple[Float64Array, Float64Array]]:
-        """Pairs of arrays, down and across, the sum of whose outer products is the nearest to the kernel of that rank.
+        """Separable factors (down, across) of the best approximation of the kernel of a rank.
 
-        Scaled so that the sum of all is 1.
+        The sum of their outer products is scaled to a total of 1.
         """
         left, values, right = np.linalg.svd(self.kernel)
         pairs = [(left[:, i] * values[i], right[i]) for i in range(min(rank, len(values)))]
@@ -65,7 +65,7 @@ class PSF:
 
 
 def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float = 0.5) -> PSF:
-    """PSF of a band from the sensor's optics: the MTF of `deglint.physics.sensor.mtf`, transformed.
+    """PSF of a band from the sensor's optics: Fourier transform of the MTF `deglint.physics.sensor.mtf`.
 
     Parameters
     ----------
@@ -81,17 +81,17 @@ def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float
     Returns
     -------
     PSF
-        The smallest kernel that leaves out 3 % of the light or less, and 21 pixels wide at most.
+        The smallest kernel with at most 3 % of the light outside; at most 21 pixels wide.
 
     Raises
     ------
     InputError
-        A number outside what the model of the optics knows.
+        A number outside the range of the model of the optics.
 
     Notes
     -----
-    Assumes perfect optics with a round, open aperture, in focus, and one wavelength for the band. The light outside
-    radius R falls as ``2 Q / (pi**2 R)``, Q = wavelength f# / pitch, so that some is always left out.
+    Assumes perfect optics with a round, unobstructed aperture, in focus, and one wavelength for the band. The light
+    outside radius R decreases as ``2 Q / (pi**2 R)``, Q = wavelength f# / pitch, so that some is always outside.
 
     References
     ----------
@@ -113,10 +113,10 @@ def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float
 
 
 def typical_psf(wavelength: float) -> PSF:
-    """PSF of a band [nm] where the optics are not known: rather too sharp than too wide, as a wide one digs pits.
+    """PSF of a band [nm] for unknown optics: rather too narrow than too wide, as a wide PSF causes ringing.
 
-    Sharpened with it, seven simulated seas of f/10 and f/30 keep 13 % more error than with their own PSF; without
-    sharpening they keep 39 % more. Fails for optics that are sharper by a third and more (see `richardson_lucy`).
+    On seven simulated seas of f/10 and f/30, the error after sharpening with it is 13 % larger than with the true PSF;
+    without sharpening it is 39 % larger. Fails for optics that are sharper by a third or more (see `richardson_lucy`).
     """
     return system_psf(wavelength, f_number=TYPICAL[0], pitch=TYPICAL[1])
 

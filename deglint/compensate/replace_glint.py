@@ -13,17 +13,17 @@ from .state import Float32, Mask, Sample, Setting, State
 
 @dataclass(frozen=True)
 class ReplaceLevel:
-    """Replace glint by the background of the band: local in wavelength, nothing is assumed of the spectrum."""
+    """Replace glint by the background of the same band; nothing is assumed of the spectrum."""
 
     name: ClassVar[str] = "replace-level"
 
     @property
     def halo(self) -> int:
-        """None: it looks at single pixels."""
+        """0: pixels are processed independently."""
         return 0
 
     def apply(self, state: State) -> State:
-        """Put the background where there is glint."""
+        """Set glint pixels to the background."""
         if state.background is None or state.glint is None:
             raise InputError("replace-level needs a level: name identify-level before it.")
         return put(state, state.glint, state.background, glint=None, sharp=None, psfs=None)
@@ -31,10 +31,10 @@ class ReplaceLevel:
 
 @dataclass(frozen=True)
 class ReplaceBands:
-    """Replace glint by the value of the spectrally nearest band that has none there, in units of water.
+    """Replace glint by the value of the spectrally nearest band without glint, in units of water.
 
-    It keeps the pixel's own texture, and assumes that what is there is as bright against water in both bands: glint
-    below the threshold is carried over, and coloured objects change.
+    The texture of the pixel is kept. The contrast with water is assumed to be the same in both bands: glint below the
+    threshold is copied too, and coloured objects change.
 
     Attributes
     ----------
@@ -47,11 +47,11 @@ class ReplaceBands:
 
     @property
     def halo(self) -> int:
-        """None: it looks at single pixels."""
+        """0: pixels are processed independently."""
         return 0
 
     def apply(self, state: State) -> State:
-        """Replace; pixels that are glint in every band stay identified."""
+        """Replace glint; pixels with glint in every band stay marked."""
         if state.glint is None:
             raise InputError("replace-bands needs glint to be identified: name identify-median or identify-level.")
         values, found = nearest_clean(state.image, state.glint, self.order)
@@ -59,13 +59,13 @@ class ReplaceBands:
 
 
 def put(state: State, where: Mask, values: Float32, **changes: object) -> State:
-    """A state with values in some of its pixels, which count as replaced."""
+    """A state with new values in some pixels, which count as replaced."""
     replaced = where if state.replaced is None else state.replaced | where
     return replace(state, image=np.where(where, values, state.image), replaced=replaced, **changes)  # type: ignore[arg-type]
 
 
 def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...]) -> tuple[Float32, Mask]:
-    """Values of the spectrally nearest band without glint, (band, row, column), and where one was found."""
+    """Values of the spectrally nearest band without glint, (band, row, column), and a mask of where there is one."""
     values, todo = image.copy(), glint.copy()
     for band, others in enumerate(order):
         for other in others:
@@ -76,7 +76,7 @@ def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...
 
 
 def fit_bands(_sample: Sample, setting: Setting, _number: float | None = None) -> ReplaceBands:
-    """The order of the bands by distance in wavelength; by place in the file, where wavelengths are not known."""
+    """Order the bands by distance in wavelength; by position in the file where wavelengths are not known."""
     waves = setting.wavelengths
     place = waves if np.isfinite(waves).all() else np.arange(len(waves), dtype=float)
     count = range(len(place))

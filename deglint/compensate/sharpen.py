@@ -12,13 +12,14 @@ from .psf import PSF
 from .state import Float32, Sample, Setting, State
 
 ITERATIONS = 2
-"""Richardson-Lucy iterations: 1 leaves 8 % more error at 9 m/s, 3 dig pits beside sparkle, which openings spread."""
+"""Richardson-Lucy iterations: 1 leaves 8 % more error at 9 m/s; 3 cause dark rings beside sparkle, which openings
+enlarge."""
 FLOOR = 1e-3
-"""Least value, as a share of the band's median: counts of the division must be positive (see Notes)."""
+"""Lower limit of values, as a share of the band's median: the algorithm needs positive values (see Notes)."""
 
 
 def blurred(band: Float32, psf: PSF, rank: int = 2) -> Float32:
-    """A band convolved with a PSF, as the sum of its largest separable products: with one, errors are 5 % larger."""
+    """A band convolved with the largest separable factors of a PSF; with only one, errors are 5 % larger."""
     import cv2
 
     parts = [
@@ -32,7 +33,7 @@ def blurred(band: Float32, psf: PSF, rank: int = 2) -> Float32:
 
 
 def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor: float = 1e-12) -> Float32:
-    """Deconvolution of Richardson (1972) and Lucy (1974), begun with the band itself.
+    """Deconvolution of Richardson (1972) and Lucy (1974), started with the band itself.
 
     .. math:: u_{k+1} = u_k \\, h^T * \\frac{y}{h * u_k}
 
@@ -41,10 +42,10 @@ def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor
     band : (row, column) float32 ndarray
         y, finite.
     psf : PSF
-        h, which is its own mirror image.
+        h, symmetric.
     iterations : int
     floor : float
-        y and its prediction are not below that; above 0.
+        Lower limit of y and of its prediction, positive.
 
     Returns
     -------
@@ -52,8 +53,8 @@ def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor
 
     Notes
     -----
-    Fails where the PSF is wider than the image's: it rings. Few iterations gather the light of sparkle in fewer pixels
-    and leave the noise nearly as it was.
+    A PSF that is wider than that of the image causes ringing. A few iterations concentrate the light of sparkle in
+    fewer pixels and hardly amplify the noise.
 
     References
     ----------
@@ -71,7 +72,7 @@ def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor
 
 @dataclass(frozen=True)
 class Sharpen:
-    """The stage psf: sharp bands, from which the background is determined; the image stays.
+    """The stage `psf`: deconvolved bands, from which the background is determined; the image itself is not changed.
 
     Attributes
     ----------
@@ -93,33 +94,33 @@ class Sharpen:
         return 2 * self.iterations * max(p.radius for p in self.psfs)
 
     def sharp(self, state: State) -> Float32:
-        """All bands deconvolved."""
+        """All bands, deconvolved."""
         parts = zip(state.image, self.psfs, self.floors, strict=True)
         return np.stack([richardson_lucy(b, p, self.iterations, f) for b, p, f in parts])
 
     def apply(self, state: State) -> State:
-        """Sharpen every band beside the image."""
+        """Deconvolve every band, and keep the image."""
         return replace(state, sharp=self.sharp(state), psfs=self.psfs)
 
 
 @dataclass(frozen=True)
 class SharpenImage(Sharpen):
-    """The stage psf-image: the sharp bands become the image, as in Fink (2014), section 6.3."""
+    """The stage `psf-image`: the deconvolved bands become the image, as in Fink (2014), section 6.3."""
 
     name: ClassVar[str] = "psf-image"
 
     def apply(self, state: State) -> State:
-        """Sharpen every band."""
+        """Replace every band by its deconvolution."""
         return replace(state, image=self.sharp(state), replaced=np.broadcast_to(state.water, state.image.shape))
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Sharpen:
-    """The stage for the PSFs of a scene; `number` is that of the iterations."""
+    """The stage `psf` for the PSFs of a scene; `number` is the number of iterations."""
     return _fitted(Sharpen, sample, setting, number)
 
 
 def fit_image(sample: Sample, setting: Setting, number: float | None = None) -> Sharpen:
-    """The same for the image itself."""
+    """The stage `psf-image`, as `fit`."""
     return _fitted(SharpenImage, sample, setting, number)
 
 

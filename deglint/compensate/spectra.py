@@ -1,6 +1,7 @@
-"""Spectra of targets on the sea: paint as edges and bumps, grey under some metres of water; and their normal models.
+"""Spectra of targets on the sea: paint with spectral edges, grey objects under some metres of water; and normal models
+of them.
 
-No measured spectra are needed: eight bands cannot tell more.
+Measured spectra are not needed: eight bands cannot resolve more.
 """
 
 from __future__ import annotations
@@ -17,32 +18,33 @@ Float64 = npt.NDArray[np.float64]
 Model = tuple[Float32, Float32, Float32]
 
 TARGET_DEPTHS = 0.0, 1.5, 5.0
-"""Of grey targets [m]: at the surface, as deep as a swimmer, and where red is nearly gone."""
+"""Depths of grey targets [m]: at the surface, a swimmer, and where the red is nearly absorbed."""
 RISES, FALLS = (470, 500, 530, 560, 590, 605, 620, 650, 690, 720, 750), (470, 490, 510, 530, 560, 590, 620)
 DYES = tuple((fall, rise) for fall in (490, 510, 540, 580) for rise in (690, 730))
 GREENS = (450, 510), (480, 530), (500, 560), (510, 590)
-"""Edges of paint [nm], as far apart as eight bands can tell: yellow to red; blue to cyan; dark between two (dyes that
-are clear in the NIR); bright between two."""
+"""Wavelengths of the edges of paint [nm], as far apart as eight bands resolve: yellow to red; blue to cyan; dark
+between two edges (dyes that are transparent in the NIR); bright between two edges."""
 EDGE, EDGE_SHIFT, DIM = 15.0, 8.0, 0.07
-"""Softness of edges and standard deviation of their place [nm]; how bright paint is beyond them."""
+"""Width of edges, standard deviation of their wavelength [nm], and relative reflectance of paint beyond them."""
 SLOPE, BEND, ROUGH = 0.25, 0.15, 0.03
-"""Standard deviations of the linear and quadratic part of a grey spectrum over 250 nm (paint: half), and of what is not
-smooth, per brightness."""
+"""Standard deviations of the linear and the quadratic part of a grey spectrum over 250 nm (paint: half of them), and of
+the non-smooth part, relative to the brightness."""
 TEXTURE_DEVIATION, HIDDEN_CONTRAST = 0.05, 0.5
-"""Standard deviations of the background itself and of the water that a target hides, per radiance of water."""
+"""Standard deviations of the background and of the water that a target hides, relative to the radiance of water."""
 
 
 def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float64, Float64]:
-    """Spectra of targets in bands of some centres and full widths [nm].
+    """Model spectra of targets in bands given by centre and full width [nm].
 
     Returns
     -------
     values : (spectrum, band) ndarray
         Reflectance over that of the brightest band.
     factors : (spectrum, 5, band) ndarray
-        One standard deviation of brightness, slope, bend and the places of two edges.
+        Change of the spectrum by one standard deviation of brightness, slope, curvature and the wavelengths of two
+        edges.
     weight : (spectrum,) ndarray
-        Prior: a half is grey, at one of `TARGET_DEPTHS`, a half has one of the colours.
+        Prior probability: half of the targets are grey, at one of `TARGET_DEPTHS`; half have one of the colours.
     """
     from ..physics.iops import case1
 
@@ -73,7 +75,7 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
 def models(
     wavelengths: Sequence[float], widths: Sequence[float], water: Sequence[float], s: Sequence[float]
 ) -> list[Model]:
-    """For targets of brightness 2**n: quadratic forms on products of bands, constants, regressions of all spectra."""
+    """Normal models of targets of brightness 2**n: quadratic forms, constants and regression matrices."""
     values, factors, weight = reflectances(np.array(wavelengths), np.array(widths))
     unit, out, (row, column) = factors.swapaxes(1, 2) @ factors, [], np.triu_indices(len(s))
     for A in 2.0 ** np.arange(17):  # 16-bit data hold no more

@@ -1,8 +1,8 @@
-"""Stages in a row: how a chain is written, fitted to a sample of a scene, applied to its blocks, saved and read back.
+"""Chains of stages: their text form, fitting to a sample of a scene, application to blocks, saving and reading.
 
-A chain is written as its stages with their numbers, in order: ``psf:2, identify-level:13, replace-level, remove``.
-`remove` is where the removal of the glint that bands share stands; the stages before it see the scene, the stages
-after it what removal has left.
+A chain is written as the names of its stages with their numbers, in order: ``psf:2, identify-level:13, replace-level,
+remove``. `remove` is the removal method; stages before it process the scene, stages after it process the result of the
+removal.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Stage = Any
 
 @dataclass(frozen=True)
 class Kind:
-    """A stage that a chain may name.
+    """Definition of a stage.
 
     Attributes
     ----------
@@ -33,11 +33,11 @@ class Kind:
     fit : callable, optional
         ``fit(sample, setting, number) -> stage``; None for `remove`.
     stage : type, optional
-        Of what `fit` gives.
+        Type that `fit` returns.
     low, high : float
-        Range of its number; no number where both are 0.
+        Range of its number; 0 and 0 for a stage without a number.
     whole, odd : bool
-        Whether that must be an integer, and an odd one.
+        Whether the number must be an integer, and odd.
     """
 
     help: str
@@ -91,7 +91,7 @@ STAGES: dict[str, Kind] = {
     ),
 }  # fmt: skip
 THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
-"""Fink (2014), section 6.3, as far as it can be reconstructed."""
+"""Chain of Fink (2014), section 6.3, as far as it can be reconstructed."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class Chain:
     before, after : tuple of stages
         Before and after the removal.
     text : str
-        How it is written.
+        Text form of the chain.
     """
 
     before: tuple[Stage, ...] = ()
@@ -120,33 +120,33 @@ class Chain:
 
     @property
     def runs(self) -> bool:
-        """There are stages at all."""
+        """Whether there are any stages."""
         return bool(self.before or self.after)
 
     @property
     def replaces(self) -> bool:
-        """Some stage replaces pixels of any band, and not only of those that the removal corrects."""
+        """Whether a stage replaces pixels in bands that the removal does not correct."""
         return any(
             s.name.startswith("replace") or s.name in ("median", "psf-image") for s in (*self.before, *self.after)
         )
 
     @property
     def halo(self) -> int:
-        """Pixels around a block that the chain looks at."""
+        """Pixels around a block that the chain needs."""
         return sum(stage.halo for stage in (*self.before, *self.after))
 
     def numbers(self) -> dict[str, Any]:
-        """What was fitted, as plain numbers (JSON), to be read back by `chain_from`."""
+        """The fitted chain as plain values (JSON); `chain_from` reads them."""
         return {"chain": self.text, "before": [*map(plain, self.before)], "after": [*map(plain, self.after)]}
 
 
 def parse(text: str) -> tuple[Step, ...]:
-    """Read a chain as it is written.
+    """Parse the text form of a chain.
 
     Raises
     ------
     InputError
-        An unknown stage, or a number where none is taken, or none where one is needed.
+        An unknown stage, an unexpected number, or a missing number.
 
     Examples
     --------
@@ -168,7 +168,7 @@ def parse(text: str) -> tuple[Step, ...]:
 
 
 def _number(name: str, text: str) -> float:
-    """The number of a stage, from its text."""
+    """Parse and check the number of a stage."""
     kind = STAGES[name]
     if not kind.high:
         raise InputError(f"{name} takes no number, got {text!r}.")
@@ -185,7 +185,7 @@ def _number(name: str, text: str) -> float:
 
 
 def _check(steps: Sequence[Step]) -> None:
-    """Refuse stages that lack what a stage before them is to find."""
+    """Check that each stage comes after the stages whose results it needs."""
     ready: set[str] = set()
     for place, step in enumerate(steps):
         after = [s.name for s in steps[place + 1 :]]
@@ -210,19 +210,19 @@ def _check(steps: Sequence[Step]) -> None:
 
 
 def apply_stages(state: State, stages: Sequence[Stage]) -> State:
-    """Apply stages in order; at the end the image is in the scene's unit."""
+    """Apply stages in order; the result is in the scene's unit."""
     for stage in stages:
         state = stage.apply(state)
     return in_scene_units(state)
 
 
 def fit_stages(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple[tuple[Stage, ...], Sample]:
-    """Fit stages to a sample, each on what the stages before it made of it.
+    """Fit each stage to the sample as processed by the stages before it.
 
     Parameters
     ----------
     steps : sequence of Step
-        No `remove` among them.
+        Without `remove`.
     sample : Sample
         Not modified.
     setting : Setting
@@ -230,7 +230,7 @@ def fit_stages(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple
     Returns
     -------
     (tuple of stages, Sample)
-        The fitted stages, and what they made of the sample.
+        The fitted stages, and the sample after them.
 
     Raises
     ------
@@ -247,7 +247,7 @@ def fit_stages(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple
 
 
 def plain(stage: Stage) -> dict[str, Any]:
-    """A stage as plain numbers; PSFs as their kernels."""
+    """A stage as plain values (JSON); PSFs are given as kernels."""
     found = {f.name: getattr(stage, f.name) for f in fields(stage) if f.name == "psfs"}
     rest = {k: v for k, v in (asdict(stage) if not found else vars(stage)).items() if k != "psfs"}
     kernels = {"psfs": [p.kernel.tolist() for p in found["psfs"]]} if found else {}
@@ -255,7 +255,7 @@ def plain(stage: Stage) -> dict[str, Any]:
 
 
 def stage_from(data: Mapping[str, Any]) -> Stage:
-    """Read back what `plain` says of a stage.
+    """Read a stage from the values that `plain` returns.
 
     Raises
     ------
@@ -274,7 +274,7 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
 
 
 def chain_from(data: Mapping[str, Any]) -> Chain:
-    """Read back what `Chain.numbers` says.
+    """Read a chain from the values that `Chain.numbers` returns.
 
     Raises
     ------

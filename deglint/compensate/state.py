@@ -1,4 +1,4 @@
-"""What passes from stage to stage of a compensation: a block of the image, and what the stages found out about it."""
+"""Data that pass from stage to stage of a compensation: a block of the image, and the results of the stages."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A block of a scene on its way through the stages; no stage modifies an array of it.
+    """A block of a scene during a compensation; stages never modify its arrays.
 
     Attributes
     ----------
     raw, image : (band, row, column) float32 ndarray
-        As it was read, and as the stages have made it; finite everywhere.
+        The block as read, and after the stages so far; finite everywhere.
     water : (row, column) bool ndarray
-        Valid water; the rest holds values of the water beside it.
+        Valid water; other pixels have the values of the nearest water.
     sharp : (band, row, column) float32 ndarray, optional
         The image after deconvolution, from which the background is determined.
     psfs : tuple of PSF, optional
-        With which `sharp` was deconvolved.
+        PSFs of the deconvolution.
     unit : (band,) float32 ndarray, optional
-        By which the image has been divided (normalised); 1 without it.
+        Divisor of the normalised image; None if it is not normalised.
     background : (band, row, column) float32 ndarray, optional
-        The bands as they would be without glint.
+        The bands without glint, as estimated.
     glint : (band, row, column) bool ndarray, optional
-        Pixels that were identified as glint and are not replaced yet.
+        Glint pixels that are not replaced yet.
     replaced : (band, row, column) bool ndarray, optional
         Pixels that were replaced.
     targets : (band, row, column) float32 ndarray, optional
-        What small bright targets add to the water, which is restored at the end.
+        Contrast of small bright targets with the water, which is restored at the end.
     removed : (band, row, column) float32 ndarray, optional
-        Glint that the removal took.
+        Glint that the removal subtracted.
     variance : (band, row, column) float32 ndarray, optional
         Posterior variance of the water.
     origin : (int, int)
@@ -66,7 +66,7 @@ class State:
 
     @classmethod
     def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> State:
-        """A state for a block; what is not valid water takes the value of the nearest that is."""
+        """Initial state of a block; pixels that are not valid water take the value of the nearest that is."""
         valid = np.isfinite(block).all(axis=0)
         water = valid if water is None else water & valid
         with np.errstate(over="ignore"):
@@ -80,7 +80,7 @@ class State:
 
 
 def in_scene_units(state: State) -> State:
-    """A state in the scene's unit, ready for the removal: pixels that were not replaced have their own value again."""
+    """The state in the scene's unit, as the removal needs it; pixels that were not replaced have the values as read."""
     if state.unit is None:
         return state
     image = state.image * state.unit[:, None, None]
@@ -89,7 +89,7 @@ def in_scene_units(state: State) -> State:
 
 
 def filled(block: Float32, water: Mask) -> Float32:
-    """A block in which every pixel that is not water has the values of the nearest that is; zeros where none is."""
+    """The block with every other pixel set to the values of the nearest water pixel; zeros where there is no water."""
     import cv2
 
     if water.all():
@@ -104,14 +104,14 @@ def filled(block: Float32, water: Mask) -> Float32:
 
 @dataclass(frozen=True)
 class Setting:
-    """What a chain needs to know of the scene to be fitted.
+    """Properties of the scene that fitting a chain needs.
 
     Attributes
     ----------
     bands : tuple of Band
         Of the scene.
     nir : tuple of int
-        0-based bands that show glint and nothing of the water.
+        0-based bands that show glint but no signal of the water.
     psfs : tuple of PSF, optional
         Of the bands, where the optics are known.
     """
@@ -122,29 +122,29 @@ class Setting:
 
     @cached_property
     def wavelengths(self) -> npt.NDArray[np.float64]:
-        """Of the bands [nm]; NaN where not known."""
+        """Wavelengths of the bands [nm]; NaN where not known."""
         return np.array([b.wavelength or np.nan for b in self.bands])
 
     @cached_property
     def offsets(self) -> npt.NDArray[np.float64] | None:
-        """When each band sees the ground [s]; None where that is not known of all."""
+        """Time offset of each band [s]; None if not known for all bands."""
         found = [b.time_offset for b in self.bands]
         return None if any(t is None for t in found) else np.array(found, np.float64)
 
     @cached_property
     def order(self) -> tuple[int, ...]:
-        """Bands in the order of their instants; of their wavelengths, or of the file, where these are not known."""
+        """Bands in order of time; of wavelength, or of position in the file, where times are not known."""
         by = self.wavelengths if self.offsets is None else self.offsets
         return tuple(int(i) for i in np.argsort(by, kind="stable"))
 
     @cached_property
     def saturation(self) -> npt.NDArray[np.float64]:
-        """Of each band; infinity where not known."""
+        """Saturation value of each band; infinity where not known."""
         return np.array([np.inf if b.saturation is None else b.saturation for b in self.bands])
 
     @cached_property
     def colour(self) -> Float32:
-        """Radiance of glint in each band, relative: that of the sun, or 1 where wavelengths are not known."""
+        """Relative radiance of glint in each band: that of the sun, or 1 where wavelengths are not known."""
         from ..physics.atmosphere import irradiance
 
         known = np.isfinite(self.wavelengths) & (self.wavelengths > 300) & (self.wavelengths < 1000)
@@ -154,18 +154,18 @@ class Setting:
 
 
 SUN_ZENITH = 40.0
-"""Of the colour of glint, which changes by less than a fifth from 20 to 60 degrees [degree]."""
+"""Sun zenith angle for the colour of glint, which changes by less than a fifth from 20 to 60 degrees [degree]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Blocks of a scene with a halo, and the pixels of each to learn from."""
+    """Blocks of a scene with a halo, and masks of the pixels that are used for fitting."""
 
     states: tuple[State, ...]
     inside: tuple[Mask, ...]
 
     def values(self, planes: Sequence[Float32]) -> Float32:
-        """The sample's pixels of one plane of each block."""
+        """Values of the sample's pixels, from one plane of each block."""
         found = np.concatenate([p[m] for p, m in zip(planes, self.inside, strict=True)])
         if found.size < FEWEST:
             raise FitError(f"the sample holds {found.size} pixels, need at least {FEWEST}. Widen the --sample.")
@@ -173,4 +173,4 @@ class Sample:
 
 
 FEWEST = 64
-"""Fewest pixels that a level and a spread are taken from."""
+"""Fewest pixels for a level and a standard deviation."""

@@ -1,17 +1,18 @@
-"""Small bright targets (boats, swimmers, buoys), distinguished from sparkle by one likelihood ratio.
+"""Small bright targets (boats, swimmers, buoys), distinguished from sparkle by a likelihood ratio.
 
-The excess e of a pixel over the background, in bands 1 to B in the order of time, is weighed against two models:
+The excess e of a pixel over the background, in bands 1 to B in the order of time, is compared with two models:
 
 .. math:: S = \\max_k \\ln w_k N(e; 0, A^2 F_k F_k^T + h h^T + V_k) - \\ln p(e_1) \\prod_{b=2}^B p(e_b \\mid e_{b-1})
 
-A target has one of the spectra F (smooth, or with an edge or two, in the light of sun and sky; V noise and what is not
-smooth, h the water that it hides) and is there at all instants; sparkle comes and goes as histograms of the scene's own
-bands show. A pixel belongs to a target where S summed over 3 x 3 pixels, and the log likelihood ratio of one outline in
-all bands, reach a threshold for a false-alarm rate, which rises where sparkle lasts through all instants.
+A target has one of the spectra F (smooth, or with one or two edges, in the light of sun and sky) in all bands; V is
+noise and the non-smooth part of the spectrum, h the water that the target hides. Sparkle changes from band to band,
+with probabilities p from histograms of the scene itself. A pixel belongs to a target if S summed over 3 x 3 pixels plus
+the log likelihood ratio of a common outline in all bands exceeds a threshold. The threshold follows from a false-alarm
+rate, and is higher where sparkle lasts through all bands.
 
-Without instants there is no test: sparkle is as smooth as paint. It fails for targets that move by more than half their
-size while the bands are taken, for most coloured ones of 1 pixel where sparkle lasts, and where bands are registered to
-no better than a third of a pixel.
+Without band delays there is no test: the spectrum of sparkle is as smooth as that of paint. The test fails for targets
+that move by more than half their size between the first and the last band, for most coloured targets of 1 pixel where
+sparkle lasts, and where bands are misregistered by more than a third of a pixel.
 """
 
 from __future__ import annotations
@@ -34,51 +35,54 @@ Places = npt.NDArray[np.intp]
 Kinds = npt.NDArray[np.uint8]
 
 RATE, TOGETHER = 1e-5, 2.8
-"""False-alarm rate where none is given, and how often evidence counts: blurred light of a facet covers three pixels.
-Independent pixels of sparkle would reach ln(1 / rate) with a chance of `rate` at most."""
+"""Default false-alarm rate; and the factor by which S is counted repeatedly, as the blurred light of a facet covers
+three pixels. Independent pixels of sparkle reach ln(1 / rate) with a probability of at most `rate`."""
 SPECTRA_ALIKE, LIT_TOGETHER = 10.0, 4.0
-"""Of pixels that sparkle lights through all instants one in ten has a target's spectrum; where they are common, each of
-the some four that one flash lights within 3 x 3 pixels is likelier by as much."""
+"""One in ten pixels that sparkle lights in all bands has the spectrum of a target; one flash lights about four pixels
+within 3 x 3."""
 LEAST_DELAY, FEWEST_BANDS = 0.01, 4
-"""Spread of instants [s] in which ripples turn; three bands always meet the three parameters of a smooth spectrum."""
+"""Least time between the first and the last band [s], in which ripples change; fewest bands: three always fit the three
+parameters of a smooth spectrum."""
 COMMON = 0.1
-"""Share of the water above which what is found is texture of the bottom (14 to 32 %); dense boats cover 6 %."""
+"""Share of the water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %."""
 MEAN_WINDOW = 15
-"""Side of the local mean where no background was determined [pixel]: three times a target of 5 pixels."""
+"""Side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels."""
 DISPLACEMENTS = 37, 53
-"""Displacement of later bands [pixel]: farther than a clump of glint, oblique to waves along or across."""
+"""Displacement of later bands in the simulation of false alarms [pixel]: more than a clump of glint, oblique to the
+waves."""
 EXCEEDS, FEWEST_LIT, LONE = 3.0, 3, 2.0
-"""Standard deviations of noise by which a band is lit (one pixel of water in 700); fewest bands that a target lights;
-least S of a target's pixel (7 to 1)."""
+"""Standard deviations of noise above which a pixel is lit in a band (one pixel of water in 700); fewest bands in which
+a target is lit; least S of a target's pixel (odds of 7 to 1)."""
 SAME_PEAK, OUTLINE_REACH = 0.7, 2
-"""Bands of one outline peak at one pixel: each within 0.7 of its brightest of 3 x 3, for noise and blur. The edge of a
-target, blurred or hidden in one band by sparkle, reaches two pixels."""
+"""A common peak: each band has at least 0.7 of its maximum over 3 x 3 pixels, to allow for noise and blur. The edge of
+a target, blurred or hidden by sparkle in one band, extends over two pixels."""
 BLUR, VARIED = 0.012, 0.15
-"""Share of the power of 3 x 3 pixels that is not one outline times one spectrum: of a point, whose blur differs between
-bands (0.7 to 2 % at f/10; flat targets have less), and of sparkle."""
+"""Share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum: for a point target, whose
+blur differs between bands (0.7 to 2 % at f/10, less for extended targets), and for sparkle."""
 DARK_FROM = 700.0
-"""Wavelength from which bands show sparkle and little of the water [nm]."""
+"""Wavelength from which water is dark, so that bands show mainly sparkle [nm]."""
 EXCESS_BINS, LOW = 40, -3.0
-"""Histograms of asinh(excess / noise): bins of a factor of 1.3, as noise and blur make of steady light, from -10 on."""
+"""Bins of the histograms of asinh(excess / noise), each a factor of 1.3 as noise and blur vary steady light; and their
+lower end, -10 times the noise."""
 
 
 @dataclass(frozen=True)
 class Targets:
-    """Small bright targets are found, to be restored after the removal.
+    """The stage `targets`: find small bright targets, to be restored after the removal.
 
     Attributes
     ----------
     bands, wavelengths, widths : tuple
-        0-based bands that are judged, in the order of time; their wavelengths and full widths [nm].
+        0-based bands that are used, in order of time; their wavelengths and full widths [nm].
     light : tuple of float
-        Radiance of a white target, such that noise has a standard deviation of 1 in the median of the bands.
+        Radiance of a white target, in a unit in which the median of the bands has noise of standard deviation 1.
     noise, water : tuple of float
         Standard deviation of noise, and radiance of water, over `light`.
     top, tables, first, following : float, tuple
-        Largest asinh(excess) of the histograms; which of `following` is that of each band but the first; logarithms of
-        the share of pixels in each bin at the first instant, and at the next given the bin before.
+        Upper end of the histograms [asinh(excess)]; index into `following` for each band but the first; log probability
+        of each bin in the first band; log probability of each bin in a band given the bin in the band before.
     threshold, reason : float, str
-        On the sum over 3 x 3 pixels; why there is no test, empty where there is.
+        Threshold on the sum over 3 x 3 pixels; reason why there is no test, else empty.
     """
 
     name: ClassVar[str] = "targets"
@@ -97,11 +101,11 @@ class Targets:
 
     @property
     def halo(self) -> int:
-        """Pixels around a block: local mean, peaks, neighbours of those, surroundings, sums twice, outline, reach."""
+        """Pixels around a block: local mean, peaks and their neighbours, surroundings, two sums, outline, reach."""
         return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
-        """Find targets; where no background was determined, the image is left without them."""
+        """Find targets; where no background was determined, they are also subtracted from the image."""
         if self.reason:
             return state
         excess = Excess.of(self, state.raw, state.background)
@@ -114,7 +118,7 @@ class Targets:
 
     @property
     def models(self) -> list[Model]:
-        """Of targets, by brightness."""
+        """Normal models of targets, by brightness."""
         return models(*(tuple(v) for v in (self.wavelengths, self.widths, self.water, self.noise)))
 
     @cached_property
@@ -122,18 +126,18 @@ class Targets:
         return np.array(self.following, np.float32).reshape(-1, EXCESS_BINS, EXCESS_BINS)
 
     def binned(self, e: Float32) -> Places:
-        """Bins of excesses."""
+        """Histogram bins of excesses."""
         return np.clip((np.arcsinh(e) - LOW) * (EXCESS_BINS / (self.top - LOW)), 0, EXCESS_BINS - 1).astype(np.intp)
 
     def sparkle(self, e: Float32) -> Float32:
-        """Log density of pixels as sparkle; e : (band, pixel)."""
+        """Log likelihood of pixels under the model of sparkle; e : (band, pixel)."""
         q = self.binned(e)
         chain = [self._steps[k, a, b] for k, (a, b) in zip(self.tables, pairwise(q), strict=True)]
         each = np.float32(np.log(EXCESS_BINS / (self.top - LOW))) - np.log1p(e * e) / 2
         return np.asarray(each.sum(axis=0) + np.array(self.first, np.float32)[q[0]] + np.sum(chain, axis=0), np.float32)
 
     def score(self, e: Float32) -> tuple[Float32, Places, Places]:
-        """S of pixels, the spectrum that explains each best, and its brightness [power of 2]; e : (band, pixel)."""
+        """S of pixels, the spectrum with the largest likelihood, and its brightness [power of 2]; e : (band, pixel)."""
         best, kind, level = -self.sparkle(e), np.empty(e.shape[1], np.intp), brightness(e)
         row, column = np.triu_indices(len(e))
         for n in np.unique(level):
@@ -145,7 +149,7 @@ class Targets:
         return best, kind, level
 
     def explained(self, e: Float32, kind: Kinds) -> Float32:
-        """What a target of this spectrum adds: its regression on the excess, nowhere negative; (band, pixel)."""
+        """Contrast that a target of this spectrum adds, by regression on the excess, not negative; (band, pixel)."""
         out, level = np.empty_like(e), brightness(e)
         for n in np.unique(level):
             i = np.flatnonzero(level == n)
@@ -154,15 +158,15 @@ class Targets:
 
 
 def brightness(e: Float32) -> Places:
-    """Power of 2 of the brightest band."""
+    """Power of 2 nearest to the brightest band."""
     return np.clip(np.rint(np.log2(np.maximum(np.abs(e).max(axis=0), 1))), 0, 16).astype(np.intp)
 
 
 @dataclass(frozen=True, eq=False)
 class Excess:
-    """What exceeds the background in a block; planes in the order of time.
+    """Excess over the background in a block; planes in order of time.
 
-    `afloat`: a target must be lit in a dark band. Without an opening before it nothing under water needs restoring.
+    `afloat`: a target must be lit in a dark band; without a preceding opening, objects under water need no restoring.
     """
 
     stage: Targets
@@ -172,7 +176,7 @@ class Excess:
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
-        """Over the background, or over the local mean where there is none."""
+        """Excess over the background, or over the local mean if there is no background."""
         import cv2
 
         planes = [raw[b] for b in stage.bands]
@@ -181,12 +185,14 @@ class Excess:
         return cls(stage, planes, [background[b] for b in stage.bands])
 
     def at(self, places: Places) -> Float32:
-        """Of pixels, over the light of a white target, (band, pixel)."""
+        """Excess of pixels relative to the light of a white target, (band, pixel)."""
         lit = zip(self.raw, self.below, self.stage.light, strict=True)
         return np.stack([(r.ravel()[places] - m.ravel()[places]) / np.float32(w) for r, m, w in lit])
 
     def peaks(self, rows: int = 32) -> Mask:
-        """Where three bands, not all early or late, are lit and near their brightest of 3 x 3: one outline may peak."""
+        """Pixels that are lit and near the maximum of 3 x 3 pixels in three bands, not all early or late: possible
+        peaks of targets.
+        """
         import cv2
 
         (height, width), square = self.raw[0].shape, np.ones((3, 3), np.uint8)
@@ -206,7 +212,7 @@ class Excess:
         return out
 
     def scores(self) -> tuple[Float32, Float32, Kinds]:
-        """S from `LONE` on (else 0), what 3 x 3 pixels say together, the best spectrum: at peaks and around them."""
+        """S from `LONE` on (else 0), the score of 3 x 3 pixels, and the best spectrum: at peaks and around them."""
         import cv2
 
         shape, least = self.raw[0].shape, EXCEEDS * np.array(self.stage.noise, np.float32)[:, None]
@@ -214,7 +220,7 @@ class Excess:
         S, known, kind = np.zeros(shape, np.float32), np.zeros(shape, np.bool_), np.zeros(shape, np.uint8)
 
         def weigh(where: Mask) -> Float32:
-            """Score pixels that are not yet; sum over 3 x 3."""
+            """Compute S where it is not known yet; return its sum over 3 x 3 pixels."""
             i = np.flatnonzero(where & ~known)
             known.flat[i], e = True, self.at(i)
             bright = e > least
@@ -233,10 +239,11 @@ class Excess:
         return S, T, kind
 
     def outline(self, rows: Places, columns: Places) -> Float32:
-        """Log likelihood ratio by the share of the power of 3 x 3 pixels that is not one outline times one spectrum.
+        """Log likelihood ratio from the share of the power of 3 x 3 pixels that is not the product of one outline and
+        one spectrum.
 
-        The rest is B - 1 normal numbers with the variance of noise and blur for a target, `VARIED` for sparkle. The
-        worst band of each pixel does not count: sparkle beside targets spoils them one by one.
+        This residual is modelled as B - 1 normal variables with the variance of noise and blur for a target, `VARIED`
+        for sparkle. The worst band of each pixel is excluded, because sparkle beside a target affects single bands.
         """
         (height, width), steps = self.raw[0].shape, (-1, 0, 1)
         row, column = ([np.clip(v + i, 0, n - 1) for i in steps] for v, n in ((rows, height), (columns, width)))
@@ -253,7 +260,9 @@ class Excess:
         return np.asarray((patch.shape[2] - 1) / 2 * ratio, np.float32)
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
-        """Where targets are, and what they add, (band, pixel); beside them as much of it as all bands but one show."""
+        """Pixels of targets, and the contrast to restore, (band, pixel); beside targets the share that all bands but
+        one show.
+        """
         import cv2
 
         on = near(self.stage.threshold < T, 3) & (S > 0)
@@ -276,19 +285,19 @@ class Excess:
 
 
 def near(where: Mask, side: int) -> Mask:
-    """Pixels with one of a mask in the square around them."""
+    """The mask, dilated by a square of this side."""
     import cv2
 
     return np.asarray(cv2.dilate(where.view(np.uint8), np.ones((side, side), np.uint8))).view(np.bool_)
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Targets:
-    """Histograms of sparkle and a threshold, from a scene.
+    """Fit histograms of sparkle and a threshold to a scene.
 
     Parameters
     ----------
     sample : Sample
-        After the stages that come before, with a background or without.
+        After the preceding stages; a background is optional.
     setting : Setting
     number : float, optional
         False-alarm rate, `RATE` by default.
@@ -327,7 +336,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
 
 
 def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets:
-    """Bands, their light, noise and water."""
+    """Bands in order of time, with their light, noise and water."""
     from ..physics.atmosphere import irradiance
 
     below = [[(x.raw if x.background is None else x.background)[b] for x in sample.states] for b in order]
@@ -344,7 +353,9 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
-    """What sparkle does from one instant to the next: pairs of dark bands of the nearest delay; q : (band, pixel)."""
+    """Transition probabilities of sparkle from band to band, from pairs of dark bands with the nearest delay; q :
+    (band, pixel).
+    """
     import cv2
 
     dark = [b for b, w in enumerate(stage.wavelengths) if w >= DARK_FROM]
@@ -368,14 +379,15 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def steady(q: Places, stage: Targets) -> Float64:
-    """Share of the pixels that are lit and steady, to a bin, for 1, 2, ... steps from the first instant on."""
+    """Share of the pixels that are lit and keep their histogram bin for 1, 2, ... steps after the first band."""
     lit = int((np.arcsinh(EXCEEDS) - LOW) * EXCESS_BINS / (stage.top - LOW))
     like = [(np.abs(b - a) <= 1) & (b > lit) for a, b in pairwise(q)]
     return np.logical_and.accumulate(like).mean(axis=1)
 
 
 def extrapolated(runs: Float64) -> float:
-    """Share of the pixels that sparkle lights through all instants, from what ends before: targets are not counted.
+    """Share of the pixels that sparkle lights in all bands, extrapolated from shorter runs, so that targets are not
+    counted.
 
     Examples
     --------

@@ -5,12 +5,13 @@ r"""Standard errors of a compensated image, from the scene itself.
 with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the glint that removal took, and
 :math:`\sigma_0` the standard error of the level that all bands share. The variance of the water, :math:`\sigma_w^2`, is
 that of the posterior mean where that stage ran (`deglint.compensate.posterior`). Where glint was replaced by a
-background instead, it is that of the background's error, by one trial: the glint of the scene is laid on its own
-compensated image, half a tile away, and the chain run again. Where nothing was replaced it is that of noise, and of
-what removal leaves.
+background, it is the variance of the background's error, measured by a trial: the glint of the scene is added to its
+own compensated image, displaced by half a tile, and the chain is run again. Where nothing was replaced it is that of
+noise, and of the glint that the removal leaves.
 
-Root mean square errors, noise included. What all pixels share and no image shows is not in them: calibration and
-atmosphere. What is narrower than the window of an opening is erased, and nothing tells.
+The standard errors are root mean square errors, noise included. They do not include errors that all pixels share:
+calibration and atmosphere. Objects narrower than the window of an opening are erased without an increase of the
+standard error.
 
 References
 ----------
@@ -31,18 +32,18 @@ from .posterior import Posterior
 from .state import FEWEST, Float32, Sample, Setting, State
 
 SPAN = 7
-"""Side of the window in which a background's relief is looked at [pixel]: errors lie at edges."""
+"""Side of the window for the local range of a background [pixel]: errors occur at edges."""
 
 LEAST_R2 = 0.25
 """Share of a band's variance that glint explains, below which the rest is rather the water's: slopes at most double."""
 
 LEAST_BACKGROUND_VARIANCE = 0.25
-"""Least variance of a background, relative to that of noise: it is made of a few of the window's darkest pixels."""
+"""Lower limit of the variance of a background, relative to that of noise: it depends on a few of the darkest pixels."""
 
 
 @dataclass(frozen=True)
 class ReplacedError:
-    """Variance of one band where nothing, and where glint, was replaced.
+    """Error variance of one band, where nothing and where glint was replaced.
 
     Attributes
     ----------
@@ -51,7 +52,7 @@ class ReplacedError:
     noise : float
         Variance of noise [unit of the band squared].
     even, relief : float
-        Variance of a background that is even, and per square of how far the result spans within `SPAN` pixels.
+        Error variance of a uniform background, and its increase per square of the local range within `SPAN` pixels.
     """
 
     band: int
@@ -61,14 +62,14 @@ class ReplacedError:
 
 
 def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -> tuple[ReplacedError, ...]:
-    """Measure on a sample how far backgrounds are from the water, by a trial.
+    """Measure the error of backgrounds on a sample, by a trial with known water.
 
     Parameters
     ----------
     before, after : Sample
-        As read, and after all stages.
+        The sample as read, and after all stages.
     run : callable
-        The chain: the state after all stages of a state as read.
+        Applies all stages to a state as read.
 
     Returns
     -------
@@ -99,7 +100,7 @@ def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -
 
 
 def _trial(done: State) -> State:
-    """The compensated image under the glint that was taken from another part of it."""
+    """The compensated image with glint added that was removed from another part of it."""
     glint = np.maximum(done.raw - done.image, 0)
     if done.replaced is not None:
         glint = np.where(done.replaced, glint, 0)
@@ -109,7 +110,7 @@ def _trial(done: State) -> State:
 
 
 def _span(band: Float32) -> Float32:
-    """How far a band spans around each pixel; single pixels do not count."""
+    """Local range of a band around each pixel, without single pixels."""
     import cv2
 
     plane, window = cv2.medianBlur(band, 5), np.ones((SPAN, SPAN), np.uint8)
@@ -130,7 +131,7 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
     Returns
     -------
     (band, row, column) float32 ndarray
-        0 for a band of which nothing is known.
+        0 for bands without an estimate.
     """
     variance = np.zeros_like(state.image) if state.variance is None else state.variance.copy()
     for e in errors:
@@ -165,5 +166,5 @@ def fit_removed(after: Sample, setting: Setting, model: GlintModel) -> Posterior
 
 
 def halo(errors: Sequence[ReplacedError]) -> int:
-    """Pixels around a block that `stderr` looks at."""
+    """Pixels around a block that `stderr` needs."""
     return SPAN // 2 + 2 if errors else 0

@@ -1,12 +1,11 @@
-"""Which pixels are water, and which of the water makes a good sample to fit glint slopes.
+"""Masks: which pixels are water, and which water is a good sample for fitting glint slopes.
 
-Two questions, each answered in two steps: `fit_water` and `fit_sample` look at some blocks of the scene and
-decide a few numbers; `water` and `deep_water` apply them to any block. A tile read with the rule's `halo` of
-extra pixels around it gives, once cropped, exactly the mask of the whole scene. Outside the image there is
-nothing: no value is made up for it.
+Each mask is made in two steps: `fit_water` and `fit_sample` determine a few numbers from some blocks of the scene;
+`water` and `deep_water` apply them to any block. A tile read with the rule's `halo` of extra pixels around it gives,
+once cropped, exactly the mask of the whole scene. Pixels outside the image are ignored, not extrapolated.
 
-Thresholds come from the scene, because its unit is not known (digital numbers, radiance, reflectance). This
-room reads no files, keeps no state, and never changes a pixel.
+Thresholds come from the scene, because its unit is not known (digital numbers, radiance, reflectance). This package
+reads no files, keeps no state, and never changes a pixel.
 """
 
 from .find import fit_water

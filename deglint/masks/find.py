@@ -1,6 +1,6 @@
-"""Find water: a threshold of the NIR that the colours of the scene's pixels vote for.
+"""Find water by a threshold of the NIR, determined from the colours of the scene's pixels.
 
-Every criterion is a difference or a rank, so that neither the unit nor an offset that all bands share matters.
+Every criterion is a difference or a rank, so that it does not depend on the unit or on an offset common to all bands.
 """
 
 from __future__ import annotations
@@ -19,43 +19,44 @@ from .surface import BoolArray, Roles, WaterRule, check_looks, grown, opened, sq
 Votes = npt.NDArray[np.int8]
 
 GLINT_SIZE = 5.0
-"""Width of the widest patches that glint makes in the image of a fine sensor [m]: facets of waves, blurred."""
+"""Width of the widest patches of glint in images with small pixels [m]: blurred facets of waves."""
 WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)
-"""Sides of the opening that are tried, smallest first [pixel]."""
+"""Windows of the opening that are tried, smallest first [pixel]."""
 WIDEST_WINDOW, RARE_BRIGHT = 13, 2e-3
-"""The same where the size of a pixel is not known [pixel], and the share of isolated bright pixels below which they
-are boats and piers at coarse pixels and not glint, which is everywhere in the sea."""
+"""The largest window where the size of a pixel is not known [pixel]; and the share of isolated bright pixels below
+which these are boats and piers at coarse pixels, not glint, which occurs everywhere on the sea."""
 TAIL, LEAST_TAIL = 3.0, 0.5
-"""The NIR of water ends within 3 times the distance from its median to its 99th percentile: brightness of glint falls
-off exponentially, and four in a million pixels lie beyond. Water without glint, or rounded to integers, is given
-half of the difference between its visible and its NIR."""
+"""The NIR of water ends within 3 times the distance from its median to its 99th percentile: the brightness of glint
+decreases exponentially, and four in a million pixels lie beyond. For water without glint, or rounded to integers, the
+distance is at least half of the difference between its visible and its NIR."""
 DARKEST, MAX_SHEET = 10, 8.0
-"""Glint and haze lift whole areas above the darkest tenth of the water by up to 8 times the difference between its
-visible and its NIR; clouds are brighter."""
+"""The darkest water is one in this many pixels of water; glint and haze may brighten whole areas by up to `MAX_SHEET`
+times the difference between visible and NIR of that water. Clouds are brighter."""
 WHITEST, WHITE_SHARE = 0.2, 2.0
-"""Share of the pixels that may show what is white [%], and how many times as bright as the darkest they are: turbid
-water is not."""
+"""Share of the pixels from which the colour of white is determined [%], and how many times brighter than the darkest
+they must be: turbid water is not."""
 PLAIN_WHITE, SUN = (1.0, 1.0), (0.85, 0.57)
-"""Red and NIR over green of what is white, in reflectance and in radiance: the sun's irradiance at 660, 840, 560 nm."""
+"""Red and NIR of white, over green, in reflectance and in radiance: the sun's irradiance at 660, 840, 560 nm."""
 COARSE_PIXEL = 1.0
-"""Where pixels are smaller, or their size is not known, dense glint may be brighter than all else, and is not white in
-bands that are not simultaneous [m]."""
+"""Pixel size below which white is not determined from the brightest pixels, nor where it is not known [m]: dense glint
+may be brighter than all else, and is not white in bands that are not simultaneous."""
 WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
-"""How red and NIR of what is white may compare to its green where the bands are radiances."""
+"""Range of red over green, and of NIR over green, of white where the bands are radiances."""
 LEAST_BODY = 25
-"""Water has at least this many pixels, in squares of 5 x 5 [pixel]: less is shadow or a dark roof."""
+"""Fewest pixels of water, in squares of 5 x 5 [pixel]: smaller areas are shadows or dark roofs."""
 COMPACTNESS = 0.7
-"""Brown water has the colours of a town in units of radiance, but of a town less than this lies in such squares."""
+"""Least share of brown water that lies in such squares: a town has the same colours in radiance, but is less compact.
+"""
 BEYOND = 1.4
-"""The gap between water and land is sought up to this many times the distance from the median of the water's NIR to
-where as many pixels have the colour of water as have not."""
+"""Upper end of the search for the gap between water and land, in multiples of the distance from the median NIR of water
+to the NIR at which water and other colours are equally frequent."""
 INTO_GAP = 0.25
-"""The threshold lies in the gap, nearer to the water: ships, piers and mixed pixels fill the rest."""
+"""Position of the threshold in the gap, 0..1, nearer to the water: ships, piers and mixed pixels fill the rest."""
 RARE_GLINT = 1e-3
-"""Share of the votes for water from which on the gap between water and land is sought where glint is sparkle: what lies
-above has as many pixels of sparkle as of mixed pixels of a shore."""
+"""Share of the votes for water that may lie above the start of the search for the gap at fine pixels: above it, pixels
+of sparkle are as frequent as mixed pixels of a shore."""
 GAP_BINS = 64
-"""Bins of the histogram in which the gap between water and land is sought."""
+"""Bins of the histogram in which the gap between water and land is searched."""
 
 
 def fit_water(
@@ -66,37 +67,38 @@ def fit_water(
     whole: bool = True,
     reflectance: bool = False,
 ) -> WaterRule:
-    """Decide from some blocks of a scene how to distinguish water from land, clouds, foam and ships.
+    """Determine from some blocks of a scene how to distinguish water from land, clouds, foam and ships.
 
     Water absorbs the NIR, so that it is darker there than in the visible, with glint or without: the sign of the NDWI.
-    The sign depends on no unit or offset that all bands share, but it is noisy: roofs and shadows have it, and some
-    water has not. So it votes for a threshold of the NIR: the one that parts the two signs with the fewest errors,
-    moved into the gap beside it.
+    The sign does not depend on the unit or on a common offset, but it is noisy: roofs and shadows look like water, and
+    some water does not. Therefore each pixel votes by its sign, and the threshold of the NIR is the one that separates
+    the votes with the fewest errors, moved into the gap beside it.
 
-    At fine pixels glint is sparkle, as bright as land: not water is only what is bright over a whole square. Its side
-    is the smallest that leaves no isolated bright pixels of the colour of glint, up to the size of glint's patches.
+    At fine pixels glint is sparkle, as bright as land. Only areas that are bright over a whole square are then excluded
+    from water. The side of the square is the smallest that leaves no isolated bright pixels of the colour of glint, up
+    to the width of patches of glint.
 
     Parameters
     ----------
     looks : sequence of (band, row, column) ndarray
-        Blocks that stand for the scene, or the whole scene [any unit]; NaN is not valid.
+        Blocks that represent the scene, or the whole scene [any unit]; NaN is not valid.
     roles : Roles
     pixel : float, optional
         Side of a pixel on the ground [m].
     reflectance : bool
-        The bands are known to be reflectances; else the brightest pixels of coarse images tell.
+        The bands are known to be reflectances; else this is determined from the brightest pixels of coarse images.
     whole : bool
-        The blocks are all of the scene; else there may be land that they do not show.
+        The blocks cover the whole scene; else there may be land outside them.
 
     Returns
     -------
     WaterRule
-        `has_water` is False where nothing looks like water; raising is left to the caller.
+        `has_water` is False where no water was found; no exception is raised.
 
     Raises
     ------
     BandError
-        No visible band is named, or a block lacks a band.
+        `roles` has no visible band, or a block lacks a band.
     InputError
         No blocks, or not three-dimensional.
 
@@ -121,7 +123,7 @@ def fit_water(
 
 
 def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool) -> WaterRule | None:
-    """The rule, where there is water in light of this colour, as blue as usual or brown."""
+    """The rule for one colour of white, for blue or for brown water; None where there is no water."""
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     for window in [w for w in WINDOWS if w <= widest]:
         votes = view.votes(window, light, brown=brown)
@@ -148,7 +150,7 @@ class _Found(NamedTuple):
 
 
 class _View:
-    """The blocks in which water is sought, and which of their pixels are valid."""
+    """The blocks in which water is searched, and their valid pixels."""
 
     def __init__(self, blocks: Sequence[FloatArray], roles: Roles) -> None:
         valid = [valid_for(b, roles) for b in blocks]
@@ -157,7 +159,7 @@ class _View:
         self.pixels = int(sum(v.sum() for v in self.valid))
 
     def flat(self, arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
-        """Some of the valid pixels of all blocks, the same ones of every array."""
+        """A sample of the valid pixels of all blocks, the same for every array."""
         return thinned(np.concatenate([a[v] for a, v in zip(arrays, self.valid, strict=True)]))
 
     @cached_property
@@ -167,17 +169,17 @@ class _View:
         return self.flat([b[visible] - b[self.roles.nir] for b in self.blocks])
 
     def nir(self, window: int) -> FloatArray:
-        """NIR without what is bright and smaller than a window."""
+        """NIR after a morphological opening with a window."""
         return self.flat(
             [_opened_band(b[self.roles.nir], v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
         )
 
     def votes(self, window: int, light: tuple[float, float], *, brown: bool) -> list[Votes]:
-        """What the colour says of each pixel: 1 water, -1 not water, 0 either.
+        """Vote of each pixel by its colour: 1 water, -1 not water, 0 either.
 
-        Water has less NIR than visible. Where red is above green it may be soil or a town, if the light is not as white
-        as was assumed, or brown water. Means over a square are compared: bands that are not simultaneous catch sparkle
-        at different places.
+        Water has less NIR than visible. A pixel with red above green may be soil, a town (if the colour of white is
+        wrong) or brown water. Means over a square are compared, because bands that are not simultaneous show sparkle at
+        different places.
         """
         roles, (red, nir) = self.roles, light
         found = []
@@ -195,10 +197,10 @@ class _View:
 
     @cached_property
     def white(self) -> tuple[float, float]:
-        """Red and NIR of what is white, over its green: 1 in reflectance, the colour of the sun's light in radiance.
+        """Red and NIR of white, over green: 1 in reflectance, the colour of sunlight in radiance.
 
-        The brightest pixels are white: roofs, sand, clouds, or glint. Where they are not, or are not bright enough, or
-        their NIR is as bright as their green, the bands are taken for reflectance.
+        The brightest pixels usually are white: roofs, sand, clouds, or glint. If their colour is not plausible, or they
+        are not bright enough, or their NIR is as bright as their green, the bands are assumed to be reflectances.
         """
         roles = self.roles
         if roles.green is None or roles.red is None:
@@ -215,14 +217,15 @@ class _View:
         return SUN if radiance else PLAIN_WHITE
 
     def brighter(self, threshold: float, window: int) -> list[BoolArray]:
-        """Where the NIR is above a threshold all over a window."""
+        """Pixels in a square window in which all NIR is above a threshold."""
         nir = self.roles.nir
         return [opened(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
 
     def sparkle(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> float:
-        """Share of the sea where a window leaves bright pixels far from what the widest window leaves.
+        """Share of the sea with bright pixels after an opening by `window`, far from those that the widest window
+        leaves.
 
-        Where votes are given, only bright pixels of the colour of water under glint.
+        With votes, only bright pixels of the colour of water under glint are counted.
         """
         solid, left = self.brighter(threshold, widest), self.brighter(threshold, window)
         apart = [b & ~grown(o, 2 * widest + 1) for b, o in zip(left, solid, strict=True)]
@@ -231,9 +234,9 @@ class _View:
         return sum(int(a.sum()) for a in apart) / max(self.pixels - sum(int(o.sum()) for o in solid), 1)
 
     def is_water(self, solid: Sequence[BoolArray], votes: Sequence[Votes], compact: float) -> bool:
-        """Whether the rest has mostly the colour of water and lies together, a share `compact` of it in squares.
+        """Whether the remaining pixels mostly have the colour of water, and a share `compact` of them lies in squares.
 
-        Where compactness is asked for, something must have voted against water, too.
+        With compactness, some pixels must also have voted against water.
         """
         found = alike = together = 0
         side = min(5, *(n for v in self.valid for n in v.shape))
@@ -246,7 +249,7 @@ class _View:
 
 
 def _summed(values: FloatArray, valid: BoolArray, side: int) -> FloatArray:
-    """Sum of the valid values of a square."""
+    """Sum of the valid values in a square around each pixel."""
     values = np.where(valid, values, 0)
     if side == 1:
         return values
@@ -257,7 +260,7 @@ def _summed(values: FloatArray, valid: BoolArray, side: int) -> FloatArray:
 
 
 def _opened_band(band: FloatArray, valid: BoolArray, window: int) -> FloatArray:
-    """A band without what is brighter than its surroundings and smaller than a square; what is missing is neutral."""
+    """Morphological opening of a band by a square; invalid pixels are ignored."""
     if window == 1:
         return band
     import cv2
@@ -267,7 +270,7 @@ def _opened_band(band: FloatArray, valid: BoolArray, window: int) -> FloatArray:
 
 
 def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: bool) -> _Found | None:
-    """The threshold that parts the votes with the fewest errors, moved into the gap; None where no water wins."""
+    """The threshold that separates the votes with the fewest errors, moved into the gap; None if there is no water."""
     order = np.argsort(nir, kind="stable")
     nir, contrast, votes = nir[order], contrast[order], votes[order]
     won = np.cumsum(votes, dtype=np.int64)
@@ -294,7 +297,7 @@ def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: 
 
 
 def _foot(nir: FloatArray, level: float, high: float) -> float:
-    """A quarter into the gap above the water's peak, counted from the foot of the peak, where the density bends.
+    """A quarter into the gap above the peak of the water, from the foot of the peak, where the density bends.
 
     The bend is where the logarithm of the density lies farthest below the straight line from its peak to the end, the
     triangle method of Zack, Rogers, Latt (1977), J. Histochem. Cytochem. 25, 741-753, doi:10.1177/25.7.70454.
@@ -313,7 +316,7 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
 
 
 def _emptiest(nir: FloatArray) -> float:
-    """The end of sorted values, or the highest place before it that is as empty as any: dry sand votes for neither."""
+    """Upper end of the sorted values, or the highest gap below it: dry sand votes neither for nor against water."""
     if not nir[-1] > nir[0]:
         return float(nir[-1])
     counts, edges = np.histogram(nir, GAP_BINS)

@@ -16,20 +16,19 @@ from .surface import BoolArray, Roles, WaterRule, check_looks, grown, square, th
 Float64Array = npt.NDArray[np.float64]
 
 SIZE = 15
-"""Side of the square in which water is judged [pixel]."""
+"""Side of the square for local statistics of water [pixel]."""
 DISTANCES = (10, 5, 2, 0)
-"""Pixels kept from what is not water; the first that leaves enough."""
+"""Distances from other surfaces than water [pixel]; the first that leaves enough sample is used."""
 SHARES, ENOUGH = (0.25, 0.5, 1.0), 3000
-"""Of the dark, even water the part with the strongest glint is kept: the first share that gives enough."""
+"""Shares of the dark, even water with the strongest glint; the first that gives enough pixels is used."""
 MAX_RESIDUAL = 3.0
-"""Local visible variance that the NIR does not explain may be this many times the usual."""
+"""Upper limit of the local visible variance that the NIR does not explain, as a multiple of the typical one."""
 BIMODAL = 0.8
-"""Otsu's separability above which water is taken to be of two kinds (a normal distribution has 0.64)."""
+"""Otsu's separability above which there are two kinds of water (a normal distribution has 0.64)."""
 MANY = 50_000
-"""Squares overlap, so this many of them tell all about the rest."""
+"""Most squares used for the limits; they overlap, so more add no information."""
 SHORE = 9
-"""Side of the square of water that a pixel lies in, away from shores, ships, piers, and pixels that they share with
-water [pixel]."""
+"""Side of the square of water that must contain a pixel, to exclude shores, ships, piers and mixed pixels [pixel]."""
 CLEANING = 7
 """Side of the opening that makes the sample compact [pixel]."""
 REMEDY = "Pass --sample with a piece of deep water, or widen --mask."
@@ -37,10 +36,10 @@ REMEDY = "Pass --sample with a piece of deep water, or widen --mask."
 
 @dataclass(frozen=True, slots=True)
 class SampleRule:
-    """How the deep-water sample is taken: plain numbers.
+    """Criteria of the deep-water sample, as plain numbers.
 
-    NIR and visible sum are counted in grains, (value - centre) / step rounded to integers, so that box sums
-    are exact and cannot depend on the tile.
+    NIR and visible sum are quantised, (value - centre) / step rounded to integers ("grains"), so that box sums are
+    exact and do not depend on the tile.
 
     Attributes
     ----------
@@ -50,13 +49,13 @@ class SampleRule:
     centre, step : tuple of float
         Of the NIR [unit] and of the visible sum.
     distance : int
-        Kept from everything that is not water [pixel].
+        Distance from everything that is not water [pixel].
     slope : float
-        Visible sum on NIR; takes glint off the local level.
+        Slope of the visible sum against the NIR, to subtract glint from the local level.
     level : float
-        Upper limit of the local mean of the visible sum, glint taken off [grain].
+        Upper limit of the local mean of the visible sum, glint subtracted [grain].
     residual, variance : float
-        Usual local variance that the NIR does not explain, and variance of the NIR [grain^2].
+        Typical local variance that the NIR does not explain, and typical variance of the NIR [grain^2].
     least_variance : float
         Lower limit of the local NIR variance [grain^2].
     r_squared : float
@@ -65,9 +64,9 @@ class SampleRule:
     glint : float
         Local standard deviation of the NIR in the sample [unit of the NIR].
     pixels : int
-        Sample pixels in the look.
+        Sample pixels in the blocks that were used for fitting.
     share : float
-        Of the valid pixels of the look, 0..1.
+        Their share of the valid pixels, 0..1.
     """
 
     water: WaterRule
@@ -91,17 +90,17 @@ class SampleRule:
         return sample_halo(self.water, self.distance)
 
     def numbers(self) -> dict[str, Any]:
-        """Everything but the water rule as plain numbers, for a sidecar."""
+        """All values except the water rule, for a sidecar."""
         return {k: v for k, v in asdict(self).items() if k != "water"} | {"halo": self.halo}
 
 
 def sample_halo(water: WaterRule, distance: int = max(DISTANCES)) -> int:
-    """Pixels that `deep_water` needs around a tile; by default at most, whatever rule is found."""
+    """Pixels that `deep_water` needs around a tile; by default for the largest distance."""
     return water.halo + max(distance, SIZE // 2) + CLEANING - 1
 
 
 class _Local(NamedTuple):
-    """Statistics in the square around each pixel, over water, in grains (see `SampleRule`)."""
+    """Statistics of water in the square around each pixel, in grains (see `SampleRule`)."""
 
     enough: BoolArray
     nir: Float64Array
@@ -122,7 +121,7 @@ class _Local(NamedTuple):
 
 
 def away_from_shore(mask: BoolArray) -> BoolArray:
-    """The part of a mask of water that lies in squares of water of `SHORE` pixels.
+    """Water pixels that lie in squares of water of `SHORE` pixels.
 
     Examples
     --------
@@ -137,13 +136,13 @@ def away_from_shore(mask: BoolArray) -> BoolArray:
 
 
 def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
-    """Decide from some blocks of a scene which water makes a good sample for glint slopes.
+    """Determine from some blocks of a scene which water is a good sample for glint slopes.
 
-    Judged in squares of 15 x 15 pixels, over water: (1) away from everything that is not water; (2) dark: of
-    two kinds of water by Otsu's criterion, repeated, the darker; of that the darker half, after the glint is
-    taken off the level; (3) even: the visible varies no more than usual beyond what the NIR explains; (4) of
-    this the quarter with the strongest glint (largest NIR variance), or more where that is too little,
-    because noise in the NIR lowers a slope by the factor
+    Criteria, in squares of 15 x 15 pixels of water: (1) away from everything that is not water; (2) dark: if Otsu's
+    criterion finds two kinds of water, the darker (repeated); of this the darker half, with glint subtracted; (3) even:
+    the variance of the visible that the NIR does not explain is not unusually large; (4) of this the quarter with the
+    strongest glint (largest NIR variance), or more where that is too little, because noise in the NIR lowers a slope by
+    the factor
 
     .. math:: var(glint) / (var(glint) + var(noise))
 
@@ -161,12 +160,12 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     Raises
     ------
     FitError
-        No water in the look, none far enough from what is not water, or the NIR does not vary over it.
+        There is no water in the blocks, none far enough from other surfaces, or its NIR does not vary.
 
     Notes
     -----
-    Means to serve a regression on values from which a local mean is taken (`deglint.remove.detrend`): a slow
-    change of colour inside the sample is allowed. Cost: 250 ns and 100 bytes per pixel of the look.
+    The sample is meant for a regression on values from which a local mean is subtracted (`deglint.remove.detrend`):
+    slow changes of colour inside the sample are allowed. Cost: 250 ns and 100 bytes per pixel.
 
     References
     ----------
@@ -196,7 +195,7 @@ def deep_water(block: FloatArray, rule: SampleRule) -> BoolArray:
     Parameters
     ----------
     block : (band, row, column) ndarray
-        In the unit of the look; NaN is not valid. A tile needs `rule.halo` more pixels on every side.
+        In the unit of the fitted blocks; NaN is not valid. A tile needs `rule.halo` more pixels on every side.
     rule : SampleRule
         From `fit_sample`.
 
@@ -229,7 +228,7 @@ def _spread(values: FloatArray) -> tuple[float, float]:
 
 
 def _grains(looks: Sequence[FloatArray], masks: Sequence[BoolArray], rule: WaterRule) -> SampleRule:
-    """Weights, centres and steps: 1024 grains for the usual range of the water."""
+    """Weights, centres and steps of the quantisation: 1024 grains for the typical range of the water."""
 
     def over_water(band: int) -> FloatArray:
         return np.concatenate([b[band][m] for b, m in zip(looks, masks, strict=True)])
@@ -274,12 +273,12 @@ def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
 
 
 def _far(other: BoolArray, distance: int) -> BoolArray:
-    """Pixels with no other ground within a square of `distance`."""
+    """Pixels at least `distance` from other surfaces (in a square neighbourhood)."""
     return ~grown(other, 2 * distance + 1) if distance else ~other
 
 
 def _gather(local: Sequence[_Local], masks: Sequence[BoolArray]) -> _Local:
-    """Statistics of the masked pixels of all blocks, flat."""
+    """Statistics of the masked pixels of all blocks, flattened."""
     first, *others = zip(*(s.pick(m) for s, m in zip(local, masks, strict=True)), strict=True)
     return _Local(np.concatenate(first), *(np.concatenate(part) for part in others))
 
@@ -323,7 +322,7 @@ def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRul
 
 
 def _even(local: _Local, rule: SampleRule) -> BoolArray:
-    """Squares where the visible varies no more than usual; more glint may bring more."""
+    """Squares where the visible varies no more than typical; the limit grows with glint."""
     usual = rule.residual * np.maximum(local.variance / rule.variance, 1.0)
     return np.asarray(local.residual <= MAX_RESIDUAL * usual)
 
@@ -358,7 +357,7 @@ def _otsu(values: Float64Array) -> tuple[float, float]:
 
 
 def _select(block: FloatArray, mask: BoolArray, local: _Local, rule: SampleRule) -> BoolArray:
-    """Apply all limits and make the mask compact by an opening; what is not valid or not there is neutral."""
+    """Apply all limits, and make the mask compact by an opening; invalid pixels are ignored."""
     import cv2
 
     valid = valid_for(block, rule.water.roles)
@@ -372,7 +371,7 @@ def _select(block: FloatArray, mask: BoolArray, local: _Local, rule: SampleRule)
 
 
 def _summarise(found: _Local, sample: SampleRule, valid: int) -> SampleRule:
-    """Add what the sample holds; refuse an empty one."""
+    """Add properties of the sample; raise FitError if it is empty."""
     pixels = int(found.enough.size)
     if not pixels:
         raise FitError(f"no deep-water sample: no dark, even water with glint was found. {REMEDY}")

@@ -1,4 +1,4 @@
-"""Apply a rule, fitted to a scene, to a block: which of its pixels are water."""
+"""Apply a fitted rule to a block: which of its pixels are water."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ..scene import FloatArray
 BoolArray = npt.NDArray[np.bool_]
 
 ENOUGH_TO_RANK = 100_000
-"""Values that a percentile is determined from; of more, every k-th."""
+"""Most values from which a percentile is determined; of more values, every k-th is used."""
 
 
 @dataclass(frozen=True, slots=True)
 class Roles:
-    """Which band of a block (0-based) is what; at least one visible band is needed beside the NIR.
+    """0-based band of each colour in a block; at least one visible band is needed besides the NIR.
 
-    `swir` is carried for callers; the masks do not need it.
+    The masks do not use `swir`.
     """
 
     nir: int
@@ -33,11 +33,11 @@ class Roles:
 
     @property
     def visible(self) -> tuple[int, ...]:
-        """Indexes of the visible bands there are, the best one to compare the NIR with first."""
+        """Indexes of the visible bands, the most suitable for comparison with the NIR first."""
         return tuple(b for b in (self.green, self.blue, self.red) if b is not None)
 
     def check(self, bands: int) -> None:
-        """Raise BandError unless a visible band is named and a block of `bands` bands holds all of them."""
+        """Raise BandError unless there is a visible band, and a block of `bands` bands contains all of them."""
         if not self.visible:
             raise BandError("finding water needs a visible band beside the NIR. Name blue, green or red.")
         for name in ("nir", "blue", "green", "red"):
@@ -62,11 +62,11 @@ class WaterRule:
     contrast : float
         Visible minus NIR of the darkest water (NaN: no water). It does not depend on an offset that all bands share.
     water_fraction : float
-        Share of water among the valid pixels of the look, 0..1.
+        Share of water among the valid pixels of these blocks, 0..1.
     pixels : int
-        Valid pixels of the look.
+        Valid pixels of the blocks that were used for fitting.
     whole : bool
-        The look was at the whole scene.
+        These blocks covered the whole scene.
     """
 
     roles: Roles
@@ -85,7 +85,7 @@ class WaterRule:
 
     @property
     def has_water(self) -> bool:
-        """Whether there is any water in the look."""
+        """Whether water was found."""
         return self.water_fraction > 0
 
     @property
@@ -95,7 +95,7 @@ class WaterRule:
 
     @property
     def reason(self) -> str:
-        """What was decided, in one line, fit for a log or a NoWaterError."""
+        """The result in one line, for a log or a NoWaterError."""
         if not self.pixels:
             return "no valid pixel to look at for water. Check --nodata."
         if not self.has_water:
@@ -112,7 +112,7 @@ class WaterRule:
         )
 
     def numbers(self) -> dict[str, Any]:
-        """Everything as plain numbers, for a sidecar."""
+        """All values, for a sidecar."""
         return {**asdict(self), "halo": self.halo, "all_water": self.all_water, "reason": self.reason}
 
 
@@ -122,14 +122,14 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> BoolArra
     Parameters
     ----------
     block : (band, row, column) ndarray
-        In the unit of the look; NaN is not valid. A tile needs `rule.halo` more pixels on every side.
+        In the unit of the fitted blocks; NaN is not valid. A tile needs `rule.halo` more pixels on every side.
     rule : WaterRule
         From `fit_water`.
 
     Returns
     -------
     (row, column) ndarray of bool
-        Never True where a band in use is NaN.
+        False where a band that the rule uses is NaN.
 
     Notes
     -----
@@ -154,9 +154,9 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> BoolArra
 
 
 def opened(bright: BoolArray, missing: BoolArray, window: int) -> BoolArray:
-    """Bright pixels in a square of `window` bright pixels that lies in the image: what is not water.
+    """Bright pixels in a square of `window` bright pixels that lies inside the image: these are not water.
 
-    What is missing is neutral. A threshold and a rank filter commute, so the opening runs on bytes. Squares that reach
+    Missing pixels are ignored. A threshold and a rank filter commute, so the opening runs on bytes. Squares that reach
     over the image's edge do not count: there a few sparkles would fill them.
     """
     if window == 1 or not bright.any():
@@ -169,14 +169,14 @@ def opened(bright: BoolArray, missing: BoolArray, window: int) -> BoolArray:
 
 
 def grown(mask: BoolArray, side: int) -> BoolArray:
-    """Pixels that have one of the mask in a square around them."""
+    """The mask, dilated by a square of this side."""
     import cv2
 
     return np.asarray(cv2.dilate(mask.view(np.uint8), square(side))).view(np.bool_)
 
 
 def check_looks(looks: Sequence[FloatArray], roles: Roles) -> None:
-    """Refuse no blocks, or blocks that are not (band, row, column) or lack a band."""
+    """Check that there are blocks, (band, row, column), with all bands."""
     if len(looks) == 0:
         raise InputError("no blocks to look at. Give at least one (band, row, column) array.")
     for block in looks:
@@ -186,7 +186,7 @@ def check_looks(looks: Sequence[FloatArray], roles: Roles) -> None:
 
 
 def valid_for(block: FloatArray | Sequence[FloatArray], roles: Roles) -> BoolArray:
-    """Pixels where every band in use is finite."""
+    """Pixels where every band in `roles` is finite."""
     valid = np.isfinite(block[roles.nir])
     for band in roles.visible:
         valid &= np.isfinite(block[band])
@@ -194,10 +194,10 @@ def valid_for(block: FloatArray | Sequence[FloatArray], roles: Roles) -> BoolArr
 
 
 def thinned(values: FloatArray) -> FloatArray:
-    """Every k-th value, such that enough are left to tell a percentile by."""
+    """Every k-th value, so that enough remain for a percentile."""
     return values[:: 1 + values.size // ENOUGH_TO_RANK]
 
 
 def square(size: int) -> npt.NDArray[np.uint8]:
-    """A structuring element."""
+    """A square structuring element."""
     return np.ones((size, size), np.uint8)

@@ -13,12 +13,12 @@ Array = npt.NDArray[np.float64]
 
 
 def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, remedy: str) -> Array:
-    """The value as float64, NaN kept, or an error if any of it lies outside [low, high].
+    """The value as float64, NaN kept; InputError if it lies outside [low, high].
 
     Raises
     ------
     InputError
-        A value is below `low` or above `high`, or is no number at all.
+        A value is below `low` or above `high`, or is not a number.
     """
     unit = f" {unit}" if unit else ""
     try:
@@ -33,7 +33,7 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
 
 
 def choice(name: str, value: Any, allowed: Any) -> None:
-    """Refuse a value that is none of those allowed.
+    """Check that a value is one of those allowed.
 
     Raises
     ------

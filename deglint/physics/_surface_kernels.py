@@ -1,4 +1,4 @@
-"""Compiled loops of `deglint.physics.surface`, over a range of rows each so that threads may share them."""
+"""Compiled loops of `deglint.physics.surface`, each over a range of rows, so that threads may share the work."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def fill_amplitudes(noise, sums, first, last, steps, table, how, along):  # type
 
     sums[row] gets the variances of height, east slope, north slope, and the covariance of slopes.
 
-    `table` is over even steps of log wavenumber: start, step, log density, Elfouhaily's D. `how` is (kind,
-    exponent, norm, opposing share), `along` the (east, north) components of the direction downwind.
+    `table` has even steps of log wavenumber: start, step, log density, Elfouhaily's D. `how` is (kind, exponent, norm,
+    opposing share), `along` the (east, north) components of the direction downwind.
     """
     rows, columns = noise.shape
     row_step, column_step = steps

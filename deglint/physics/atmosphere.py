@@ -1,9 +1,9 @@
 """Sunlight at the surface of the sea under a clear sky: direct and diffuse, by wavelength.
 
-The model of Gregg and Carder for maritime air, 300 to 1000 nm: ozone, oxygen, water vapour, molecules, and
-the Navy's three kinds of aerosol, which follow from the air mass type, the humidity, the wind and the
-visibility. The path through the air is that of Kasten and Young, and the largest aerosol carries the factor
-0.05 that the paper left out and every code of the model has. Clouds are unknown here.
+The model of Gregg and Carder for maritime air, 300 to 1000 nm: ozone, oxygen, water vapour, molecules, and the Navy's
+three kinds of aerosol, which follow from the air mass type, the humidity, the wind and the visibility. The air mass is
+that of Kasten and Young, and the largest aerosol has the factor 0.05 that is missing in the paper but present in every
+code of the model. Clouds are not modelled.
 
 References
 ----------
@@ -115,8 +115,7 @@ class Spectrum(NamedTuple):
 
 
 class Irradiance(NamedTuple):
-    """Irradiance of a level plane just above the sea [W m-2 nm-1], from the disk and from the rest of the
-    sky."""
+    """Irradiance of a horizontal plane just above the sea [W m-2 nm-1], from the solar disk and from the sky."""
 
     direct: Array
     diffuse: Array
@@ -151,7 +150,7 @@ def irradiance(
     Returns
     -------
     Irradiance
-        On a level plane; direct over cos(sun zenith) is that on a plane facing the sun.
+        On a horizontal plane; direct / cos(sun zenith) is that on a plane facing the sun.
 
     Raises
     ------
@@ -182,7 +181,7 @@ def irradiance(
 
 
 def table_spectrum(wavelength: npt.ArrayLike) -> Spectrum:
-    """Sun and gases from the table of this package, linear between its steps of 1 nm.
+    """Sun and gases from the table of this package, interpolated linearly between steps of 1 nm.
 
     Raises
     ------
@@ -222,7 +221,7 @@ def navy_aerosol(air: Air) -> Aerosol:
 
 
 def air_mass(sun_zenith: npt.ArrayLike) -> Array:
-    """Path through the air over that to the zenith [1] (Kasten and Young 1989).
+    """Relative air mass: path through the air over that to the zenith [1] (Kasten and Young 1989).
 
     Raises
     ------
@@ -239,7 +238,7 @@ def air_mass(sun_zenith: npt.ArrayLike) -> Array:
 
 
 def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
-    """Share of what the aerosol scatters that goes down [1] (Gregg and Carder 1990, eq. 29 to 32)."""
+    """Share of the light scattered by aerosol that goes downwards [1] (Gregg and Carder 1990, eq. 29 to 32)."""
     cosine = _cosine(sun_zenith)
     b3 = np.log(1.0 - asymmetry)
     b1 = b3 * (1.459 + b3 * (0.1595 + 0.4129 * b3))
@@ -248,7 +247,7 @@ def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
 
 
 def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike) -> Array:
-    """Usual ozone column for a place and day [DU] (Van Heuklon 1979).
+    """Climatological ozone column for a place and day [DU] (Van Heuklon 1979).
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Reflection and refraction of light at the flat boundary of air and water.
+"""Reflection and refraction of light at a flat air-water interface.
 
-Unpolarised and polarised reflectance, and Snell's angle. This module knows neither waves nor the sun.
+Unpolarised and polarised reflectance, and Snell's angle. Waves and the sun are dealt with elsewhere.
 
 References
 ----------
@@ -19,9 +19,9 @@ WATER_INDEX = 1.34
 
 
 def polarised(cosine: Array, index: Array | float = WATER_INDEX) -> tuple[Array, Array]:
-    """Reflectance of power [1] for light polarised across and along the plane of incidence.
+    """Power reflectance [1] for light polarised perpendicular and parallel to the plane of incidence.
 
-    From the cosine of the incidence in air, in its own precision and unchecked.
+    Takes the cosine of the angle of incidence in air; keeps its precision, without checks.
     """
     inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
     perpendicular = ((cosine - index * inside) / (cosine + index * inside)) ** 2
@@ -30,7 +30,7 @@ def polarised(cosine: Array, index: Array | float = WATER_INDEX) -> tuple[Array,
 
 
 def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
-    """Reflectance of the flat surface for unpolarised light from above.
+    """Fresnel reflectance of a flat surface for unpolarised light from above.
 
     The mean of the two polarisations, r = (r_s + r_p) / 2.
 
@@ -44,7 +44,7 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
     Returns
     -------
     ndarray
-        Reflectance of power [1], 0 to 1.
+        Power reflectance [1], 0 to 1.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
 
 
 def reflectance_of_cosine(cosine: Array, index: float = WATER_INDEX) -> Array:
-    """The same as `reflectance` from the cosine of the incidence, in its own precision and unchecked: for many
+    """As `reflectance`, from the cosine of the angle of incidence; keeps its precision, without checks: for many
     facets.
 
     Parameters
@@ -108,9 +108,9 @@ def refraction_angle(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -
 
 
 def radiance_transmittance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
-    """Radiance in air over the radiance in water that it came from, (1 - r) / n^2.
+    """Radiance in air over the radiance in water, (1 - r) / n^2.
 
-    The flux that gets through is 1 - r; that it spreads over a wider cone costs the factor n^2.
+    The transmitted flux is 1 - r; it is spread over a wider cone, hence the factor 1 / n^2.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Sun glint in closed form: which facet mirrors the sun to the sensor, how often, and how bright.
+"""Sun glint in closed form: the facet that reflects the sun into the sensor, its probability, and its radiance.
 
-For a sun of small disk and single reflections the facet that glints is the one whose normal halves the angle
-between the directions to the sun and to the sensor. Its share of the pixel follows from the density of
-slopes, and no sum over facets is needed. Angles are seen from the target: where the sun and where the sensor
-stand. This module knows no wind; it takes the density of slopes as a number.
+For a small solar disk and single reflections, the facet that glints has the normal that bisects the directions to the
+sun and to the sensor. Its share of the pixel follows from the probability density of slopes, and no sum over facets is
+needed. Angles of sun and sensor are as seen from the target. Except in `sun_glint`, the density of slopes is an
+argument.
 
 References
 ----------
@@ -22,11 +22,11 @@ from . import fresnel, slopes, sun
 from ._checks import Array, within
 
 VIEW_LIMIT = 89.0
-"""Largest view zenith angle [degree]; nearer to the horizon waves hide each other and the formulas fail."""
+"""Largest view zenith angle [degree]; nearer to the horizon waves shadow each other and the formulas fail."""
 
 
 class Facet(NamedTuple):
-    """The facet that mirrors the sun into the sensor.
+    """The facet that reflects the sun into the sensor.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ def facet(
     view_zenith: npt.ArrayLike,
     view_azimuth: npt.ArrayLike,
 ) -> Facet:
-    """Facet that mirrors the sun into the sensor.
+    """Facet that reflects the sun into the sensor.
 
     With s and v the unit vectors to the sun and the sensor, h = (s + v) / |s + v| is its normal and
     (-h_x / h_z, -h_y / h_z) are its slopes.
@@ -111,7 +111,7 @@ def facet(
 def probability(
     density: npt.ArrayLike, view_zenith: npt.ArrayLike, tilt: npt.ArrayLike, solid_angle: npt.ArrayLike
 ) -> Array:
-    """Share of the pixel, as the sensor sees it, that mirrors a source of a solid angle.
+    """Share of the pixel, as seen by the sensor, that reflects a source of a given solid angle.
 
         P = p Omega / (4 cos(view zenith) cos^4(tilt))
 
@@ -127,7 +127,7 @@ def probability(
     Returns
     -------
     ndarray
-        Share [1]; may pass 1 for a source that is not small.
+        Share [1]; may exceed 1 for a source that is not small.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def radiance(
     *,
     index: npt.ArrayLike = fresnel.WATER_INDEX,
 ) -> Array:
-    """Glint radiance per unit of irradiance on a plane that faces the sun [1/sr].
+    """Glint radiance per unit of irradiance on a plane facing the sun [1/sr].
 
         L / E_n = r(incidence) p / (4 cos(view zenith) cos^4(tilt))        (Cox and Munk 1954)
 
@@ -214,14 +214,14 @@ def sun_glint(
     solid_angle: npt.ArrayLike = sun.MEAN_SOLID_ANGLE,
     index: npt.ArrayLike = fresnel.WATER_INDEX,
 ) -> Glint:
-    """Sun glint from angles and wind, in one call.
+    """Sun glint from angles and wind.
 
     Parameters
     ----------
     sun_zenith, sun_azimuth, view_zenith, view_azimuth : array_like
         Of the sun and of the sensor, from the target [degree]; see `facet`.
     wind : array_like
-        Speed at the height that the model wants [m/s]; see `slopes.wind_at_height`.
+        Speed at the reference height of the model [m/s]; see `slopes.wind_at_height`.
     wind_from : array_like
         Azimuth that the wind blows from [degree].
     model : str

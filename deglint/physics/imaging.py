@@ -1,8 +1,8 @@
-"""From a scene on a grid finer than the pixels to what the sensor's pixels see.
+"""Image formation: from a scene on a grid finer than the pixels to the pixels of the sensor.
 
-The MTF is applied to the spectrum of the fine grid, which holds frequencies well beyond those that the pixels
-can carry; taking every n-th point then aliases just as the sensor does. The scene is taken to repeat at its
-edges. Blur only: radiometry and noise are in `deglint.physics.sensor`.
+The MTF is applied to the spectrum of the fine grid, which contains frequencies far above the Nyquist frequency of the
+pixels; taking every n-th point then aliases as the sensor does. The scene is assumed to be periodic. Only blur is
+modelled here: radiometry and noise are in `deglint.physics.sensor`.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ def observe(
     shift: tuple[float, float] = (0.0, 0.0),
     workers: int = 1,
 ) -> Array:
-    """What the pixels see of a scene on a finer grid.
+    """The image that the sensor takes of a scene on a finer grid, without noise.
 
     Parameters
     ----------
     spectrum : (row, column // 2 + 1) complex ndarray
         Of the fine grid, from `transform`; rows and columns are even multiples of `factor`.
     sensor, wavelength : Sensor, float
-        Whose optics and detector blur, at which wavelength [nm].
+        Sensor whose optics and detector blur, and the wavelength [nm].
     factor : int
         Fine points per pixel, each way. Frequencies above factor / 2 cycles per pixel are not in the scene.
     shift : (float, float)
-        Where the band looks, off its pixels, down and right [pixel].
+        Misregistration of the band, down and right [pixel].
     workers : int
-        Threads; they never show in the result.
+        Threads; the result does not depend on their number.
 
     Returns
     -------
@@ -90,6 +90,6 @@ def observe(
 
 
 def _along(frequency: Array, sensor: Sensor, shift: float) -> Complex:
-    """Detector and jitter along one axis, and the phase that moves the sampling points by `shift` pixels."""
+    """MTF of detector and jitter along one axis, and the phase of a shift of the sampling points by `shift` pixels."""
     blur = np.sinc(frequency) * np.exp(-2 * np.pi**2 * (sensor.jitter * frequency) ** 2)
     return np.asarray(blur * np.exp(2j * np.pi * frequency * shift))

@@ -1,8 +1,7 @@
-"""What is in the water: absorption and backscattering of case-1 sea water, from the chlorophyll it holds.
+"""Inherent optical properties: absorption and backscattering of case-1 sea water as functions of chlorophyll.
 
-Pure sea water, phytoplankton with the particles that go with it, and yellow substance that follows the
-particles, 300 to 1000 nm. Made for the open ocean; coastal water with its own silt and yellow substance is
-described by giving `Iops` by hand.
+Pure sea water, phytoplankton with covarying particles, and yellow substance (CDOM) that covaries with the particles,
+300 to 1000 nm. Valid for the open ocean; for coastal water with sediment and more CDOM, give `Iops` directly.
 
 References
 ----------
@@ -28,16 +27,16 @@ CHLOROPHYLL_RANGE = (0.01, 30.0)
 
 
 class Iops(NamedTuple):
-    """Inherent optical properties of water, arrays that broadcast with each other.
+    """Inherent optical properties of water, arrays that broadcast together.
 
     Attributes
     ----------
     absorption : ndarray
-        Of everything in it [1/m].
+        Total absorption [1/m].
     water_scattering, particle_scattering : ndarray
-        In all directions [1/m].
+        Total scattering [1/m].
     water_backscattering, particle_backscattering : ndarray
-        Into the backward half [1/m].
+        Backscattering [1/m].
     """
 
     absorption: Array
@@ -48,7 +47,7 @@ class Iops(NamedTuple):
 
     @property
     def backscattering(self) -> Array:
-        """Of water and particles together [1/m]."""
+        """Backscattering of water and particles [1/m]."""
         return self.water_backscattering + self.particle_backscattering
 
 

@@ -1,8 +1,8 @@
-"""Sensors that come with the simulator.
+"""Sensor presets of the simulator.
 
-Band edges are published; where full scales, wells, read noise and delays are not, they are round numbers of
-the right size (the table in the docs says which). The thesis system is taken as an airborne imager with the
-bands of WorldView.
+Band edges are published values. Full scales, well capacities, read noise and delays are round, typical numbers where
+they are not published (see the table in the docs). The thesis system is assumed to be an airborne imager with the bands
+of WorldView.
 """
 
 from __future__ import annotations

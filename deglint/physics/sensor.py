@@ -1,9 +1,8 @@
-"""The sensor: modulation transfer, electrons, noise and quantisation.
+"""The sensor: modulation transfer function, electrons, noise and quantisation.
 
-A `Sensor` holds the optics, the detector and the bands; `deglint.physics.presets` has some. Functions take
-plain numbers and arrays. Blur is a modulation transfer function (MTF), the product of diffraction, detector,
-smear and jitter; `deglint.physics.imaging` applies it to a finer grid than the pixels.
-This module opens no files and does not depend on the scene.
+A `Sensor` describes the optics, the detector and the bands; presets are in `deglint.physics.presets`. Functions take
+plain numbers and arrays. Blur is a modulation transfer function (MTF), the product of diffraction, detector, smear and
+jitter; `deglint.physics.imaging` applies it to a finer grid than the pixels.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ from .tables import WAVELENGTH_RANGE
 Array = npt.NDArray[np.floating[Any]]
 
 PLANCK = 6.62607015e-34
-"""[J s]"""
+"""Planck constant [J s]."""
 LIGHT_SPEED = 299792458.0
-"""[m/s]"""
+"""Speed of light [m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,13 +33,13 @@ class SensorBand:
     Attributes
     ----------
     name : str
-        As the sensor calls it.
+        Name of the band.
     low, high : float
         Edges of the band [nm].
     full_scale : float
         Radiance that fills the well [W m-2 sr-1 nm-1]; the exposure follows from it.
     time_offset : float
-        When it sees the ground, after the first band [s].
+        Time after the first band [s].
     """
 
     name: str
@@ -51,12 +50,12 @@ class SensorBand:
 
     @property
     def wavelength(self) -> float:
-        """Centre [nm]."""
+        """Central wavelength [nm]."""
         return 0.5 * (self.low + self.high)
 
     @property
     def width(self) -> float:
-        """[nm]"""
+        """Bandwidth [nm]."""
         return self.high - self.low
 
 
@@ -67,7 +66,7 @@ class Sensor:
     Attributes
     ----------
     name : str
-        Of the sensor.
+        Name of the sensor.
     bands : tuple of SensorBand
         In file order.
     gsd : float
@@ -79,7 +78,7 @@ class Sensor:
     smear : float
         Motion during the exposure, along the columns of the image [pixel].
     jitter : float
-        Standard deviation of the line of sight, each axis [pixel].
+        Standard deviation of the line of sight, per axis [pixel].
     quantum_efficiency, transmission : float
         Electrons per photon, and share of light that the optics pass.
     well : float
@@ -142,18 +141,18 @@ class Sensor:
         return band.full_scale / self.levels
 
     def delayed(self, delay: float) -> Sensor:
-        """The same sensor with this delay from each band to the next [s]."""
+        """The same sensor with this band delay from each band to the next [s]."""
         bands = tuple(replace(b, time_offset=i * delay) for i, b in enumerate(self.bands))
         return replace(self, bands=bands)
 
 
 def band_means(bands: Sequence[SensorBand]) -> tuple[Array, Callable[[Array], Array]]:
-    """Wavelengths of all bands in steps of 1 nm, and how to take means over each band.
+    """Wavelengths of all bands in steps of 1 nm, and a function that averages over each band.
 
     Parameters
     ----------
     bands : sequence of SensorBand
-        A band that reaches beyond 300 to 1000 nm, where the tables of light and water end, is cut.
+        Bands are cut to 300 to 1000 nm, the range of the tables of light and water.
 
     Returns
     -------
@@ -179,7 +178,7 @@ def band_means(bands: Sequence[SensorBand]) -> tuple[Array, Callable[[Array], Ar
 
 
 def mtf_diffraction(frequency: npt.ArrayLike) -> Array:
-    """MTF of a perfect round aperture.
+    """Diffraction MTF of a perfect circular aperture.
 
     ``2/pi (arccos x - x sqrt(1 - x**2))``, zero beyond the cutoff.
 
@@ -191,7 +190,7 @@ def mtf_diffraction(frequency: npt.ArrayLike) -> Array:
     Returns
     -------
     ndarray
-        1 at zero.
+        MTF, 1 at zero frequency.
 
     Examples
     --------
@@ -203,7 +202,7 @@ def mtf_diffraction(frequency: npt.ArrayLike) -> Array:
 
 
 def cutoff(sensor: Sensor, wavelength: float) -> float:
-    """Frequency beyond which diffraction passes nothing [cycles/pixel], at a wavelength [nm]."""
+    """Cutoff frequency of diffraction [cycles/pixel] at a wavelength [nm]."""
     return sensor.pitch / (wavelength * 1e-9 * sensor.f_number)
 
 
@@ -225,7 +224,7 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
     Returns
     -------
     ndarray
-        1 at zero; may be negative beyond the sampling frequency.
+        MTF, 1 at zero frequency; may be negative above the sampling frequency.
 
     References
     ----------
@@ -239,7 +238,7 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
 
 
 def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 8) -> Array:
-    """Share of a point source's light in each pixel, the source in the middle of the middle pixel.
+    """PSF: share of the light of a point source in each pixel, the source at the centre of the central pixel.
 
     Parameters
     ----------
@@ -250,12 +249,12 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
     size : int
         Rows and columns, odd.
     oversample : int
-        The MTF counts up to this many half cycles per pixel.
+        Highest frequency of the MTF that is used, in half cycles per pixel.
 
     Returns
     -------
     (size, size) ndarray
-        Sums to 1: what falls beyond the edges comes in again on the other side.
+        Sums to 1: light beyond the edges wraps around to the opposite side.
 
     Examples
     --------
@@ -277,7 +276,7 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
 
 
 def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None) -> Array:
-    """Electrons that a radiance frees in a pixel.
+    """Electrons in a pixel for a radiance.
 
     ``N = pi A t QE tau L lambda dlambda / (4 f#**2 h c)``, A the area of the detector (thesis, eq. 2.23).
 
@@ -293,7 +292,7 @@ def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, expo
     Returns
     -------
     ndarray
-        Electrons, unlimited by the well.
+        Electrons, not limited by the well capacity.
     """
     exposure = sensor.exposure(band) if exposure is None else exposure
     photon_energy = PLANCK * LIGHT_SPEED / (band.wavelength * 1e-9)
@@ -341,7 +340,7 @@ def digitise(
     sensor, band : Sensor, SensorBand
         Which.
     generator : numpy Generator, optional
-        Source of the noise; none, no noise.
+        Random generator of the noise; None for no noise.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""How the diffuse light of the sky is spread over its directions, and how much of it the windy sea mirrors.
+"""Sky radiance as a function of direction, and its reflection by the wind-roughened sea.
 
-Three skies: uniform, cardioidal (brightest at the zenith, as under a heavy overcast), and the clear sky of
-Harrison and Coombes (brightest around the sun and near the horizon). Each is normalised so that a level plane
-receives exactly the diffuse irradiance that is asked for. The sun's disk itself is no part of the sky.
+Three skies: uniform, cardioidal (brightest at the zenith, as under a heavy overcast), and the clear sky of Harrison and
+Coombes (brightest around the sun and near the horizon). Each is normalised so that a horizontal plane receives exactly
+the given diffuse irradiance. The solar disk is not part of the sky.
 
 References
 ----------
@@ -24,7 +24,7 @@ from . import fresnel, slopes
 from ._checks import Array, choice, within
 
 SKY_MODELS = ("uniform", "cardioidal", "harrison-coombes")
-"""The skies by name."""
+"""Names of the sky models."""
 
 
 def radiance(
@@ -47,11 +47,11 @@ def radiance(
     Parameters
     ----------
     zenith, azimuth : array_like
-        Direction to look at, zenith angle 0 to 90 and azimuth [degree].
+        Direction, zenith angle 0 to 90 and azimuth [degree].
     sun_zenith, sun_azimuth : array_like
-        Direction of the sun, zenith angle 0 to 90 and azimuth [degree]; only Harrison and Coombes ask for it.
+        Direction of the sun, zenith angle 0 to 90 and azimuth [degree]; used only by Harrison and Coombes.
     diffuse : array_like
-        Diffuse irradiance E of a level plane [W m-2 nm-1].
+        Diffuse irradiance E of a horizontal plane [W m-2 nm-1].
     model : str
         One of `SKY_MODELS`.
     contrast : float
@@ -91,7 +91,7 @@ def radiance(
 def radiance_of_cosines(
     cosine: Array, towards: Array, sun_zenith: float, *, model: str = "uniform", contrast: float = 2.0
 ) -> Array:
-    """The same as `radiance` per unit of diffuse irradiance, from cosines and unchecked: for many facets [1/sr].
+    """As `radiance` per unit of diffuse irradiance, from cosines and without checks: for many facets [1/sr].
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def reflectance(
     index: float = fresnel.WATER_INDEX,
     nodes: int = 20,
 ) -> Array:
-    """Radiance of the sky that the sea mirrors to the sensor, per unit of diffuse irradiance [1/sr].
+    """Sky radiance reflected by the sea into the sensor, per unit of diffuse irradiance [1/sr].
 
     The sum over facets of w r(incidence) L_sky, where a facet's weight is its share of the sea as the sensor
     sees it, w = p cos(incidence) / (cos(tilt) cos(view zenith)) over one plus Smith's Lambda (see
@@ -143,11 +143,11 @@ def reflectance(
     sun_zenith, sun_azimuth, model, contrast
         The sky; see `radiance`.
     wind, wind_from : array_like
-        Speed at the height that the slope model wants [m/s], and the azimuth that it blows from [degree].
+        Speed at the reference height of the slope model [m/s], and the azimuth that it blows from [degree].
     slope_model, index : str, float
         One of `slopes.MODELS`, and the refractive index of water [1].
     nodes : int
-        Facets along each axis; the work grows with the square of it.
+        Facets along each axis; the computing time grows with its square.
 
     Raises
     ------
@@ -179,10 +179,10 @@ def reflectance(
 def _panels(
     zenith: Array, off_wind: Array, wind: Array, model: str, nodes: int
 ) -> Iterator[tuple[Array, float | Array, Array]]:
-    """Slopes along and across the view, and areas, of the facets that mirror the sky to the sensor.
+    """Slopes along and across the view, and areas, of the facets that reflect the sky into the sensor.
 
-    For each slope across the view the slope along it runs up to where the mirrored ray leaves the horizon, so
-    the quadrature meets no edge.
+    For each slope across the view, the slope along it is limited to reflected rays above the horizon, so that the
+    integrand is smooth.
     """
     x, w = np.polynomial.legendre.leggauss(nodes)
     variance_u, variance_c = slopes.variances(wind, model=model)
@@ -199,7 +199,7 @@ def _panels(
 
 
 def _mirror(zenith: Array, along: Array, across: float | Array) -> tuple[Array, Array, Array, Array]:
-    """Where a facet with slopes along and across the view mirrors the sensor's ray to.
+    """Direction into which a facet with slopes along and across the view reflects the sensor's line of sight.
 
     Returns cos(incidence) / cos(tilt), the incidence, the zenith angle of the mirrored ray, and its azimuth from that
     of the sensor [degree].
@@ -217,7 +217,7 @@ def _arccos(cosine: Array) -> Array:
 
 
 def _clear(cosine: Array, sun_cosine: Array, turn: Array) -> Array:
-    """Harrison and Coombes without their last factor, which the normalisation takes out again."""
+    """Harrison and Coombes without their last factor, which cancels in the normalisation."""
     sines = np.sqrt((1.0 - cosine**2) * (1.0 - sun_cosine**2))
     return _glow(cosine, cosine * sun_cosine + sines * np.cos(turn), sun_cosine)
 
@@ -241,7 +241,7 @@ def _clear_fit() -> Array:
 
 
 def _clear_integral(sun_zenith: Array) -> Array:
-    """Integral of `_clear` times the cosine over the sky: Gauss-Legendre in height, trapezes around."""
+    """Integral of `_clear` times the cosine over the sky: Gauss-Legendre in the cosine, trapezoidal rule in azimuth."""
     nodes, weights = np.polynomial.legendre.leggauss(64)
     cosine, weights = 0.5 * (nodes + 1.0), 0.5 * weights
     turn = np.linspace(0.0, np.pi, 97)

@@ -1,9 +1,8 @@
-"""How the slopes of the wind-blown sea are distributed.
+"""Probability distributions of the slopes of the wind-roughened sea surface.
 
-Densities of the slope of a facet, per unit upwind and crosswind slope, for a wind: Cox and Munk with their
-Gram-Charlier series, the same as a plain or an isotropic Gaussian, and Breon and Henriot. A truncated
-Gram-Charlier series falls below zero far out in strong wind; unless asked otherwise the density is cut there
-and divided by what is left, so that it stays a density. This module needs neither sun nor sensor.
+Probability density of facet slopes, per unit upwind and crosswind slope, as a function of wind: Cox and Munk with their
+Gram-Charlier series, the same as an anisotropic or isotropic Gaussian, and Breon and Henriot. A truncated Gram-Charlier
+series is negative at large slopes in strong wind; by default it is set to zero there and normalised again.
 
 Axes: upwind slopes rise towards where the wind comes from; the crosswind axis lies 90 degrees clockwise of
 it. The windward side of a wave is the gentle one, so the most frequent upwind slope is slightly negative.
@@ -29,7 +28,7 @@ import numpy.typing as npt
 from ._checks import Array, choice, within
 
 WIND_RANGE = (0.1, 20.0)
-"""Wind that the models accept [m/s]; Cox and Munk measured at 1 to 14."""
+"""Range of wind speeds of the models [m/s]; Cox and Munk measured at 1 to 14."""
 _DRAG = 1.3e-3  # drag coefficient at 10 m, for the logarithmic profile of the wind
 _KARMAN = 0.4
 _FEW = 10_000
@@ -42,11 +41,11 @@ class SlopeModel:
     Attributes
     ----------
     height : float
-        Height above the sea of the wind that the model wants [m].
+        Reference height of the wind above the sea [m].
     upwind, crosswind : (float, float)
-        Variance of slope: constant [1], and growth with wind [s/m].
+        Variance of slope: constant [1], and increase with wind [s/m].
     skewness : callable
-        Wind [m/s] to (c21, c03); None for a Gaussian.
+        Function of wind [m/s] that returns (c21, c03); None for a Gaussian.
     peakedness : (float, float, float)
         c40, c22, c04; the first belongs to the crosswind axis, the last to the upwind axis.
     """
@@ -72,7 +71,7 @@ MODELS: dict[str, SlopeModel] = {
     "cox-munk-isotropic": SlopeModel(12.5, (0.0015, 2.56e-3), (0.0015, 2.56e-3)),
     "breon-henriot": SlopeModel(10.0, (0.001, 3.16e-3), (0.003, 1.85e-3), _skewness_breon_henriot, (0.30, 0.12, 0.40)),
 }
-"""The models by name."""
+"""The slope models by name."""
 
 
 def density(
@@ -83,7 +82,7 @@ def density(
     model: str = "cox-munk",
     clip: bool = True,
 ) -> Array:
-    """Density of the slopes of the sea in a wind.
+    """Probability density of the slopes of the sea surface for a wind.
 
     With X = upwind / sigma_u and Y = crosswind / sigma_c (Cox and Munk 1954, eq. 18),
 
@@ -96,11 +95,11 @@ def density(
     upwind, crosswind : array_like
         Slope along the two axes of the wind [1].
     wind : array_like
-        Speed at the height that the model wants [m/s], 0.1 to 20; see `wind_at_height`.
+        Speed at the reference height of the model [m/s], 0.1 to 20; see `wind_at_height`.
     model : str
         One of `MODELS`.
     clip : bool
-        Cut the series where it is negative and divide by what is left; else the bare series.
+        Set the series to zero where it is negative, and normalise it again; else the plain series.
 
     Returns
     -------
@@ -142,7 +141,7 @@ def gaussian(
     Parameters
     ----------
     upwind, crosswind : array_like
-        Slope along the two axes, less its mean [1].
+        Slope along the two axes minus its mean [1].
     variance_upwind, variance_crosswind : array_like
         Variances of slope [1], above 0.
 
@@ -169,12 +168,12 @@ def gaussian(
 
 
 def variances(wind: npt.ArrayLike, *, model: str = "cox-munk") -> tuple[Array, Array]:
-    """Variances of the slopes of the sea in a wind.
+    """Variances of the slopes of the sea surface for a wind.
 
     Parameters
     ----------
     wind : array_like
-        Speed at the height that the model wants [m/s], 0.1 to 20.
+        Speed at the reference height of the model [m/s], 0.1 to 20.
     model : str
         One of `MODELS`.
 
@@ -200,7 +199,7 @@ def variances(wind: npt.ArrayLike, *, model: str = "cox-munk") -> tuple[Array, A
 
 
 def to_wind_axes(east: npt.ArrayLike, north: npt.ArrayLike, wind_from: npt.ArrayLike) -> tuple[Array, Array]:
-    """Turn east and north components of slope into upwind and crosswind ones.
+    """Rotate east and north components of slope to upwind and crosswind axes.
 
     Parameters
     ----------
@@ -226,16 +225,16 @@ def to_wind_axes(east: npt.ArrayLike, north: npt.ArrayLike, wind_from: npt.Array
 
 
 def from_wind_axes(upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind_from: npt.ArrayLike) -> tuple[Array, Array]:
-    """Turn upwind and crosswind slopes into (east, north); undoes `to_wind_axes`."""
+    """Rotate upwind and crosswind slopes to (east, north); the inverse of `to_wind_axes`."""
     return to_wind_axes(upwind, crosswind, wind_from)  # the turn is a reflection: its own inverse
 
 
 def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
-    """Waves that hide behind others, per wave seen from a direction: Smith's Lambda.
+    """Smith's shadowing function Lambda: hidden waves per visible wave, seen from a direction.
 
         Lambda = [exp(-v^2) - v sqrt(pi) erfc(v)] / (2 v sqrt(pi)),  v = cot(zenith) / sqrt(2 variance)
 
-    The share of the sea that is seen is 1 / (1 + Lambda), and that is seen and lit 1 / (1 + Lambda_v +
+    The visible share of the sea is 1 / (1 + Lambda); the share that is visible and sunlit is 1 / (1 + Lambda_v +
     Lambda_s).
 
     Parameters
@@ -263,7 +262,7 @@ def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
 
 
 def _erfc(values: Array) -> Array:
-    """Complementary error function; for a few values without scipy.special, which takes longer to load."""
+    """Complementary error function; few values are computed without scipy.special, whose import is slow."""
     if values.size > _FEW:
         from scipy.special import erfc
 
@@ -272,7 +271,7 @@ def _erfc(values: Array) -> Array:
 
 
 def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at: float = 12.5) -> Array:
-    """Wind at another height, by the logarithmic profile of neutral air.
+    """Wind at another height, by the logarithmic profile for neutral stability.
 
         U(z) = U(10) [1 + sqrt(C) / 0.4 ln(z / 10)],  drag coefficient C = 1.3e-3.
 
@@ -314,7 +313,9 @@ def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, 
 
 @cache
 def _negative_mass(model: str) -> tuple[Array, Array]:
-    """Winds, and how much of the bare series lies below zero there; linear between them to 5e-6."""
+    """Integral of the negative part of the Gram-Charlier series at some winds; linear interpolation is accurate to
+    5e-6.
+    """
     chosen = MODELS[model]
     assert chosen.skewness is not None
     winds = np.append(0.0, np.arange(0.5, WIND_RANGE[1] + 0.25, 0.5))

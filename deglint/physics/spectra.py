@@ -1,6 +1,6 @@
-"""Formulas of wave spectra and of how waves spread about the wind.
+"""Formulas of wave spectra and of directional spreading about the wind.
 
-Plain functions of frequency [Hz] or wavenumber [rad/m]; `deglint.physics.waves` puts them together to a sea.
+Plain functions of frequency [Hz] or wavenumber [rad/m]; `deglint.physics.waves` combines them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.floating[Any]]
 
 GRAVITY = 9.81
-"""[m s-2]"""
+"""Acceleration of gravity [m s-2]."""
 SURFACE_TENSION = 0.074 / 1025.0
 """Surface tension over density of sea water [m3 s-2]."""
 WIND_19_5 = 1.026
@@ -76,7 +76,7 @@ def jonswap_peak(*, wind: float, fetch: float, clamp: bool = True) -> float:
 
 
 def _effective_fetch(wind: float, fetch: float, clamp: bool) -> float:
-    """The fetch [m], but no more than develops the sea fully."""
+    """The fetch [m], limited to that of a fully developed sea."""
     if not clamp:
         return fetch
     developed = pierson_moskowitz_peak(wind_19_5=WIND_19_5 * wind)
@@ -84,7 +84,7 @@ def _effective_fetch(wind: float, fetch: float, clamp: bool) -> float:
 
 
 def jonswap(frequency: Array, *, wind: float, fetch: float, gamma: float = 3.3, clamp: bool = True) -> Array:
-    """JONSWAP spectrum of a sea limited by fetch.
+    """JONSWAP spectrum of a fetch-limited sea.
 
     ``E(f) = alpha g**2 (2 pi)**-4 f**-5 exp(-5/4 (f/fp)**-4) gamma**exp(-((f/fp - 1)/s)**2 / 2)``,
     ``alpha = 0.076 (U10**2 / (F g))**0.22``, ``fp = 3.5 (g**2 / (U10 F))**(1/3)`` Hz, s = 0.07 below the peak
@@ -101,7 +101,7 @@ def jonswap(frequency: Array, *, wind: float, fetch: float, gamma: float = 3.3, 
     gamma : float
         Peak enhancement.
     clamp : bool
-        Count no more fetch than takes the peak to that of Pierson and Moskowitz.
+        Limit the fetch to that at which the peak is that of Pierson and Moskowitz.
 
     Returns
     -------
@@ -191,7 +191,7 @@ def _friction_velocity(wind: float) -> float:
 
 
 def elfouhaily_spread(wavenumber: Array, *, wind: float, age: float = 0.84) -> Array:
-    """Elfouhaily's anisotropy D(k) of ``(1 + D cos 2a) / (2 pi)``, 0 to 1."""
+    """Directional anisotropy D(k) of Elfouhaily, in ``(1 + D cos 2a) / (2 pi)``, 0 to 1."""
     k = np.asarray(wavenumber, dtype=np.float64)
     speed, long_speed = _eckv_speed(k), wind / age
     short = 0.13 * _friction_velocity(wind) / _ECKV_CM
@@ -199,7 +199,7 @@ def elfouhaily_spread(wavenumber: Array, *, wind: float, age: float = 0.84) -> A
 
 
 def spreading_norm(exponent: float, convention: Literal["half-angle", "full-angle"]) -> float:
-    """Value of the normalised cos-2s spreading at angle zero [1/rad], s being the exponent.
+    """Value of the normalised cos-2s spreading function at angle zero [1/rad]; s is the exponent.
 
     Half-angle: ``2**(2s-1)/pi G(s+1)**2/G(2s+1) cos(a/2)**(2s)`` on the full circle. Full-angle:
     ``G(s+1)/(sqrt(pi) G(s+1/2)) cos(a)**(2s)`` within 90 degrees of the wind.

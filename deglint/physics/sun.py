@@ -1,7 +1,7 @@
-"""Where the sun stands, how far away it is, and how large its disk looks.
+"""Position, distance and solid angle of the sun.
 
-Positions come from the solar position algorithm of pvlib, which is loaded only when a position is asked for.
-Zenith and azimuth are those seen from the place: the zenith includes refraction unless asked otherwise.
+Positions are computed by the solar position algorithm of pvlib, which is imported at first use. Zenith angle and
+azimuth are as seen from the place; by default the zenith angle includes refraction.
 
 References
 ----------
@@ -32,7 +32,7 @@ _DELTA_T = 69.2  # terrestrial less universal time [s], 2020 to 2030; 10 s more 
 
 
 class Position(NamedTuple):
-    """Place of the sun in the sky: zenith angle and azimuth clockwise from north, both [degree]."""
+    """Position of the sun: zenith angle and azimuth clockwise from north, both [degree]."""
 
     zenith: Array
     azimuth: Array
@@ -47,25 +47,25 @@ def position(
     temperature: float = 15.0,
     refraction: bool = True,
 ) -> Position:
-    """Where the sun stands, to about 0.001 degrees (Reda and Andreas 2004).
+    """Position of the sun, to about 0.001 degrees (Reda and Andreas 2004).
 
     Parameters
     ----------
     latitude, longitude : array_like
         Of the place, north and east positive [degree].
     time : datetime, str or numpy.datetime64, or a sequence of them
-        Moments; what names no zone is taken as UTC.
+        Times; UTC unless a zone is given.
     pressure : float
         Of the air, for refraction [hPa].
     temperature : float
         Of the air, for refraction [degree Celsius].
     refraction : bool
-        Give the zenith angle as seen, lifted by the air; else the geometric one.
+        Return the apparent zenith angle, with refraction; else the geometric one.
 
     Returns
     -------
     Position
-        Zenith above 90 where the sun is down.
+        Zenith angle above 90 where the sun is below the horizon.
 
     Raises
     ------
@@ -89,14 +89,14 @@ def position(
 
 
 def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
-    """When the sun's centre next comes up over the horizon, within a day, to about a minute.
+    """Next sunrise (centre of the sun) within a day, to about a minute.
 
     Parameters
     ----------
     latitude, longitude : float
         Of the place, north and east positive [degree].
     time : datetime, str or numpy.datetime64
-        From when to look; what names no zone is taken as UTC.
+        Start of the search; UTC unless a zone is given.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
 
 
 def distance_factor(day: npt.ArrayLike) -> Array:
-    """Irradiance over that at mean distance, [1 + 0.0167 cos(2 pi (day - 3) / 365)]^2.
+    """Irradiance relative to that at mean distance, [1 + 0.0167 cos(2 pi (day - 3) / 365)]^2.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def day_of_year(time: Any) -> Array:
     Parameters
     ----------
     time : datetime, str or numpy.datetime64, or a sequence of them
-        Moments; what names no zone is taken as UTC.
+        Times; UTC unless a zone is given.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def moment(time: Any) -> np.datetime64:
     Parameters
     ----------
     time : datetime, str or numpy.datetime64
-        What names no zone is taken as UTC.
+        UTC unless a zone is given.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def moment(time: Any) -> np.datetime64:
 
 @cache
 def _spa() -> Any:
-    """The module pvlib.spa by itself: it needs numpy alone, while pvlib as a whole takes a second to load."""
+    """The module pvlib.spa alone: it needs only numpy, while importing all of pvlib takes a second."""
     known = sys.modules.get("pvlib.spa")
     package = find_spec("pvlib")
     if known is not None or package is None or package.submodule_search_locations is None:

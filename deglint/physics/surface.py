@@ -1,7 +1,7 @@
-"""Sea surfaces drawn from a wave spectrum by FFT, exact in variance, that move as free waves do.
+"""Realisations of a random sea surface from a wave spectrum by FFT, which evolve by the dispersion relation.
 
-`realise` draws one surface; `Surface.height` and `Surface.slopes` evaluate it at any time without drawing
-anything again, so the bands of one scene see the same waves a moment later. The surface repeats at its edges.
+`realise` draws one surface; `Surface.height` and `Surface.slopes` evaluate it at any time without new random numbers,
+so that bands with a delay show the same waves at another time. The surface is periodic.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ Array = npt.NDArray[np.floating[Any]]
 Seed = int | np.random.SeedSequence | np.random.Generator
 
 SLABS = 16
-"""Random numbers are drawn in this many parts, each with a seed of its own; another number changes every scene."""
+"""Parts in which random numbers are drawn, each with its own seed; another value changes every scene."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """One drawn sea surface.
+    """One realisation of a random sea surface.
 
     Attributes
     ----------
     sea : Sea
-        What it was drawn from.
+        The wind sea.
     spacing : float
         Grid step [m].
     amplitudes : (row, column) complex64 ndarray
-        Of the waves at time zero, in FFT order [m].
+        Amplitudes of the waves at time zero, in FFT order [m].
     height_variance : float
         Expected variance of the height on this grid [m2].
     slope_variance : (float, float)
@@ -86,9 +86,9 @@ class Surface:
 
 
 def by_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None:
-    """Call work(first row, one past the last row) for slabs of all rows, on threads.
+    """Call work(first row, last row + 1) for slabs of all rows, on threads.
 
-    What `work` computes must not depend on the slabs, so that the number of workers never shows.
+    The result of `work` must not depend on the slabs, so that it does not depend on the number of workers.
     """
     if workers < 2:
         work(0, rows)
@@ -99,7 +99,7 @@ def by_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None
 
 
 def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDArray[np.float32]:
-    """Standard normal numbers, the same for a seed whatever `workers` is."""
+    """Standard normal random numbers; they depend on the seed, not on `workers`."""
     out = np.empty(shape, np.float32)
     children = np.random.default_rng(seed).spawn(SLABS)
     edges = np.linspace(0, shape[0], SLABS + 1).astype(int)
@@ -113,7 +113,7 @@ def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDAr
 
 
 def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0, workers: int = 1) -> Surface:
-    """Draw a surface.
+    """Draw a random surface.
 
     ``z = sum a(k) exp(i k x - i w t) + c.c.``, ``a = (r1 + i r2) / sqrt(2) sqrt(Psi(k) / 2 dkx dky)`` with
     standard normal r1 and r2, so that the expected variance is exactly the sum of ``Psi dkx dky``.
@@ -131,12 +131,12 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     Raises
     ------
     InputError
-        The grid is too small for one peak wave, or too coarse for it.
+        The grid is smaller than one peak wave, or too coarse for it.
 
     Notes
     -----
-    Waves that neither fit the grid nor are resolved by it are absent. Four peak waves a side give the
-    significant height within a few per cent; the slopes are right with one. 25 bytes a point.
+    Waves that are longer than the grid, or not resolved by it, are absent. A side of four peak waves gives the
+    significant height to a few percent; for the slopes one is enough. 25 bytes per point.
 
     References
     ----------
@@ -182,7 +182,7 @@ def _check_grid(sea: Sea, shape: tuple[int, int], spacing: float) -> None:
 
 
 def _tables(sea: Sea, lowest: float, highest: float) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Spectrum and spreading over even steps of log wavenumber, and how to spread, for the kernel."""
+    """Spectrum and spreading at even steps of log wavenumber, and the parameters of the spreading, for the kernel."""
     from ._surface_kernels import ELFOUHAILY, FULL_ANGLE, HALF_ANGLE
 
     logs = np.linspace(np.log(lowest) - 1e-6, np.log(highest) + 1e-6, 8193)

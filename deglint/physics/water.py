@@ -1,12 +1,11 @@
-"""Light that leaves the water: from the deep sea, and from a flat Lambertian object under it.
+"""Remote-sensing reflectance of deep water, and of a flat Lambertian object under water.
 
-Remote-sensing reflectance is radiance just above the water over irradiance just above it [1/sr]; what the
-surface mirrors is no part of it. Deep water follows Lee et al. (2011), whose table knows sun and view angles,
-or outside of that table Lee et al. (1999), which knows no view angle. An object shines through the water with
-the path lengths of Lee et al. (1999) along the sun's and the sensor's rays; it is taken to be wide against
-its depth.
+Remote-sensing reflectance is water-leaving radiance over irradiance, both just above the surface [1/sr]; reflection at
+the surface is not included. Deep water follows Lee et al. (2011), whose table depends on sun and view angles; outside
+that table Lee et al. (1999), which does not depend on the view angle. The light of an object follows Lee et al. (1999),
+with path lengths along the rays of sun and sensor; the object is assumed to be wide compared to its depth.
 
-`relative_azimuth` is that of the sensor less that of the sun, both seen from the target: 0 puts the sensor on
+`relative_azimuth` is the azimuth of the sensor minus that of the sun, both seen from the target: 0 puts the sensor on
 the side of the sun, 180 opposite, where the glint is.
 
 References
@@ -49,7 +48,7 @@ __all__ = [
 WATER_MODELS = ("auto", "lee-2011", "lee-1999")
 """Models of deep water; "auto" is Lee et al. (2011) inside its table and Lee et al. (1999) outside."""
 LEE_SUN_LIMIT, LEE_VIEW_LIMIT = 75.0, 70.0
-"""Zenith angles at which the table of Lee et al. (2011) ends [degree]."""
+"""Largest sun and view zenith angles of the table of Lee et al. (2011) [degree]."""
 _SKY_REFLECTANCE = 0.066  # of a calm sea for diffuse light
 _TURNED_BACK = 0.48  # share of upwelling light that the surface throws back
 
@@ -74,14 +73,14 @@ def remote_sensing_reflectance(
     sun_zenith, view_zenith : array_like
         In air [degree], 0 to 90.
     relative_azimuth : array_like
-        Azimuth of the sensor less that of the sun, from the target [degree].
+        Azimuth of the sensor minus that of the sun, from the target [degree].
     model : str
         One of `WATER_MODELS`.
 
     Returns
     -------
     ndarray
-        Radiance that leaves the water over irradiance, both just above the surface [1/sr].
+        Water-leaving radiance over irradiance, both just above the surface [1/sr].
 
     Raises
     ------
@@ -124,7 +123,7 @@ def object_reflectance(
     Returns
     -------
     ndarray
-        Radiance that leaves the water over irradiance, both just above the surface [1/sr].
+        Water-leaving radiance over irradiance, both just above the surface [1/sr].
 
     Raises
     ------
@@ -185,7 +184,7 @@ def deep_reflectance(
 def lee_2011(
     water: Iops, sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azimuth: npt.ArrayLike
 ) -> Array:
-    """Deep water by the table of Lee et al. (2011), linear between its angles [1/sr].
+    """Deep water by the table of Lee et al. (2011), interpolated linearly between its angles [1/sr].
 
         Rrs = (Gw0 + Gw1 b_bw / k) b_bw / k + (Gp0 + Gp1 b_bp / k) b_bp / k,  k = a + b_bw + b_bp
 
@@ -212,14 +211,14 @@ def lee_2011(
 
 
 def lee_2011_terms(water: Iops) -> tuple[Array, Array, Array, Array]:
-    """What the coefficients of Lee et al. (2011) multiply: u, u^2, v, v^2 with u = b_bw / k and v = b_bp / k."""
+    """Terms that the coefficients of Lee et al. (2011) multiply: u, u^2, v, v^2 with u = b_bw / k and v = b_bp / k."""
     k = water.absorption + water.backscattering
     u, v = water.water_backscattering / k, water.particle_backscattering / k
     return u, u * u, v, v * v
 
 
 def lee_2011_grid(sun_zenith: float, view_zenith: npt.ArrayLike, relative_azimuth: npt.ArrayLike) -> Array:
-    """Coefficients of Lee et al. (2011) on a grid of viewing geometries; beyond the table, those of its edge.
+    """Coefficients of Lee et al. (2011) on a grid of viewing geometries; outside the table, those at its edge.
 
     Parameters
     ----------
@@ -268,8 +267,8 @@ def submerged_reflectance(
         Rrs = deep [1 - exp(-(1 / cos s + D_C / cos v) k H)]
               + T_d T_u R / pi exp(-(1 / cos s + D_B / cos v) k H) / (1 - 0.48 R exp(-2 k H)),
 
-    D_C = 1.03 (1 + 2.4 u)^0.5 and D_B = 1.04 (1 + 5.4 u)^0.5 (Lee et al. 1999, eq. 9), T_d and T_u the ways
-    through the surface.
+    D_C = 1.03 (1 + 2.4 u)^0.5 and D_B = 1.04 (1 + 5.4 u)^0.5 (Lee et al. 1999, eq. 9), T_d and T_u the transmittances
+    of the surface.
 
     Parameters
     ----------
@@ -290,8 +289,8 @@ def submerged_reflectance(
 
     Notes
     -----
-    Against a Monte Carlo of 288 cases to 14 m the root mean square error is 1.4 %. Light that
-    wide-angle scattering mixes in from beside a small object is left out.
+    Against a Monte Carlo of 288 cases to 14 m the root mean square error is 1.4 %. The adjacency effect at small
+    objects (light scattered in from their surroundings) is not modelled.
     """
     depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
     albedo = within("reflectance", reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
@@ -315,12 +314,12 @@ def absorption_only_reflectance(
     direct_fraction: npt.ArrayLike = 0.7,
     index: float = fresnel.WATER_INDEX,
 ) -> Array:
-    """Light of a Lambertian object through water that absorbs and does not scatter [1/sr]: to compare with.
+    """Light of a Lambertian object through water that absorbs but does not scatter [1/sr], for comparison.
 
         T_d T_u R / pi exp(-(1 / cos s + 1 / cos v) a H),  angles in water
 
-    The fast model of Fink (2014), section 2.5. Parameters are those of `submerged_reflectance`; what the deep
-    water scatters back is no part of it.
+    The fast model of Fink (2014), section 2.5. Parameters are those of `submerged_reflectance`; backscattering of the
+    water is not included.
 
     Raises
     ------
@@ -329,8 +328,8 @@ def absorption_only_reflectance(
 
     Notes
     -----
-    Against the Monte Carlo of `submerged_reflectance` the contrast of the object with the water is 27 % too high in the
-    mean, and the more the deeper it lies.
+    Against the Monte Carlo of `submerged_reflectance` the contrast of the object with the water is 27 % too high on
+    average; the error grows with depth.
     """
     depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
     albedo = within("reflectance", reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
@@ -340,7 +339,7 @@ def absorption_only_reflectance(
 
 
 def _path(zenith: npt.ArrayLike, index: float) -> Array:
-    """Path of a ray under water over the depth, from its zenith angle in air."""
+    """Path length of a ray under water over depth, from its zenith angle in air."""
     return 1.0 / np.cos(np.radians(fresnel.refraction_angle(zenith, index)))
 
 
@@ -360,7 +359,7 @@ def _grid() -> tuple[tuple[Array, Array, Array], Array]:
 
 
 def _coefficients(*angles: Array) -> Array:
-    """Coefficients (4, ...) at angles, linear between the table's."""
+    """Coefficients (4, ...) at given angles, by linear interpolation of the table."""
     axes, values = _grid()
     corners = []
     for axis, angle in zip(axes, np.broadcast_arrays(*angles), strict=True):

@@ -1,11 +1,11 @@
-"""The wind sea: its spectrum, and the variances and correlations that follow from it.
+"""The wind sea: its wave spectrum, and the variances and correlations that follow from it.
 
-A `Sea` says which spectrum, how strong the wind is and how the waves spread about it; the functions here work
-out what that implies by quadrature. `deglint.physics.surface` draws surfaces from it. The formulas of the
-spectra are in `deglint.physics.spectra`. Nothing here draws random numbers.
+A `Sea` defines the spectrum, the wind and the directional spreading; the functions compute its statistics by
+quadrature. `deglint.physics.surface` draws surfaces from it. The formulas of the spectra are in
+`deglint.physics.spectra`.
 
-Wavenumbers are in rad/m, frequencies in Hz. Wind is at 10 m unless a name says otherwise, and its azimuth is
-where it blows from, clockwise from north; waves run the other way.
+Wavenumbers are in rad/m, frequencies in Hz. Wind is at 10 m unless a name says otherwise, and its azimuth is where it
+blows from, clockwise from north; waves travel in the opposite direction.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ Spectrum = Literal["elfouhaily", "jonswap", "pierson-moskowitz"]
 Spreading = Literal["elfouhaily", "half-angle", "full-angle"]
 
 SPECTRA_WIND_RANGE = (1.0, 20.0)
-"""10 m winds for which the spectra have been fitted [m/s]."""
+"""Range of 10 m winds for which the spectra were fitted [m/s]."""
 SHORTEST_WAVE = 0.003
-"""Shortest wave that slope integrals count by default [m]; Elfouhaily has nothing left beyond it."""
+"""Default shortest wave in slope integrals [m]; Elfouhaily's spectrum is negligible at shorter waves."""
 SHORT_WAVES = 10.0
-"""Waves are 'short' beyond this many peak wavenumbers (see `Sea.short_gain`)."""
+"""Waves beyond this multiple of the peak wavenumber are "short" (see `Sea.short_gain`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +57,7 @@ class Sea:
     fetch : float
         Distance over which the wind has blown [m]; JONSWAP only.
     spreading : {"elfouhaily", "half-angle", "full-angle"}, optional
-        How energy spreads about the wind; by default the spectrum's own, which is half-angle cos-2s but for
-        Elfouhaily.
+        Directional spreading about the wind; by default that of Elfouhaily for its spectrum, else half-angle cos-2s.
     exponent : float
         s of the cos-2s spreading. 2 gives the anisotropy of Cox and Munk at 9 m/s.
     age : float
@@ -104,14 +103,14 @@ class Sea:
 
     @property
     def peak_wavelength(self) -> float:
-        """Length of the peak wave [m]."""
+        """Wavelength of the spectral peak [m]."""
         return 2 * np.pi / self.peak_wavenumber
 
 
 def omnidirectional(wavenumber: Array, sea: Sea) -> Array:
-    """Spectral density of height over wavenumber, all directions together [m3].
+    """Omnidirectional spectral density of height over wavenumber [m3].
 
-    Frequency spectra are carried over by ``S(k) = E(f) dw/dk / (2 pi)``, with surface tension in w(k).
+    Frequency spectra are converted by ``S(k) = E(f) dw/dk / (2 pi)``, with surface tension in w(k).
     """
     k = np.asarray(wavenumber, dtype=np.float64)
     if sea.spectrum == "elfouhaily":
@@ -128,12 +127,12 @@ def omnidirectional(wavenumber: Array, sea: Sea) -> Array:
 
 
 def spread_convention(sea: Sea) -> Spreading:
-    """The spreading that `sea` uses."""
+    """The spreading function of `sea`."""
     return sea.spreading or ("elfouhaily" if sea.spectrum == "elfouhaily" else "half-angle")
 
 
 def anisotropy(wavenumber: Array, sea: Sea) -> Array:
-    """Mean of cos(2a) over the directions of each wave, 0 (round) to 1 (all along the wind).
+    """Mean of cos(2a) over the directions of the waves of a wavenumber: 0 (isotropic) to 1 (all along the wind).
 
     Half of Elfouhaily's D; ``s (s-1) / ((s+1)(s+2))`` for half-angle cos-2s, ``s / (s+1)`` for full-angle.
     """
@@ -158,7 +157,7 @@ def height_variance(sea: Sea, *, longest: float | None = None, shortest: float =
 
 
 def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> tuple[float, float]:
-    """Variance of the slope along the wind and across it, of the waves between two wavelengths.
+    """Slope variance of the waves between two wavelengths, along and across the wind.
 
     Parameters
     ----------
@@ -186,7 +185,7 @@ def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = 
 
 
 def slope_correlation(lag: Array, sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> Array:
-    """Correlation of the slope at a fixed point with itself after a time.
+    """Temporal autocorrelation of the slope at a fixed point.
 
     ``R(t) = int k**2 S cos(w t) dk / int k**2 S dk``
 
@@ -197,7 +196,7 @@ def slope_correlation(lag: Array, sea: Sea, *, longest: float | None = None, sho
     sea : Sea
         Which sea.
     longest, shortest : float
-        Wavelengths that count [m]; a grid resolves those longer than two of its steps.
+        Range of wavelengths [m]; a grid resolves those longer than two of its steps.
 
     Returns
     -------

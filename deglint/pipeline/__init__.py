@@ -1,8 +1,8 @@
-"""From a file to a deglinted file: look, fit over the sample, apply over the tiles, say what was done.
+"""From a file to a deglinted file: read an overview, fit on a sample, correct tile by tile, record what was done.
 
-The only room that puts readers, masks, methods and writers together. A `Recipe` says what to do, `fit_scene` fits it
-to a scene, `remove_glint` does the whole job. Names are loaded when they are first used: who only looks at a scene, or
-only passes over its tiles, does not wait for the rest.
+The only package that combines readers, masks, methods and writers. A `Recipe` holds the options, `fit_scene` fits them
+to a scene, `remove_glint` processes a file. Names are imported at first use, so that commands that need only a part
+start quickly.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -26,7 +26,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load a name from the module it lives in."""
+    """Import a name from its module at first use."""
     from importlib import import_module
 
     if name in _HOMES:

@@ -1,4 +1,4 @@
-"""Run work over an array's tiles: a lazy one's own chunks, when they are asked for; else tiles on threads, now."""
+"""Run a function over an array's tiles: over the chunks of a lazy array, later; else over tiles on threads, at once."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ from ..tiles import Tile, default_threads
 from .overview import raster_of
 
 Work = Callable[[Scene, Tile], npt.NDArray[Any]]
-"""What makes a (band, row, column) array of a tile of a scene."""
+"""Function that computes a (band, row, column) array from a tile of a scene."""
 
 
 def over_tiles(
     opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], *, step: int = 1,
     threads: int | None = None,
 ) -> Any:  # fmt: skip
-    """Run work on a scene's tiles: a lazy array's chunks, later; else tiles on threads, now.
+    """Run `work` on a scene's tiles: lazily on the chunks of a Dask array; else at once, on threads.
 
-    `work` must be picklable, and is given a scene that serves the tile and `reach` pixels around it. `like` are bands
-    and type of the result, a (band, row, column) numpy or dask array. Tiles start at multiples of `step` [pixel].
+    `work` must be picklable; it gets a scene from which the tile and `reach` pixels around it can be read. `like` gives
+    the number of bands and the type of the result, a (band, row, column) numpy or dask array. Tiles start at multiples
+    of `step` [pixel].
     """
     scene = opened.scene
     if hasattr(opened.values, "dask"):
@@ -71,7 +72,7 @@ def _lazily(opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtyp
 def _of_chunk(
     block: npt.NDArray[Any], *, scene: Scene, info: Any, work: Work, reach: int, block_info: Any = None
 ) -> npt.NDArray[Any]:
-    """Run the work on a chunk with the pixels around it; dask tells by `block_info` where it lies."""
+    """Run the work on a chunk with the pixels around it; `block_info` (from dask) gives its position."""
     (row0, row1), (col0, col1) = block_info[None]["array-location"][1:]
     tile = Tile(row0, row1, col0, col1)
     outer = tile.grown(reach, scene.height, scene.width)
@@ -80,7 +81,7 @@ def _of_chunk(
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
-    """Chunks that start at multiples of `step`, their edges moved up to the next, and hold `least` pixels or more."""
+    """Chunks with edges moved up to multiples of `step`, of at least `least` pixels each."""
     total, edges = sum(chunks), [0]
     for edge in np.cumsum(chunks[:-1]):
         moved = -(-int(edge) // step) * step

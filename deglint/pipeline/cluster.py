@@ -1,7 +1,7 @@
-"""Pass over a scene's tiles on the workers of a dask cluster: processes of this machine, or other machines.
+"""Process a scene's tiles on the workers of a Dask cluster: processes of this machine, or other machines.
 
-A `Cluster` does what `deglint.tiles.run` does on threads. Every worker opens the input for itself; results come back to
-the calling process, which writes them. Other workers repeat the tiles of a worker that dies, with the same result.
+`Cluster.run` replaces `deglint.tiles.run`, which uses threads. Every worker opens the input itself; results are sent to
+the calling process, which writes them. If a worker crashes, other workers repeat its tiles, with the same result.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from ..raster.environment import environment
 from ..tiles import Tile
 
 TILES_AHEAD = 3
-"""Tiles that each thread of a worker has been given, or has done and not been asked for."""
+"""Tiles per thread of a worker that are in progress, or finished and not fetched yet."""
 WORKER_PATIENCE = 60.0
-"""How long a run waits for a worker when there is none [s]."""
+"""Time to wait for a worker if there is none [s]."""
 _POLL = 5.0
 _RECOUNT = 16
 _CONNECT = 15.0
@@ -39,7 +39,7 @@ _LOST = "lost the cluster: its scheduler does not answer any more. Start one, an
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """Workers to pass over tiles; made by `connect`, which starts or reaches them when they are first needed."""
+    """Workers that process tiles; made by `connect`, started or connected when first needed."""
 
     start: Callable[[], Any]
 
@@ -52,12 +52,11 @@ class Cluster:
         self, everything: Sequence[Tile], work: Callable[[Tile], Any], *,
         progress: Callable[[int, int], None] | None = None, **_of_threads: Any,
     ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
-        """Do work on every tile and yield (tile, result) in order, as `deglint.tiles.run` does.
+        """Process every tile and yield (tile, result) in order, as `deglint.tiles.run` does.
 
-        Its options of threads are not used: threads are those of the workers, and each task enters GDAL's environment
-        by itself.
+        Options for threads are ignored: the workers have their own threads, and each task enters GDAL's environment.
 
-        Raises DeglintError: what the work itself raised; or there are no workers any more, or too little memory.
+        Raises DeglintError: an error of the work itself, no workers left, or too little memory.
         """
         import cloudpickle
 
@@ -101,30 +100,30 @@ class Cluster:
                 raise DeglintError(_NO_WORKER)
 
     def memory(self) -> dict[str, int]:
-        """Most memory that each worker process has held so far [byte]; empty where none was needed."""
+        """Peak memory of each worker process so far [byte]; empty if none was started."""
         with _answering():
             return dict(self.client.run(_peak)) if "client" in vars(self) else {}
 
     def numbers(self) -> dict[str, Any]:
-        """What the sidecar says of the workers: how many there are, and the most memory that one has held so far."""
+        """Entries of the sidecar: number of workers, and the largest peak memory of one."""
         held = self.memory().values()
         return {"workers": len(held), "most_memory_of_one_MB": round(max(held, default=0) / 1e6, 1)}
 
 
 @contextmanager
 def connect(address: str | None = None, *, workers: int | None = None, memory: str = "auto") -> Iterator[Cluster]:
-    """Connect to a cluster, or start one of this machine's processes for as long as it is needed.
+    """Connect to a cluster, or start a local one within the `with` block.
 
     Parameters
     ----------
     address : str, optional
-        Of a dask scheduler, such as "tcp://10.0.0.5:8786". Workers must have deglint, and see the input under
+        Address of a Dask scheduler, such as "tcp://10.0.0.5:8786". Workers need deglint, and access to the input under
         the same name.
     workers : int, optional
-        In place of an address: so many processes of this machine, of one thread each.
+        Instead of an address: number of local processes, of one thread each.
     memory : str
-        Limit of each such process, such as "1GiB"; "auto" gives each its share of the machine's. A process over its
-        limit is ended, and its tiles are done again.
+        Memory limit of each process, such as "1GiB"; "auto" divides the machine's memory. A process above its limit is
+        killed, and its tiles are repeated.
 
     Raises
     ------
@@ -158,7 +157,7 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
 
 
 def _client(stack: ExitStack, address: str | None, workers: int | None, memory: str) -> Any:
-    """A client of a cluster, or of processes that are started here, for as long as the stack lives."""
+    """A client of a cluster, or of local processes that are started here; closed with the stack."""
     from distributed import Client, LocalCluster
 
     if workers is not None:
@@ -183,7 +182,7 @@ def _client(stack: ExitStack, address: str | None, workers: int | None, memory: 
 
 @contextmanager
 def _answering() -> Iterator[None]:
-    """One line where the scheduler does not answer."""
+    """Turn a lost connection to the scheduler into a one-line error."""
     try:
         yield
     except (OSError, RuntimeError) as error:
@@ -192,7 +191,7 @@ def _answering() -> Iterator[None]:
 
 @lru_cache(maxsize=2)
 def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
-    """The work that bytes hold, unpacked once in each worker process."""
+    """The work function, unpickled once in each worker process."""
     import cloudpickle
     import cv2
     from threadpoolctl import threadpool_limits
@@ -204,7 +203,7 @@ def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
 
 
 def _do(packed: bytes, tile: Tile) -> Any:
-    """Do the work on a tile; a refusal goes back without its cause, which may not travel."""
+    """Process a tile; an error is sent back without its cause, which may not be picklable."""
     with environment():
         try:
             return _unpacked(packed)(tile)
@@ -214,7 +213,7 @@ def _do(packed: bytes, tile: Tile) -> Any:
 
 
 def _peak() -> int:
-    """Most memory that this process has held [byte]; 0 where the system does not tell."""
+    """Peak memory of this process [byte]; 0 where not available."""
     try:
         status = Path("/proc/self/status").read_text()  # ru_maxrss would be that of the parent, where it was larger
     except OSError:
@@ -223,7 +222,7 @@ def _peak() -> int:
 
 
 def _quiet() -> None:
-    """The workers' comings and goings are no news: what matters becomes an error."""
+    """Silence log messages of dask about workers; failures are raised as errors."""
     for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker"):
         logging.getLogger(name).setLevel(logging.ERROR)
     for name in ("distributed.client", "distributed.utils"):  # tracebacks of what one line says

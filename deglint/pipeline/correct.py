@@ -1,4 +1,4 @@
-"""Correct one tile: what is valid, what is water, the correction itself, and what became of every pixel."""
+"""Correct one tile: valid pixels, water, the correction itself, flags and counts."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from .outputs import PixelCounts
 from .overview import raster_of
 
 CHAIN_CELL = tiling.COMPACT
-"""Side of the cells that a chain is applied to, from the first pixel of the scene on [pixel]: the same cells however
-the scene is stored and read, so that the result is the same to the bit."""
+"""Side of the cells to which a chain is applied, counted from the first pixel of the scene [pixel]. The cells do not
+depend on how the scene is stored and read, so the result is the same to the bit."""
 Mask = npt.NDArray[np.bool_]
 
 
@@ -44,7 +44,7 @@ class Corrected:
 
 @dataclass(eq=False)
 class _Block:
-    """A tile as it was read, with the pixels around it that the correction looks at, and what is done to it."""
+    """A tile as read, with the halo that the correction needs, and the results so far."""
 
     tile: Tile
     outer: Tile
@@ -67,18 +67,18 @@ class _Block:
 
     @property
     def part(self) -> Mask | None:
-        """Where it is to be corrected; None: everywhere, for which numpy and OpenCV need no mask."""
+        """Pixels to correct; None for all, as numpy and OpenCV then need no mask."""
         return None if self.where.all() else self.where
 
     @property
     def corrected(self) -> bool:
-        """Some band is changed."""
+        """Whether any band was changed."""
         return bool(self.removed or self.rewritten)
 
 
 @dataclass(frozen=True)
 class Correction:
-    """All that correcting a tile needs, as a function of the tile; shared by the threads, never changed."""
+    """The correction of a scene as a function of the tile; immutable, shared by the threads."""
 
     scene: Scene
     model: GlintModel
@@ -97,14 +97,14 @@ class Correction:
 
     @property
     def changed(self) -> list[int]:
-        """0-based bands that may change: those that the removal corrects, and those that a chain replaces glint in."""
+        """0-based bands that may change: those of the removal, and those in which a chain replaces glint."""
         if not self.chain.replaces:
             return sorted({f.band for f in self.model.fits})
         return sorted(self.only or range(len(self.scene.bands)))
 
     @property
     def amount_bands(self) -> list[int]:
-        """0-based bands of which the amount is written: those that may change, or all, with zeros, where none may."""
+        """0-based bands in the raster of amounts: those that may change, or all, with zeros, if there are none."""
         return self.changed or list(range(len(self.scene.bands)))
 
     @property
@@ -114,16 +114,16 @@ class Correction:
 
     @property
     def chain_halo(self) -> int:
-        """Pixels around a cell that the chain and the removal look at."""
+        """Pixels around a cell that the chain and the removal need."""
         return self.chain.halo + self.model.halo + span_halo(self.replaced) + (self.left.halo if self.left else 0)
 
     @property
     def by_cells(self) -> bool:
-        """The tile is computed in cells of the scene."""
+        """Whether the tile is computed in cells of the scene."""
         return self.chain.runs or self.want_stderr
 
     def __call__(self, tile: Tile) -> Corrected:
-        """Read a tile, correct it, and bring it into the output's type."""
+        """Read a tile, correct it, and convert it to the output's type."""
         if not (self.changed or self.want_flags or self.want_amount):
             return self._copied(tile)
         block = self._read(tile)
@@ -148,12 +148,12 @@ class Correction:
         return replace(done, amount=amount) if self.want_amount else done
 
     def corrected(self, tile: Tile) -> tuple[npt.NDArray[Any], Mask]:
-        """Read a tile and correct it: physical values of all bands, and where it was to be corrected."""
+        """Read a tile and correct it; return physical values of all bands, and the mask of pixels to correct."""
         block = self._read(tile)
         return self._corrected(block), block.where
 
     def _corrected(self, block: _Block) -> npt.NDArray[Any]:
-        """Physical values of the tile after the correction; the block notes which bands changed, and where."""
+        """Physical values of the tile after the correction; the block records which bands and pixels changed."""
         physical = np.ascontiguousarray(block.own)
         if not physical.flags.writeable or np.shares_memory(physical, block.raw):
             physical = physical.copy()
@@ -165,7 +165,7 @@ class Correction:
         return physical
 
     def _copied(self, tile: Tile) -> Corrected:
-        """A tile of which no band may change, in the output's type."""
+        """A tile in which no band may change, in the output's type."""
         raw, valid = raster_of(self.scene).read_raw(tile.window)
         file_valid = self._file_valid(raw, valid)
         raw, lost = relaid(raw, valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
@@ -173,7 +173,7 @@ class Correction:
         return Corrected(raw, PixelCounts(total=tile.pixels, copied=1, clipped=clipped), file_valid)
 
     def _read(self, tile: Tile) -> _Block:
-        """A tile with the pixels around it, and where it is to be corrected."""
+        """Read a tile with its halo, and determine the pixels to correct."""
         source = raster_of(self.scene)
         outer = tile.grown(self.halo, self.scene.height, self.scene.width)
         raw, valid = source.read_raw(outer.window)
@@ -189,7 +189,7 @@ class Correction:
         return _Block(tile, outer, raw[place], own_valid, wide, water_there, known, where)
 
     def water_in(self, tile: Tile, physical: Any) -> Mask | None:
-        """Where a tile, of which these are the physical values, may be corrected; None for everywhere."""
+        """Pixels of a tile that may be corrected, from its physical values; None for all."""
         if self.area is not None:
             return self.area.read(tile.window)
         if self.water is None or self.water.all_water:
@@ -197,7 +197,7 @@ class Correction:
         return np.asarray(water([physical[b] for b in self.water_bands], self.water))
 
     def _saturated(self, physical: Any) -> npt.NDArray[np.bool_]:
-        """Where each band is saturated, (band, row, column); of bands that have a saturation."""
+        """Mask of saturated pixels, (band, row, column); False for bands without a known saturation."""
         limits = [(i, b.saturation) for i, b in enumerate(self.scene.bands) if b.saturation is not None]
         out = np.zeros(physical.shape if limits else (len(physical), 1, 1), np.bool_)
         for i, limit in limits:
@@ -206,7 +206,7 @@ class Correction:
         return out
 
     def _remove(self, block: _Block, physical: Any) -> None:
-        """Take the glint that the model predicts out of `physical`."""
+        """Subtract the glint that the model predicts from `physical`."""
         if self.model.references:
             origin, crop = (block.outer.row0, block.outer.col0), block.tile.crop_of(block.outer)
             water = np.ones(block.outer.shape, np.bool_) if block.water is None else block.water
@@ -219,7 +219,7 @@ class Correction:
         block.removed = [f.band for f in self.model.fits]
 
     def _compensate(self, block: _Block, physical: Any) -> None:
-        """Apply the chain, cell by cell, and put what it makes of the water into `physical`."""
+        """Apply the chain cell by cell, and store the result in `physical`."""
         removed = {f.band for f in self.model.fits}
         block.replaced = np.zeros(physical.shape, np.bool_)
         block.errors = np.zeros(physical.shape if self.want_stderr else 0, np.float32)
@@ -241,7 +241,7 @@ class Correction:
         block.rewritten = {band: place for band, place in rewritten.items() if place.any()}
 
     def _states(self, block: _Block) -> Iterator[tuple[State, Any, Any]]:
-        """What the chain makes of each cell with its halo; where the cell lies in that, and where in the tile."""
+        """The state of each cell with its halo after the chain; the slices of the cell in it, and in the tile."""
         tile, outer = block.tile, block.outer
         for cell in tile.split(CHAIN_CELL):
             within = cell.within(tile)
@@ -267,11 +267,11 @@ class Correction:
         return np.where(known, out, np.nan)[self.changed].astype(np.float32)
 
     def _stderr_of(self, state: State) -> npt.NDArray[np.float32]:
-        """Standard errors of all bands of a block, after the chain."""
+        """Standard errors of all bands of a block after the chain."""
         return stderr(self.left.apply(state) if self.left else state, self.model, self.replaced)
 
     def _flags(self, block: _Block, saturated: Mask) -> npt.NDArray[np.uint8]:
-        """Flags of a tile, but for what `encode` finds."""
+        """Flags of a tile, without those that `encode` sets."""
         flags = np.full(block.tile.shape, bits.NOT_WATER, np.uint8)
         flags[block.where] = bits.CORRECTED if block.corrected else 0
         if block.replaced is not None:
@@ -283,7 +283,7 @@ class Correction:
         return flags
 
     def _encoded(self, block: _Block, physical: Any, flags: Any, tally: PixelCounts) -> npt.NDArray[Any]:
-        """The tile as it stands in the file; what was negative and clipped is counted."""
+        """The tile in the output's type; negative and clipped values are counted."""
         info = raster_of(self.scene).info
         raw = np.ascontiguousarray(block.raw)
         raw = raw if raw.flags.writeable and raw is not block.wide else raw.copy()
@@ -310,7 +310,7 @@ class Correction:
         return raw
 
     def _file_valid(self, raw: Any, valid: Any) -> Mask | None:
-        """What the output's mask says of the tile, where it has one: valid in every band."""
+        """The output's mask for the tile, if it has one: valid in every band."""
         if not self.layout.masked:
             return None
         found = np.ones(raw.shape[1:], np.bool_) if valid is None else np.asarray(valid.all(axis=0))
@@ -320,7 +320,7 @@ class Correction:
 
 
 def _counted(block: _Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[np.bool_]) -> PixelCounts:
-    """Count the pixels of a tile by what became of them."""
+    """Count the pixels of a tile by their flags."""
     kinds = {"nodata": bits.NODATA, "not_water": bits.NOT_WATER, "corrected": bits.CORRECTED,
              "protected": bits.PROTECTED}  # fmt: skip
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}

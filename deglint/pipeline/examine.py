@@ -1,4 +1,4 @@
-"""What a scene is, and what candidates would do to it: the numbers behind `deglint info`."""
+"""Properties of a scene, and the expected error of the candidates: the numbers behind `deglint info`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .recipe import Recipe, make_request
 
 @checked_keywords()
 def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None = None) -> dict[str, Any]:
-    """Look at a scene and say what is known of it; reads part of a large one, for a bounded time.
+    """Examine a scene; of a large one a part is read, for a limited time.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     Returns
     -------
     dict
-        Plain numbers and words: size, place, bands, NIR, valid and water fraction of what was looked at, glint level,
-        R2 of each band with the NIR, suggested method with the reason, and notes. What cannot be told is
-        None, with the reason among the notes; so is what was not looked at.
+        Plain values: size, location, bands, NIR, valid and water fraction of the pixels that were read, glint level, R2
+        of each band with the NIR, suggested method with the reason, and notes. Values that are not known are None, with
+        the reason in the notes.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe = recipe or Recipe()
@@ -70,7 +70,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
 
 
 def _fit_noted(scene: Scene, recipe: Recipe, threads: int, out: dict[str, Any]) -> Fitted:
-    """Fit the recipe; what is known on the way goes into `out`, also where the fit fails."""
+    """Fit the recipe; intermediate results are stored in `out` even if the fit fails."""
     notes = out["notes"]
     request, said = make_request(scene, recipe)
     notes += [n for n in said if n not in notes]
@@ -90,7 +90,7 @@ def _fit_noted(scene: Scene, recipe: Recipe, threads: int, out: dict[str, Any]) 
 
 
 def _not_seen(scene: Scene, budget: Budget) -> str:
-    """What was left out where there was no more time."""
+    """Note on the part of the scene that was not read for lack of time."""
     total = scene.height * scene.width
     return (
         f"the look at it was stopped after {budget.seconds:g} s or {budget.reads} windows: {budget.done} windows of "

@@ -1,4 +1,4 @@
-"""Fit a recipe to a scene: look at some of it, choose what to do where the recipe leaves that open, fit."""
+"""Fit a recipe to a scene: read an overview, choose a candidate where the recipe leaves the choice open, fit it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .sidecar import log, log_model, log_nir, log_scene, log_water, why
 from .tolerance import Sampling
 
 Sampled = tuple[GlintModel, dict[str, Any], dict[str, Any] | None]
-"""A model, the numbers of its sample, and the sample's outline as GeoJSON where that is wanted."""
+"""A model, the sidecar entries of its sample, and the sample's outline as GeoJSON if requested."""
 
 
 @dataclass(frozen=True)
@@ -44,17 +44,17 @@ class Fitted:
     recipe : Recipe
         With every "auto" resolved.
     notes, numbers : tuple of str, dict
-        What was decided, a line each for the log, and as numbers for the sidecar.
+        The decisions, as lines for the log and as values for the sidecar.
     sample : dict or None
-        The sample as GeoJSON, where it was asked for.
+        The sample as GeoJSON, if requested.
     water, water_bands : WaterRule or None, tuple of int
-        How water is distinguished, where it has to be, and the 0-based scene bands that the rule looks at.
+        The rule for the water mask, if one is needed, and the 0-based scene bands that it uses.
     chain : Chain
         Stages of compensation around the removal; empty where there are none.
     choice : Choice, optional
-        The recipes that were tried on sample tiles, where the recipe left the choice open.
+        The candidates that were tried on sample tiles, if the recipe left the choice open.
     undeclared : Undeclared
-        Nodata and offsets that the pixels have shown.
+        Nodata values and offsets that are not declared but were recognised in the pixels.
     """
 
     model: GlintModel
@@ -93,7 +93,7 @@ def fit_scene(
     progress : callable, optional
         Called as progress(stage, done, total).
     run : callable
-        What passes over the sample's tiles: threads here, or a cluster's `run`.
+        Function that processes the sample's tiles: on threads, or the `run` method of a cluster.
 
     Returns
     -------
@@ -102,11 +102,11 @@ def fit_scene(
     Raises
     ------
     BandError
-        No NIR band, or a band that is not there.
+        No NIR band, or a selected band does not exist.
     NoWaterError
-        Nothing in the scene is water.
+        There is no water in the scene.
     FitError
-        The sample cannot carry a fit.
+        The sample does not allow a fit.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def fit_scene(
 def _fit_overviews(
     scene: Scene, recipe: Recipe, threads: int, want_sample: bool, progress: Progress | None, run: tiling.Run
 ) -> Fitted:
-    """Fit to a first overview; where it holds too little of the sea, to more and more of the scene."""
+    """Fit to a first overview; if it contains too little water, to larger and larger parts of the scene."""
     log_scene(scene)
     check_size(scene, recipe)
     request, notes = make_request(scene, recipe)
@@ -154,7 +154,7 @@ def _fit_overviews(
 
 
 def _fit(job: Job) -> Fitted:
-    """Fit what a recipe says to one overview of a scene."""
+    """Fit a recipe to one overview of a scene."""
     recipe, overview = job.recipe, job.overview
     notes = list(job.notes)
     if overview.water is not None:
@@ -209,7 +209,7 @@ def _fit(job: Job) -> Fitted:
 
 
 def _with_sample(job: Job, training: Sequence[Training], model: GlintModel) -> Sampled:
-    """A model with the numbers of its sample, which was held in memory."""
+    """A model with the properties of its sample, which is in memory."""
     pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
     numbers = _numbers(job, model, pixels, _union([_box(t.sample, t.tile) for t in training]))
     numbers["glint_level"] = model.level_interval and model.level_interval[2] - model.level_interval[1]
@@ -220,7 +220,7 @@ def _with_sample(job: Job, training: Sequence[Training], model: GlintModel) -> S
 
 
 def _fit_sampled(job: Job, given: Sampler | None, method: str) -> Sampled:
-    """A method of single pixels, by one pass over its sample."""
+    """Fit a pointwise method in one pass over its sample."""
     scene, request = job.scene, job.request
     sampler = given or learning.sampler_of(scene, job.recipe, job.overview, job.threads)
     plan = METHODS[method].plan(request)  # type: ignore[misc]
@@ -264,7 +264,7 @@ def _fit_sampled(job: Job, given: Sampler | None, method: str) -> Sampled:
 
 
 def _numbers(job: Job, model: GlintModel, pixels: int, box: Window | None) -> dict[str, Any]:
-    """What the sidecar says of a sample; the log says where it lies."""
+    """Sidecar entries of a sample; its position is logged."""
     log.info("sample: %d pixels, %s", pixels, _place(box))
     return {
         "kind": job.recipe.sample,
@@ -278,7 +278,7 @@ def _numbers(job: Job, model: GlintModel, pixels: int, box: Window | None) -> di
 
 
 def _box(mask: npt.NDArray[np.bool_], tile: Tile) -> Window | None:
-    """The smallest window of the scene around the pixels of a tile's mask."""
+    """Bounding window (in the scene) of a tile's mask."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
         return None
@@ -287,7 +287,7 @@ def _box(mask: npt.NDArray[np.bool_], tile: Tile) -> Window | None:
 
 
 def _union(boxes: Sequence[Window | None]) -> Window | None:
-    """The smallest window around some windows."""
+    """Bounding window of several windows."""
     real = [b for b in boxes if b is not None]
     if not real:
         return None
@@ -296,14 +296,14 @@ def _union(boxes: Sequence[Window | None]) -> Window | None:
 
 
 def _place(box: Window | None) -> str:
-    """A window in words."""
+    """A window as text."""
     return "nowhere" if box is None else f"rows {box[0][0]}-{box[0][1]}, columns {box[1][0]}-{box[1][1]}"
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
-    """A model that was fitted before, made ready for this scene.
+    """Prepare a saved model for this scene.
 
-    Raises InputError: the scene lacks a band that the model needs; NoWaterError: the scene holds no water.
+    Raises InputError: the scene lacks a band that the model needs; NoWaterError: the scene contains no water.
     """
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()

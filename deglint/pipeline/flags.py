@@ -1,12 +1,12 @@
-"""The rasters beside the image: flags, classes of sun glint, amounts and standard errors; and the amount of sky glint.
+"""Additional output rasters: flags, classes of sun glint, amounts and standard errors; and the modelled sky glint.
 
 The classes and amounts are those of CEOS Analysis Ready Data, Product Family Specification Aquatic Reflectance,
 version 2.0.1 (2026), per-pixel metadata "Sun Glint" (2.9) and "Sky Glint" (2.10), https://ceos.org/ard. It asks
 whether sun glint in a pixel is negligible, correctable (moderate) or uncorrectable (severe), and for the amounts of
 both for each pixel and spectral band. Version 1.0 (2022) says "absent" in place of "negligible".
 
-Sky glint is what the sea mirrors of the light of the sky. A removal of sun glint does not measure it, as it is nearly
-even over a scene: it is modelled, not removed.
+Sky glint is skylight reflected by the sea. A removal of sun glint cannot measure it, as it is nearly constant over a
+scene: it is modelled, not removed.
 """
 
 from __future__ import annotations
@@ -51,11 +51,12 @@ GLINT_CLASSES = {0: "not assessed", 1: "negligible", 2: "correctable (moderate)"
 NOT_ASSESSED, NEGLIGIBLE, CORRECTABLE, UNCORRECTABLE = GLINT_CLASSES
 SPECIFICATION = "CEOS-ARD Aquatic Reflectance 2.0.1"
 SKY_MODEL = "harrison-coombes"
-"""The sky of the value: clear, as the irradiance is, and as it is where sun glint is seen."""
+"""Sky model of the value: a clear sky, as for the irradiance; sun glint occurs under a clear sky."""
 SKY_WINDS = (5.0, 1.0, 15.0)
-"""Wind of the value and of the range [m/s]: the default of simulations, calm and strong; where it is not stated."""
+"""Wind of the value and the limits of its range [m/s], if the wind is not stated: default of simulations, calm, strong.
+"""
 VISIBILITIES = (40.0, 15.0, 80.0)
-"""Visibility of the value and of the range [km]: the default of plans and simulations, haze and hardly any."""
+"""Visibility of the value and the limits of its range [km]: default of plans and simulations, haze, very clear."""
 _ANGLE_TAGS = {
     "sun zenith angle": ("sun_zenith_deg", "sun_elevation"),
     "sun azimuth": ("sun_azimuth_deg", "sun_azimuth"),
@@ -73,8 +74,8 @@ def glint_classes(
     The specification calls glint uncorrectable where a band is saturated, and gives no limit of negligible glint. Here
     it is one standard deviation of the band's noise, in every band: such glint adds no more variance than the noise.
     `amount` (band, row, column) is the glint that was removed from the bands that may change, `noise` (band,) the
-    standard deviation of their noise [unit of the band]. Not assessed is where there is no `water` (row, column), or no
-    band was corrected.
+    standard deviation of their noise [unit of the band]. Pixels outside `water` (row, column) are not assessed; nor are
+    any if no band was corrected.
     """
     out = np.full(amount.shape[1:], NOT_ASSESSED, np.uint8)
     np.copyto(out, NEGLIGIBLE, where=np.isfinite(amount).any(axis=0))
@@ -84,16 +85,16 @@ def glint_classes(
 
 
 def glint_numbers(work: Correction, tally: PixelCounts) -> dict[str, Any]:
-    """What the sidecar says of the classes."""
+    """Sidecar entries of the classes."""
     noise = {work.scene.names[b]: n for b, n in zip(work.changed, work.noise, strict=True)}
     pixels = dict(zip(GLINT_CLASSES.values(), tally.glint, strict=True))
     return {"specification": SPECIFICATION, "pixels": pixels, "negligible_up_to": noise}
 
 
 def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | None) -> dict[str, tuple[Path, Layout]]:
-    """The rasters beside the image, by the fields of a tile's result: their names, and what they are like.
+    """Name and layout of each additional raster, by the field of a tile's result.
 
-    `modelled` is what `sky_glint` says of the scene.
+    `modelled` is the result of `sky_glint`.
     """
     info, bands = work.layout.info, tuple(work.amount_bands)
     options: dict[str, Any] = {"options": targets.options, "scaled": False, "tile": work.layout.tile}
@@ -119,7 +120,7 @@ def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | Non
 
 
 def _with_sky(tags: Mapping[str, Any], value: float | None) -> Mapping[str, Any]:
-    """A band's tags, with its modelled sky glint where that is known."""
+    """A band's tags, with its modelled sky glint if known."""
     if not value:
         return tags
     said = {"SKY_GLINT_REFLECTANCE": f"{value:.4g}", "SKY_GLINT": "modelled at the water surface, not removed"}
@@ -127,14 +128,14 @@ def _with_sky(tags: Mapping[str, Any], value: float | None) -> Mapping[str, Any]
 
 
 def sky_glint(scene: Scene) -> dict[str, Any] | None:
-    r"""Sky-glint reflectance at the water surface, for each band: the same for all pixels.
+    r"""Sky-glint reflectance at the water surface for each band, constant over the scene.
 
     .. math:: \rho = \pi L / (E_{sun} + E_{sky})
 
-    with L the mirrored radiance (`deglint.physics.sky.reflectance`) and the irradiance of Gregg and Carder (1990).
+    with L the reflected sky radiance (`deglint.physics.sky.reflectance`) and the irradiance of Gregg and Carder (1990).
     Gives the `reflectance` of each band of 300 to 1000 nm by name [1]; its `range`, the lowest and the highest over
-    three skies, `VISIBILITIES` and `SKY_WINDS`; and from what they follow. None, and a line in the log, where the tags
-    of the scene do not state where the sun and the sensor stand, as those of some products do.
+    three skies, `VISIBILITIES` and `SKY_WINDS`; and the assumptions. None, with a line in the log, if the tags of the
+    scene do not give the angles of sun and sensor.
     """
     tags = {k.casefold(): v for part in raster_of(scene).info.tags.values() for k, v in part.items()}
     stated = {name: _angle(tags, *names, zenith="zenith" in name) for name, names in _ANGLE_TAGS.items()}
@@ -174,7 +175,7 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
 
 
 def _angle(tags: Mapping[str, Any], name: str, other: str, *, zenith: bool) -> float | None:
-    """An angle from its tag, a zenith angle also from an elevation; None where it is not stated or impossible."""
+    """An angle from its tag, a zenith angle also from an elevation; None if missing or impossible."""
     angle = number(tags.get(name))
     if angle is None and (angle := number(tags.get(other))) is not None and zenith:
         angle = 90.0 - angle

@@ -1,4 +1,4 @@
-"""What a run writes, and what it returns: the names of the outputs, and the result."""
+"""Names of the outputs of a run, and its result."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from .fit import Fitted
 from .overview import raster_of
 
 BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")
-"""Outputs beside the image and its sidecar."""
+"""Optional outputs besides the image and its sidecar."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
-"""Types that an output may be given."""
+"""Data types that an output can have."""
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where results go.
+    """Names and options of the outputs.
 
-    With a `request`, what a batch calls this work, the sidecar says it and what the outputs are like, to know them
-    again. No output may replace `reads`, files that were read beside the scene and what the recipe names.
+    `request`, the checksum of a batch's options, is stored in the sidecar with the properties of the outputs, so that
+    finished outputs are recognised. No output may replace `reads`, input files besides the scene and the files in the
+    recipe.
     """
 
     image: Path  # the deglinted raster; its sidecar is this with ".json" appended
@@ -61,10 +62,10 @@ class Outputs:
 
 @dataclass
 class PixelCounts:
-    """Pixels of a tile or of the whole run; counts of bands are arrays in scene order, or 0.
+    """Number of pixels of a tile or of the whole run by result; counts per band are arrays in scene order, or 0.
 
-    What was copied was not computed: only its total is known. `rewritten` counts pixels of bands without a removal that
-    compensation changed, `glint` those of each class of sun glint.
+    Of copied tiles only the total is known. `rewritten` counts pixels that compensation changed in bands without a
+    removal, `glint` the pixels of each class of sun glint.
     """
 
     total: int = 0
@@ -88,14 +89,14 @@ class PixelCounts:
 
 @dataclass(frozen=True)
 class Result:
-    """What a run did.
+    """Result of a run.
 
     Attributes
     ----------
     fitted : Fitted
     tally : PixelCounts
     sidecar : dict
-        Everything that the sidecar says.
+        Content of the sidecar.
     warnings : tuple of str
     """
 
@@ -120,7 +121,7 @@ class Result:
         return shown(repr(self), rows, stretched(found) if len(found) == 2 else None)
 
     def _middle(self, paths: list[str]) -> FloatArray | None:
-        """The middle of what is in files, where that can be read."""
+        """The central part of the image in some files, if it can be read."""
         from ..readers import open_scene
 
         try:
@@ -133,5 +134,5 @@ class Result:
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Names of the bands whose pixels differ from the input's; the others are copied."""
+        """Names of the bands that differ from the input; the others are copied."""
         return tuple(self.sidecar["pixels"]["changed"])

@@ -1,4 +1,4 @@
-"""A first, cheap overview of a scene: some of its tiles, and what is water there."""
+"""A first, fast overview of a scene: some of its tiles, and the rule for water found in them."""
 
 from __future__ import annotations
 
@@ -23,22 +23,23 @@ from ..tiles import Tile
 from .recipe import Recipe
 
 SMALLEST_SCENE = 256
-"""Pixels of the smallest scene in which a sample is looked for."""
+"""Pixels of the smallest scene in which a sample is searched."""
 OVERVIEW_PIXELS = 300_000
 """Pixels of a first overview."""
 SMALL_PIXELS = 600_000
-"""Pixels of a scene that is read as a whole from the start."""
+"""Scenes of up to this number of pixels are read as a whole from the start."""
 TILE_SIDE = SAMPLE_SIDE
-"""Side of the tiles of an overview [pixel]: the same for every file, so that its blocks do not matter."""
+"""Side of the tiles of an overview [pixel]: the same for every file, independent of its blocks."""
 MOST_OVERVIEW = 16 << 20
-"""Pixels that are held of the last overview: of larger scenes it reads all, and keeps some tiles of what is valid."""
+"""Most pixels of the last overview that are kept in memory; of larger scenes all is read, and some valid tiles are
+kept."""
 MOST_TILES = 1 << 18
-"""Tiles of an overview that are listed."""
+"""Most tiles that are considered for an overview."""
 
 
 @dataclass(frozen=True)
 class Overview:
-    """What an overview of a scene found."""
+    """Result of an overview of a scene."""
 
     tiles: tuple[Tile, ...]  # that were read
     roles: Roles  # of the scene's bands
@@ -47,7 +48,7 @@ class Overview:
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
-    """Overviews of more and more of the scene, the last one of all of it; what is water, where that is `wanted`."""
+    """Overviews of larger and larger parts of the scene, the last of all of it; with a water rule if `wanted`."""
     found = band_roles(scene)
     roles = Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir})
     total = scene.height * scene.width
@@ -69,13 +70,13 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
 
 
 def _reflectance(scene: Scene) -> bool:
-    """Whether the bands are those of a product in reflectance: Sentinel-2's, or Landsat's."""
+    """Whether the bands are reflectances of a Sentinel-2 or Landsat product."""
     known = (scene.sensor or "").startswith(("sentinel2", "landsat"))
     return known or all(re.fullmatch(r"(sr_)?b(0\d|1\d|8a)", name.lower()) for name in scene.names)
 
 
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:
-    """Some of the scene's tiles; of a huge scene, of every n-th row and column of tiles."""
+    """Tiles spread over the scene; in a huge scene only from every n-th row and column of tiles."""
     step = max(1, math.isqrt(scene.height * scene.width // (TILE_SIDE**2 * MOST_TILES)))
     side = step * TILE_SIDE
     corners = tiling.tiles(scene.height, scene.width, (side, side))
@@ -84,7 +85,7 @@ def _lattice(scene: Scene, pixels: int) -> list[Tile]:
 
 
 def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
-    """All tiles of a scene; of one too large to hold, so many as can be held of those with valid pixels."""
+    """All tiles of a scene; of a scene too large for memory, as many tiles with valid pixels as fit."""
     total = scene.height * scene.width
     if total <= MOST_OVERVIEW:
         return tiling.tiles(scene.height, scene.width, (TILE_SIDE, TILE_SIDE))
@@ -103,7 +104,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
 
 def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overview:
-    """The first overview that finds water, where that is `wanted`; else the last."""
+    """The first overview in which water is found if `wanted`, else the last."""
     for overview in overviews(scene, nir, threads, wanted=wanted):
         if overview.water is None or overview.water.has_water:
             break
@@ -111,7 +112,7 @@ def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overvi
 
 
 def check_size(scene: Scene, recipe: Recipe) -> None:
-    """Refuse to seek a sample in a scene in which there is too little to fit anything to."""
+    """Raise NoWaterError if a scene has too few pixels for an automatic sample."""
     if recipe.sample == "auto" and scene.height * scene.width < SMALLEST_SCENE:
         raise NoWaterError(
             f"{scene.path}: {scene.height} x {scene.width} pixels are too few to fit a correction to (at least "
@@ -120,10 +121,9 @@ def check_size(scene: Scene, recipe: Recipe) -> None:
 
 
 def where_to_sample(scene: Scene, recipe: Recipe, nir: int, threads: int) -> str:
-    """The sample that a recipe means: what the user has said is water, where that was said.
+    """Where a recipe takes its sample: within the mask, if the user gave one and no sample.
 
-    A mask in a file says it, and nothing is searched for. Without a mask all pixels are the sample where no water is
-    found.
+    A mask file is then also the sample. Without a mask, all pixels are the sample if no water is found.
     """
     if recipe.sample != "auto" or recipe.mask == "auto":
         return recipe.sample
@@ -134,34 +134,34 @@ def where_to_sample(scene: Scene, recipe: Recipe, nir: int, threads: int) -> str
 
 
 def raster_of(scene: Scene) -> RasterSource:
-    """What serves the scene's pixels, with all that is known of its file."""
+    """The scene's raster source, with all properties of its file."""
     return cast(RasterSource, scene.source)
 
 
 def role_bands(roles: Roles) -> tuple[int, ...]:
-    """0-based scene bands that the masks look at, in ascending order."""
+    """0-based scene bands that the masks use, in ascending order."""
     return tuple(sorted({roles.nir, *roles.visible}))
 
 
 def _compact(roles: Roles) -> Roles:
-    """The same roles for a block of only the bands that the masks look at."""
+    """The roles for a block that contains only the bands that the masks use."""
     place = {b: i for i, b in enumerate(role_bands(roles))}
     index = {k: place[b] for k in ("blue", "green", "red") if (b := getattr(roles, k)) is not None}
     return Roles(nir=place[roles.nir], **index)
 
 
 def read_overview(scene: Scene, chosen: Sequence[Tile], roles: Roles, threads: int) -> list[Any]:
-    """The bands that the masks look at, of some tiles."""
+    """Read the bands that the masks use from some tiles."""
     bands = list(role_bands(roles))
     found = tiling.run(chosen, lambda t: scene.source.read(t.window, bands), threads=threads, start=enter_thread)
     return [block for _tile, block in found]
 
 
 def block_of(scene: Scene) -> tuple[int, int]:
-    """Rows and columns of the blocks that the scene is stored in."""
+    """Rows and columns of the blocks in the scene's file."""
     return raster_of(scene).info.block_shapes[0]
 
 
 def tile_shape_of(scene: Scene) -> tuple[int, int]:
-    """Rows and columns of the tiles that the scene is worked on in."""
+    """Rows and columns of the tiles in which the scene is processed."""
     return tiling.tile_shape(scene.height, scene.width, len(scene.bands), block_of(scene))

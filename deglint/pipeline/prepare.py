@@ -1,4 +1,4 @@
-"""Prepare the correction of a scene: what the output is like, the tiles, and the noise and errors learnt from some."""
+"""Prepare the correction of a scene: layout of the output, tiles, and estimates of noise and standard errors."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from .outputs import Outputs
 from .overview import block_of, raster_of, tile_shape_of
 
 STRIP = 4 << 20
-"""Values of a tile of whole cells, where the file is in strips: as few strips as possible are read twice."""
+"""Values in a tile of whole cells for files stored in strips, so that few strips are read twice."""
 TILES = 8
-"""Tiles that are learnt from: spread over the scene, and few, as each is corrected twice more."""
+"""Tiles from which noise and errors are estimated: spread over the scene; few, as each is corrected twice more."""
 TRIAL_SIDE = 192
-"""Their side [pixel]: a trial lays glint half a tile away."""
+"""Side of these tiles [pixel]: a trial displaces glint by half a tile."""
 
 
 def correction(
     scene: Scene, fitted: Fitted, *, mask: str | None = None, targets: Outputs | None = None, dtype: str | None = None,
     threads: int = 1,
 ) -> Correction:  # fmt: skip
-    """What corrects the tiles of a scene, as it was fitted.
+    """The function that corrects the tiles of a scene, from a fit.
 
-    `mask` and `dtype` stand in place of the recipe's and of the scene's own. `targets` say what is to be written beside
-    the image; noise and standard errors are learnt for it with so many threads.
+    `mask` and `dtype` override the recipe's mask and the scene's data type. `targets` are the outputs; noise and
+    standard errors are estimated if an output needs them, with `threads` threads.
     """
     info, bands = raster_of(scene).info, tuple(range(len(scene.bands)))
     wanted = mask or fitted.recipe.mask
@@ -60,7 +60,7 @@ def correction(
 
 
 def _tile_shape(work: Correction) -> tuple[int, int]:
-    """Rows and columns of the tiles that a scene is corrected in: whole cells, where a chain runs."""
+    """Rows and columns of the tiles in which a scene is corrected: whole cells if there is a chain."""
     scene, bands = work.scene, len(work.scene.bands)
     shape = tile_shape_of(scene)
     if work.by_cells:
@@ -72,8 +72,11 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 
 
 def marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
-    """How the output says which pixels are not valid: the input's nodata where the type can hold it, and a mask where
-    the input has one, or where its nodata cannot be said otherwise."""
+    """How the output marks invalid pixels: nodata value, and whether it has a mask.
+
+    The nodata is that of the input, if the type can hold it. There is a mask if the input has one, or if its nodata
+    cannot be expressed otherwise.
+    """
     source = raster_of(scene)
     value = next((n for n in source.info.nodatas if n is not None), None)
     masked = any(f.dataset_mask or f.band_masks or f.alpha is not None for f in source.files)
@@ -87,10 +90,10 @@ def marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
 
 
 def with_stderr(work: Correction, threads: int) -> Correction:
-    """The same correction, which gives standard errors as well.
+    """The same correction, with standard errors.
 
-    Raises FitError, InputError: no band is corrected, no water in the tiles, or a compensation whose error is not
-    known.
+    Raises FitError, InputError: no band is corrected, no water in the tiles, or a compensation without an error
+    estimate.
     """
     if not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
@@ -124,7 +127,7 @@ def with_stderr(work: Correction, threads: int) -> Correction:
 
 
 def with_noise(work: Correction, threads: int) -> Correction:
-    """The same correction, with the noise of the corrected bands: that of the pixels, and of rounding in the file."""
+    """The same correction, with the noise of the corrected bands: pixel noise and rounding in the file."""
     scales = raster_of(work.scene).info.scales
     rounded = np.dtype(work.layout.dtype).kind in "iu"
     found = tiling.run(_tiles_of(work.scene), work.corrected, threads=threads, start=enter_thread)
@@ -136,5 +139,5 @@ def with_noise(work: Correction, threads: int) -> Correction:
 
 
 def _tiles_of(scene: Scene) -> list[Tile]:
-    """Tiles that are learnt from."""
+    """Tiles for the estimates."""
     return tiling.spread(tiling.tiles(scene.height, scene.width, (TRIAL_SIDE, TRIAL_SIDE)), TILES * TRIAL_SIDE**2)

@@ -1,4 +1,4 @@
-"""What to do with a scene: the options of `deglint remove`, as one frozen value."""
+"""Options for processing a scene, those of `deglint remove`, as one frozen value."""
 
 from __future__ import annotations
 
@@ -18,41 +18,43 @@ from ..remove import METHODS, REGRESSIONS, FitRequest, nir_request
 from ..scene import Scene
 
 CHAINS = ("auto", "thesis", "off")
-"""Words that stand for chains of stages."""
+"""Names for chains of stages."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What to do with a scene; every field has a default that suits most.
+    """Options for processing a scene; the defaults suit most scenes.
 
     Attributes
     ----------
     method : str
         "auto" or a key of `deglint.remove.METHODS`.
     nir : tuple of str
-        NIR bands by name or 1-based number; deduced where empty. One name or number may stand alone.
+        NIR bands by name or 1-based number; determined automatically if empty. A single name or number is also
+        accepted.
     nir_use : {"auto", "mean", "best", "set"}
-        How to use several NIR bands; auto: by set where the bands of a sensor are taken in sets, else their mean.
+        How to use several NIR bands; auto: one per set if the sensor takes its bands in sets, else their mean.
     bands : tuple of str
-        Bands to correct, likewise; all shorter than the NIR where empty.
+        Bands to correct, likewise; if empty, all of shorter wavelength than the NIR.
     sample : str
         "auto", "all", a window "column,row,width,height" [pixel] or a GeoJSON file.
     mask : str
-        "auto" (water found in the scene), "none", or a raster, GeoJSON file or window of what to correct.
+        "auto" (water found in the scene), "none", or a raster, GeoJSON file or window of the pixels to correct.
     regression : str
         "auto" (detrended for an automatic sample, else ols) or a key of `deglint.remove.REGRESSIONS`.
     floor_percentile : float
-        Percentile of the NIR that Hedley takes as its level [%]; 0: the minimum, as published.
+        Percentile of the NIR that Hedley's method uses as glint-free NIR [%]; 0: the minimum, as published.
     rrs_factor : float
-        Physical values are this many times remote-sensing reflectance (Goodman).
+        Ratio of the physical values to remote-sensing reflectance (Goodman).
     compensate : str
         "auto" (with method "auto", the candidate with the least expected error on the scene; else none), "thesis",
         "off", or a chain such as "identify-level:13, replace-level, remove"; see `deglint.compensate.STAGES`.
     smallest_object : str
-        Width of the smallest object to keep, such as "4m" or "16px"; 4 m where empty, or 16 pixels of unknown size.
+        Width of the smallest object to keep, such as "4m" or "16px"; if empty, 4 m, or 16 pixels if the pixel size is
+        not known.
     tolerance : float
-        Relative standard error of the slopes at which enough of the sample is read; 0 (off): all that the sample
-        names is read, or the usual share of a scene. See `deglint.pipeline.tolerance`.
+        Reading of the sample stops when the relative standard error of the slopes is below this. 0 (off): the whole
+        given sample is read, or the default share of a scene. See `deglint.pipeline.tolerance`.
     """
 
     method: str = "auto"
@@ -101,7 +103,7 @@ class Recipe:
 
     @property
     def chain(self) -> str:
-        """Stages of compensation: "auto" where a recipe is to be chosen, "off" for none."""
+        """Stages of compensation: "auto" if a candidate is to be chosen, "off" for none."""
         if self.compensate == "auto":
             return "auto" if self.method == "auto" else "off"
         return THESIS_CHAIN if self.compensate == "thesis" else self.compensate
@@ -128,7 +130,7 @@ Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-ass
 
 
 def band_names(value: Any, field: str) -> tuple[str, ...]:
-    """Bands as a user gives them: names and 1-based numbers, several in one text or one a value.
+    """Names and 1-based numbers of bands, from one text or from a list.
 
     Examples
     --------
@@ -144,7 +146,7 @@ def band_names(value: Any, field: str) -> tuple[str, ...]:
 
 
 def area_name(value: Any, field: str, words: str) -> str:
-    """A word, the name of a file, or a window of four numbers, as text."""
+    """An area as text: a word, the name of a file, or a window of four numbers."""
     if isinstance(value, (list, tuple)) and len(value) == 4 and all(isinstance(v, Integral) for v in value):
         return ",".join(map(str, value))
     if isinstance(value, os.PathLike):
@@ -158,7 +160,7 @@ def area_name(value: Any, field: str, words: str) -> str:
 
 
 def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, list[str]]:
-    """Turn the recipe's choice of bands into a request; also returns what to say about it."""
+    """Turn the recipe's bands into a request; also returns notes on them for the log."""
     wanted = list(recipe.nir) or None
     nir = find_nir(scene, wanted)
     notes = [explain_nir(scene, wanted)]
@@ -184,7 +186,7 @@ def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, list[str]]:
 
 
 def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:
-    """One NIR band for each set of bands that is taken at the same time; empty where there are not several sets."""
+    """One NIR band for each set of bands with the same acquisition time; empty if there is only one set."""
     groups = list(dict.fromkeys(b.group for b in scene.bands))
     if None in groups or len(groups) < 2:
         return ()
@@ -199,15 +201,15 @@ def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:
 
 
 SMALLEST_OBJECT = 4.0
-"""What must be kept where the user does not say: a boat, a person with raised arms seen from above, a buoy [m]."""
+"""Default width of the smallest object to keep: a boat, a person with raised arms seen from above, a buoy [m]."""
 UNKNOWN_OBJECT = 16.0
-"""The same where the size of a pixel is not known [pixel]."""
+"""The same if the pixel size is not known [pixel]."""
 
 
 def smallest_object(text: str | None, pixel: float | None) -> float:
     """Width of the smallest object to keep [pixel], from "4m", "16px" or nothing.
 
-    Raises InputError: not a length, or metres where the size of a pixel is not known.
+    Raises InputError: not a length, or metres if the pixel size is not known.
     """
     if not text:
         return UNKNOWN_OBJECT if pixel is None else SMALLEST_OBJECT / pixel

@@ -1,4 +1,4 @@
-"""The whole job: open, fit (or take a saved model), correct tile by tile, write the output and its sidecar."""
+"""Process a file: open it, fit (or use a saved model), correct tile by tile, write the output and its sidecar."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from .sample import tiles_over
 from .sidecar import log_result, saved, sidecar
 
 CHAIN_COPIES = 3
-"""How many times the memory of a tile a chain takes, against removal alone."""
+"""Memory of a tile with a chain relative to a removal alone."""
 
 
 @checked_keywords("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options",
@@ -62,7 +62,7 @@ def remove_glint(
     image : path
         Output, a local GeoTIFF. `image`.json is written beside it.
     recipe : Recipe, optional
-        What to do; finds everything out by itself by default.
+        Options; by default everything is determined automatically.
     model, chain : GlintModel and Chain, optional
         Apply this model, and the compensation that was fitted with it, instead of fitting one.
     sensor, nodata, grid, bands, wavelengths, scale, offset
@@ -72,8 +72,8 @@ def remove_glint(
     progress : callable, optional
         progress(stage, done, total).
     cluster : Cluster, optional
-        Workers in place of threads (`deglint.pipeline.cluster.connect`), which see the input. The
-        result is the same to the bit.
+        Workers instead of threads (`deglint.pipeline.cluster.connect`), with access to the input. The result is the
+        same to the bit.
     **outputs
         flags, amount, stderr, sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`.
 
@@ -84,7 +84,7 @@ def remove_glint(
     Raises
     ------
     ReadError, WriteError, InputError, BandError, FitError, NoWaterError
-        With one line that says what to do. No output is left, and an old one is as it was.
+        With a one-line message and remedy. No partial output is left, and existing files are not changed.
 
     Examples
     --------
@@ -109,7 +109,7 @@ def remove_glint(
 
 @dataclass(frozen=True)
 class _Run:
-    """What passes over the tiles, what is called on progress, and when it began."""
+    """How tiles are processed, the progress callback, and the start time."""
 
     threads: int
     progress: Progress
@@ -118,12 +118,12 @@ class _Run:
 
     @property
     def over(self) -> tiling.Run:
-        """What does work on tiles."""
+        """The function that processes tiles."""
         return tiling.run if self.cluster is None else self.cluster.run
 
 
 def _checked(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> Checksum:
-    """Refuse outputs that cannot be written; begin on the checksum of what is read."""
+    """Check that the outputs can be written; start the checksum of the input."""
     given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
     files = [file for name in given for file in files_of(name)]
     named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": str(sensor or "")}
@@ -138,7 +138,7 @@ def _deglinted(
     scene: Scene, recipe: Recipe, targets: Outputs, checksum: Checksum,
     saved_fit: tuple[GlintModel | None, Chain | None], run: _Run,
 ) -> Result:  # fmt: skip
-    """Fit a scene, or take a saved fit; correct it and write all that is wanted."""
+    """Fit a scene, or use a saved fit; correct it and write all outputs."""
     model, chain = saved_fit
     if model is None:
         want = targets.sample is not None
@@ -177,7 +177,7 @@ def _deglinted(
 def _write_tiles(
     scratch: Scratch, work: Correction, targets: Outputs, sky: Mapping[str, Any] | None, run: _Run
 ) -> PixelCounts:
-    """Correct all tiles, write them and the rasters beside the image, and count pixels."""
+    """Correct all tiles, write them and the additional rasters, and count pixels."""
     scene, image = work.scene, work.layout
     everything = tiling.tiles(scene.height, scene.width, image.tile)
     at_once = tiling.affordable(run.threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
@@ -196,7 +196,7 @@ def _write_tiles(
 
 @contextmanager
 def one_thread_each() -> Iterator[None]:
-    """OpenCV on one thread: the tiles are on several already."""
+    """Limit OpenCV to one thread, as several tiles are processed at a time."""
     import cv2
 
     before = cv2.getNumThreads()
@@ -209,7 +209,7 @@ def one_thread_each() -> Iterator[None]:
 
 @checked_keywords()
 def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask: str | None = None) -> FloatArray:
-    """Correct a scene, or a window of it, in memory: what `remove_glint` does to a file.
+    """Correct a scene, or a window of it, in memory; the same as `remove_glint` for files.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     Returns
     -------
     (band, row, column) ndarray
-        Physical values, NaN where not valid. For any window the same values as for the whole.
+        Physical values, NaN where not valid; the values do not depend on the window.
 
     Examples
     --------

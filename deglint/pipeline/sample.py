@@ -1,4 +1,4 @@
-"""Where the sample is, the tiles to learn from, and the recipes that are tried on them."""
+"""The location of the sample, the training tiles, and trials of candidates on them."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ from .recipe import Recipe, smallest_object
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
 LEAST_PERCENTILE = 0.5
-"""Percentile of the prediction that is its level where glint covers all of the sample [%]: the least but for noise.
-Else it is the middle of the pixels without glint."""
+"""Percentile of the prediction that is its level if glint covers all of the sample [%]: nearly the minimum, to allow
+for noise. Otherwise the level is the median of the pixels without glint."""
 HALO = 64
-"""Pixels around a tile that are read with it, and which its first stages look at: windows, kernels, clumps [pixel]."""
+"""Halo around a training tile, for windows, kernels and clumps of its first stages [pixel]."""
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
-"""Number and side of the squares that candidates are tried on, and pixels around them [pixel]: the time of a trial, two
-to three seconds on two processors, grows with them."""
+"""Number and side of the squares on which candidates are tried, and their halo [pixel]. The time of the trials, two to
+three seconds on two processors, is proportional to their area."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """What a fit works on."""
+    """Input of a fit."""
 
     scene: Scene
     recipe: Recipe
@@ -70,13 +70,15 @@ class Job:
     want_sample: bool
 
     def note(self) -> Any:
-        """For `tiling.run`."""
+        """Progress callback for `tiling.run`."""
         return None if self.progress is None else partial(self.progress, "fit")
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """Where the sample is: tiles to read, a mask for a block of some bands, and rows and columns that hold it all."""
+    """The location of the sample: tiles to read, a function that gives its mask in a block, and bounding rows and
+    columns.
+    """
 
     tiles: Sequence[Tile]
     mask: Callable[[Any, Sequence[int], Tile], Mask]
@@ -87,21 +89,21 @@ class Sampler:
 
     @property
     def pixels(self) -> int:
-        """Pixels that the sample may lie in."""
+        """Pixels in which the sample lies."""
         if self.bounds is None:
             return sum(tile.pixels for tile in self.tiles)
         (top, bottom), (left, right) = self.bounds
         return (bottom - top) * (right - left)
 
     def squares(self, scene: Scene) -> Sequence[Tile]:
-        """Squares that the sample may be read from: the same ones however the file is stored."""
+        """Squares that contain the sample; independent of how the file is stored."""
         return self.tiles if self.bounds is None else tiles_over(scene, self.bounds, (TILE_SIDE, TILE_SIDE))
 
 
 def sampler_of(scene: Scene, recipe: Recipe, overview: Overview, threads: int) -> Sampler:
-    """The sampler that a recipe asks for.
+    """The sampler for a recipe.
 
-    Raises FitError, InputError, ReadError: no sample can be found, or the one that was named cannot be used.
+    Raises FitError, InputError, ReadError: no sample was found, or the given one cannot be used.
     """
     if recipe.sample == "auto":
         return _auto_sampler(scene, overview, threads)
@@ -118,7 +120,7 @@ def sampler_of(scene: Scene, recipe: Recipe, overview: Overview, threads: int) -
 
 
 def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
-    """Tiles of a shape that hold some of a window."""
+    """Tiles of a given shape that intersect a window."""
     (top, bottom), (left, right) = bounds
     return [
         t for t in tiling.tiles(scene.height, scene.width, shape)
@@ -144,7 +146,7 @@ def _auto_sampler(scene: Scene, overview: Overview, threads: int) -> Sampler:
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A tile of a scene to learn from, with the pixels around it that stages need."""
+    """A training tile of a scene, with the halo that stages need."""
 
     tile: Tile
     outer: Tile  # with the pixels around
@@ -154,13 +156,13 @@ class Training:
 
     @property
     def inside(self) -> Mask:
-        """The sample, in the block."""
+        """Mask of the sample in the block."""
         out = np.zeros(self.outer.shape, np.bool_)
         out[self.tile.within(self.outer)] = self.sample
         return out
 
     def as_sample(self, image: FloatArray | None = None) -> SampleTile:
-        """For methods that look at neighbours: the tile, or what stages have made of the block."""
+        """The tile for methods that use neighbouring pixels; `image` is the block after preceding stages."""
         core = self.tile.within(self.outer)
         block = np.ascontiguousarray((self.block if image is None else image)[core])
         return SampleTile(block, np.ascontiguousarray(self.water[core]), self.sample, (self.tile.row0, self.tile.col0))
@@ -169,7 +171,9 @@ class Training:
 def training_reader(
     scene: Scene, overview: Overview, sampler: Sampler | None, halo: int = 0
 ) -> Callable[[Tile], Training]:
-    """What reads a tile to learn from, with `halo` pixels around it: of the sampler, or of all open water."""
+    """Function that reads a training tile with `halo` pixels around it; its sample is that of the sampler, or all open
+    water.
+    """
     rule, every = overview.water, list(range(len(scene.bands)))
     named = rule is None or (sampler is not None and not halo)
     reach = 0 if rule is None or named else rule.halo
@@ -195,7 +199,7 @@ def training_reader(
 
 
 def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
-    """Strips by the footprints of a band's detectors, odd and even; None where there are none, or of one kind alone."""
+    """Strips of odd and even detectors from the footprints of a band; None without footprints or with one kind."""
     if scene.footprints is None:
         return None
     centres = np.minimum(np.arange(CELL // 2, scene.width + CELL // 2, CELL), scene.width - 1)
@@ -209,7 +213,7 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
 
 
 def strips_finder(scene: Scene, read: Callable[[Tile], Training], threads: int) -> Callable[[StripFinder], Strips]:
-    """What looks at all of a scene for strips, square by square, once a sample has shown that there are some."""
+    """Function that searches the whole scene for strips, after a sample has shown that there are some."""
 
     def find(finder: StripFinder) -> Strips:
         known = np.full((-(-scene.height // CELL), -(-scene.width // CELL)), -1, np.int8)
@@ -223,7 +227,7 @@ def strips_finder(scene: Scene, read: Callable[[Tile], Training], threads: int) 
 
 
 def setting(job: Job) -> Setting:
-    """What stages need to know of the scene."""
+    """Properties of the scene that stages need."""
     optics, wavelengths = optics_of(job.scene), [b.wavelength for b in job.scene.bands]
     psfs = None
     if all(w and 300 <= w <= 2500 for w in wavelengths):
@@ -234,7 +238,7 @@ def setting(job: Job) -> Setting:
 
 
 def read_training(job: Job, sampler: Sampler | None, halo: int) -> list[Training]:
-    """Tiles to learn from, in memory: so many as an overview may hold, the same ones however the file is stored."""
+    """Read training tiles, as many as an overview may have; independent of how the file is stored."""
     places: Sequence[Tile] = job.overview.tiles if sampler is None else sampler.squares(job.scene)
     if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
         places = tiling.spread(places, OVERVIEW_PIXELS)
@@ -244,13 +248,13 @@ def read_training(job: Job, sampler: Sampler | None, halo: int) -> list[Training
 
 
 def sample_of(training: Sequence[Training]) -> Sample:
-    """Tiles as stages take them."""
+    """Training tiles in the form that stages use."""
     states = tuple(State.of(t.block, t.water, (t.outer.row0, t.outer.col0)) for t in training)
     return Sample(states, tuple(t.inside & s.water for t, s in zip(training, states, strict=True)))
 
 
 def removal_of(job: Job, training: Sequence[Training], method: str) -> FitRemoval:
-    """What fits a method to tiles, as the stages before the removal leave them."""
+    """Function that fits a method to tiles after the stages before the removal."""
 
     def fit(sample: Sample, chain: Chain) -> GlintModel:
         images = [s.image for s in sample.states]
@@ -273,7 +277,9 @@ def removal_of(job: Job, training: Sequence[Training], method: str) -> FitRemova
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
-    """Tiles whose sample keeps a window from land, where openings are too dark; as they are where most is that near."""
+    """Tiles with the sample at least a window away from land, where openings are too dark; unchanged if most of it is
+    nearer.
+    """
     import cv2
 
     window = np.ones((2 * size - 1,) * 2, np.uint8)
@@ -283,12 +289,12 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
 
 
 def fit_compensated(job: Job, training: Sequence[Training], text: str, method: str) -> FittedChain:
-    """Fit a chain of stages, with a method in it, to tiles."""
+    """Fit a chain of stages, including a removal method, to tiles."""
     return fit_chain(text, sample_of(training), setting(job), removal_of(job, training, method))
 
 
 def fit_neighbours(job: Job, training: Sequence[Training], sampler: Sampler | None) -> GlintModel:
-    """Fit the method that looks at neighbours to tiles of open water."""
+    """Fit the method that uses neighbouring pixels to tiles of open water."""
     read = training_reader(job.scene, job.overview, sampler)
     at_once = tiling.affordable(job.threads, (TILE_SIDE, TILE_SIDE), 2 * len(job.scene.bands))
     strips = strips_of_footprints(job.scene, job.request.correct[0]) or strips_finder(job.scene, read, at_once)
@@ -297,7 +303,7 @@ def fit_neighbours(job: Job, training: Sequence[Training], sampler: Sampler | No
 
 
 def chosen(job: Job, training: Sequence[Training]) -> Choice:
-    """Try candidate recipes on parts of those tiles that hold most of the sample."""
+    """Try candidates on the parts of training tiles that contain most of the sample."""
     parts = sorted((_part_of(t, job.scene) for t in training), key=lambda p: -int(p.sample.sum()))[:TRIED]
     pixel, rule = pixel_size(job.scene), job.overview.water
     trial = replace(job, request=replace(job.request, level_error=False))
@@ -316,7 +322,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
 
 
 def _part_of(found: Training, scene: Scene) -> Training:
-    """The first rows and columns of a tile, with fewer pixels around them."""
+    """The first rows and columns of a tile, with a smaller halo."""
     part = found.tile.split(TRIED_SIDE)[0]
     outer = part.grown(TRIED_HALO, scene.height, scene.width)
     place = outer.within(found.outer)

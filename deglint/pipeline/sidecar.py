@@ -1,6 +1,6 @@
-"""Say what is done: a log line for each decision while the work goes on, and the sidecar beside the output.
+"""Record what is done: a log line for each decision during the run, and the sidecar beside the output.
 
-INFO has one short line for each decision, DEBUG the reasons. The sidecar has everything, for people and programs.
+Level INFO has one short line for each decision, DEBUG the reasons. The sidecar has everything, as JSON.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ COPIED = "no band needs a correction: copied as they are, and not counted by kin
 
 
 def why(lines: Sequence[str]) -> None:
-    """Log reasons, which -v shows."""
+    """Log reasons at level DEBUG, which -v shows."""
     for line in lines:
         log.debug("  %s", line)
 
 
 def log_scene(scene: Scene) -> None:
-    """Log what was opened: size, sensor, band delays."""
+    """Log properties of the scene: size, sensor, band delays."""
     sensor = f", sensor {scene.sensor}" if scene.sensor else ""
     first, *others = scene.path.split(", ")
     name = f"{first} and {len(others)} more" if others else first
@@ -68,7 +68,7 @@ def log_nir(scene: Scene, bands: Sequence[int], notes: Sequence[str]) -> None:
 
 
 def log_water(rule: WaterRule | None, mask: str) -> None:
-    """Log what is corrected."""
+    """Log which pixels are corrected."""
     if rule is not None and rule.has_water:
         log.info("water: %s", rule.reason)
     elif mask != "auto":
@@ -85,7 +85,7 @@ def log_model(model: GlintModel, notes: Sequence[str]) -> None:
 
 
 def log_result(scene: Scene, fitted: Fitted, said: dict[str, Any]) -> None:
-    """Log what became of the bands and pixels, as the sidecar says it."""
+    """Log which bands and pixels were changed."""
     pixels = said["pixels"]
     copied = [n for n in scene.names if n not in pixels["changed"]]
     parts = [f"corrected: {', '.join(pixels['changed'])}"] if pixels["changed"] else []
@@ -100,7 +100,7 @@ def log_result(scene: Scene, fitted: Fitted, said: dict[str, Any]) -> None:
 def sidecar(
     scene: Scene, fitted: Fitted, targets: Outputs, tally: PixelCounts, checksum: Checksum, seconds: float
 ) -> dict[str, Any]:
-    """Everything about a run, as plain numbers and words."""
+    """Content of the sidecar, as plain values."""
     names = scene.names
 
     def by_band(counts: Any) -> dict[str, Any]:
@@ -141,7 +141,7 @@ def sidecar(
 
 
 def _resolved(fitted: Fitted) -> dict[str, Any]:
-    """The recipe with the bands that were taken where it left them to be found."""
+    """The recipe with the bands that were selected automatically."""
     recipe, model = asdict(fitted.recipe), fitted.model
     recipe["regression"] = model.regression
     if recipe["nir_use"] == "auto":
@@ -152,7 +152,7 @@ def _resolved(fitted: Fitted) -> dict[str, Any]:
 
 
 def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
-    """What was not done, and why."""
+    """Steps that were skipped, and why."""
     out = {"pixels": COPIED} if tally.copied else {}
     if fitted.recipe.mask == "none":
         out["water mask"] = "not asked for: every valid pixel is corrected"
@@ -170,7 +170,7 @@ def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[s
 
 
 def versions() -> dict[str, str]:
-    """Versions of what the numbers depend on."""
+    """Versions of the libraries that affect the result."""
     import rasterio
 
     return {"python": platform.python_version(), "numpy": np.__version__, "rasterio": rasterio.__version__,
@@ -178,7 +178,7 @@ def versions() -> dict[str, str]:
 
 
 def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
-    """Warnings of values that the output cannot hold, or that are no physical ones."""
+    """Warnings of values that the output cannot hold, or that are physically impossible."""
     kinds = {"below zero after correction": tally.negative, "clipped to the integer range": tally.clipped}
     said = []
     for kind, counts in kinds.items():
@@ -208,7 +208,7 @@ def load_model(path: str) -> GlintModel:
 
 
 def load_chain(path: str) -> Chain:
-    """Read the compensation that was saved with a model; one of no stages where there was none.
+    """Read the compensation that was saved with a model; an empty chain if there was none.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""Read so much of a sample as the slopes' standard errors ask for, and no more.
+"""Read only as much of a sample as the requested standard error of the slopes needs.
 
 With a tolerance a fit reads squares of 192 pixels, spread evenly, a batch after the other, until in every band that
-will be corrected the relative standard error of the glint taken from it (`deglint.remove.glint_error`) is small
-enough, or there is no more to read. Which squares, and when it stops, depends on the scene's pixels alone: not on the
-file's blocks, nor on threads.
+will be corrected the relative standard error of the glint taken from it (`deglint.remove.glint_error`) is small enough,
+or there is no more to read. The squares and the end depend only on the scene's pixels, not on the file's blocks or on
+threads.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from .sample import Sampler
 KEPT_PIXELS = 1 << 20
 """Most single pixels that are kept for a percentile or a mode."""
 LEAST_CELLS = 40
-"""Effective cells from which on a standard error is believed. In simulated seas with fewer than 25, where a few clumps
-of sparkle hold most of the glint, real errors were up to 24 times the claimed ones; with more than 40, 1.3 times."""
+"""Fewest effective cells for a reliable standard error. In simulated seas with fewer than 25, where a few clumps of
+sparkle contain most of the glint, real errors were up to 24 times the estimated ones; with more than 40, 1.3 times."""
 GROWTH = 1.25, 4.0
-"""How many times as much is read at the next batch, at least and at most."""
+"""Least and largest increase of the sample by the next batch, as a factor."""
 READ_MARGIN = 1.1
-"""How much more is read than the error so far asks for, as the square root of the pixels would have it."""
+"""Safety factor on the size of the next batch, which is extrapolated with the square root of the pixels."""
 
 
 @dataclass(eq=False)
 class Sampling:
-    """The batches of a sample: `for tiles, plan in sampling`, with what is gathered of each appended to `parts`."""
+    """The batches of a sample: `for tiles, plan in sampling`; the statistics of each are appended to `parts`."""
 
     scene: Scene
     sampler: Sampler
@@ -83,11 +83,11 @@ class Sampling:
             wanted = int(self.taken * min(max(grows, GROWTH[0]), GROWTH[1]))
 
     def statistics(self) -> SampleStatistics:
-        """What all that was read says."""
+        """Statistics of all that was read."""
         return merge([_thinned(p, self.plan.share) for p in self.parts] if self.tolerance else self.parts, self.plan)
 
     def _worst(self) -> float:
-        """Largest relative error of the bands that will be corrected; infinite where it is not known."""
+        """Largest relative error of the bands to correct; infinite if not known."""
         parts = [replace(p, places=p.places[:, :0], values=p.values[:, :0]) for p in self.parts if len(p.cells.n)]
         self.errors = {}
         if not parts:
@@ -110,7 +110,7 @@ class Sampling:
         return max(self.errors.values(), default=0.0)
 
     def said(self) -> tuple[dict[str, Any] | None, list[str], list[str]]:
-        """For the sidecar, the log, and warnings."""
+        """Entries of the sidecar, lines of the log, and warnings."""
         if not self.tolerance:
             return None, [], []
         worst = max(self.errors, key=lambda name: self.errors[name], default=None)
@@ -139,7 +139,7 @@ class Sampling:
 
 
 def _thinned(part: SamplePart, share: int) -> SamplePart:
-    """A part of an early batch, with no more single pixels than the last batch kept."""
+    """A part of an early batch, with as few single pixels as the last batch kept."""
     if share == 1 or not part.places.size:
         return part
     kept = in_share(part.places[0], part.places[1], share)

@@ -1,4 +1,4 @@
-"""The best viewing geometry of a plan, and its description in words."""
+"""The best viewing geometry of a plan, and its description as text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from .reticle import Mask, Reticle
 
 MARGIN = 3.0
-"""The best viewing geometry stays this far from every excluded one, where that is possible [degree]."""
+"""Distance of the best viewing geometry from every excluded one, where possible [degree]."""
 _POINTS = (
     "north", "north-north-east", "north-east", "east-north-east", "east", "east-south-east", "south-east",
     "south-south-east", "south", "south-south-west", "south-west", "west-south-west", "west", "west-north-west",
@@ -23,7 +23,7 @@ _AROUND = 16
 
 @dataclass(frozen=True)
 class ViewingGeometry:
-    """A viewing geometry: where the sensor stands as seen from the object, and what it sees from there."""
+    """A viewing geometry: direction of the sensor as seen from the object, and contrast and glint there."""
 
     zenith: float  # [degree]
     azimuth: float  # [degree]
@@ -35,16 +35,16 @@ class ViewingGeometry:
 
     @property
     def heading(self) -> float:
-        """Azimuth into which the sensor looks, to the object [degree]."""
+        """Azimuth of the direction of view, towards the object [degree]."""
         return (self.azimuth + 180.0) % 360.0
 
 
 def best_geometry(
     plan: Reticle, contrast: npt.NDArray[Any] | None = None, *, band: str | None = None
 ) -> ViewingGeometry | None:
-    """The viewing geometry with the highest contrast, away from the edges of what is excluded; None if all are.
+    """The viewing geometry with the highest contrast, away from the edges of excluded areas; None if all are excluded.
 
-    It is judged by `contrast` (zenith, azimuth), 0 where excluded; by default by that of the band, or of all bands.
+    `contrast` (zenith, azimuth) is 0 where excluded; by default it is that of the band, or of all bands.
 
     Raises BandError: there is no such band.
     """
@@ -71,12 +71,12 @@ def best_geometry(
 
 
 def description(geometry: ViewingGeometry | None) -> str:
-    """A viewing geometry, its contrast and its glint in words."""
+    """Text of a viewing geometry, its contrast and its glint."""
     return sentence(geometry) if geometry is None else f"{sentence(geometry)} {quality(geometry)}"
 
 
 def sentence(geometry: ViewingGeometry | None) -> str:
-    """A viewing geometry in words.
+    """Text of a viewing geometry.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def sentence(geometry: ViewingGeometry | None) -> str:
 
 
 def quality(geometry: ViewingGeometry) -> str:
-    """Contrast and glint of a viewing geometry, in words."""
+    """Text of the contrast and glint of a viewing geometry."""
     stand = "" if geometry.zenith < 1.0 else f"Stand off {np.tan(np.radians(geometry.zenith)):.2f} x your height. "
     edge = "" if geometry.margin else f" Excluded viewing geometries lie within {MARGIN:g} degrees of it."
     return (
@@ -102,7 +102,7 @@ def quality(geometry: ViewingGeometry) -> str:
 
 
 def one_in(share: float) -> str:
-    """A small share in words: 3.1e-6 is "1 in 320 000"."""
+    """A small share as text: 3.1e-6 is "1 in 320 000"."""
     if share < 1e-9:
         return "less than 1 in a billion"
     if share > 0.05:
@@ -120,7 +120,7 @@ def compass(azimuth: float) -> str:
 
 
 def _with_margin(good: Mask, widest: float) -> Mask:
-    """Viewing geometries that have good ones all around them, at `MARGIN`."""
+    """Good viewing geometries whose neighbours at `MARGIN` are all good."""
     return np.asarray(good[_ring(good.shape, widest)].all(axis=0))
 
 

@@ -1,4 +1,4 @@
-"""Pictures of a day, of a flight line, and of a plan under an uncertain wind."""
+"""Charts of a day, of a flight line, and of a plan with uncertain wind."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ _ROW = 6  # of them beside each other
 
 
 def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Reticle]) -> Image:
-    """Contrast and excluded share over time; below, small reticles of `selected` times by their place in `moments`."""
+    """Contrast and excluded share over time; below, small reticles of the `selected` times, by their index in
+    `moments`.
+    """
     rows = -(-len(plans) // _ROW)
     canvas = Canvas(WIDTH, 440 + rows * (2 * _SMALL + 74))
     best = best_moment(list(moments))
@@ -84,7 +86,7 @@ def _over_time(canvas: Canvas, moments: Sequence[Moment], best: Moment | None) -
 
 
 def _axes(canvas: Canvas, moments: Sequence[Moment], high: float) -> None:
-    """Scales of contrast and time, and bars of the share of excluded viewing geometries."""
+    """Axes of contrast and time, and bars of the share of excluded viewing geometries."""
     left, top, width, height = _DAY_BOX
     count = max(len(moments) - 1, 1)
     half = 0.5 * width / count
@@ -119,9 +121,10 @@ def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best
 
 
 def line_picture(mission: Mission, line: Line, words: Sequence[str] = ()) -> Image:
-    """Share of the view in glint for every heading, and glint across the track at the best and the worst.
+    """Share of the field of view in glint for every heading, and glint across the track at the best and the worst
+    heading.
 
-    `words` stand above; by default those of the line alone.
+    `words` is the text above the chart; by default that of the line.
     """
     first, *rest = words or [line.words()]
     lines = [part for text in rest for part in draw.wrapped(text, 17, WIDTH - 80)]
@@ -186,7 +189,7 @@ def _profiles(canvas: Canvas, mission: Mission, line: Line, box: tuple[float, fl
 
 
 def wind_picture(found: WindEnsemble, *, speed: float, turn: float) -> Image:
-    """The reticle of the worst case: what is good under every wind, under some, under none."""
+    """Reticle of the worst case: viewing geometries that are good under every wind, under some, or under none."""
     good = found.contrast[0]
     some = np.where((found.risk > 0) & (found.risk < 1), 1.0, -1.0)
     always = np.where(found.risk >= 1, 1.0, -1.0)

@@ -1,4 +1,4 @@
-"""A plan as an xarray dataset, a list of layers, or plain numbers for JSON."""
+"""A plan as an xarray dataset, as layers, or as plain values for JSON."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def layer(plan: Reticle, name: str) -> npt.NDArray[Any]:
 
 
 def dataset(plan: Reticle) -> Any:
-    """The plan as an `xarray.Dataset` over band, zenith and azimuth, each layer with unit and meaning.
+    """The plan as an `xarray.Dataset` over band, zenith and azimuth, with unit and meaning of each layer.
 
     Raises InputError: xarray is not installed.
     """
@@ -64,7 +64,7 @@ def dataset(plan: Reticle) -> Any:
 
 
 def summary(plan: Reticle) -> dict[str, Any]:
-    """The plan in short: mission, sun, best viewing geometry, and what each band sees from there."""
+    """Summary of the plan: mission, sun, best viewing geometry, and radiances and contrast of each band there."""
     geometry = best_geometry(plan)
     return {
         "mission": tables_of(plan.mission),
@@ -77,13 +77,13 @@ def summary(plan: Reticle) -> dict[str, Any]:
 
 
 def excluded_share(plan: Reticle) -> float:
-    """Share of the sky above the object, out to the widest viewing geometry, that is excluded [1]."""
+    """Share of the solid angle of all viewing geometries that is excluded [1]."""
     weight = np.sin(np.radians(plan.zenith))[:, None] + np.zeros(plan.azimuth.size - 1)
     return float(np.average(plan.excluded[:, :-1], weights=weight))
 
 
 def geometry_numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
-    """A viewing geometry, and what each band sees from there."""
+    """A viewing geometry, with radiances and contrast of each band."""
     i, j = plan.nearest(geometry.zenith, geometry.azimuth)
     counts = plan.counts()
     bands = [
@@ -108,9 +108,9 @@ def geometry_numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]
 
 
 def document(plan: Reticle) -> dict[str, Any]:
-    """Everything for JSON: the summary, and every layer to four digits.
+    """The whole plan for JSON: the summary, and every layer to four digits.
 
-    Radiances are left to the reader: of glint and sky they are `irradiance` times the strengths.
+    Radiances of glint and sky are not included: they are `irradiance` times the strengths.
     """
     chosen = {**LAYERS, "sky_strength": ("sr-1", "mirrored skylight per diffuse irradiance")}
     chosen |= {n: said for n, said in BAND_LAYERS.items() if not n.endswith("_radiance") and n != "by_band"}

@@ -1,4 +1,4 @@
-"""Drawing on arrays: lines, text and discs, without a plotting library, so that a picture takes no time."""
+"""Drawing on arrays: lines, text and discs, without a plotting library, whose import is slow."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _SUBPIXEL_BITS = 4  # cv2 takes coordinates in 1/16 pixel
 
 
 class Canvas:
-    """An RGB picture to draw on, of a width and height [pixel]. Points are (x, y) from the upper left corner."""
+    """An RGB picture to draw on, of a given width and height [pixel]; points are (x, y) from the upper left corner."""
 
     def __init__(self, width: int, height: int) -> None:
         self.image: Image = np.full((height, width, 3), PAPER, np.uint8)
@@ -69,25 +69,25 @@ class Canvas:
     def text(
         self, at: Point, text: str, size: float = 15.0, colour: Colour = INK, *, anchor: str = "la", halo: bool = False
     ) -> None:
-        """Write a line when the picture is finished; `anchor` as Pillow has it, `halo` a white rim."""
+        """Add a line of text, drawn when the picture is finished; `anchor` as in Pillow, `halo` for a white outline."""
         self._texts.append((at, text, size, colour, anchor, halo))
 
     def paragraph(
         self, at: Point, text: str, size: float, width: float, step: float, colour: Colour = INK, *, anchor: str = "la"
     ) -> float:
-        """Write a text in lines of at most a width, `step` apart [pixel]; the height of the line after the last."""
+        """Add a text, wrapped to a width, in lines `step` apart [pixel]; returns the height below the last line."""
         return self.lines(at, wrapped(text, size, width), size, step, colour, anchor=anchor)
 
     def lines(
         self, at: Point, texts: Sequence[str], size: float, step: float, colour: Colour = INK, *, anchor: str = "la"
     ) -> float:
-        """Write texts below each other, `step` apart [pixel]; the height of the line after the last."""
+        """Add lines of text, `step` apart [pixel]; returns the height below the last line."""
         for k, text in enumerate(texts):
             self.text((at[0], at[1] + k * step), text, size, colour, anchor=anchor)
         return at[1] + len(texts) * step
 
     def finished(self) -> Image:
-        """The picture with its texts."""
+        """The picture with its text."""
         picture = Pictures.fromarray(self.image)
         pen = ImageDraw.Draw(picture)
         for at, text, size, colour, anchor, halo in self._texts:
@@ -97,7 +97,7 @@ class Canvas:
 
 
 def wrapped(text: str, size: float, width: float) -> list[str]:
-    """A text broken into lines of a width [pixel]."""
+    """A text wrapped to a width [pixel]."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
@@ -109,7 +109,7 @@ def wrapped(text: str, size: float, width: float) -> list[str]:
 
 
 def polar(centre: Point, radius: float, zenith: float, azimuth: float, widest: float) -> Point:
-    """Where a viewing geometry stands on a disc: north up, east right, zenith angle outward."""
+    """Position of a viewing geometry on a disc: north up, east right, zenith angle outward."""
     return around(centre, radius * zenith / widest, azimuth)
 
 
@@ -120,12 +120,12 @@ def around(centre: Point, distance: float, azimuth: float) -> Point:
 
 
 def azimuth_name(azimuth: int) -> str:
-    """An azimuth [degree] as the rim of a disc names it: N, 030, 060, E, ..."""
+    """Label of an azimuth [degree] on the rim of a disc: N, 030, 060, E, ..."""
     return {0: "N", 90: "E", 180: "S", 270: "W"}.get(azimuth, f"{azimuth:03d}")
 
 
 def palette(share: npt.NDArray[Any]) -> Image:
-    """Colours (..., 3) of numbers 0 to 1 in viridis, a scale that all eyes can read."""
+    """Colours (..., 3) of numbers 0 to 1 in the colour map viridis, suitable for colour-blind readers."""
     return _colours()[(np.clip(np.nan_to_num(share), 0.0, 1.0) * 255).astype(np.uint8)]
 
 
@@ -142,10 +142,10 @@ def disc(
     share: npt.NDArray[Any],
     patterns: Sequence[Pattern] = (),
 ) -> None:
-    """Draw a disc of viewing geometries; the widest lie at `radius` [pixel].
+    """Draw a disc of viewing geometries; the largest zenith angle lies at `radius` [pixel].
 
-    `share` (zenith, azimuth) is the number 0 to 1 to be coloured, on equal steps, azimuth 0 to 360. Where the excess of
-    a pattern is above 0 the disc is hatched over a pale ground.
+    `share` (zenith, azimuth) is the value 0 to 1 to be coloured, on equal steps, azimuth 0 to 360. Where the excess of
+    a pattern is above 0, the disc is hatched on a pale background.
     """
     inside, coverage = _cover(radius)
     level = cv2.convertScaleAbs(np.clip(_warped(share, radius), 0.0, 1.0), alpha=_SHADES - 1)
@@ -177,7 +177,7 @@ def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour
 
 
 def _warped(values: npt.NDArray[Any], radius: int) -> npt.NDArray[np.float32]:
-    """Viewing geometries (zenith, azimuth) on the fine pixels of a disc, linear between them."""
+    """Viewing geometries (zenith, azimuth) interpolated to the oversampled pixels of a disc."""
     places = _places(radius, *values.shape)
     return np.asarray(cv2.remap(np.asarray(values, np.float32), *places, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))
 
@@ -194,7 +194,7 @@ def _pattern(pattern: str, side: int) -> npt.NDArray[np.bool_]:
 
 @lru_cache(maxsize=8)
 def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Which fine pixels of a disc lie inside, and which pixels (row, column, 1)."""
+    """Masks of a disc: oversampled pixels (row, column), and pixels (row, column, 1)."""
     fine, coarse = (
         np.hypot(a[None, :], a[:, None]) <= radius for a in (_axis(radius, _OVERSAMPLING), _axis(radius, 1))
     )
@@ -203,7 +203,7 @@ def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
 
 @lru_cache(maxsize=8)
 def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
-    """Where the fine pixels of a disc lie among the viewing geometries, as cv2.remap wants it."""
+    """Positions of the oversampled pixels of a disc among the viewing geometries, in the format of cv2.remap."""
     axis = _axis(radius, _OVERSAMPLING)
     x, y = axis[None, :], -axis[:, None]
     column = np.mod(np.arctan2(x, y) / np.float32(2 * np.pi), 1.0) * (around - 1)

@@ -1,6 +1,6 @@
 """The input of a plan: place and time, wind, air, water, object, sensor, and limits of glint.
 
-A `Mission` fills in defaults and refuses values outside the range of the models.
+A `Mission` has defaults, and rejects values outside the range of the models.
 """
 
 from __future__ import annotations
@@ -22,35 +22,35 @@ from ..physics.sky import SKY_MODELS as SKIES
 from .skylight import Wind
 
 WATERS = ("scattering", "absorption")
-"""Models of the light of an object through the water."""
+"""Models of light propagation from an object under water."""
 MEASURED_WIND = 14.0
-"""Wind up to which Cox and Munk measured slopes [m/s]."""
+"""Largest wind at which Cox and Munk measured slopes [m/s]."""
 SUN_LIMIT = 89.0
-"""Zenith angle beyond which the sun is too low to plan with [degree]."""
+"""Sun zenith angle beyond which no plan is computed [degree]."""
 COARSE_STEP = 2.0
-"""Step between viewing geometries of plans that need many reticles, where the mission has a finer one [degree]."""
+"""Least step between viewing geometries in plans that need many reticles [degree]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """When a viewing geometry is excluded.
+    """Limits beyond which a viewing geometry is excluded.
 
     Attributes
     ----------
     glint : float
-        Glint radiance per irradiance of a plane facing the sun [1/sr]: above it, it is excluded. Ocean colour calls
-        1e-4 moderate and 5e-3 high glint.
+        Glint radiance per irradiance of a plane facing the sun [1/sr]: geometries above it are excluded. In ocean
+        colour 1e-4 is moderate and 5e-3 high glint.
     glint_probability : float, optional
-        Share of the sea that mirrors the sun: above it, it is excluded.
+        Share of the sea that reflects the sun; geometries above it are excluded.
     tolerance : float, optional
         Angle from the sun's centre that counts as the sun in the probability [degree]; the true disk by default.
     sky_ratio, sky_probability : float
-        Excluded where a share of the sea above `sky_probability` mirrors more than `sky_ratio` times the
-        radiance of the deep water.
+        Geometries are excluded where more than a share `sky_probability` of the sea reflects more skylight than
+        `sky_ratio` times the radiance of deep water.
     snr : float
-        Contrast of the object over the noise that makes it detectable in a band.
+        Least contrast of the object over noise at which it is detectable in a band.
     ner : float, optional
-        Noise-equivalent radiance [W m-2 sr-1 nm-1] in place of the sensor's own.
+        Noise-equivalent radiance [W m-2 sr-1 nm-1]; by default that of the sensor.
     """
 
     glint: float = 1e-3
@@ -76,38 +76,38 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Mission:
-    """All parameters of a plan; each has a default but the place.
+    """All parameters of a plan; all but the place have defaults.
 
     Attributes
     ----------
     latitude, longitude : float, optional
         Of the object, north and east positive [degree].
     time : str, datetime or numpy.datetime64, optional
-        What names no zone is UTC.
+        UTC unless a zone is given.
     sun_zenith, sun_azimuth : float, optional
-        In place of place and time [degree].
+        Instead of place and time [degree].
     wind : float
-        At `wind_height` [m/s].
+        Speed at `wind_height` [m/s].
     wind_from : float
         Azimuth that it blows from [degree].
     wind_height : float
-        [m]
+        Height of the wind measurement [m].
     air : Air, optional
-        State of the atmosphere, whose wind of now is always that of the mission; by default also the mean wind,
-        humidity 80 %, 2.5 cm of water vapour, visibility 40 km and the usual ozone of place and day.
+        State of the atmosphere; its current wind is always that of the mission. By default the mean wind is the same,
+        humidity 80 %, water vapour 2.5 cm, visibility 40 km, and ozone climatological for place and day.
     chlorophyll : float
         Of the case-1 water [mg m-3].
     depth, reflectance : float
         Of the object [m], [1].
     sensor : Sensor
     bands : tuple of str
-        Which of its bands; all if empty.
+        Bands to use; all if empty.
     slopes : str
         One of `deglint.physics.slopes.MODELS`.
     sky : str
         One of `deglint.physics.sky.SKY_MODELS`.
     water : {"scattering", "absorption"}
-        The object by path lengths in water that scatters (Lee et al. 1999), or in water that only absorbs.
+        Model of the light of the object: scattering and absorbing water (Lee et al. 1999), or only absorbing water.
     limits : Limits
     step, widest : float
         Step between viewing geometries, and the largest zenith angle of the sensor [degree].
@@ -182,7 +182,7 @@ class Mission:
 
     @property
     def strongest_wind(self) -> float:
-        """Strongest wind at `wind_height` that slope model and atmosphere hold for [m/s]."""
+        """Largest wind at `wind_height` for which slope model and atmosphere are valid [m/s]."""
         wanted = slopes.MODELS[self.slopes].height
         at_own = slopes.wind_at_height(slopes.WIND_RANGE[1], measured_at=wanted, wanted_at=self.wind_height)
         at_ten = slopes.wind_at_height(20.0, measured_at=10.0, wanted_at=self.wind_height)
@@ -221,19 +221,19 @@ class Mission:
 
     @property
     def slope_wind(self) -> Wind:
-        """Wind as the slope model wants it."""
+        """Wind at the reference height of the slope model."""
         height = slopes.MODELS[self.slopes].height
         speed = slopes.wind_at_height(self.wind, measured_at=self.wind_height, wanted_at=height)
         return Wind(float(np.clip(speed, *slopes.WIND_RANGE)), float(self.wind_from) % 360.0, self.slopes)
 
     @property
     def channels(self) -> tuple[SensorBand, ...]:
-        """The bands of the sensor that count."""
+        """The selected bands of the sensor."""
         return tuple(self.sensor.band(name) for name in self.bands) or self.sensor.bands
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What a planner should know before trusting the plan."""
+        """Warnings on the validity of the plan."""
         out = []
         if self.wind > MEASURED_WIND:
             out.append(f"wind {self.wind:g} m/s: slopes were measured up to {MEASURED_WIND:g} m/s; foam is left out.")
@@ -250,12 +250,12 @@ class Mission:
         return replace(self, time=time, sun_zenith=None, sun_azimuth=None)
 
     def coarse(self) -> Mission:
-        """The same mission with viewing geometries `COARSE_STEP` apart at least."""
+        """The same mission with a step between viewing geometries of at least `COARSE_STEP`."""
         return replace(self, step=max(self.step, COARSE_STEP))
 
 
 def _finite(mission: Mission) -> None:
-    """Refuse NaN, which ranges let pass."""
+    """Raise InputError on NaN or infinite values, which range checks do not find."""
     groups = (vars(group).items() for group in (mission, mission.limits, mission.air) if group is not None)
     for name, value in chain.from_iterable(groups):
         if isinstance(value, float) and not np.isfinite(value):

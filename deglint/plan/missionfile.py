@@ -1,6 +1,6 @@
-"""A mission as tables of plain values, as a TOML file or the command line gives them, and back.
+"""Conversion between a mission and tables of plain values, as in a TOML file or the command's options.
 
-The command's options win over the file, table by table, value by value.
+The command's options override single values of the file.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _SENSOR_KEYS = ("preset", "bands", "band", "name", *(f.name for f in fields(Sens
 
 
 def mission_from(tables: Tables, name: str = "the mission") -> Mission:
-    """A mission from tables; `name` stands for the file in messages.
+    """A mission from tables; `name` is the name of the file for messages.
 
     Raises InputError: a table or key is not known, or a value cannot be used.
 
@@ -69,7 +69,7 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
 
 
 def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
-    """Everything a mission holds, resolved, as tables that `mission_from` reads again."""
+    """All parameters of a mission, with defaults, as tables that `mission_from` can read."""
     out: dict[str, dict[str, Any]] = {}
     for table, keys in _MISSION_FIELDS.items():
         found = {key: getattr(mission, field) for key, field in keys.items() if field}
@@ -90,7 +90,7 @@ def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
 
 
 def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
-    """Tables of one mission over those of another; the angles of the sun replace place and time, and vice versa."""
+    """Tables of one mission, overridden by another's; the sun's angles replace place and time, and vice versa."""
     out = {table: dict(values) if isinstance(values, Mapping) else values for table, values in below.items()}
     if "sun" in above:
         out.pop("place", None)
@@ -103,7 +103,7 @@ def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
 
 
 def pressure(value: Any) -> float:
-    """Pressure [hPa] from a number in hPa, or words such as "29.9 inHg" and "762 mmHg".
+    """Pressure [hPa] from a number in hPa, or a text such as "29.9 inHg" or "762 mmHg".
 
     Raises InputError: it is neither.
 
@@ -137,7 +137,7 @@ def _number(table: str, key: str, value: Any, name: str) -> float:
 
 
 def _sensor(values: Mapping[str, Any], name: str) -> tuple[Sensor, tuple[str, ...]]:
-    """The sensor of a table: a preset, with numbers and bands of its own."""
+    """The sensor described by a table: a preset, with changed values and bands; and the selected bands."""
     base = preset(str(values.get("preset", "thesis")))
     own = {k: v for k, v in values.items() if k not in ("preset", "bands", "band")}
     for key in ("bands", "band"):

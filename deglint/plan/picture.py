@@ -1,4 +1,4 @@
-"""The plan as a picture for the cockpit: the object in the middle, viewing geometries around it."""
+"""The plan as a picture: the object at the centre, viewing geometries around it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _HOW = (
 
 
 def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to look from") -> Image:
-    """Draw a plan, of all bands together or of one band alone.
+    """Draw a plan of all bands together, or of one band.
 
     Raises BandError: there is no such band.
     """
@@ -64,7 +64,7 @@ def page(
     geometry: ViewingGeometry | None,
     words: Caption,
 ) -> Image:
-    """A disc with its words; `share` is 0 to 1 of the scale of colours."""
+    """A disc with its text; `share` is 0 to 1 on the colour scale."""
     canvas = Canvas(WIDTH, HEIGHT)
     sky_disc(canvas, DISC_CENTRE, DISC_RADIUS, plan, share, patterns)
     _sun_and_wind(canvas, plan.mission)
@@ -78,7 +78,7 @@ def page(
 
 
 def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], list[Pattern]]:
-    """The contrast that is coloured, and what is hatched: too little contrast, mirrored sky, sun glint."""
+    """The contrast for the colours, and the hatchings: too little contrast, reflected sky, sun glint."""
     limits = plan.mission.limits
     with np.errstate(divide="ignore"):
         faint = np.clip(-np.log(plan.snr / max(limits.snr, 1e-9)), -5.0, 5.0)
@@ -143,7 +143,7 @@ def _sun(canvas: Canvas, at: Point, size: float) -> None:
 
 
 def _sun_and_wind(canvas: Canvas, mission: Mission) -> None:
-    """Name the sun; mark the centre of the glint, the object in the middle, and the wind."""
+    """Label the sun; mark the centre of the glint, the object, and the wind."""
     (x, y), radius, widest = DISC_CENTRE, DISC_RADIUS, mission.widest
     zenith, azimuth = mission.sun
     right, down = polar(DISC_CENTRE, radius, min(zenith, widest), azimuth, widest)
@@ -178,7 +178,7 @@ def _best(canvas: Canvas, widest: float, geometry: ViewingGeometry) -> None:
 
 
 def star(canvas: Canvas, at: Point, size: float) -> None:
-    """The mark of the best viewing geometry."""
+    """Draw the mark of the best viewing geometry."""
     for reach, colour in ((size * 1.3, PAPER), (size, MAGENTA)):
         canvas.area([around(at, reach * (0.45 if k % 2 else 1.0), 36.0 * k) for k in range(10)], colour)
 
@@ -194,7 +194,7 @@ def _words(canvas: Canvas, plan: Reticle, words: Caption) -> float:
 
 
 def conditions(mission: Mission) -> list[str]:
-    """Place and time, sun, and wind, a line each."""
+    """Lines of text: place and time, sun, and wind."""
     zenith, azimuth = mission.sun
     sun = f"Sun {90 - zenith:.0f}° high in the {compass(azimuth)} ({azimuth:03.0f}°)"
     blows = mission.wind_from % 360
@@ -205,7 +205,7 @@ def conditions(mission: Mission) -> list[str]:
 
 
 def place_words(mission: Mission) -> str:
-    """Latitude and longitude; empty where they are not given."""
+    """Latitude and longitude as text; empty if not given."""
     if mission.place is None:
         return ""
     latitude, longitude = mission.place[0], (mission.place[1] + 180.0) % 360.0 - 180.0

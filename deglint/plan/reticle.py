@@ -1,8 +1,8 @@
-"""The reticle: light, glint, mirrored sky and contrast for every viewing geometry, and which of them are excluded.
+"""The reticle: light, glint, reflected sky and contrast for every viewing geometry, and excluded geometries.
 
 Light in a band is the exact mean of 1 nm steps: the angular model of the water is linear in a few spectra, so these are
-averaged once and combined for all directions. No sum here is left to the library of linear algebra, whose threads wait
-for each other for seconds where a machine is busy.
+averaged once and combined for all directions. Sums are written without calls of BLAS, whose threads block each other
+for seconds on a busy machine.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Light:
 
 @dataclass(frozen=True, eq=False)
 class Reticle:
-    """What a sensor sees from every viewing geometry.
+    """Radiances, contrasts and masks for every viewing geometry.
 
     Layers are (zenith, azimuth), or (band, zenith, azimuth).
 
@@ -45,25 +45,25 @@ class Reticle:
     ----------
     mission : Mission
     zenith, azimuth : (zenith,) and (azimuth,) ndarray
-        Of the sensor as seen from the object [degree]; azimuth 0 and 360 are both there.
+        Direction of the sensor as seen from the object [degree]; azimuths include both 0 and 360.
     light : Light
-        Irradiances, and radiances out of the water.
+        Irradiances, and water-leaving radiances.
     glint_probability : ndarray
-        Share of the sea that mirrors the sun's disk, or the tolerance around its centre [1].
+        Share of the sea that reflects the solar disk, or the tolerance around its centre [1].
     glint_strength : ndarray
         Glint radiance per irradiance of a plane facing the sun [1/sr].
     sky_strength : ndarray
-        Mirrored skylight per diffuse irradiance [1/sr].
+        Reflected skylight per diffuse irradiance [1/sr].
     sky_probability : (band, ...) ndarray
-        Share of the sea that mirrors more than the limit's multiple of the deep water's radiance [1].
+        Share of the sea that reflects more skylight than `sky_ratio` times the radiance of deep water [1].
     weber : (band, ...) ndarray
         Contrast of object and deep water, both without surface reflections, (LT - LB) / LB [1].
     snr : (band, ...) ndarray
-        The same difference over the noise-equivalent radiance, never negative [1].
+        Absolute difference over the noise-equivalent radiance [1].
     clear_of_glint : bool ndarray
         Mask of sun glint, True where the viewing geometry is good.
     clear_of_sky, detectable : (band, ...) bool ndarray
-        Masks of mirrored sky, and of contrast above the noise (and no saturation); True where it is good.
+        Masks of reflected sky, and of contrast above the noise without saturation; True where it is good.
     """
 
     mission: Mission
@@ -86,12 +86,12 @@ class Reticle:
         return tuple(b.name for b in self.mission.channels)
 
     def index(self, band: str) -> int:
-        """Place of a band among the layers.
+        """Index of a band in the layers.
 
         Raises
         ------
         BandError
-            There is no such band, or it does not count in this mission.
+            There is no such band, or it is not selected in this mission.
         """
         name = self.mission.sensor.band(band).name
         if name not in self.bands:
@@ -104,22 +104,22 @@ class Reticle:
 
     @property
     def glint_radiance(self) -> Array:
-        """Of each band [W m-2 sr-1 nm-1]."""
+        """Glint radiance of each band [W m-2 sr-1 nm-1]."""
         return np.asarray(self.light.normal[:, None, None] * self.glint_strength)
 
     @property
     def sky_radiance(self) -> Array:
-        """Mirrored skylight of each band [W m-2 sr-1 nm-1]."""
+        """Reflected skylight of each band [W m-2 sr-1 nm-1]."""
         return np.asarray(self.light.diffuse[:, None, None] * self.sky_strength)
 
     @cached_property
     def by_band(self) -> Array:
-        """The combined map of each band: contrast over noise, and 0 where any mask excludes (thesis, 2.7.4)."""
+        """Combined map of each band: contrast over noise, 0 where excluded by any mask (thesis, 2.7.4)."""
         return np.asarray(self.snr * (self.clear_of_glint & self.clear_of_sky & self.detectable))
 
     @cached_property
     def combined(self) -> Array:
-        """The combined map of all bands: root of the sum of squares of `by_band`, 0 where no band is usable."""
+        """Combined map of all bands: root of the sum of squares of `by_band`, 0 where no band is usable."""
         return np.sqrt(np.sum(np.square(self.by_band), axis=0))
 
     @property
@@ -139,7 +139,7 @@ class Reticle:
 
 
 def reticle(mission: Mission) -> Reticle:
-    """Work out a mission for all viewing geometries.
+    """Compute the reticle of a mission.
 
     Returns
     -------
@@ -200,8 +200,8 @@ def reticle(mission: Mission) -> Reticle:
 def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
     """Light for all viewing geometries of a grid of zenith angles and azimuths of the sensor [degree].
 
-    Deep water after Lee et al. (2011), beyond the table (sun 75, view 70 degrees) with the coefficients of its
-    edge; the object after `water.submerged_reflectance` or `water.absorption_only_reflectance`.
+    Deep water follows Lee et al. (2011), with the coefficients at the edge of the table beyond it (sun 75, view 70
+    degrees); the object follows `water.submerged_reflectance` or `water.absorption_only_reflectance`.
     """
     wavelength, mean = band_means(mission.channels)
     sun_zenith, sun_azimuth = mission.sun
@@ -218,7 +218,7 @@ def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
 
 
 def _through(mission: Mission, sea: water.Iops, zenith: Array, direct_fraction: Array) -> tuple[Array, Array]:
-    """Share of the deep water's light that is left over the object, and the object's own (wavelength, zenith)."""
+    """Share of the light of deep water that remains above the object; light of the object (wavelength, zenith)."""
     column = water.Iops(*(np.asarray(part)[:, None] for part in sea))
     angles, albedo = (mission.sun[0], zenith), mission.reflectance
     given: dict[str, Any] = {"depth": mission.depth, "direct_fraction": direct_fraction[:, None]}
@@ -238,7 +238,7 @@ def viewing_geometries(mission: Mission) -> tuple[Array, Array]:
 
 
 def _noise(mission: Mission, radiance: Array) -> Array:
-    """Noise-equivalent radiance of each band at its radiance [W m-2 sr-1 nm-1]."""
+    """Noise-equivalent radiance of each band at a radiance [W m-2 sr-1 nm-1]."""
     if mission.limits.ner is not None:
         return np.full((len(radiance), 1, 1), mission.limits.ner)
     pairs = zip(radiance, mission.channels, strict=True)

@@ -1,7 +1,7 @@
-"""A page with sliders on this machine alone: the plan, drawn anew as wind, time, place and depth change.
+"""A local web page with sliders: the plan is redrawn when wind, time, place or depth change.
 
-Bound to the loopback address; a request that names another host, as a web page elsewhere could make a browser
-send, is refused. The page holds all it needs and loads nothing from anywhere.
+The server is bound to the loopback address; requests that name another host are rejected, as a foreign web page could
+make a browser send them. The page is self-contained.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ _PAGE_NUMBERS = {  # name in the page: table and key of the mission
     "glint": ("limits", "glint"),
 }
 PLANS_AT_ONCE = 2
-"""Plans that are drawn at the same time; each takes some 15 MB and a processor."""
+"""Plans that are drawn at the same time; each needs about 15 MB and a processor."""
 WAIT = 5.0
-"""Time that a further request waits for its turn [s]; browsers and proxies wait for 30 s and more."""
+"""Time that a further request waits [s]; browsers and proxies wait for 30 s or more."""
 Answer = tuple[HTTPStatus, str, str, Mapping[str, str]]
-"""Status, type, text and headers of what is sent."""
+"""Status, content type, content and headers of a response."""
 _THIN = 4  # the page gets every fourth viewing geometry, for what it says under the pointer
 
 
 def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: bool = True) -> None:
-    """Serve the page until Ctrl-C, and open it in a browser. The sliders start at the mission.
+    """Serve the page until Ctrl-C, and open it in a browser; the sliders start at the mission.
 
-    Port 0 takes a free one; `say` is called with each line to show, such as the address of the page.
+    Port 0 selects a free one; `say` is called with each line to show, such as the address of the page.
 
     Raises InputError: the port is taken.
     """
@@ -99,13 +99,13 @@ class _Server(ThreadingHTTPServer):
         self.mission, self.drawing = mission, threading.BoundedSemaphore(PLANS_AT_ONCE)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of a client that is gone."""
+        """Ignore clients that closed the connection."""
         if not isinstance(sys.exception(), (ConnectionError, TimeoutError)):
             super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers GET / with the page and GET /plan?... with a plan."""
+    """Serves the page at GET / and a plan at GET /plan?..."""
 
     server: _Server
     protocol_version = "HTTP/1.1"
@@ -114,7 +114,7 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = 60
 
     def do_GET(self) -> None:
-        """Answer, if the request was meant for this machine; one who leaves before is no error."""
+        """Respond if the request is for this machine; a closed connection is not an error."""
         try:
             self._send(*self._answer())
         except (ConnectionError, TimeoutError):
@@ -168,13 +168,13 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  (the name that the base class gives it)
-        """Say nothing of single requests."""
+        """Do not log single requests."""
 
 
 def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
-    """The plan for what the page asks: picture, words, and the viewing geometries under the pointer.
+    """The plan for a request: picture, text, and the viewing geometries for the pointer.
 
-    `asked` holds values of the sliders by name; those not named stay as in `base`.
+    `asked` has the values of the sliders by name; others are those of `base`.
 
     Raises InputError: a value cannot be used, or the sun is down.
     """
@@ -208,7 +208,7 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _start(base: Mission) -> dict[str, Any]:
-    """Where the page starts."""
+    """Initial values of the page."""
     tables = tables_of(base)
     values = {name: tables.get(table, {}).get(key) for name, (table, key) in _PAGE_NUMBERS.items()}
     time = None if base.sun_zenith is not None else f"{base.moment}"[:16]

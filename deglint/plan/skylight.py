@@ -1,8 +1,8 @@
-"""Skylight that the windy sea mirrors to the sensor: its mean, and how often facets are brighter than a limit.
+"""Skylight reflected by the wind-roughened sea: its mean, and the share of facets brighter than a limit.
 
-The sum over facets of the thesis (eq. 2.26 and 2.27), with each facet's share of the sea as the sensor sees it,
-taken at some hundred viewing geometries and interpolated to all others: both quantities change slowly between them.
-Facets that mirror the sea instead of the sky count for nothing.
+The sum over facets of the thesis (eq. 2.26 and 2.27), weighted by each facet's share of the sea as seen by the sensor,
+is computed at several hundred viewing geometries and interpolated to all others: both quantities vary slowly. Facets
+that reflect the sea instead of the sky do not contribute.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from ..physics import fresnel, sky, slopes
 Array = npt.NDArray[np.floating[Any]]
 
 ZENITHS, AZIMUTHS = 21, 36
-"""Viewing geometries at which the facets are summed, in zenith angle and around."""
+"""Number of zenith angles and azimuths at which the facets are summed."""
 FACETS, FACET_REACH = 40, 4.5
-"""Facets along each axis of the wind, and how far out they go [standard deviation of slope]."""
+"""Facets along each axis of the wind, and their largest slope [standard deviation]."""
 LEVELS = np.geomspace(2e-3, 2.0, 120)
-"""Levels of mirrored radiance per diffuse irradiance for which the share of brighter facets is tabulated [1/sr]."""
+"""Reflected radiance per diffuse irradiance [1/sr] at which the share of brighter facets is tabulated."""
 
 
 @dataclass(frozen=True)
 class Wind:
-    """Wind as the slope model wants it: speed [m/s] at its own height, azimuth it blows from [degree], model."""
+    """Wind for the slope model: speed at its reference height [m/s], azimuth it blows from [degree], model."""
 
     speed: float
     blows_from: float
@@ -37,13 +37,13 @@ class Wind:
 
 @dataclass(frozen=True, eq=False)
 class Skylight:
-    """Mirrored skylight at viewing geometries."""
+    """Reflected skylight at viewing geometries."""
 
     mean: Array  # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
     brighter: Array  # share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]
 
     def share_above(self, level: Array) -> Array:
-        """Share of the sea whose facets mirror more than `level` [1/sr]; both (band, zenith, azimuth)."""
+        """Share of the sea whose facets reflect more than `level` [1/sr]; both (band, zenith, azimuth)."""
         step = np.log(LEVELS[1] / LEVELS[0])
         with np.errstate(divide="ignore"):
             place = np.log(level / LEVELS[0]) / step
@@ -59,10 +59,10 @@ class Skylight:
 def skylight(
     zenith: Array, azimuth: Array, sun: tuple[float, float], wind: Wind, *, model: str = "uniform"
 ) -> Skylight:
-    """Mirrored skylight for a grid of zenith angles and azimuths of the sensor [degree]; `sun` is a zenith and azimuth.
+    """Reflected skylight for zenith angles and azimuths of the sensor [degree]; `sun` is a zenith angle and an azimuth.
 
-    The mean lies within 1 % of `deglint.physics.sky.reflectance`, which sums at each one; 2.5 % under a clear sky in
-    strong wind.
+    The mean lies within 1 % of `deglint.physics.sky.reflectance`, which is computed at each geometry; within 2.5 %
+    under a clear sky in strong wind.
     """
     nodes = np.linspace(0.0, max(float(zenith[-1]), 20.0), ZENITHS)
     around = np.arange(AZIMUTHS) * (360.0 / AZIMUTHS)
@@ -76,9 +76,9 @@ def skylight(
 def _carried(
     values: Array, place: Array, axis: int, weights: Callable[[Array], tuple[Array, ...]], *, periodic: bool = False
 ) -> Array:
-    """Interpolate values on equal steps along an axis to places counted in steps.
+    """Interpolate values at equal steps along an axis to positions in units of steps.
 
-    Written out, as the threads of a library of linear algebra wait for each other where a machine is busy.
+    Written without BLAS, whose threads block each other on a busy machine.
     """
     count = values.shape[axis]
     first = np.floor(place).astype(int)
@@ -92,20 +92,20 @@ def _carried(
 
 
 def _cubic(x: Array) -> tuple[Array, ...]:
-    """Weights of four nodes at 0 to 3 for a place x between them, by the cubic through them."""
+    """Weights of the nodes 0 to 3 for a position x, by cubic interpolation."""
     outer = -(x - 1) * (x - 2) * (x - 3) / 6, x * (x - 1) * (x - 2) / 6
     return outer[0], x * (x - 2) * (x - 3) / 2, -x * (x - 1) * (x - 3) / 2, outer[1]
 
 
 def _linear(x: Array) -> tuple[Array, ...]:
-    """Weights of two nodes at 0 and 1: linear interpolation keeps shares monotonic in the level."""
+    """Weights of the nodes 0 and 1: linear interpolation keeps shares monotonic in the level."""
     return 1.0 - x, x
 
 
 def _summed(
     zeniths: Array, turns: Array, sun: tuple[float, float], wind: Wind, model: str
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Mean (zenith, azimuth) and share above the levels (level, zenith, azimuth); azimuths from the wind's."""
+    """Mean (zenith, azimuth) and share above the levels (level, zenith, azimuth); azimuths are relative to the wind."""
     variances = [float(v) for v in slopes.variances(wind.speed, model=wind.model)]
     facets = _Facets(wind, variances)
     to_sun = _unit(*sun)
@@ -130,7 +130,9 @@ def _unit(zenith: float, turn: Any) -> tuple[Any, Any, float]:
 
 
 class _Facets:
-    """Facets of a sea: upwind and crosswind slope, share of the level sea over cos(tilt), up part of the normal."""
+    """Facets of a sea: upwind and crosswind slope, weight (share of the sea's area / cos(tilt)), vertical part of the
+    normal.
+    """
 
     def __init__(self, wind: Wind, variances: list[float]) -> None:
         axis = (np.arange(FACETS) + 0.5) * (2.0 * FACET_REACH / FACETS) - FACET_REACH
@@ -147,7 +149,7 @@ class _Facets:
     def seen(
         self, zenith: float, turns: Array, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str
     ) -> tuple[Array, Array]:
-        """Share of the sea as the sensor sees it, and what it mirrors [1/sr]; (azimuth, facet)."""
+        """Share of the sea as seen by the sensor, and reflected radiance [1/sr]; (azimuth, facet)."""
         x, y, cosine = _unit(zenith, turns[:, None])
         slant = cosine - x * self.upwind - y * self.crosswind  # cos(incidence) / cos(tilt)
         incidence = np.clip(slant * self.up, 1e-6, 1.0)
@@ -165,7 +167,7 @@ class _Facets:
 
 
 def _counted(weight: Array, light: Array) -> npt.NDArray[Any]:
-    """Weights (geometry, facet) gathered at the levels (geometry, level), each split between the two next to it."""
+    """Histogram of weights (geometry, facet) over the levels (geometry, level), each split between adjacent levels."""
     place = np.log(light) - np.float32(np.log(LEVELS[0]))
     place *= np.float32(1.0 / np.log(LEVELS[1] / LEVELS[0]))
     np.clip(place, 0.0, LEVELS.size - 1.001, out=place)

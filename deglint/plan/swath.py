@@ -1,6 +1,6 @@
-"""A flight line: how much of the sensor's whole field of view lies in glint, and which heading keeps it out.
+"""A flight line: share of the field of view in glint, and the heading with the least glint.
 
-Where every heading has glint, `alternatives` finds another time to fly, or a tilt of the sensor.
+If every heading has glint, `alternatives` finds another time to fly, or a tilt of the sensor.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from .missionfile import tables_of
 Array = npt.NDArray[np.floating[Any]]
 
 EARTH_RADIUS = 6_371_000.0
-"""[m]"""
+"""Mean radius of the Earth [m]."""
 FREE = 0.02
-"""Share of the view in glint up to which a heading counts as good [1]."""
+"""Largest share of the view in glint of a good heading [1]."""
 SPOILT = 0.5
-"""Share of the view in glint beyond which no heading is recommended [1]: less than half of the line is usable."""
+"""Share of the view in glint above which no heading is recommended [1]: less than half of the line is usable."""
 _ACROSS, _ALONG = 121, 31  # points of the field of view
 HEADINGS = np.arange(0.0, 360.0, 15.0)
-"""Headings that alternatives are tried with [degree]."""
+"""Headings that are tried for alternatives [degree]."""
 TIME_STEP = 30
 """Step between the times that are tried [minute]."""
 TILTS = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
 """Pitch and roll that are tried, to either side [degree]."""
 GAIN = 0.5
-"""An alternative with glint is worth a word if it has less than this share of the glint of the plan."""
+"""An alternative with glint is reported if its glint is below this share of that of the plan."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FieldOfView:
-    """What a sensor sees at once, or sweeps over on a line."""
+    """Field of view of a sensor, of one image or of a scan line, and its tilt."""
 
     across: float = 40.0  # full angle across the track [degree]
     along: float = 0.0  # full angle along the track; 0 is a line scanner [degree]
@@ -65,31 +65,31 @@ class Line:
 
     @property
     def best(self) -> int:
-        """Index of the heading with the least of its view in glint, then the least glint."""
+        """Index of the heading with the smallest share of the view in glint; then with the least glint."""
         return int(np.lexsort((self.mean, self.fraction.round(3)))[0])
 
     @property
     def worst(self) -> int:
-        """Index of the heading with the most of its view in glint, then the most glint."""
+        """Index of the heading with the largest share of the view in glint; then with the most glint."""
         return int(np.lexsort((-self.mean, -self.fraction.round(3)))[0])
 
     @property
     def is_good(self) -> bool:
-        """The best heading keeps (nearly) all of the view out of glint."""
+        """Whether the best heading has (nearly) no glint in view."""
         return bool(self.fraction[self.best] <= FREE)
 
     @property
     def is_any(self) -> bool:
-        """All headings do, as none has glint."""
+        """Whether no heading has glint."""
         return bool(self.fraction[self.worst] < 5e-4)
 
     @property
     def is_recommended(self) -> bool:
-        """The best heading is worth flying, and not every heading is as good."""
+        """Whether the best heading is usable, and better than others."""
         return not self.is_any and bool(self.fraction[self.best] <= SPOILT)
 
     def words(self) -> str:
-        """The heading to fly, or that there is none."""
+        """Text: the recommended heading, or that there is none."""
         where = f"{self.view.across:g} degrees across" + (f" by {self.view.along:g}" if self.view.along else "")
         if self.is_any:
             return f"Any heading will do: no part of the view ({where}) is in glint."
@@ -104,7 +104,7 @@ class Line:
 
 
 def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Array, Array]:
-    """Where the sensor stands as seen from each point of its view, on a heading [degree].
+    """Viewing geometries of the points in the field of view, for a heading [degree].
 
     Returns zenith angles and azimuths, (..., along, across) [degree]; NaN where a ray misses the Earth.
     """
@@ -123,9 +123,9 @@ def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Array
 
 
 def flight_line(mission: Mission, view: FieldOfView, headings: npt.ArrayLike | None = None) -> Line:
-    """Glint over the field of view for headings [degree], every 5 degrees if left out.
+    """Glint over the field of view for headings [degree], by default every 5 degrees.
 
-    Points beyond the largest zenith angle of the glint model, 89 degrees, or off the Earth count as in glint.
+    Points beyond the largest zenith angle of the glint model, 89 degrees, or above the horizon count as in glint.
     """
     heading = np.arange(0.0, 360.0, 5.0) if headings is None else np.atleast_1d(np.asarray(headings, np.float64))
     zenith, azimuth = viewing_geometries(view, heading)
@@ -153,7 +153,7 @@ class Alternative:
     roll: float
 
     def words(self, view: FieldOfView) -> str:
-        """What to do, in a sentence; `view` is that of the plan."""
+        """Text of the alternative; `view` is that of the plan."""
         end = f"fly heading {self.heading:03.0f}: {100 * self.fraction:.0f} % of the view in glint."
         if self.time is not None:
             return f"Another time: at {str(self.time)[:16].replace('T', ' ')} UTC {end}"
@@ -165,10 +165,10 @@ class Alternative:
 
 
 def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
-    """What else to do than fly the lines of a mission; empty where a heading is good, or nothing is better.
+    """Alternatives to the flight lines of a mission; empty if a heading is good, or nothing is better.
 
-    At most one is another time and one another view angle: the nearest that is free of glint, or else the one with the
-    least glint.
+    At most one other time and one other view angle: the nearest that is free of glint, else the one with the least
+    glint.
     """
     if line.is_good:
         return ()
@@ -177,7 +177,7 @@ def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
 
 
 def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
-    """The first that is free of glint, else the one with the least, if that is much less than now."""
+    """The first alternative that is free of glint; else that with the least, if much less than the plan."""
     least = None
     for one in tried:
         if one.fraction <= FREE:
@@ -188,7 +188,7 @@ def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
 
 
 def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """Times of the day around that of the mission, the nearest first."""
+    """Other times of the day, the nearest first."""
     if mission.place is None or mission.moment is None or mission.sun_zenith is not None:
         return
     steps = np.arange(TIME_STEP, 12 * 60 + 1, TIME_STEP)
@@ -199,7 +199,7 @@ def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
 
 
 def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """Pitch and roll, the smallest first."""
+    """Pitch and roll angles, the smallest first."""
     for tilt in TILTS:
         if tilt + 0.5 * max(view.across, view.along) < 80.0:
             for change in ({"roll": tilt}, {"roll": -tilt}, {"pitch": tilt}, {"pitch": -tilt}):
@@ -213,7 +213,7 @@ def _tried(mission: Mission, view: FieldOfView, time: np.datetime64 | None) -> A
 
 
 def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
-    """The plan in sentences: the heading to fly, or that there is none, and what else to do."""
+    """Text of the plan: the recommended heading, or that there is none, and alternatives."""
     out = [line.words(), *(one.words(line.view) for one in others)]
     if not line.is_good and not others:
         out.append("No other time of the day and no tilt up to 60 degrees is much better: wait for less wind.")
@@ -221,7 +221,7 @@ def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
 
 
 def numbers(mission: Mission, line: Line, others: tuple[Alternative, ...]) -> dict[str, Any]:
-    """The flight lines and the alternatives for JSON."""
+    """Flight lines and alternatives as values for JSON."""
     return {
         "mission": tables_of(mission),
         "view": asdict(line.view),

@@ -1,4 +1,4 @@
-"""The same mission over a span of time: when to fly, and from where to look then."""
+"""A mission over a span of time: the best time, and the viewing geometries at each time."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .missionfile import tables_of
 from .reticle import Reticle, reticle
 
 MOST_TIMES = 500
-"""Times in a sweep."""
+"""Most times in a sweep."""
 DAYLIGHT = 15.0
-"""Height of the sun from which on there is light under water to plan with [degree]."""
+"""Least solar elevation with enough light under water [degree]."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """The mission at one time."""
+    """Summary of a mission at one time."""
 
     time: np.datetime64  # UTC
     sun_zenith: float  # [degree]
@@ -34,7 +34,7 @@ class Moment:
 
 
 def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
-    """Times from start to end, both counted in.
+    """Times from start to end, both included.
 
     Raises InputError: the end lies before the start, or there are more than `MOST_TIMES`.
     """
@@ -51,15 +51,16 @@ def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
 
 
 def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) -> np.datetime64:
-    """The time at which the sun stands highest."""
+    """The time of the highest solar elevation."""
     zenith = sun.position(latitude, longitude, np.array(when, dtype="datetime64[s]")).zenith
     return when[int(np.argmin(zenith))]
 
 
 def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.datetime64:
-    """When the sun next stands at least `DAYLIGHT` high, to 10 minutes; the highest sun of a day if it never does.
+    """Next time with a solar elevation of at least `DAYLIGHT`, to 10 minutes; else the time of the highest sun of the
+    day.
 
-    It looks from `start` on, by default from now on.
+    The search begins at `start`, by default now.
 
     Examples
     --------
@@ -73,7 +74,7 @@ def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.da
 
 
 def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment, Reticle | None]]:
-    """Work out a mission with a place at several times (UTC); the reticle is None where the sun is too low.
+    """Reticles of a mission at several times (UTC); None where the sun is too low.
 
     Raises InputError: the mission has no place.
     """
@@ -89,7 +90,7 @@ def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment,
 
 
 def best_moment(moments: list[Moment]) -> Moment | None:
-    """The time with the highest contrast; None where none has a good viewing geometry."""
+    """The time with the highest contrast; None if no time has a good viewing geometry."""
     good = [m for m in moments if m.geometry is not None]
     return max(good, key=lambda m: m.geometry.contrast if m.geometry else 0.0, default=None)
 
@@ -112,7 +113,7 @@ def table(moments: list[Moment]) -> list[str]:
 
 
 def numbers(mission: Mission, moments: list[Moment]) -> dict[str, Any]:
-    """The sweep for JSON."""
+    """The sweep as values for JSON."""
     best = best_moment(moments)
     rows = {id(m): asdict(m) | {"time": f"{m.time}Z"} for m in moments}
     fixed = tables_of(mission)

@@ -1,4 +1,4 @@
-"""The plan when the wind is not known exactly: intervals of glint and contrast, and how often glint spoils it."""
+"""A plan with uncertain wind: intervals of glint and contrast, and the probability of glint."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .reticle import Reticle, reticle
 Array = npt.NDArray[np.floating[Any]]
 
 SPEEDS, TURNS = 5, 7
-"""Number of speeds and of directions that sample the interval, ends included."""
+"""Number of speeds and of directions in the interval, ends included."""
 
 
 @dataclass(frozen=True, eq=False)
 class WindEnsemble:
-    """A mission under all winds of an interval. Pairs (2, zenith, azimuth) are the lowest and the highest value."""
+    """A mission under all winds of an interval; pairs (2, zenith, azimuth) are the lowest and the highest value."""
 
     middle: Reticle  # under the wind of the mission
     winds: tuple[tuple[float, ...], tuple[float, ...]]  # speeds [m/s] and directions [degree] that were looked at
@@ -35,7 +35,7 @@ class WindEnsemble:
 
     @property
     def best(self) -> ViewingGeometry | None:
-        """The viewing geometry with the highest contrast under the worst wind; None if none suits all winds."""
+        """The viewing geometry with the highest contrast under the worst wind; None if none is good under all winds."""
         return best_geometry(self.middle, self.contrast[0])
 
     def at(self, geometry: ViewingGeometry) -> dict[str, tuple[float, float]]:
@@ -46,10 +46,10 @@ class WindEnsemble:
 
 
 def wind_ensemble(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> WindEnsemble:
-    """Work out a mission under all winds of an interval.
+    """Compute a mission for all winds of an interval.
 
-    The speed is known to plus or minus `speed` [m/s], cut to what the models hold for; the direction is known to plus
-    or minus `turn` [degree], where 180 is not at all.
+    The speed is known to plus or minus `speed` [m/s], limited to the range of the models; the direction is known to
+    plus or minus `turn` [degree], 180 for any direction.
 
     Raises InputError: a value is out of range.
     """
@@ -68,7 +68,7 @@ def wind_ensemble(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -
 
 
 def words(found: WindEnsemble) -> list[str]:
-    """The best viewing geometry, and its intervals, for people."""
+    """Text: the best viewing geometry, and its intervals."""
     geometry = found.best
     if geometry is None:
         return ["No viewing geometry is good under all of these winds."]
@@ -82,7 +82,7 @@ def words(found: WindEnsemble) -> list[str]:
 
 
 def numbers(found: WindEnsemble, *, speed: float, turn: float) -> dict[str, Any]:
-    """The intervals for JSON, with the risk of every viewing geometry."""
+    """The intervals as values for JSON, with the risk of glint of every viewing geometry."""
     geometry = found.best
     return {
         "mission": tables_of(found.middle.mission),

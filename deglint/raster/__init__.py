@@ -1,8 +1,7 @@
-"""The rooms that open and write raster files: windows, nodata, masks, scale and offset.
+"""Raster files: reading and writing of windows, nodata, masks, scale and offset.
 
-Inside the project pixels are floating point with NaN where they are not valid; what a file is like
-(type, nodata, tags, compression) is known only here, in `RasterInfo`. rasterio is imported when a file
-is opened, not before.
+Inside the project pixels are floating point with NaN where they are not valid; properties of a file (type, nodata,
+tags, compression) are only here, in `RasterInfo`. rasterio is imported when a file is opened, not before.
 """
 
 from .convert import FlatField

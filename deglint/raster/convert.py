@@ -1,4 +1,4 @@
-"""From the numbers in a file to physical values: pure functions on arrays. Nothing here opens a file."""
+"""Conversion of file values to physical values: pure functions on arrays."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from ..scene import FloatArray, Window
 Raw = npt.NDArray[Any]
 Valid = npt.NDArray[np.bool_]
 FORGOTTEN = (3.4028e38, 3.40283e38)
-"""The largest numbers of float32, which many programs write where there is no data, and do not always say so. In
-float64, and there its own largest number, too."""
+"""The largest values of float32, which many programs write as nodata without declaring it; also in float64 files,
+besides the largest value of float64."""
 
 
 _CONVERTED_AT_ONCE = 1 << 16
-"""Values of a band worked on at a time: a correction takes a tenth longer where whole tiles pass through memory."""
+"""Values of a band processed at a time; whole tiles do not fit into the processor's cache, which makes a correction a
+tenth slower."""
 
 
 def physical_dtype(dtype: npt.DTypeLike) -> np.dtype[Any]:
@@ -36,10 +37,10 @@ def to_physical(
     *,
     nodatas: Sequence[float | None] | None = None,
 ) -> FloatArray:
-    """value = raw * scale + offset, NaN where not valid, not finite, or at the end of what float32 or float64 holds.
+    """value = raw * scale + offset; NaN where not valid, not finite, or at the limit of float32 or float64.
 
-    Arrays are (band, row, column); `valid` is None where everything is valid. `nodatas` are numbers that say "not
-    valid", one a band, where `valid` does not tell of them already. The result has `physical_dtype`.
+    Arrays are (band, row, column); `valid` is None if everything is valid. `nodatas` are the nodata values of the
+    bands, if not yet considered in `valid`. The result has `physical_dtype`.
     """
     out = np.empty(raw.shape, physical_dtype(raw.dtype))
     for band, rows in slabs(raw.shape):
@@ -61,7 +62,7 @@ def to_physical(
 
 
 def slabs(shape: tuple[int, ...]) -> Iterator[tuple[int, slice]]:
-    """Band and rows of parts of a (band, row, column) array that stay in the processor's cache."""
+    """Band and rows of parts of a (band, row, column) array that fit into the processor's cache."""
     bands, rows, columns = shape
     step = max(1, _CONVERTED_AT_ONCE // max(1, columns))
     for band in range(bands):
@@ -70,9 +71,9 @@ def slabs(shape: tuple[int, ...]) -> Iterator[tuple[int, slice]]:
 
 
 def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
-    """Where raw differs from nodata, (band, row, column); None where it does everywhere.
+    """Mask of values other than nodata, (band, row, column); None if there is no nodata.
 
-    A NaN as nodata, or one that the type cannot hold, matches nothing here.
+    A nodata value of NaN, or one that the type cannot hold, is ignored here.
     """
     valid = None
     for band, nodata in enumerate(nodatas):
@@ -87,7 +88,7 @@ def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
 
 
 def _is_endless(values: Raw) -> Valid:
-    """Infinities, and the largest numbers of their type or of float32."""
+    """Mask of infinities, and of the largest values of the type or of float32."""
     size = np.abs(values)
     low, high = FORGOTTEN
     if values.dtype.itemsize <= 4:
@@ -96,7 +97,7 @@ def _is_endless(values: Raw) -> Valid:
 
 
 def holds(dtype: npt.DTypeLike, number: float) -> bool:
-    """Whether an integer type has a number; of a floating type it is taken for granted."""
+    """Whether an integer type can hold a number; always True for floating-point types."""
     if np.dtype(dtype).kind not in "iu":
         return True
     limits = np.iinfo(dtype)
@@ -104,7 +105,7 @@ def holds(dtype: npt.DTypeLike, number: float) -> bool:
 
 
 def _as_stored(nodata: float | None, dtype: np.dtype[Any]) -> Any:
-    """A nodata as it stands in a file of that type; None where it can match nothing there."""
+    """A nodata value in the type of a file; None if the type cannot hold it."""
     if nodata is None or nodata != nodata or not holds(dtype, nodata):
         return None
     with np.errstate(all="ignore"):
@@ -113,10 +114,10 @@ def _as_stored(nodata: float | None, dtype: np.dtype[Any]) -> Any:
 
 @dataclass(frozen=True)
 class FlatField:
-    """What lens and shutter of a frame camera do to the numbers of a capture: vignette and row gradient.
+    """Vignetting and row gradient of a capture by a frame camera.
 
-    The numbers are corrected as they are read, black + (number - black) * factor, with a factor for each pixel. They
-    become floating point, and keep the file's scale and offset.
+    Values are corrected when read, black + (value - black) * factor, with a factor for each pixel. They become floating
+    point; scale and offset of the file still apply.
     """
 
     black: float = 0.0  # number in the file without any light
@@ -126,7 +127,7 @@ class FlatField:
     row_gradient: float = 0.0  # rows are brighter by 1 + row_gradient * row
 
     def factor(self, window: Window) -> npt.NDArray[np.float32]:
-        """By what the light of each pixel of a window is multiplied, (row, column)."""
+        """Factor of each pixel of a window, (row, column)."""
         (top, bottom), (left, right) = window
         rows = np.arange(top, bottom, dtype=np.float64)[:, np.newaxis]
         columns = np.arange(left, right, dtype=np.float64)
@@ -136,7 +137,7 @@ class FlatField:
         return found.astype(np.float32)
 
     def apply(self, raw: npt.NDArray[Any], window: Window, nodata: float | None) -> None:
-        """Correct the numbers of a window in place; those that say "not valid" stay."""
+        """Correct the values of a window in place, except nodata."""
         light = raw - np.float32(self.black)
         corrected = light * self.factor(window) + np.float32(self.black)
         np.copyto(raw, corrected, where=True if nodata is None else raw != nodata)

@@ -1,6 +1,6 @@
-"""From physical values back to what stands in a file: scale, offset, rounding, saturation - and what was lost.
+"""Conversion of physical values to file values: scale, offset, rounding, saturation; lost values are counted.
 
-Pixels that were not corrected keep their bits: they are never converted there and back.
+Pixels that were not corrected keep their bits: they are not converted.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ Mask = npt.NDArray[np.bool_]
 
 
 def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Mask | None]:
-    """Numbers of a file in another type, and where they were clipped (None where none can be).
+    """File values in another type, and the mask of clipped values (None if there can be none).
 
-    Integers are rounded to nearest, and saturate; NaN becomes 0.
+    Values are rounded to the nearest integer and saturate; NaN becomes 0.
     """
     with np.errstate(over="ignore"):
         if dtype.kind not in "iu" or np.can_cast(raw.dtype, dtype):
@@ -72,7 +72,7 @@ def encode(
 
 
 def _put(put: npt.NDArray[np.float64], raw: npt.NDArray[Any], good: Mask, nodata: float | None) -> Mask:
-    """Store numbers in the type of a band, and off its nodata; return where they were clipped."""
+    """Store values in the type of a band, avoiding its nodata; return the mask of clipped values."""
     whole = raw.dtype.kind in "iu"
     outside = np.zeros(raw.shape, np.bool_)
     if whole:
@@ -107,7 +107,8 @@ def relaid(
 ) -> tuple[npt.NDArray[Any], Mask | None]:
     """Numbers of a file in the type, and with the nodata, of another, and where a valid number was clipped.
 
-    `own` is the nodata of each band as it is; there may be more. `raw` is overwritten where the type is the same.
+    `own` is the present nodata value of each band; further entries are ignored. `raw` is overwritten if the type is the
+    same.
     """
     lost, own = None, own[: len(raw)]
     hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)

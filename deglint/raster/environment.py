@@ -1,9 +1,9 @@
-"""What is bounded while deglint reads and writes: GDAL's caches and patience with servers, and the size of a raster.
+"""Limits for reading and writing: GDAL's cache, timeouts for servers, and the size of a raster.
 
-A few bytes of a header can declare more pixels than there is memory in the world. The limits let every real mosaic
-pass, and stop what would take the machine down; they are settable, for who has more.
+A small file can declare an arbitrary number of pixels. The limits admit every real mosaic and reject rasters that would
+exhaust the machine; environment variables override them.
 
-rasterio keeps settings per thread: the calling thread and every worker enter an environment of their own.
+rasterio's settings are per thread: the calling thread and every worker enter their own environment.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import InputError
 
 CACHE = 48 << 20
-"""GDAL's block cache [byte]; tiles are read once, so more of it would serve nothing."""
+"""GDAL's block cache [byte]; as tiles are read once, a larger one has no effect."""
 
 
 HTTP_PATIENCE = {
@@ -27,18 +27,18 @@ HTTP_PATIENCE = {
     "GDAL_HTTP_MAX_RETRY": "3",
     "GDAL_HTTP_RETRY_DELAY": "1",
 }
-"""How long a server is waited for [s, byte/s], unless the process's environment says otherwise: to connect, while next
-to nothing comes, and for one answer; how often an answer that says "later" is asked for again."""
+"""Timeouts of servers [s, byte/s], unless set in the process's environment: for connecting, for slow transfers, and for
+one response; number of retries of a temporary error."""
 
 MOST_PIXELS = 1 << 40
-"""Rows times columns of a raster: 1 048 576 x 1 048 576."""
+"""Most pixels (rows times columns) of a raster: 1 048 576 x 1 048 576."""
 MOST_BLOCK_MB = 1024
-"""Memory of one block, all bands of it where they are interleaved by pixel [MB of 2^20 byte]."""
+"""Most memory of one block, all bands of it if they are interleaved by pixel [MB of 2^20 byte]."""
 MOST_BANDS = 8192
 LOOK_SECONDS = 60
-"""How long `deglint info` looks at a scene [s]."""
+"""Time limit of `deglint info` for a scene [s]."""
 LOOK_READS = 10_000
-"""Windows of a scene that it reads: of tiles of 1024 x 1024 pixels a scene of 100,000 x 100,000."""
+"""Most windows that it reads: the tiles of 1024 x 1024 pixels of a scene of 100,000 x 100,000."""
 
 
 def environment() -> Any:
@@ -56,12 +56,12 @@ def environment() -> Any:
 
 
 def enter_thread() -> None:
-    """Enter the environment for the rest of the calling worker thread's life."""
+    """Enter the environment permanently in the calling worker thread."""
     environment().__enter__()
 
 
 def check_size(dataset: Any, path: str) -> None:
-    """Refuse an open dataset that declares more than a machine can be expected to take."""
+    """Reject an open dataset whose declared size exceeds the limits."""
     pixels, most = dataset.width * dataset.height, _limit("DEGLINT_MAX_PIXELS", MOST_PIXELS)
     if pixels > most:
         raise InputError(
@@ -82,7 +82,7 @@ def check_size(dataset: Any, path: str) -> None:
 
 
 def look_seconds() -> int:
-    """How long a scene is looked at [s]: DEGLINT_INFO_SECONDS, or `LOOK_SECONDS`."""
+    """Time limit of `deglint info` [s]: DEGLINT_INFO_SECONDS, or `LOOK_SECONDS`."""
     return _limit("DEGLINT_INFO_SECONDS", LOOK_SECONDS)
 
 

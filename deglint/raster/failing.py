@@ -1,4 +1,4 @@
-"""What goes wrong while a file is written, as one clear line; a check that all of it is there."""
+"""Errors while a file is written, as one-line messages; a check that the file is complete."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .info import gdal_errors, one_line, open_dataset
 
 
 def free_bytes(directory: Path) -> int | None:
-    """Bytes left on a disk, where the system tells."""
+    """Free bytes on a disk; None where not available."""
     try:
         return shutil.disk_usage(directory).free
     except OSError:
@@ -27,7 +27,7 @@ _SHORT = "the disk or a quota is full, or files may not grow so large (ulimit -f
 
 @contextlib.contextmanager
 def write_errors(target: Path) -> Iterator[None]:
-    """Make one clear line of what goes wrong while a file is written."""
+    """Turn errors while a file is written into one-line errors."""
 
     try:
         yield
@@ -43,7 +43,7 @@ def write_errors(target: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
-    """Make an error of what GDAL only warns of: a creation option that it does not know, or cannot follow."""
+    """Turn GDAL's warnings on creation options, unknown or not applicable, into errors."""
     said: list[str] = []
     mine = threading.get_ident()
 
@@ -81,7 +81,7 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 
 
 def check_whole(path: Path, target: Path) -> None:
-    """Every block that was to be written is inside the file: GDAL does not report what fails while it closes."""
+    """Check that all blocks are inside the file: GDAL does not report errors when it closes a file."""
     with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]

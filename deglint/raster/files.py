@@ -1,8 +1,7 @@
-"""The files behind a name: all that GDAL reads when it opens a raster, sources of VRTs at any depth among them.
+"""The files behind a name: all files that GDAL reads when it opens a raster, including nested sources of VRTs.
 
-One walk serves three purposes: outputs never replace a file that is read (`deglint.raster.targets`), an input is known
-again by all of its files (`deglint.checksum`), and a raster from somebody else reads nothing outside its own
-folder.
+This serves three purposes: outputs never replace an input file (`deglint.raster.targets`), an input is identified by
+all of its files (`deglint.checksum`), and an untrusted raster cannot read files outside its own folder.
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ _PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
 
 
 def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
-    """Every file that is read where these names are, each once: the names themselves, then what belongs to them.
+    """All files that are read for these names, each once: the names themselves, then the files that belong to them.
 
-    Names are GDAL's, of folders or of text files. Names of no file ("auto", "0,0,10,10") stand for none. Of a file in
-    an archive, the archive is there, too. What cannot be opened stands for itself.
+    Names are GDAL names, folders or text files. Names that are not files ("auto", "0,0,10,10") are skipped. For a file
+    in an archive, the archive is included. Files that cannot be opened are included by name only.
     """
     given = list(map(str, names))
     found = {identity(name): name for name in given[::-1]}
@@ -38,7 +37,7 @@ def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
 
 
 def _of_raster(name: str) -> Iterator[str]:
-    """What GDAL says it reads, and the sources of VRTs."""
+    """The files that GDAL lists, and the sources of VRTs."""
     from .info import REMOTE_NAME, open_dataset
 
     if REMOTE_NAME.match(name):
@@ -61,14 +60,14 @@ def _of_raster(name: str) -> Iterator[str]:
 
 
 def check_before(name: str) -> None:
-    """Refuse a raster that must not even be opened: a pipe, or a VRT that reads where it may not, or too much."""
+    """Reject a raster that must not be opened: a pipe, or a VRT with forbidden or too many sources."""
     check_kind(name)
     if is_vrt(name):
         Walk(folder_of(name)).start(name)
 
 
 def check_after(dataset: Any, name: str) -> None:
-    """Refuse an open raster whose header leads to files outside of its own folder."""
+    """Reject an open raster whose header refers to files outside of its folder."""
     if dataset.driver == "VRT":
         if not is_vrt(name):  # one that lies on a server, or in an archive
             _walk_of(dataset, name)
@@ -83,7 +82,7 @@ def check_after(dataset: Any, name: str) -> None:
 
 
 def _listed(dataset: Any, name: str) -> list[str]:
-    """The files that GDAL lists."""
+    """The files that GDAL lists for a dataset."""
     try:
         return list(dataset.files)
     except UnicodeDecodeError as error:
@@ -91,7 +90,7 @@ def _listed(dataset: Any, name: str) -> list[str]:
 
 
 def _walk_of(dataset: Any, name: str) -> Walk:
-    """The sources of an open dataset; none where it is no VRT."""
+    """The sources of an open dataset; none if it is not a VRT."""
     files = _listed(dataset, name)
     walk = Walk(folder_of(files[0] if files else name))
     if dataset.driver == "VRT":

@@ -1,7 +1,7 @@
-"""What a raster file is like, gathered once so that an output can keep all of it.
+"""Properties of a raster file, which an output keeps.
 
-Opening and describing a file reads its header and tags, never a pixel. Every refusal is one line that
-tells a file that is not there from one that GDAL cannot read.
+Opening and describing a file reads its header and tags, never a pixel. Every error is one line, and distinguishes a
+missing file from one that GDAL cannot read.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ REMOTE_NAME = re.compile(
     r"(https?|ftp|s3|gs|az|oss|swift|hdfs)://|/vsi(curl|s3|gs|az|adls|oss|swift|webhdfs)", re.IGNORECASE
 )
 _HEAD = 512
-"""Bytes of a file that are looked at."""
+"""Bytes of a file that are read to recognise its format."""
 _FILE_KINDS = (
     (rb"\s*(?:<!doctype html|<html)", "is a web page. Log in where the image lies, and download the file again"),
     (rb"version https://git-lfs", "is a pointer of Git LFS, not the image itself. Fetch it: git lfs pull"),
@@ -49,7 +49,7 @@ _opening = threading.Lock()
 
 @dataclass(frozen=True)
 class RasterInfo:
-    """What is known of a raster without reading pixels; tuples have one entry a scene band."""
+    """Properties of a raster without its pixels; tuples have one entry per scene band."""
 
     paths: tuple[str, ...]  # GDAL names of what was opened
     driver: str  # GDAL's short name of the format ("GTiff")
@@ -87,12 +87,12 @@ class RasterInfo:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """The type that holds every band: the bands' own where they agree."""
+        """The type that can hold every band; that of the bands if they agree."""
         return np.result_type(*(np.dtype(d) for d in self.dtypes))
 
     @property
     def nodata(self) -> float | None:
-        """The value that says "not valid", where all bands agree on one."""
+        """The nodata value, if all bands agree on one."""
         first = self.nodatas[0]
         return first if all(same_nodata(first, n) for n in self.nodatas) else None
 
@@ -104,21 +104,21 @@ def same_nodata(a: float | None, b: float | None) -> bool:
 
 @contextmanager
 def quiet(category: type[Warning]) -> Iterator[None]:
-    """Ignore warnings of a kind; one thread at a time does, as Python's filters are the process's."""
+    """Ignore warnings of a category; for one thread at a time, as Python's warning filters are global."""
     with _opening, warnings.catch_warnings():
         warnings.simplefilter("ignore", category)
         yield
 
 
 def unplaced() -> AbstractContextManager[None]:
-    """Keep rasterio from warning of a raster that has no place on Earth: that is no fault."""
+    """Ignore rasterio's warning about rasters without georeferencing."""
     from rasterio.errors import NotGeoreferencedWarning
 
     return quiet(NotGeoreferencedWarning)
 
 
 def open_dataset(path: str) -> Any:
-    """Open a raster for reading, as rasterio does, with one clear line where that fails."""
+    """Open a raster for reading with rasterio; errors become one-line errors."""
     import rasterio
 
     check_before(path)
@@ -150,9 +150,9 @@ def _why_not_opened(path: str, error: Exception) -> str:
 
 
 def _what_instead(path: str) -> str:
-    """What a local file that GDAL does not know is, and what to do: "it is ...".
+    """Text for a local file that GDAL cannot read: "it is ...", and what to do.
 
-    Its ending is not believed: files are often called what they are not.
+    The format is recognised from the content, as file endings are often wrong.
     """
     place = Path(path)
     try:
@@ -177,7 +177,7 @@ def _what_instead(path: str) -> str:
 
 
 def remedy(path: str) -> str:
-    """What may be wrong with a file that cannot be read, and what to do."""
+    """Possible cause and remedy for a file that cannot be read."""
     if REMOTE_NAME.match(path):
         return (
             "The server cannot be reached or is too slow, or the file is damaged: try again, or wait longer for it "
@@ -187,7 +187,7 @@ def remedy(path: str) -> str:
 
 
 def gdal_errors(*more: type[Exception]) -> tuple[type[Exception], ...]:
-    """What rasterio raises of its own, as it lets some errors of GDAL through as they are; and some more errors."""
+    """Exception classes of rasterio and GDAL, and the given ones: rasterio passes some of GDAL's errors through."""
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
 
@@ -195,16 +195,16 @@ def gdal_errors(*more: type[Exception]) -> tuple[type[Exception], ...]:
 
 
 def one_line(error: BaseException) -> str:
-    """What an error, or what caused it, says: its first line."""
+    """First line of the message of an error, or of its cause."""
     text = str(error.__cause__ or error).strip() or type(error).__name__
     return text.splitlines()[0].rstrip(".")
 
 
 def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterInfo:
-    """Gather what is known of an open dataset; no pixel is read.
+    """Properties of an open dataset; no pixel is read.
 
-    GDAL calls the last of 2 or 4 bands of bytes "alpha" unless the writer said otherwise. A band so called is a scene
-    band where it has a name, or where `alpha_is_band`.
+    GDAL reports the last of 2 or 4 bands of type byte as "alpha" unless the file states otherwise. Such a band is a
+    scene band if it has a name, or with `alpha_is_band`.
     """
     try:
         try:
@@ -226,7 +226,7 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
 
 
 def describe_file(path: str) -> RasterInfo:
-    """Open a file and gather what is known of it."""
+    """Properties of a file; no pixel is read."""
     with open_dataset(path) as dataset:
         return describe(dataset, path)
 
@@ -290,7 +290,7 @@ def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
 
 
 def _check_length(dataset: Any, path: str) -> None:
-    """Refuse a raw file that is shorter than its header says: GDAL would read zeros where it ends."""
+    """Reject a raw file that is shorter than its header states: GDAL would return zeros for the rest."""
     if dataset.driver not in ("ENVI", "EHdr"):
         return
     need = dataset.height * dataset.width * sum(np.dtype(d).itemsize for d in dataset.dtypes)

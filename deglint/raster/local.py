@@ -1,4 +1,4 @@
-"""Names of files of this machine, as GDAL spells them: what kind of file they are, and where they may lie."""
+"""Local files behind GDAL names: their kind, and the folders in which they may lie."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from pathlib import Path
 from ..errors import InputError, ReadError
 
 TRUST = "DEGLINT_VRT_SOURCES"
-"""Environment variable: folders, or "any", that VRTs may read from beside their own folder."""
+"""Environment variable: folders, or "any", from which VRTs may read besides their own folder."""
 COMPANIONS = (".aux.xml", ".msk", ".ovr")
-"""What GDAL may put beside a raster, and reads with it."""
+"""Endings of files beside a raster that GDAL reads with it."""
 _DRIVER_PREFIX = re.compile(r"[A-Za-z][\w+.-]+:")
 _ODD = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
 
 
 def real(path: str | Path) -> Path:
-    """The file that a name stands for, symbolic links followed; it need not exist."""
+    """The path of a file with symbolic links resolved; it need not exist."""
     return Path(os.path.realpath(path))
 
 
 def check_kind(path: str | Path) -> None:
-    """Refuse what is neither a file nor a folder: reading it may never end."""
+    """Reject a name that is neither a file nor a folder: reading it might never end."""
     if not is_utf8(path):
         raise ReadError(f"the name {os.fsencode(path)!r} is not UTF-8, and GDAL opens no other. Rename it.")
     kind = "a pipe" if str(path).lower().startswith("/vsistdin") else _odd(path)
@@ -32,7 +32,7 @@ def check_kind(path: str | Path) -> None:
 
 
 def is_utf8(path: str | Path) -> bool:
-    """Whether a name is text: Linux allows any bytes."""
+    """Whether a name is valid UTF-8: Linux allows any bytes."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -48,7 +48,7 @@ def _odd(path: str | Path) -> str:
 
 
 def identity(path: str | Path) -> tuple[int, int] | str:
-    """What two names of one file have in common: device and inode, or where it does not exist the resolved name."""
+    """Identity of a file under any of its names: device and inode, or the resolved name if it does not exist."""
     try:
         found = os.stat(path)  # noqa: PTH116  (names that cannot be a Path raise here, too)
     except (OSError, ValueError):
@@ -60,12 +60,12 @@ def identity(path: str | Path) -> tuple[int, int] | str:
 
 
 def is_odd(name: str) -> bool:
-    """Whether a GDAL name is more than the name of a file."""
+    """Whether a GDAL name is more than a file name, such as a URL or a driver prefix."""
     return name.startswith("/vsi") or "://" in name or bool(_DRIVER_PREFIX.match(name)) or name.lstrip().startswith("<")
 
 
 def local(name: str) -> list[str]:
-    """The files of this machine that a GDAL name stands for, or lies in."""
+    """The local files that a GDAL name refers to, or lies in."""
     if os.path.lexists(name):
         return [name]
     if len(name) > 4096 or not is_odd(name):
@@ -84,7 +84,7 @@ def local(name: str) -> list[str]:
 
 
 def folder_of(name: str) -> str:
-    """The folder of a raster, as a name without links; of what lies in archives or on servers as GDAL spells it."""
+    """The folder of a raster with links resolved; in archives and on servers as in the GDAL name."""
     if name.lstrip().startswith("<"):
         return os.path.realpath(".")
     if os.path.lexists(name):
@@ -93,7 +93,7 @@ def folder_of(name: str) -> str:
 
 
 def check_place(file: str, folder: str, name: str) -> None:
-    """Refuse a file outside of a folder, and of those that are trusted."""
+    """Reject a file outside of a folder and of the trusted folders."""
     where = os.path.realpath(file)
     for allowed in (folder, *trusted()):
         if allowed == "any" or where.startswith(os.path.join(os.path.realpath(allowed), "")):  # noqa: PTH118
@@ -102,7 +102,7 @@ def check_place(file: str, folder: str, name: str) -> None:
 
 
 def refuse(file: str, folder: str, name: str = "a VRT") -> None:
-    """Say that a raster leads to a file that it may not read, and how to allow it."""
+    """Raise the error for a raster that refers to a forbidden file, with the way to allow it."""
     named = os.path.dirname(os.path.realpath(file)) if not is_odd(file) else "any"  # noqa: PTH120
     raise InputError(
         f"{name} in {folder or '.'} reads {file[:200]!r}, which is not in that folder. If you trust it, allow it: "
@@ -111,5 +111,5 @@ def refuse(file: str, folder: str, name: str = "a VRT") -> None:
 
 
 def trusted() -> list[str]:
-    """The folders that the environment allows."""
+    """The folders trusted by the environment variable."""
     return [t for t in os.environ.get(TRUST, "").split(os.pathsep) if t]

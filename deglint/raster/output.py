@@ -1,7 +1,7 @@
-"""Write a raster so that it is either all there or not there at all.
+"""Write a raster completely, or not at all.
 
-An output is written to a scratch file in the same directory and moved into place at the end, so an error, a full disk
-or Ctrl-C leaves the old file as it was and no scratch behind. What is written is a tiled GeoTIFF whose header lies
+An output is written to a scratch file in the same directory and moved into place at the end. After an error, a full
+disk or Ctrl-C an existing file is unchanged and no scratch file is left. The output is a tiled GeoTIFF with its header
 before its data: a valid cloud-optimised GeoTIFF, with overviews from 1,024 pixels on (`--co OVERVIEWS=NONE`: none).
 """
 
@@ -25,22 +25,22 @@ from .info import RasterInfo, unplaced
 from .scratch import Scratch
 
 BLOCK = 512
-"""Side of the output's blocks [pixel] where the input's do not serve."""
+"""Side of the output's blocks [pixel] if those of the input are not suitable."""
 OVERVIEWS_FROM = 1024
-"""Longer side from which on an image has overviews [pixel], as the field's validators want it."""
+"""Longer side from which an image has overviews [pixel], as COG validators require."""
 _SMALLEST_OVERVIEW = 512
-"""Longer side of the smallest overview, at most [pixel]: one request of a viewer, as in GDAL's COG driver."""
+"""Largest longer side of the smallest overview [pixel], as in GDAL's COG driver."""
 _SIDES = (64, 128, 256, BLOCK)
 _FLAG_COLOURS = (
     (0, 0, 0), (190, 190, 190), (86, 180, 233), (204, 121, 167), (240, 228, 66), (230, 159, 0), (0, 158, 115),
     (213, 94, 0),
 )  # fmt: skip
-"""Red, green, blue of the bits of a raster of flags, the lowest first; colours that all people can tell apart (Okabe
+"""Red, green, blue of the bits of a raster of flags, the lowest first; colours suitable for colour-blind readers (Okabe
 and Ito 2008, https://jfly.uni-koeln.de/color/)."""
 
 
 _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "transform")
-"""Entries of a profile that are no creation options: a copy takes them from its source."""
+"""Entries of a profile that are not creation options: a copy takes them from its source."""
 
 
 def levels(height: int, width: int) -> list[int]:
@@ -53,7 +53,7 @@ def levels(height: int, width: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Layout:
-    """What an output is like."""
+    """Properties of an output."""
 
     info: RasterInfo  # the input's properties, of which everything that holds for the output is kept
     bands: tuple[int, ...]  # 0-based bands of `info` that the output has
@@ -74,12 +74,12 @@ class Layout:
 
     @property
     def holds_flags(self) -> bool:
-        """Whether the output holds flags, which get a colour table and are not averaged: bytes that measure nothing."""
+        """Whether the output holds flags (unscaled bytes), which get a colour table and are not averaged."""
         return not self.scaled and np.dtype(self.dtype) == np.uint8
 
     @property
     def block(self) -> tuple[int, int]:
-        """Rows and columns of the output's blocks: the input's where it is tiled and they fit the tiles."""
+        """Rows and columns of the output's blocks: those of the input if it is tiled and they fit the tiles."""
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
         rows, columns = (
             _block_side(*sides) for sides in zip(self.tile, (self.info.height, self.info.width), own, strict=True)
@@ -88,7 +88,7 @@ class Layout:
 
 
 def _block_side(tile: int, size: int, own: int) -> int:
-    """Side of blocks, of which a tile holds whole ones, for an image's side and the side of the input's own blocks."""
+    """Side of blocks that divide a tile, given the side of the image and of the input's blocks."""
     whole = tile >= size  # one tile: blocks of any size are written once
     if own % 16 == 0 and 64 <= own <= 1024 and (whole or tile % own == 0):
         return own
@@ -98,9 +98,9 @@ def _block_side(tile: int, size: int, own: int) -> int:
 
 
 class RasterWriter:
-    """A GeoTIFF being written into a scratch file, window by window, by one thread; messages name the target.
+    """Writer of a GeoTIFF in a scratch file, window by window, by one thread; messages name the target.
 
-    Use as a context manager: the file is closed and checked at the end, and let go of where an error leaves the block.
+    Use as a context manager: the file is closed and checked at the end, or abandoned after an error.
     """
 
     def __init__(self, path: Path, target: Path, layout: Layout) -> None:
@@ -143,12 +143,12 @@ class RasterWriter:
             self._dataset.write(block, window=window)
 
     def write_mask(self, valid: npt.NDArray[np.bool_], window: Window) -> None:
-        """Write the mask of a window, where the input has one."""
+        """Write the mask of a window, if the output has one."""
         with write_errors(self.target):
             self._dataset.write_mask(valid.astype(np.uint8) * 255, window=window)
 
     def close(self) -> None:
-        """Finish the file and make sure that all of it is on disk."""
+        """Finish the file and check that it is complete."""
         with write_errors(self.target):
             self._dataset.close()
             if self.layout.overviews:
@@ -156,7 +156,7 @@ class RasterWriter:
         check_whole(self.path, self.target)
 
     def abort(self) -> None:
-        """Let go of the file, whatever state it is in."""
+        """Close the file in whatever state it is."""
         if self._dataset is not None:
             with contextlib.suppress(Exception):
                 self._dataset.close()
@@ -196,11 +196,11 @@ class Layer:
 
 
 def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> None:
-    """Add overviews to a closed GeoTIFF, and put all of its blocks in order.
+    """Add overviews to a closed GeoTIFF, and arrange its blocks for a COG.
 
-    GDAL appends overviews. A cloud-optimised file wants all headers first, then the blocks of the smallest overview,
-    and those of the image last: GDAL's GTiff driver writes that order when it copies the file. `options` are its
-    creation options. An overview holds the mean of the valid pixels, or without `average` (flags) the nearest pixel.
+    GDAL appends overviews. A COG needs all headers first, then the blocks of the smallest overview, and those of the
+    image last: GDAL's GTiff driver writes that order when it copies the file. `options` are its creation options. An
+    overview holds the mean of the valid pixels, or without `average` (flags) the nearest pixel.
     """
     import rasterio
     from rasterio.enums import Resampling
@@ -220,7 +220,7 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
 
 @contextlib.contextmanager
 def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
-    """A `RasterWriter` for each of several images, of which `images` has target and layout by name."""
+    """A `RasterWriter` for each of several images, given by name with target and layout."""
     with contextlib.ExitStack() as stack:
         yield {
             name: stack.enter_context(RasterWriter(scratch.add(target), target, layout))
@@ -242,12 +242,12 @@ def write_bytes(scratch: Scratch, target: Path, data: bytes) -> None:
 
 
 def write_json(scratch: Scratch, target: Path, data: Any) -> None:
-    """Write numbers and words as JSON; NaN and infinity become null, which JSON knows."""
+    """Write values as JSON; NaN and infinity become null."""
     write_text(scratch, target, json.dumps(plain(data), indent=2, allow_nan=False) + "\n")
 
 
 def plain(value: Any) -> Any:
-    """The same as plain numbers, words, lists and dicts, as JSON knows them; NaN and infinity become None."""
+    """The value as numbers, text, lists and dicts for JSON; NaN and infinity become None."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray):
@@ -291,14 +291,14 @@ def _profile(layout: Layout) -> dict[str, Any]:
 
 
 def _plain_profile(profile: Mapping[str, Any], layout: Layout) -> dict[str, Any]:
-    """The same content without compression: that is done when the blocks are put in order."""
+    """The profile without compression, which is applied when the blocks are arranged."""
     rows, columns = layout.block
     kept = {k: v for k, v in profile.items() if k.lower() in (*_OF_CONTENT, "interleave")}
     return kept | {"tiled": True, "blockxsize": columns, "blockysize": rows, "BIGTIFF": "IF_SAFER"}
 
 
 def _describe(dataset: Any, layout: Layout) -> None:
-    """Everything about the file that is not pixels; before the first pixel, so that the header stays in front."""
+    """Write all metadata; before the first pixel, so that the header comes first in the file."""
     from rasterio.crs import CRS
     from rasterio.enums import ColorInterp
 
@@ -339,7 +339,7 @@ def _tag(dataset: Any, tags: Mapping[str, str], namespace: str, band: int = 0) -
 
 
 def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping[str, Any]) -> None:
-    """Say at once that a disk is too full for the uncompressed pixels, not after an hour."""
+    """Check that the disk has space for the uncompressed pixels, before work starts."""
     packed = str(profile.get("compress", "none")).lower() != "none"
     if packed and not layout.overviews:
         return

@@ -1,4 +1,4 @@
-"""Writes a plan: a picture (.png), numbers (.json), NetCDF (.nc) or a GeoTIFF in polar coordinates (.tif).
+"""Write a plan: a picture (.png), numbers (.json), NetCDF (.nc) or a GeoTIFF in polar coordinates (.tif).
 
 All files of a plan are written, or none.
 """
@@ -31,7 +31,7 @@ def check_plan(
     *,
     overwrite: bool = False,
 ) -> None:
-    """Refuse names that could not be written, before the work is done; what is read is as in `check_targets`."""
+    """Check, before any computation, that the outputs can be written; `reads` as in `check_targets`."""
     for target in targets:
         if _kind(target) not in kinds:
             raise InputError(f"{target} must end in one of {', '.join(kinds)}, which says what to write.")
@@ -39,7 +39,7 @@ def check_plan(
 
 
 def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
-    """Write a plan (`deglint.plan.Reticle`) into every target, each by its ending; `picture` gives the PNG."""
+    """Write a plan (`deglint.plan.Reticle`) to every target, by its ending; `picture` returns the PNG."""
     from ..plan import dataset
 
     makers: Mapping[str, Callable[[], Content]] = {
@@ -78,7 +78,7 @@ def _signed(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _compact(document: Mapping[str, Any]) -> str:
-    """JSON with each table and each layer on one line; its layers are finite numbers already."""
+    """JSON with each table and each layer on one line; the layers contain only finite numbers."""
 
     head = {k: v for k, v in document.items() if k != "layers"}
     lines = [f"{json.dumps(k)}: {json.dumps(plain(v), allow_nan=False)}" for k, v in _signed(head).items()]

@@ -1,8 +1,9 @@
-"""Files that come into being together, or not at all, whoever else writes beside them.
+"""Atomic writing of several files: either all are written, or none.
 
-A run writes into scratch files in the directory of its outputs and moves them into place when all are whole. While they
-are moved, signals wait; what fails is undone. Runs that end at the same time move one after the other, so that an image
-and its sidecar are always of one run. What runs that were killed left beside an output goes with the next run of it.
+A run writes scratch files in the directory of its outputs and moves them into place when all are complete. Meanwhile
+signals are held; a failed move is undone. Runs that end at the same time move their files one after the other, so that
+an image and its sidecar are always of the same run. Scratch files of killed runs are removed by the next run with the
+same output.
 """
 
 from __future__ import annotations
@@ -25,23 +26,23 @@ from ..errors import WriteError
 from .local import COMPANIONS, real
 
 MOVED: list[Path] = []
-"""Outputs that this process has moved into place: what a command that is interrupted later has written all the same."""
+"""Outputs that this process has moved into place; a command that is interrupted later reports them."""
 _HELD_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGXCPU")
-"""Signals that wait while files are moved."""
+"""Signals that are held while files are moved."""
 _LONGEST = 180
-"""Bytes of an output's name that its scratch keeps: what is added has to fit into the 255 that systems allow."""
+"""Bytes of an output's name that its scratch file keeps: the whole name must fit into 255 bytes."""
 
 
 class Scratch:
-    """Files that come into being together, or not at all.
+    """Files that are written together, or not at all.
 
     Use as a context manager: leaving the block normally moves every file into place, leaving it by an error removes
-    them all. The first file added is moved last: where it stands, the others do too.
+    them all. The first file added is moved last: if it exists, so do the others.
 
     Parameters
     ----------
     overwrite : bool
-        Replace files that are there by then.
+        Replace existing files.
     """
 
     def __init__(self, *, overwrite: bool = True) -> None:
@@ -52,14 +53,14 @@ class Scratch:
         return self
 
     def add(self, target: Path) -> Path:
-        """Name of a scratch file beside `target`."""
+        """Create the name of a scratch file beside `target`."""
         clear_scratch(target)
         scratch = beside(target, "part")
         self._files.append((scratch, target))
         return scratch
 
     def file(self, target: Path) -> Path:
-        """Where a file that was added is written for now."""
+        """The scratch file of a target that was added."""
         return next(scratch for scratch, known in self._files if known == target)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -89,7 +90,7 @@ class Scratch:
 
 
 def _move(files: Sequence[tuple[Path, Path]], umask: int) -> None:
-    """Move several files into place, or none: what was there before is kept until all are."""
+    """Move several files into place, or none; replaced files are kept until all are moved."""
     kept: dict[Path, Path] = {}
     done: list[Path] = []
     try:
@@ -120,7 +121,7 @@ def _move(files: Sequence[tuple[Path, Path]], umask: int) -> None:
 
 
 def _restore(targets: Iterable[Path], kept: Mapping[Path, Path]) -> list[str]:
-    """Restore what was there; say what cannot be."""
+    """Restore replaced files; return messages on those that cannot be restored."""
     left, stale = [], set(kept.values())
     for target in targets:
         old = kept.get(target)
@@ -142,9 +143,9 @@ def _restore(targets: Iterable[Path], kept: Mapping[Path, Path]) -> list[str]:
 
 @contextlib.contextmanager
 def signals_held() -> Iterator[None]:
-    """Let signals wait until the block is left; then they do what they would have done.
+    """Hold signals within the block; afterwards they are raised again.
 
-    Only the main thread may say so, and only there an interruption is raised.
+    This works in the main thread only, where interruptions are raised.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -166,7 +167,7 @@ def signals_held() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _one_at_a_time(directories: set[Path]) -> Iterator[None]:
-    """Files of one run are moved into place with none of another run's between them, where the system knows locks."""
+    """Lock the directories, so that only one run moves files at a time; without effect where there are no locks."""
     with contextlib.ExitStack() as stack:
         for directory in sorted(directories):
             with contextlib.suppress(OSError):  # Windows opens no directory
@@ -177,7 +178,7 @@ def _one_at_a_time(directories: set[Path]) -> Iterator[None]:
 
 
 def make_directory(directory: Path, *, parents: bool = False) -> None:
-    """Make a directory of outputs, where it is missing."""
+    """Create a directory for outputs if it is missing."""
     try:
         directory.mkdir(parents=parents, exist_ok=True)
     except OSError as error:
@@ -186,7 +187,7 @@ def make_directory(directory: Path, *, parents: bool = False) -> None:
 
 @contextlib.contextmanager
 def claimed(directory: Path) -> Iterator[None]:
-    """Hold a directory against other batches; the claim ends with the process, however that ends."""
+    """Lock a directory against other batches; the lock ends with the process."""
     path = directory / ".deglint-batch.lock"
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
@@ -210,7 +211,7 @@ def claimed(directory: Path) -> Iterator[None]:
 
 
 def _lock(file: int, *, wait: bool = False) -> None:
-    """Lock an open file; BlockingIOError where another process holds it, another OSError where there are no locks."""
+    """Lock an open file; BlockingIOError if another process has the lock, another OSError without locks."""
     if sys.platform == "win32":
         import msvcrt
 
@@ -225,16 +226,16 @@ def _lock(file: int, *, wait: bool = False) -> None:
 
 
 def beside(target: Path, ending: str) -> Path:
-    """A new hidden name beside an output, which tells the process that it is of."""
+    """A new hidden name beside an output, with the identity of this process."""
     place = real(target)
     token = f"{_machine():08x}-{os.getpid()}-{secrets.token_hex(4)}"
     return place.with_name(f"{_head(place)}{token}.{ending}{place.suffix[:8]}")
 
 
 def clear_scratch(target: Path) -> None:
-    """Remove what runs of this machine that are no more left beside an output.
+    """Remove scratch files that ended processes of this machine left beside an output.
 
-    What was there before an output was moved, and is there no more, comes back.
+    A replaced file is restored if the output is missing.
     """
     place = real(target)
     # names without machine and process are those of versions before 0.2
@@ -254,12 +255,12 @@ def clear_scratch(target: Path) -> None:
 
 
 def _head(place: Path) -> str:
-    """How names of an output's scratch begin."""
+    """Common beginning of the names of an output's scratch files."""
     return f".{os.fsdecode(os.fsencode(place.name)[:_LONGEST])}."
 
 
 def _machine() -> int:
-    """A number for this machine and, where there are containers, the one in which its processes have their numbers."""
+    """A number for this machine and, in containers, for the process namespace."""
     try:
         space = Path("/proc/self/ns/pid").stat().st_ino
     except OSError:

@@ -1,6 +1,6 @@
-"""Writes a simulated scene: GeoTIFFs of the image and of its truth, and one JSON with all that made them.
+"""Write a simulated scene: GeoTIFFs of the image and of its truth, and a JSON file with all parameters.
 
-The files of a scene come into being together, or not at all.
+The files of a scene are written together, or not at all.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from .targets import check_targets
 
 CRS = "EPSG:32610"
 CORNER = 600_000.0, 4_070_000.0
-"""Upper left corner of every scene [m]: a place at sea off California."""
+"""Upper left corner of every scene [m], at sea off California."""
 SIMULATED_UNIT = "W m-2 sr-1 nm-1"
 
 
 Simulated = Any
-"""What `deglint.simulate.simulate` returns; that room lies above this one and is not imported here."""
+"""Result of `deglint.simulate.simulate`; that package is not imported here."""
 
 
 def write_scene(
@@ -32,8 +32,8 @@ def write_scene(
 ) -> list[Path]:
     """Write a simulated scene to ``DIR/NAME.tif``, its truth to ``DIR/NAME_truth.tif`` and so on, and a JSON.
 
-    `truth` says whether all that is known of the scene is written beside the image and the JSON, or names the parts
-    that are, such as "_truth_water". Either all files are written or none; their names are returned.
+    `truth` selects the files of truth: all, none, or a collection of suffixes such as "_truth_water". Either all files
+    are written or none; their names are returned.
     """
     from affine import Affine
 
@@ -58,7 +58,7 @@ def write_scene(
 
 
 def check_free(stem: str | Path, *, overwrite: bool = False) -> None:
-    """Refuse a name that `write_scene` would refuse, before the scene is made."""
+    """Check, before the simulation, that `write_scene` can write to this name."""
     base = _base(stem)
     check_targets([base.with_name(base.name + suffix) for suffix in (".tif", ".json")], overwrite=overwrite)
 
@@ -71,7 +71,7 @@ def _base(stem: str | Path) -> Path:
 
 
 def layers_of(scene: Simulated) -> dict[str, Layer]:
-    """Files of a scene, by what is added to its name."""
+    """Files of a scene by suffix."""
     setup, sensor = scene.setup, scene.setup.sensor
     names = tuple(b.name for b in sensor.bands)
     tags = tuple({"wavelength": f"{b.wavelength:g}", "time_offset_s": f"{b.time_offset:.3f}"} for b in sensor.bands)
@@ -121,7 +121,7 @@ def _tags(setup: Any) -> dict[str, str]:
 
 
 def describe(scene: Simulated, files: Mapping[str, str]) -> dict[str, Any]:
-    """All that made a scene, and what came out, for its JSON."""
+    """All parameters and results of a scene, for its JSON."""
     import scipy
 
     setup, light = scene.setup, scene.light

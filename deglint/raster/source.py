@@ -1,9 +1,8 @@
-"""Serve the pixels of one raster, or of several put on one grid, to any number of threads.
+"""Pixels of one raster, or of several on one grid, for any number of threads.
 
-A `RasterSource` opens its files when they are first read. Each reading thread has a handle to itself for
-as long as it reads; handles wait in a pool for the next reader and are closed by `close`, or at the end
-of a `with` block. GDAL's block cache is left as the caller's `rasterio.Env` sets it: an Env belongs to a
-thread, so a worker thread enters its own. Nothing is written here, and no pixel is kept.
+A `RasterSource` opens its files at the first read. Each reading thread uses its own handle; handles are kept in a pool
+for the next reader and are closed by `close`, or at the end of a `with` block. GDAL's block cache is left as the
+caller's `rasterio.Env` sets it: an Env belongs to a thread, so a worker thread enters its own. No pixel is cached.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from .info import RasterInfo, gdal_errors, one_line, open_dataset, remedy
 
 @dataclass(frozen=True)
 class FileBands:
-    """The bands that one file gives to a scene."""
+    """The bands of a scene that come from one file."""
 
     path: str  # GDAL name
     indexes: tuple[int, ...]  # 1-based bands of the file, in scene order
@@ -40,7 +39,7 @@ class FileBands:
 
     @classmethod
     def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> FileBands:
-        """Every band of one described file; `nodatas` stand in for those of `info`."""
+        """All bands of one described file; `nodatas` override those of `info`."""
         flags = {flag for flags in info.mask_flags for flag in flags}
         return cls(
             path=info.paths[0],
@@ -54,7 +53,7 @@ class FileBands:
 
 
 class _Handle(ExitStack):
-    """The datasets of a scene, open, one a file; it belongs to one thread at a time."""
+    """The open datasets of a scene, one per file; used by one thread at a time."""
 
     def __init__(self, files: Sequence[FileBands]) -> None:
         super().__init__()
@@ -66,7 +65,7 @@ class _Handle(ExitStack):
 
 
 class Budget:
-    """What may be read of a scene that is only looked at: so many windows (about one a tile), for so long [s]."""
+    """Limit of what `deglint info` reads of a scene: number of windows (about one per tile), and time [s]."""
 
     def __init__(self, seconds: float, reads: int) -> None:
         self.seconds, self.reads = seconds, reads
@@ -75,7 +74,7 @@ class Budget:
         self._begun = time.monotonic()
 
     def spend(self, pixels: int) -> None:
-        """Count a window, or refuse it with a ReadError: it is one too many, or too late."""
+        """Count a window; raise ReadError if the limit is exceeded."""
         if self.done >= self.reads or time.monotonic() - self._begun > self.seconds:
             self.over = True
             raise ReadError(f"stopped after {self.done} windows of the scene and {self.seconds:g} s at most")
@@ -85,8 +84,8 @@ class Budget:
 class RasterSource:
     """Pixels of a scene, from one file or several on one grid; a `deglint.scene.Source`.
 
-    `files` are in scene order; `info` is what the scene's bands are like. It can be pickled: the copy opens the files
-    anew, wherever it is unpickled on this file system.
+    `files` are in scene order; `info` has the properties of the scene's bands. It can be pickled; the copy opens the
+    files again.
 
     Examples
     --------
@@ -108,7 +107,7 @@ class RasterSource:
         self.settled = False  # whether the pixels were asked what the file does not declare
 
     def declared(self, info: RasterInfo) -> Self:
-        """The same pixels with another nodata and offset declared."""
+        """The same pixels with another declared nodata and offset."""
         ends = np.cumsum([len(f.indexes) for f in self.files])
         nodatas = [info.nodatas[end - len(f.indexes) : end] for end, f in zip(ends, self.files, strict=True)]
         found = copy.copy(self)
@@ -130,7 +129,7 @@ class RasterSource:
         self.close()
 
     def close(self) -> None:
-        """Close every handle; a read after this is refused."""
+        """Close all handles; later reads raise an error."""
         with self._lock:
             idle, self._idle, self._closed = self._idle, [], True
         for handle in idle:
@@ -165,16 +164,16 @@ class RasterSource:
         return to_physical(raw, valid, scales, offsets, nodatas=nodatas)
 
     def read_raw(self, window: Window) -> tuple[Raw, Valid | None]:
-        """All bands of a window as they stand in the file, (band, row, column), and which pixels are valid.
+        """All bands of a window as file values, (band, row, column), and the mask of valid pixels.
 
-        Numbers have the file's own type (the smallest common one where bands differ). Validity is what nodata, mask and
-        alpha say; None where everything is valid, and it may be a read-only view. NaN and infinity are not looked for
-        here, not even where nodata is NaN: `to_physical` finds them. Errors are those of `read`.
+        Values have the file's type (the smallest common one where bands differ). Validity follows from nodata, mask and
+        alpha; it is None if everything is valid, and may be a read-only view. NaN and infinity are not considered here,
+        not even if nodata is NaN, but in `to_physical`. Errors are those of `read`.
         """
         return self._read(window, range(self.info.count), nodata=True)
 
     def to_physical(self, raw: Raw, valid: Valid | None = None) -> FloatArray:
-        """What `read` gives, from what `read_raw` gave: scale and offset applied, NaN where not valid; a new array."""
+        """The result of `read`, from that of `read_raw`: scale and offset applied, NaN where not valid; a new array."""
         return to_physical(raw, valid, self.info.scales, self.info.offsets)
 
     def _read(self, window: Window, bands: Sequence[int], *, nodata: bool) -> tuple[Raw, Valid | None]:
@@ -195,7 +194,7 @@ class RasterSource:
     def _stacked(
         self, datasets: Sequence[Any], window: Window, bands: Sequence[int], *, nodata: bool
     ) -> tuple[Raw, Valid | None]:
-        """Numbers as they stand, and where they are valid (None: everywhere): by masks and alpha, and `nodata`."""
+        """File values, and their validity from masks, alpha and `nodata` (None: all valid)."""
         shape = (len(bands), window[0][1] - window[0][0], window[1][1] - window[1][0])
         if 0 in shape:
             return np.empty(shape, self.info.dtype), None
@@ -227,7 +226,7 @@ class RasterSource:
 
     @contextmanager
     def _handle(self, place: str) -> Iterator[_Handle]:
-        """A handle for this thread alone; kept for the next reader unless the reading fails."""
+        """A handle for this thread; returned to the pool unless the read fails."""
         with self._lock:
             if self._closed:
                 raise ReadError(f"{self.info.paths[0]} was closed. Open the scene again.")
@@ -258,15 +257,15 @@ class RasterSource:
 
 
 def _absolute(name: str) -> str:
-    """The name of a file in this directory, for a process that runs in another; GDAL's other names stay."""
+    """Absolute path of a file, for processes in another directory; other GDAL names are unchanged."""
     return os.path.abspath(name) if os.path.exists(name) else name  # noqa: PTH100, PTH110  (never raise)
 
 
 class ArraySource(RasterSource):
-    """Pixels of a scene from a (band, row, column) numpy or dask array; what it gives are copies.
+    """Pixels of a scene from a (band, row, column) numpy or dask array; reads return copies.
 
-    Of a lazy array only the window that is asked for is computed. `origin` is the row and column in the scene of the
-    array's first pixel, where it is a part of it.
+    Of a lazy array only the requested window is computed. `origin` is the row and column in the scene of the array's
+    first pixel, if the array is a part of the scene.
     """
 
     def __init__(self, values: Any, info: RasterInfo, origin: tuple[int, int] = (0, 0)) -> None:

@@ -1,7 +1,7 @@
-"""Where outputs may go: nothing that is read is replaced, and nothing that is there without leave.
+"""Checks of output names: no input file is replaced, and no existing file without permission.
 
-One guard for every command. Files are compared by device and inode, so that links, other spellings and VRTs over the
-same file do not matter; names of files that do not exist are compared as the system resolves them.
+All commands use these checks. Files are compared by device and inode, so that links, other spellings and VRTs of the
+same file are recognised; names of files that do not exist are compared after resolution.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from .local import COMPANIONS, identity, is_utf8, real
 OTHER_FORMATS = frozenset(
     (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")
 )
-"""Endings of files that a GeoTIFF should not be called."""
+"""File endings that a GeoTIFF should not have."""
 Reads = Mapping[str, Iterable[str | Path]]
-"""Names of what a run reads, by what the user calls it: "the input", "--mask"."""
+"""Names of input files, by their role: "the input", "--mask"."""
 
 
 def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwrite: bool = False) -> None:
-    """Refuse outputs that cannot, or should not, be written, before anything is touched.
+    """Check, before anything is written, that outputs can and may be written.
 
-    `reads` names everything that a run reads, and all files behind each name count; what stands for no file ("auto") is
-    left out. With `overwrite`, files that exist may be replaced, but never one that is read.
+    `reads` are all input names of a run, each with all files behind it; names that are not files ("auto") are skipped.
+    With `overwrite`, existing files may be replaced, but no input file.
     """
     check_apart(targets)
     check_unread(targets, reads or {})
@@ -36,7 +36,7 @@ def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwr
 
 
 def check_apart(targets: Sequence[Path]) -> None:
-    """Refuse outputs of which one is another, or lies where GDAL would read it as part of another."""
+    """Check that outputs are different files, and that GDAL would not read one as part of another."""
     taken: dict[tuple[int, int] | str, Path] = {}
     for target in targets:
         if identity(target) in taken:
@@ -49,7 +49,7 @@ def check_apart(targets: Sequence[Path]) -> None:
 
 
 def check_unread(targets: Sequence[Path], reads: Reads) -> None:
-    """Refuse outputs that would replace a file which is read, or would be read with one."""
+    """Check that no output replaces an input file, or would be read as part of one."""
     held: dict[tuple[int, int] | str, str] = {}
     beside: dict[tuple[int, int] | str, str] = {}
     for what, names in reads.items():
@@ -71,7 +71,7 @@ def _companions(path: Path) -> list[Path]:
 
 
 def check_target(path: Path, *, overwrite: bool = False) -> None:
-    """Refuse one output that cannot be written; what a run reads is not looked at, see `check_targets`."""
+    """Check that one output can be written; inputs are not considered, see `check_targets`."""
     if str(path) == "-":
         raise WriteError("- is no file: outputs do not go to standard output. Name a file.")
     if not is_utf8(path) or not is_utf8(real(path)):
@@ -92,7 +92,7 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
 
 
 def check_image(path: Path) -> None:
-    """Refuse the name of another format for a GeoTIFF."""
+    """Check that the name of a GeoTIFF has not the ending of another format."""
     if path.suffix.lower() in OTHER_FORMATS:
         raise WriteError(
             f"{path} would hold a GeoTIFF, not what its name says. Name it {path.with_suffix('.tif').name}."

@@ -1,7 +1,6 @@
-"""The sources of VRTs, at any depth: read from their XML before GDAL opens them, for GDAL 3.10 has no setting for it.
+"""The sources of VRTs at any depth, from their XML before GDAL opens them (GDAL 3.10 has no setting for this).
 
-A VRT from somebody else must read nothing outside its own folder, nothing on a server, and not the same file without
-end.
+An untrusted VRT must not read files outside its folder or on a server, nor contain itself.
 """
 
 from __future__ import annotations
@@ -18,10 +17,9 @@ from ..errors import InputError, ReadError
 from .local import check_kind, check_place, is_odd, local, refuse, trusted
 
 MOST_READS = 100_000
-"""Sources that may be read for one band, where that is more than four times the files there are: nested mosaics
-multiply."""
+"""Most sources that are read for one band, if more than four times the number of files: nested mosaics multiply."""
 MOST_NESTED = 32
-"""VRTs in VRTs."""
+"""Most levels of nested VRTs."""
 MOST_VRT_BYTES = 64 << 20
 _IN_ARCHIVES = re.compile(r"/vsi(zip|tar|gzip|7z|rar)/", re.IGNORECASE)
 _ANYWHERE = {"sourcefilename", "sourcedataset", "dempath"}
@@ -34,7 +32,7 @@ Sources = tuple[tuple[str, ...], ...]
 
 @dataclass
 class Walk:
-    """A walk through the sources of a VRT, which checks each and counts what reading a band comes to."""
+    """Recursive search of the sources of a VRT, which checks each and counts the reads for a band."""
 
     folder: str
     found: dict[str, None] = field(default_factory=dict)
@@ -42,7 +40,7 @@ class Walk:
     _open: list[str] = field(default_factory=list)
 
     def start(self, name: str) -> None:
-        """Walk from a local VRT."""
+        """Search a local VRT."""
         sources = _parsed(name, _stamp(name))
         self._open.append(_key(name))
         reads = self.follow(sources)
@@ -53,7 +51,7 @@ class Walk:
             )
 
     def follow(self, sources: Sources) -> int:
-        """Check sources, and those of the VRTs among them; how many are read for one band at most."""
+        """Check sources, including nested VRTs; return the most reads for one band."""
         whole, *bands = (sum(map(self._reads_of, names)) for names in sources)
         return whole + max(bands, default=0)
 
@@ -94,7 +92,7 @@ class Walk:
 
 
 def _inner(name: str) -> Sources:
-    """The sources of a source that is itself a VRT; none of another."""
+    """The sources of a source that is itself a VRT; else none."""
     if name.lower().startswith(_NESTED):
         return sources_of(name, "", "a VRT")
     if name.lower().startswith("vrt://"):
@@ -112,7 +110,7 @@ def _stamp(name: str) -> tuple[int, int, int]:
 
 
 def is_vrt(name: str) -> bool:
-    """Whether GDAL would take a local file for a VRT: it looks for the word in the first kilobyte."""
+    """Whether GDAL would treat a local file as a VRT: the first kilobytes contain its root element."""
     try:
         if not Path(name).is_file():
             return False
@@ -124,7 +122,7 @@ def is_vrt(name: str) -> bool:
 
 @lru_cache(maxsize=256)
 def _parsed(name: str, stamp: tuple[int, int, int]) -> Sources:
-    """The sources of a local VRT, read once a state of it."""
+    """The sources of a local VRT; cached until the file changes."""
     if stamp[1] > MOST_VRT_BYTES:
         raise InputError(f"{name} is a VRT of {stamp[1] >> 20} MB; allowed are {MOST_VRT_BYTES >> 20} MB.")
     try:
@@ -142,9 +140,9 @@ def _parsed(name: str, stamp: tuple[int, int, int]) -> Sources:
 
 
 def sources_of(text: str, folder: str, name: str) -> Sources:
-    """The sources that the XML of a VRT names.
+    """The sources named in the XML of a VRT.
 
-    It is refused where it may say something else to GDAL's parser than to this one: entities, or XML that is not whole.
+    XML that GDAL's parser might read differently is rejected: entities, or incomplete documents.
     """
     try:
         if "<!DOCTYPE" in text or "<!ENTITY" in text:
@@ -165,7 +163,7 @@ def sources_of(text: str, folder: str, name: str) -> Sources:
 
 
 def _named(element: ET.Element, folder: str) -> Iterator[str]:
-    """The name that an element holds; where it has children, what GDAL takes is not certain."""
+    """File names that GDAL might read from an element; there may be several if it has child elements."""
     tag, text = _tag(element), "".join(element.itertext())
     key = (_attribute(element, "name") or _attribute(element, "key")).lower()
     named = tag in ("argument", "mdi") and ("filename" in key or key in ("x_dataset", "y_dataset"))
@@ -179,7 +177,7 @@ def _named(element: ET.Element, folder: str) -> Iterator[str]:
 
 
 def _beside(name: str, folder: str) -> str:
-    """A name that starts from a VRT's folder, as GDAL makes it."""
+    """A name relative to a VRT's folder, resolved as GDAL does."""
     if name.lower().startswith("vrt://"):
         return "vrt://" + _beside(name[6:], folder)
     quoted = re.fullmatch(r'([A-Za-z][\w+.-]+:)("?)([^":]*)("?)(:.*)?', name)
@@ -194,5 +192,5 @@ def _tag(element: ET.Element) -> str:
 
 
 def _attribute(element: ET.Element, name: str) -> str:
-    """GDAL does not mind the case of names."""
+    """An attribute by name; case is ignored, as in GDAL."""
     return next((v for k, v in element.attrib.items() if k.lower() == name), "")

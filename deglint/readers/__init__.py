@@ -1,7 +1,7 @@
-"""From files to a `Scene`: open it, learn its bands, and tell which of them is the near infrared.
+"""From files to a `Scene`: open them, identify the bands, and find the near infrared.
 
-These rooms read headers, tags and names, never pixels, and write nothing. What they deduce stands in
-`Scene.notes`, one line each.
+These modules read headers, tags and names; only `undeclared` reads pixels. Conclusions are recorded in `Scene.notes`,
+one line each.
 """
 
 from .opening import open_scene

@@ -1,6 +1,6 @@
-"""Where on a scene: polygons from GeoJSON, masks from rasters, windows of pixels.
+"""Areas of a scene: polygons from GeoJSON, masks from rasters, windows of pixels.
 
-An `Area` says for any window of the scene which pixels it covers. A polygon covers the pixels whose centres lie in it.
+An `Area` gives the mask of its pixels in any window of the scene. A polygon covers the pixels whose centres lie in it.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ _CRS_NAME = re.compile(
     r"(?:urn:(?:x-)?ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?([A-Za-z]+)[:/](?:[\w.]*[:/])?(\w+)"
 )
 _POLYGON_CELL = 512
-"""Side of the squares in which polygons are drawn [pixel]."""
+"""Side of the squares in which polygons are rasterised [pixel]."""
 OPTION_WORDS = {"--sample": ("auto", "all"), "--mask": ("auto", "none")}
-"""Words that an option takes beside names of files, for those who misspell them."""
+"""Words that an option accepts besides file names, for suggestions after a misspelling."""
 _FAR = 1e9
-"""A corner further from the scene than this is a mistake [pixel]."""
+"""Polygon corners further from the scene than this are an error [pixel]."""
 
 
 class Area(Protocol):
@@ -43,7 +43,7 @@ class Area(Protocol):
 
     @property
     def bounds(self) -> Window:
-        """Smallest window of the scene that holds it; empty ranges where it lies outside."""
+        """Smallest window of the scene that contains it; empty ranges if it lies outside."""
         ...
 
     def read(self, window: Window) -> Mask:
@@ -68,7 +68,7 @@ class WindowArea:
 
 @dataclass(frozen=True)
 class PolygonArea:
-    """Polygons in the scene's coordinates; `note` says what was assumed of them."""
+    """Polygons in the scene's coordinates; `note` records assumptions."""
 
     shapes: tuple[Mapping[str, Any], ...]
     transform: Any
@@ -96,19 +96,19 @@ class PolygonArea:
 
 @dataclass(frozen=True)
 class RasterArea:
-    """A one-band mask on the scene's grid: valid and not zero is inside."""
+    """A one-band mask on the scene's grid: valid and nonzero pixels are inside."""
 
     source: RasterSource
     bounds: Window
 
     def read(self, window: Window) -> Mask:
-        """True where the mask is valid and not zero."""
+        """True where the mask is valid and nonzero."""
         values = self.source.read(window, [0])[0]
         return np.asarray(np.isfinite(values) & (values != 0))
 
 
 def open_area(text: str, scene: Scene, option: str) -> Area:
-    """The area that an option names: a GeoJSON file, a mask raster, or a window of pixels.
+    """The area given by an option: a GeoJSON file, a mask raster, or a window of pixels.
 
     A window is "column,row,width,height" [pixel], as gdal_translate's -srcwin.
     """
@@ -125,7 +125,7 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
 
 
 def _window(text: str, scene: Scene, option: str) -> list[int]:
-    """Column, row, width and height, or an InputError with an example that lies in the scene."""
+    """Column, row, width and height; the InputError has a valid example."""
     parts = [part.strip() for part in text.split(",")]
     if len(parts) == 4 and all(re.fullmatch(r"-?\d+", part) for part in parts) and min(map(int, parts[2:])) > 0:
         return list(map(int, parts))
@@ -139,9 +139,9 @@ def _window(text: str, scene: Scene, option: str) -> list[int]:
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonArea:
     """Polygons of a GeoJSON document, in the scene's coordinates.
 
-    Coordinates are in the document's `crs` member where it has one, else in longitude and latitude (RFC 7946). Those
-    that cannot be longitude and latitude, and lie in the scene, are taken to be in the scene's CRS, as are all over a
-    scene without CRS.
+    The CRS is that of the document's member `crs`, else longitude and latitude (RFC 7946). Coordinates that cannot be
+    longitude and latitude but lie in the scene are assumed to be in the scene's CRS, as are all if the scene has no
+    CRS.
     """
     from rasterio.features import bounds as bounds_of
     from rasterio.transform import Affine
@@ -173,7 +173,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
 
 
 def _own_crs(shapes: Sequence[Mapping[str, Any]], scene: Scene, name: str) -> str:
-    """What to say of coordinates without a CRS that are the scene's own; "" where they are longitude and latitude."""
+    """Note if coordinates without a CRS are assumed to be the scene's; "" if they are longitude and latitude."""
     points = np.array([point for shape in shapes for ring in shape["coordinates"] for point in ring])
     if (np.abs(points) <= (360, 90)).all():  # some programs count longitudes to 360 degrees
         return ""
@@ -211,7 +211,7 @@ def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str,
 
 
 def _moved(transform: Any, column: int, row: int) -> Any:
-    """The transform of a window that starts at a pixel, written out: versions of affine differ in the operator."""
+    """The affine transform of a window; written out, as versions of affine differ in the operator."""
     from rasterio.transform import Affine
 
     t = transform
@@ -240,7 +240,7 @@ def _polygons(document: Any) -> Iterator[Any]:
 
 
 def _checked(coordinates: Any, name: str) -> dict[str, Any]:
-    """A polygon of closed rings of (x, y), each of at least three different points."""
+    """A checked polygon: closed rings of (x, y), each of at least three different points."""
     rings = []
     for ring in coordinates if isinstance(coordinates, list) else [[]]:
         try:
@@ -275,7 +275,7 @@ def crs_of(document: Mapping[str, Any], name: str) -> Any:
 
 
 def _inside(area: Any, scene: Scene, name: str, option: str) -> Area:
-    """The area with its bounds cut to the scene; an area wholly outside is an error."""
+    """The area with its bounds clipped to the scene; InputError if it lies outside."""
     limits = (scene.height, scene.width)
     cut = tuple(
         (min(max(low, 0), size), min(max(high, 0), size)) for (low, high), size in zip(area.bounds, limits, strict=True)

@@ -1,7 +1,7 @@
-"""Open an xarray DataArray as a `Scene`: which axis is what, what its bands are, where it lies.
+"""Open an xarray DataArray as a `Scene`: identify its dimensions, bands and georeferencing.
 
-Takes what rioxarray, odc-stac and stackstac give. What is deduced from names and wavelengths is deduced as it is for
-files. xarray itself is not imported here: a DataArray brings it along.
+Accepts arrays of rioxarray, odc-stac and stackstac. Names and wavelengths are interpreted as for files. xarray itself
+is not imported here.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ _COLUMNS = ("x", "longitude", "lon", "easting", "column", "columns", "col")
 BANDS = ("band", "bands", "wavelength", "wavelengths", "variable", "channel")
 _NODATA_NAMES = ("nodata", "_FillValue", "missing_value")
 _CLOSE = 1e-3
-"""How exactly coordinates and a stated transform must agree [pixel]."""
+"""Tolerance between coordinates and a declared transform [pixel]."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArrayScene:
-    """A DataArray as a scene, and how to give an array back in its shape; a lazy array stays lazy."""
+    """A DataArray as a scene, and the conversion of results to its shape; a lazy array stays lazy."""
 
     scene: Scene
     values: Any
@@ -40,7 +40,7 @@ class ArrayScene:
     _band: Any
 
     def like(self, values: Any) -> Any:
-        """A DataArray with these (band, row, column) values, and all else as it was given."""
+        """A DataArray with these (band, row, column) values, and all other properties of the original."""
         out = values if self._band is not None else values[0]
         kept = [d for d in range(self.array.ndim) if d not in self._order]
         out = out.transpose([int(i) for i in np.argsort(self._order)])
@@ -52,7 +52,7 @@ class ArrayScene:
         return found
 
     def plane(self, values: Any, name: str) -> Any:
-        """A DataArray with these (row, column) values: the place is kept, what tells of bands is not."""
+        """A DataArray with these (row, column) values; georeferencing is kept, properties of bands are not."""
         first = self.array if self._band is None else self.array.isel({self._band: 0}, drop=True)
         dims = [self.array.dims[d] for d in self._order[-2:]]
         first = first.squeeze([d for d in first.dims if d not in dims]).transpose(*dims)
@@ -69,12 +69,12 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     Parameters
     ----------
     array : DataArray
-        Dimensions y and x (or latitude and longitude, ...), band where there are several, in any order; others, such
+        Dimensions y and x (or latitude and longitude, ...), and band if there are several, in any order; others, such
         as time, of size 1. Wavelengths [um up to 30, else nm] or common names in coordinates or attributes.
     sensor : str, optional
-        Name of a preset, as `deglint.open_scene` takes it.
+        Name of a preset, as in `deglint.open_scene`.
     nodata : float or "none", optional
-        Number (or NaN) that says "not valid", in place of what the array declares; "none": every number is data.
+        Nodata value (or NaN), overriding that of the array; "none": every value is valid.
     """
     if not all(hasattr(array, name) for name in ("dims", "coords", "attrs", "encoding", "data")):
         raise InputError(f"want an xarray DataArray, got {type(array).__name__}. Take deglint.open_scene for files.")
@@ -101,7 +101,7 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
 
 
 def axes(array: Any) -> tuple[Any, Any, Any]:
-    """Names of the dimensions of rows, columns and bands (None where there is but one band)."""
+    """Names of the dimensions of rows, columns and bands (None if there is only one band)."""
     known = {str(d).lower(): d for d in array.dims}
     rows, columns, band = (next((known[n] for n in names if n in known), None) for names in (_ROWS, _COLUMNS, BANDS))
     said = ", ".join(f"{d} {n}" for d, n in zip(array.dims, array.shape, strict=True))
@@ -137,10 +137,9 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
 
 
 def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
-    """Attributes that have an entry a band, of the bands that are there.
+    """Attributes with one entry per band, for the bands in the array.
 
-    Selecting bands leaves attributes as they were: where bands are numbered, as rioxarray does, the numbers tell which
-    entries are meant.
+    Selecting bands does not change attributes: if bands are numbered, as by rioxarray, the numbers select the entries.
     """
     name = "band" if band is None else band
     known = name in array.coords and array.coords[name].dtype.kind in "iu"
@@ -158,7 +157,7 @@ def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
 def _bands(
     array: Any, band: Any, count: int, lists: Mapping[Any, list[Any]]
 ) -> tuple[tuple[str | None, ...], list[dict[str, str]]]:
-    """Names of the bands, and what is said of each by coordinates along them and by attributes."""
+    """Names of the bands, and tags of each from coordinates along them and from attributes."""
     along = {
         str(name): [_plain(v) for v in np.asarray(coord.values).reshape(-1)]
         for name, coord in array.coords.items()
@@ -201,7 +200,7 @@ def _plain(value: Any) -> Any:
 
 
 def _text(value: Any) -> str:
-    """An attribute as the text of a tag."""
+    """An attribute as text for a tag."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, (list, tuple)):
@@ -224,7 +223,7 @@ def _crs(array: Any, grid: Mapping[str, Any]) -> Any:
 
 
 def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> Any:
-    """From the coordinates; as stated where that agrees with them, for its exact numbers."""
+    """The transform from the coordinates; the declared one if it agrees, for its exact numbers."""
     from affine import Affine
 
     stated = None

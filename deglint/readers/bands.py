@@ -1,7 +1,7 @@
-"""The bands of a scene: what each is called and its wavelength, from tags, names and the sensor's preset.
+"""The bands of a scene: their names and wavelengths, from tags, names and the sensor's preset.
 
-What the file itself says is kept; the preset fills in what is missing, by name, else by wavelength, else by the number
-of bands.
+Properties in the file are kept; missing ones come from the preset, matched by name, else by wavelength, else by the
+number of bands.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _SENSOR_TAGS = ("sensor", "sensor_type", "sensor type", "satelliteid", "satellit
 
 
 def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
-    """Bands of a scene, the sensor preset that was used, and what to say; `stems` are names for bands without one."""
+    """Bands of a scene, the sensor preset that was used, and notes; `stems` are names for unnamed bands."""
     names, unnamed = _names(info, stems)
     spectra = spectral_of(info)
     bands = [
@@ -60,7 +60,7 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
 
 
 def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
-    """A description that says names, wavelengths and widths of the bands itself, so that an output does, too."""
+    """A description with names, wavelengths and widths of the bands, so that an output has them too."""
     tags = tuple(
         said_of_wavelength(
             own, None if known.wavelength is not None else b.wavelength, None if known.width is not None else b.width
@@ -75,7 +75,7 @@ def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
 
 
 def _spelled(name: str, place: int) -> float | None:
-    """Wavelength in a name, unless its number is the band's own: "Band 400" of a spectrometer."""
+    """Wavelength in a name, unless the number is that of the band: "Band 400" of a spectrometer."""
     found = wavelength_in_name(name)
     return None if found == place + 1 and nominal_wavelength(name) is None else found
 
@@ -99,7 +99,7 @@ def _with_sensor(
 
 
 def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band], list[str]]:
-    """Wavelengths that only the names tell: codes of a sensor that they are sure to be of, else colour words."""
+    """Wavelengths from band names: codes of a sensor if they are unambiguous, else colour words."""
     if all(b.wavelength is not None for b in bands):
         return bands, []
     notes = []
@@ -119,7 +119,7 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
 
 
 def _dialect(names: Sequence[str]) -> Sensor | None:
-    """The sensor whose codes or words the names are sure to be, of those whose codes are not others' as well.
+    """The sensor that the names identify by unambiguous codes or words.
 
     Sentinel-2: B02 with its zero, B8A, B12; or B8 without B5, as Landsat's B8 is panchromatic. Landsat 8 and 9: SR_B6,
     which the surface reflectance of Landsat 4 to 7 lacks.
@@ -135,8 +135,10 @@ def _dialect(names: Sequence[str]) -> Sensor | None:
 
 
 def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset[int]]:
-    """One name a band: its description, else what its file or its colour is called, else "band N"; and which bands
-    (0-based) have a name that says no more than their place."""
+    """One name per band, and the 0-based bands whose name is only their number.
+
+    The name is the description, else that of the file or the colour, else "band N".
+    """
     names, unnamed = [], set()
     for i, (described, stem) in enumerate(zip(info.descriptions, short_names(stems), strict=True)):
         colour = info.colorinterp[i]
@@ -155,7 +157,7 @@ def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset
 
 
 def sensor_in_tags(info: RasterInfo) -> Sensor | None:
-    """The preset that a tag of the dataset names (SATELLITEID, sensor type, platform ...), if any."""
+    """The preset named in a tag of the dataset (SATELLITEID, sensor type, platform ...), if any."""
     tags = [tag for space in info.tags.values() for tag in space.items()]
     named = (sensors.find(value) for name, value in tags if name.strip().lower() in _SENSOR_TAGS)
     return next((sensor for sensor in named if sensor), None)
@@ -164,9 +166,9 @@ def sensor_in_tags(info: RasterInfo) -> Sensor | None:
 def apply_sensor(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[Band], list[str]]:
-    """Fill wavelength, width, instant and group of bands from a preset; the bands, and notes.
+    """Fill wavelength, width, time offset and group of bands from a preset; returns the bands, and notes.
 
-    `unnamed` are the 0-based bands whose name says no more than their place; they get the preset's.
+    `unnamed` are the 0-based bands whose name is only their number; they get the preset's name.
     """
     matched, how = match(bands, sensor, unnamed)
     filled = [
@@ -188,7 +190,7 @@ def apply_sensor(
 def match(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[SensorBand | None], str]:
-    """The preset's band for every band of a file, and by what they were matched."""
+    """The preset's band for every band of a file, and how they were matched."""
     by_name = _unique([None if i in unnamed else named_in(b.name, sensor) for i, b in enumerate(bands)])
     if any(by_name):
         return by_name, "name"
@@ -229,7 +231,7 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
 
 
 def named_in(name: str, sensor: Sensor) -> SensorBand | None:
-    """The band of a preset that a name means: by name or alias, without words for what its values are, or by code."""
+    """The band of a preset with a name: by name or alias, without prefixes such as "sr_", or by code."""
     answers = [b for wanted in (name, plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]
     if answers:
         return answers[0]

@@ -1,8 +1,8 @@
-"""Put several files on one grid: which grid, and how each file gets there.
+"""Put several files on one grid: the choice of the grid, and resampling of the files.
 
-The grid is that of the file with the smallest pixels, or of a file that is named. A file that lies on it
-already is read as it is; any other is warped while it is read, bilinear where its pixels are the larger
-ones and by averaging where they are the smaller ones, in its own type.
+The grid is that of the file with the smallest pixels, or of a selected file. A file on this grid is read unchanged;
+others are resampled while being read: bilinear if their pixels are larger, by averaging if they are smaller, in their
+own type.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _OFF = 0.01  # [pixel] grids that differ by less than this are the same
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
-    """How every file gets on the common grid, the description of the file whose grid it is, and notes.
+    """The source of each file on the common grid, the description of the file with that grid, and notes.
 
     `grid` is "finest" (the default), a file by its 1-based number, or by its name or the end of it.
     """
@@ -54,7 +54,7 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
 
 
 def _called(info: RasterInfo) -> str:
-    """The file's name; of one band of a product the band's."""
+    """The file's name; for a product's file of one band, the band's name."""
     named = info.count == 1 and "product" in info.tags.get("", {})
     return str(info.descriptions[0] if named else info.paths[0])
 
@@ -86,7 +86,7 @@ def _check_georeference(infos: Sequence[RasterInfo]) -> None:
 
 
 def _transform(info: RasterInfo | Scene) -> Any:
-    """The file's own transform; without one every file covers the same unit square."""
+    """The file's transform; without one, a transform to the unit square."""
     from affine import Affine
 
     if info.transform is not None:
@@ -110,7 +110,7 @@ def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, flo
 
 
 def same_grid(info: RasterInfo, reference: RasterInfo | Scene) -> bool:
-    """Whether a file has the pixels of another grid: its size, and corners at most `_OFF` apart."""
+    """Whether a file has a given grid: its size, and corners at most `_OFF` apart."""
     if (info.height, info.width) != (reference.height, reference.width):
         return False
     if info.crs != reference.crs and None not in (info.crs, reference.crs):
@@ -133,9 +133,9 @@ def at(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | None = None) -> RasterSource:
-    """A file whose numbers are names, not amounts, on the grid of another: of the nearest pixel.
+    """A file of class numbers on the grid of another, by nearest neighbour.
 
-    `nodata` stands in for what the file declares.
+    `nodata` overrides that of the file.
     """
     file = FileBands.of(info, None if nodata is None else (nodata,) * info.count)
     if not same_grid(info, grid):
@@ -146,7 +146,7 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | No
 
 @dataclass(frozen=True)
 class Footprints:
-    """Which detector saw each pixel of each band, on the grid of the scene; a `deglint.scene.Source`.
+    """Detector number of each pixel of each band, on the grid of the scene; a `deglint.scene.Source`.
 
     They are Sentinel-2's MSK_DETFOO: rasters in products since baseline 04.00; the GML of older ones is not read.
     Files are opened when they are first read. It can be pickled.
@@ -156,7 +156,7 @@ class Footprints:
     paths : tuple of str or None
         GDAL name of the mask of each band of the scene; None where there is none.
     grid : RasterInfo
-        Whose grid the scene has.
+        The grid of the scene.
     """
 
     paths: tuple[str | None, ...]
@@ -164,7 +164,7 @@ class Footprints:
     _sources: dict[str, RasterSource] = field(default_factory=dict, compare=False, repr=False)
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
-        """Detector numbers of a window, (len(bands), rows, columns) float32; NaN where no detector saw the pixel."""
+        """Detector numbers of a window, (len(bands), rows, columns) float32; NaN for pixels without a detector."""
         (top, bottom), (left, right) = window
         out = np.full((len(bands), bottom - top, right - left), np.nan, np.float32)
         for i, band in enumerate(bands):

@@ -1,7 +1,7 @@
-"""What a band's name says of it: its wavelength ("Blue-444", "490 nm"), its colour ("Red Edge"), its code ("SR_B2").
+"""Information in a band's name: its wavelength ("Blue-444", "490 nm"), its colour ("Red Edge"), its code ("SR_B2").
 
-Words give nominal wavelengths only (a "red" band is taken to be near 660 nm). A code such as "B8" means another band
-with every sensor and is left to the sensor presets.
+Colour words give only nominal wavelengths (a "red" band is assumed to be near 660 nm). A code such as "B8" depends on
+the sensor and is interpreted by the sensor presets.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _WORDS = {
 NOMINAL = {word: centre for centre, words in _WORDS.items() for word in words.split()}
 
 _LETTERS = {"c": 440.0, "b": 485.0, "g": 555.0, "y": 605.0, "r": 660.0, "re": 720.0, "n": 840.0, "nir": 840.0}
-"""Colours as single letters; they count only where all bands are named so."""
+"""Colours as single letters; used only if all bands are named so."""
 
 _WITH_UNIT = re.compile(
     r"(?<![\d.])(\d+(?:\.\d+)?)\s*(nm|nanomet(?:er|re)s?|um|[µμ]m|micromet(?:er|re)s?|microns?)(?![a-z])"
@@ -46,30 +46,29 @@ _NAME_PREFIX = (
     r"(?:(?:nbart|nbar|sr|toa|boa|refl|reflectance|srefl|surface|lambertian|l1c|l2a|adjusted|radiance|rad|rho[a-z]{0,3}|"
     r"rrs|image)[\s_\-.]+)*"
 )
-"""Words for what a value is, which distributors put before the name of a band."""
+"""Prefixes for the kind of value (surface reflectance, ...) that providers put before the name of a band."""
 _BARE = re.compile(
     _NAME_PREFIX + r"(band|b|wl|wavelength|lambda|r|rrs|rho[a-z]{0,3})?[\s_\-]*(\d{3,4}(?:\.\d+)?|[0-2]\.\d{2,})"
 )
 _CODE = re.compile(_NAME_PREFIX + r"(?:band|b)[\s_\-]*0*(\d{1,2}a?)(?:[\s_\-]*\d{2}m)?")
 _PLACE = re.compile(r"(?:band|layer|channel)[\s_\-]*0*(\d+)")
 _RANGE = (380.0, 2500.0)
-"""[nm] A number in a name that can be a wavelength."""
+"""Numbers in a name that can be a wavelength [nm]."""
 _YEARS = (1970.0, 2100.0)
-"""A number alone inside this is a year as likely as a wavelength."""
+"""A number in this range without unit may be a year."""
 _COLOUR_RANGES = {
     "violet": (380, 450), "coastal": (400, 460), "aerosol": (400, 460), "ultrablue": (400, 460), "blue": (420, 520),
     "green": (490, 600), "yellow": (560, 630), "orange": (585, 650), "red": (590, 710), "rededge": (670, 800),
     "rededge4": (840, 890), "nir": (720, 1400), "nearinfrared": (720, 1400), "nearir": (720, 1400),
     "cirrus": (1330, 1420), "watervapour": (890, 980), "watervapor": (890, 980), "swir": (1000, 2500),
 }  # fmt: skip
-"""[nm] Where a number beside a colour word may lie to be the wavelength of that colour."""
+"""Range of wavelengths beside each colour word [nm]."""
 
 
 def wavelength_in_name(name: str) -> float | None:
-    """Wavelength [nm] that a name spells out as a number.
+    """Wavelength [nm] given as a number in a name.
 
-    A number counts with a unit, beside a colour word that it agrees with, or where the name holds nothing else but
-    words for what the value is.
+    A number is accepted with a unit, beside a matching colour word, or if the name has nothing else but a prefix.
 
     >>> wavelength_in_name("band_0.490"), wavelength_in_name("865 nm"), wavelength_in_name("B08")
     (490.0, 865.0, None)
@@ -97,7 +96,7 @@ def wavelength_in_name(name: str) -> float | None:
 
 
 def _colour_limits(text: str) -> tuple[float, float] | None:
-    """Where a wavelength beside the colour word of a name may lie; None where there is no colour, or are two."""
+    """Range of wavelengths for the colour word of a name; None without a colour, or with two."""
     return _the_one(re.findall(r"[a-z]+", text), _COLOUR_RANGES, longest=2)
 
 
@@ -111,7 +110,7 @@ def nominal_wavelength(name: str) -> float | None:
 
 
 def _the_one(words: Sequence[str], table: Mapping[str, T], *, longest: int) -> T | None:
-    """What a table has for so many words that follow each other, for the most that it knows; None where it is two."""
+    """Table entry of the longest sequence of consecutive words found in the table; None if there are two."""
     for length in range(longest, 0, -1):
         joined = ("".join(words[i : i + length]) for i in range(len(words) - length + 1))
         found = {table[word] for word in joined if word in table}
@@ -132,7 +131,7 @@ def letter_wavelengths(names: Sequence[str]) -> list[float | None]:
 
 
 def band_code(name: str) -> str | None:
-    """The code of a band in its name, without zeros in front.
+    """The code of a band in its name, without leading zeros.
 
     >>> [band_code(n) for n in ("B02", "SR_B2", "band02", "SREFL_B4", "B8A", "nbart_band03", "blue")]
     ['2', '2', '2', '4', '8a', '3', None]
@@ -142,7 +141,7 @@ def band_code(name: str) -> str | None:
 
 
 def plain_name(name: str) -> str:
-    """A name without the words for what its values are, lower case.
+    """A name without prefixes for the kind of value, in lower case.
 
     >>> plain_name("nbart_red_edge_1"), plain_name("SR_B2"), plain_name("Red")
     ('red_edge_1', 'b2', 'red')
@@ -153,7 +152,7 @@ def plain_name(name: str) -> str:
 
 
 def only_numbered(names: Sequence[str]) -> bool:
-    """Whether names say no more than the places of the bands: "Band 1", "Band 2", ...
+    """Whether names are only the numbers of the bands: "Band 1", "Band 2", ...
 
     >>> only_numbered(["Band 1", "Band_2"]), only_numbered(["band02", "band03"])
     (True, False)
@@ -163,7 +162,7 @@ def only_numbered(names: Sequence[str]) -> bool:
 
 
 def short_names(stems: Sequence[str]) -> list[str]:
-    """Names of one-band files after what tells them apart, for bands that have no name of their own.
+    """Distinguishing parts of the names of one-band files, as names of bands.
 
     >>> short_names(["T32_B02_10m", "T32_B08_10m"]), short_names(["ortho_red", "ortho_nir"]), short_names(["a", ""])
     (['B02', 'B08'], ['red', 'nir'], ['a', ''])
@@ -183,7 +182,7 @@ def short_names(stems: Sequence[str]) -> list[str]:
 
 
 def _shared(parts: Sequence[Sequence[str]]) -> int:
-    """How many of the first parts all have in common; of each, one part is left over."""
+    """Number of first parts that all names share; at least one part of each name remains."""
     least = min(map(len, parts)) - 1
     return next((i for i in range(least) if len({p[i] for p in parts}) > 1), max(least, 0))
 
@@ -198,11 +197,11 @@ _EXAMPLES = {
     8: "coastal,blue,green,yellow,red,rededge,nir1,nir2",
 }
 _LONGEST_EXAMPLE = 20
-"""Bands up to which an example names each."""
+"""Most bands that an example names one by one."""
 
 
 def example_names(count: int) -> str:
-    """Names for so many bands as --bands takes them, for messages.
+    """Example of names for `--bands`, for messages.
 
     >>> example_names(4), example_names(10)
     ('blue,green,red,nir', 'blue,green,red,nir,b5,b6,b7,b8,b9,b10')

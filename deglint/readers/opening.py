@@ -1,7 +1,6 @@
-"""Open files as a `Scene`: what the command line and every script start with.
+"""Open files as a `Scene`.
 
-Opening reads headers and tags only. Names are GDAL's (`/vsizip/`, `zip://`, `/vsis3/`), so that the file
-system is never asked about them.
+Opening reads headers and tags only. Names may be GDAL names (`/vsizip/`, `zip://`, `/vsis3/`).
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ def open_scene(
     scale: Numbers | None = None,
     offset: Numbers | None = None,
 ) -> Scene:
-    """Open one raster or product, or several of one place, as a scene; no pixel is read.
+    """Open a raster or product, or several of the same place, as a scene; no pixel is read.
 
     Parameters
     ----------
@@ -57,7 +56,7 @@ def open_scene(
         Name of a preset (`deglint.sensors.names`) or of a .toml file, that fills in what the file does not say of its
         bands. By default the one that a tag of the file names, if it fits.
     nir : str, int or sequence, optional
-        Near-infrared band(s), only checked and noted here; see `find_nir`.
+        Near-infrared band(s), checked and noted; see `find_nir`.
     nodata : float or "none", optional
         Number (or NaN) that says "not valid"; "none": every number is data.
     grid : str or int, optional
@@ -71,7 +70,7 @@ def open_scene(
     Returns
     -------
     Scene
-        Its `source` is a `RasterSource`; `source.info` tells all about the file, `source.close()` closes.
+        Its `source` is a `RasterSource`; `source.info` describes the file, `source.close()` closes it.
 
     Raises
     ------
@@ -125,7 +124,7 @@ def _stacked(
 
 
 def _check(paths: Sequence[str], sensor: Any, nodata: Any, grid: Any) -> None:
-    """Refuse options of another kind, before a file is opened."""
+    """Check the types of the options before a file is opened."""
     if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
         check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
     if not paths:
@@ -139,7 +138,7 @@ def _check(paths: Sequence[str], sensor: Any, nodata: Any, grid: Any) -> None:
 def _opened(
     paths: Sequence[str], sensor: str | None, nir: Wanted | None, stated: Stated, notes: list[str]
 ) -> list[products.OpenedFiles]:
-    """What the names stand for, described, with what STAC Items say of it; `notes` get what there is to say."""
+    """The described files behind the names, with the properties from STAC Items; notes are appended to `notes`."""
     assets = [a for p in paths for a in (stac.assets_of(p) if stac.is_item(p) else [stac.Asset(p)])]
     alone = stated.count if len(assets) == 1 else None
     found = []
@@ -151,7 +150,7 @@ def _opened(
 
 
 def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int | None) -> RasterInfo:
-    """What a file is like; its alpha is a band where one is asked for, or as many are stated or the sensor has."""
+    """Description of a file; alpha is a band if it is selected, or if the number of bands requires it."""
     with open_dataset(path) as dataset:
         info = describe(dataset, path)
         if info.alpha is None:
@@ -169,7 +168,7 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
 
 
 def _needs_alpha(info: RasterInfo, sensor: str | None, count: int | None) -> bool:
-    """Whether as many bands are stated, or the sensor has, as there are with alpha."""
+    """Whether the number of stated bands, or of the sensor's, matches only with alpha."""
     if sensor is None or count == info.count + 1:
         return count == info.count + 1
     known = sensor_of(sensor)
@@ -177,7 +176,7 @@ def _needs_alpha(info: RasterInfo, sensor: str | None, count: int | None) -> boo
 
 
 def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) -> RasterInfo:
-    """The nodata of each band: the caller's, else the file's where its type can hold it."""
+    """The nodata of each band: the caller's, else that of the file if its type can hold it."""
     if nodata is not None:
         given = None if isinstance(nodata, str) else float(nodata)
         for dtype in info.dtypes:
@@ -194,7 +193,7 @@ def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) 
 
 
 def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
-    """One description for the stack: bands of all files, grid and format of the reference."""
+    """One description of the stack: bands of all files, grid and format of the reference."""
     if len(infos) == 1:
         return infos[0]
     infos = [own_facts(info) for info in infos]
@@ -206,5 +205,5 @@ def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
 
 
 def _stem(info: RasterInfo) -> str:
-    """The last part of a GDAL name without its ending, for files of one band."""
+    """The file name without folder and ending, for files of one band."""
     return re.split(r"[/\\!:]", info.paths[0])[-1].rsplit(".", 1)[0] if info.count == 1 else ""

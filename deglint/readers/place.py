@@ -1,4 +1,4 @@
-"""Where on Earth a raster or the shapes of a GeoJSON file lie, and how large its pixels are on the ground."""
+"""Location of a raster, or of the shapes in a GeoJSON file, and the size of pixels on the ground."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from .text import read_json
 _EQUATOR, _ECCENTRICITY2 = 6_378_137.0, 0.006_694_379_990_14
 """Radius at the equator [m] and squared eccentricity of the WGS 84 ellipsoid."""
 _TRUE = 0.01
-"""Relative error of lengths up to which a map projection is taken at its word: UTM's is at most 0.001."""
+"""Relative error of lengths in a map projection that is neglected: that of UTM is at most 0.001."""
 
 
 def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:
-    """Sides of the pixel in the middle of a raster, along its rows and its columns, on the ground [m].
+    """Sides of the central pixel of a raster on the ground, along rows and along columns [m].
 
-    Degrees are not metres, and web Mercator's metres are too long by 1 / cos(latitude): places one pixel apart are
-    taken to longitude and latitude, and measured there on the ellipsoid. None without a CRS or transform, or where they
-    lead nowhere on Earth.
+    Points one pixel apart are converted to longitude and latitude, and their distance is computed on the ellipsoid:
+    degrees are not metres, and web Mercator's metres are too long by 1 / cos(latitude). None without a valid CRS and
+    transform.
     """
     from rasterio.warp import transform as to_crs
 
@@ -64,7 +64,7 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
 
 
 def pixel_size(scene: Scene) -> float | None:
-    """Mean side of a pixel on the ground [m]; None where the scene does not say."""
+    """Mean side of a pixel on the ground [m]; None if not known."""
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}
@@ -74,10 +74,9 @@ def pixel_size(scene: Scene) -> float | None:
 
 
 def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | None:
-    """Area of the pixel in the middle of a raster on the ground [m2]; None where `ground_size` is.
+    """Area of the central pixel of a raster on the ground [m2]; None where `ground_size` is.
 
-    Rows and columns may be oblique to each other: the sides are taken with the angle that they have in the raster's
-    own coordinates.
+    Rows and columns may be oblique; the angle between them is that in the raster's coordinates.
     """
     sides = ground_size(transform, crs, height, width)
     if sides is None:
@@ -87,7 +86,7 @@ def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | No
 
 
 def middle_of(path: str, option: str = "--place") -> tuple[float, float]:
-    """Latitude and longitude [degree] of the middle of a raster, or of the box around a GeoJSON file's shapes."""
+    """Latitude and longitude [degree] of the centre of a raster, or of the bounding box of a GeoJSON file's shapes."""
     from rasterio.warp import transform
 
     if Path(path).suffix.lower() in (".geojson", ".json"):

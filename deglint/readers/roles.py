@@ -1,7 +1,6 @@
-"""Which band is which: the near infrared that shows glint, and blue, green, red and shortwave infrared.
+"""Roles of the bands: the near infrared that shows glint, and blue, green, red and shortwave infrared.
 
-Bands are determined from the wavelength, or by name where there is none. Pure: no file is read. A band is never taken
-for the near infrared because of its place in the file.
+Roles follow from the wavelength, or from the name if there is none, never from the position in the file.
 """
 
 from __future__ import annotations
@@ -20,11 +19,11 @@ from .names import band_code, example_names, nominal_wavelength
 Wanted = str | int | Sequence[str | int]
 
 NIR_CENTRE = 842.0
-"""[nm] The near infrared that is looked for: broad, beyond the red edge, short of water vapour."""
+"""Preferred wavelength of the near infrared [nm]: beyond the red edge, below the absorption of water vapour."""
 _NIR_BEST = (750.0, 900.0)
 _NIR_LAST = (900.0, 1050.0)
 _RED_EDGE, _WATER = 750.0, 700.0
-"""[nm] Below the first a plume or a shallow bottom shows, below the second water itself."""
+"""Wavelengths below which plumes and shallow bottoms, and below which water itself, are visible [nm]."""
 _ROLES = {
     "blue": [((450.0, 515.0), 490.0)],
     "green": [((520.0, 600.0), 555.0)],
@@ -32,7 +31,7 @@ _ROLES = {
     "nir": [(_NIR_BEST, NIR_CENTRE), (_NIR_LAST, NIR_CENTRE)],
     "swir": [((1500.0, 1800.0), 1610.0), ((2000.0, 2400.0), 2200.0)],
 }
-"""[nm] Ranges of each role, the better first, and the centre that is looked for in each."""
+"""Wavelength ranges of each role, the preferred first, and the preferred wavelength in each [nm]."""
 
 
 def find_nir(scene: Scene, wanted: Wanted | None = None) -> tuple[int, ...]:
@@ -42,35 +41,35 @@ def find_nir(scene: Scene, wanted: Wanted | None = None) -> tuple[int, ...]:
     ----------
     scene : Scene
     wanted : str, int or sequence, optional
-        Bands by name or by 1-based number ("8A", 8, "NIR1,NIR2"); "nir" and "swir" ask for the band that
-        fits. By default the band inside 750-900 nm nearest to 842 nm, else inside 900-1050 nm; never
-        a red edge, and shortwave infrared only when it is asked for.
+        Bands by name or by 1-based number ("8A", 8, "NIR1,NIR2"); "nir" and "swir" select the matching band. By default
+        the band inside 750-900 nm nearest to 842 nm, else inside 900-1050 nm; never a red-edge band, and shortwave
+        infrared only if selected.
 
     Returns
     -------
     tuple of int
-        In the order asked for.
+        In the order of `wanted`.
 
     Raises
     ------
     BandError
-        None can be deduced, or a band asked for is not there or is visible light; the message lists the bands.
+        No NIR band was found, or a selected band does not exist or is visible light; the message lists the bands.
     InputError
-        What is asked for is neither a name nor a number.
+        `wanted` is neither a name nor a number.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     return _choose(scene, wanted)[0]
 
 
 def explain_nir(scene: Scene, wanted: Wanted | None = None) -> str:
-    """One line for the log: which band `find_nir` takes, and why."""
+    """One line for the log: which band `find_nir` selects, and why."""
     return _choose(scene, wanted)[1]
 
 
 def band_roles(scene: Scene) -> dict[str, int | None]:
-    """0-based index of the blue, green, red, nir and swir band, or None where there is none.
+    """0-based index of the blue, green, red, nir and swir band, or None if there is none.
 
-    Each index stands for one role at most. swir is the band near 1610 nm, else the one near 2200 nm.
+    Each band has one role at most. swir is the band near 1610 nm, else the one near 2200 nm.
     """
     return {role: _by_role(scene, role) for role in _ROLES}
 
@@ -90,7 +89,7 @@ def _choose(scene: Scene, wanted: Wanted | None) -> tuple[tuple[int, ...], str]:
 
 
 def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
-    """What to know of bands that were asked for as NIR; refuses those that are visible light."""
+    """Notes on bands selected as NIR; BandError for visible bands."""
     known = _wavelengths(scene)
     for i in indexes:
         if (known[i] or _WATER) < _WATER:
@@ -110,7 +109,7 @@ def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
 
 
 def _no_nir(scene: Scene) -> str:
-    """Why no band is the near infrared, and what to do: one line."""
+    """Error message if there is no near-infrared band: why, and what to do."""
     what, known, bands = scene.path or "the scene", _wavelengths(scene), scene.describe_bands()
     alpha, example = _alpha(scene), example_of(scene)
     if all(w is not None and w < _WATER for w in known):
@@ -137,12 +136,12 @@ def _no_nir(scene: Scene) -> str:
 
 
 def _alpha(scene: Scene) -> Any:
-    """1-based band of the file that is taken for alpha, or None."""
+    """1-based band of the file that is treated as alpha, or None."""
     return getattr(getattr(scene.source, "info", None), "alpha", None)
 
 
 def example_of(scene: Scene) -> str:
-    """Names for the bands of a scene as --bands takes them, for messages; those stay that say a colour."""
+    """Example of names of a scene's bands for `--bands`, for messages; names of colours are kept."""
     known, hidden = _wavelengths(scene), _alpha(scene) is not None
     if not any(known):
         return example_names(len(known) + hidden)
@@ -155,7 +154,7 @@ def example_of(scene: Scene) -> str:
 
 
 def split_wanted(wanted: Wanted) -> list[str | int]:
-    """The single names and numbers of what a user asks for ("NIR1,NIR2" is two).
+    """The single names and numbers of a selection of bands ("NIR1,NIR2" is two).
 
     >>> split_wanted("8, 8A"), split_wanted(8), split_wanted([7, "8,9"])
     (['8', '8A'], [8], [7, '8', '9'])
@@ -170,9 +169,9 @@ def split_wanted(wanted: Wanted) -> list[str | int]:
 
 
 def find_band(scene: Scene, wanted: str | int) -> int:
-    """0-based index of a band given as users give it: by name, by 1-based number, or as "nir", "swir", "red", ...
+    """0-based index of a band selected by name, by 1-based number, or as "nir", "swir", "red", ...
 
-    A name counts before a number; "8A" also finds "B8A" and "b_8a", and "B2" finds "B02" and "SR_B2".
+    A name takes precedence over a number; "8A" also finds "B8A" and "b_8a", and "B2" finds "B02" and "SR_B2".
     """
     (item,) = split_wanted(wanted) if not isinstance(wanted, str) else (wanted,)
     text = normalise(str(item))
@@ -201,7 +200,7 @@ def find_band(scene: Scene, wanted: str | int) -> int:
 
 
 def _by_role(scene: Scene, role: str) -> int | None:
-    """0-based index of the band nearest to the centre of a role, in the first of its ranges that holds one."""
+    """0-based index of the band nearest to the preferred wavelength of a role, in the first range with a band."""
     known = [(i, w) for i, w in enumerate(_wavelengths(scene)) if w is not None]
     for (low, high), centre in _ROLES.get(role, ()):
         if inside := [(abs(w - centre), i) for i, w in known if low <= w <= high]:

@@ -1,7 +1,6 @@
-"""Which scenes a batch is of: names, patterns, a CSV, or a STAC ItemCollection.
+"""The list of scenes of a batch: names, patterns, a CSV, or a STAC ItemCollection.
 
-Lists come from others: names in them become file names only after they were checked, and no list is read that is too
-long to be one.
+Lists are untrusted: names are checked before they become file names, and the length of a list is limited.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ from .stac import bands_of_item, items_of, read_document
 from .text import read_text
 
 MOST_SCENES = 1_000_000
-"""Scenes that a list may name."""
+"""Most scenes in a list."""
 LONGEST_NAME = 150
-"""Bytes of a scene's name: what is added for its outputs has to fit, too."""
+"""Longest name of a scene [byte]: names of outputs append to it."""
 _MAGIC = re.compile(r"[*?\[]")
 
 
@@ -38,22 +37,22 @@ class ListedScene:
 
     @property
     def source(self) -> list[str]:
-        """What to open."""
+        """Names to open."""
         return [self.item] if self.item else list(self.paths)
 
 
 def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[ListedScene]:
-    """The scenes that some arguments name, in their order.
+    """The scenes given by arguments, in their order.
 
     Parameters
     ----------
     given : sequence of str
         GDAL names and products (a folder, an archive or a metadata file); patterns with ``*``, ``?`` or ``[``, of local
-        files; a CSV (``.csv``) whose column `path` names the file of a scene (several with ";" between them) and whose
-        column `name`, if it is there, names the scene; a STAC ItemCollection or Item (``.json``, ``.geojson``).
+        files; a CSV (``.csv``) whose column `path` has the file of a scene (several separated by ";") and whose
+        optional column `name` has the name of the scene; a STAC ItemCollection or Item (``.json``, ``.geojson``).
     assets : sequence of str
-        Keys of the assets of a STAC Item that are its bands, in this order; where empty, those that say that they are
-        bands, or one raster of role "data", or one raster at all.
+        Keys of the assets of a STAC Item that are its bands, in this order; if empty, the assets declared as bands,
+        else the only raster of role "data", else the only raster.
     """
     found: list[ListedScene] = []
     for text in given:
@@ -97,7 +96,7 @@ def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
 
 
 def _stem(path: str) -> str:
-    """The name of a product, else the last part of a GDAL name, without its ending."""
+    """The name of a product, else the file name in a GDAL name without its ending."""
     product = name_of(path)
     if product is not None:
         return checked_name(product, path)
@@ -106,7 +105,7 @@ def _stem(path: str) -> str:
 
 
 def checked_name(name: str, origin: str) -> str:
-    """A name that may become part of a file's name."""
+    """Check that a name can be part of a file name."""
     try:
         length = len(os.fsencode(name))
     except UnicodeEncodeError:

@@ -1,4 +1,4 @@
-"""The sensor that took a scene: a preset, or a file of the user's own in the format of `deglint/sensors.toml`."""
+"""The sensor of a scene: a preset, or a user's file in the format of `deglint/sensors.toml`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _KINDS: Mapping[str, Callable[[Any], bool]] = {
     "a table": lambda v: isinstance(v, Mapping),
     "true or false": lambda v: isinstance(v, bool),
 }
-"""What an entry may have to be, as messages name it."""
+"""Types of entries by their name in messages."""
 _TEXT, _NUMBER, _TEXTS, _LIST, _TABLE, _YES_NO = _KINDS
 _SENSOR_FIELDS = {
     "title": _TEXT, "bands": _LIST, "aliases": _TEXTS, "ordered": _YES_NO, "products": _LIST, "optics": _TABLE,
@@ -34,14 +34,14 @@ _BAND = {
 }  # fmt: skip
 _OPTICS = dict.fromkeys(("aperture", "focal_length", "pixel_pitch", "f_number"), _NUMBER) | {"status": _TEXT}
 _USUAL_WIDTH = 50.0
-"""[nm] Width of a band whose width is not said: that of most bands of multispectral sensors."""
+"""Width of a band if not given [nm]: that of most bands of multispectral sensors."""
 _CENTRE_RANGE = (300.0, 20_000.0)
-"""[nm] Centres that are allowed."""
+"""Allowed range of centres [nm]."""
 _STATUS = (sensors.VERIFIED, sensors.UNVERIFIED, "defined")
 
 
 def sensor_of(name: str) -> Sensor:
-    """The preset of a name, or the sensor in a file that ends in ``.toml``; its name is that of the file."""
+    """The preset with a name, or the sensor in a ``.toml`` file, named like the file."""
     if not name.lower().endswith(".toml"):
         return sensors.load(name)
     document = read_toml(name, "--sensor")
@@ -64,7 +64,7 @@ def sensor_of(name: str) -> Sensor:
 
 @dataclass(frozen=True, slots=True)
 class KnownOptics:
-    """What a system PSF is made of."""
+    """Parameters of a system PSF."""
 
     f_number: float  # focal length over aperture
     pitch: float  # of the detector [m]
@@ -73,7 +73,7 @@ class KnownOptics:
 
 
 def optics_of(scene: Scene) -> KnownOptics | None:
-    """Optics from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, or from the preset; None where unknown."""
+    """Optics from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, or from the preset; None if unknown."""
     info: RasterInfo | None = getattr(scene.source, "info", None)
     spaces = [] if info is None else info.tags.values()
     tags = {k.upper(): v for part in spaces for k, v in part.items()}
@@ -104,7 +104,7 @@ def _band(where: str, band: Any) -> dict[str, Any]:
 
 
 def _check_names(where: str, entry: Mapping[str, Any]) -> None:
-    """Refuse names that two bands answer to, and products of bands that are not there."""
+    """Check that names of bands are unique, and that products contain only existing bands."""
     seen: dict[str, str] = {}
     for band in entry["bands"]:
         for name in {sensors.normalise(n) for n in (band["name"], *band.get("aliases", ()))}:

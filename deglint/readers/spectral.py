@@ -1,7 +1,7 @@
-"""What the tags of a file say of its bands: wavelength, width, instant, and where the detector is full.
+"""Properties of bands from the tags of a file: wavelength, width, time offset, and saturation.
 
-Tags come in many spellings. A number without a unit is micrometres up to 30 and nanometres above, and
-the note says that this was assumed. Pure text work: no file is opened here.
+Tags have many spellings. A number without a unit is in micrometres up to 30 and in nanometres above, with a note on
+this assumption.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ _NUMBER_PATTERN = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
 _LARGEST_MICROMETRE = 30.0  # a bare wavelength up to this is micrometres
 _WIDEST_MICROMETRE = 1.0  # a bare width below this is micrometres
 SPECTRAL_RANGE = (100.0, 20000.0)
-"""[nm] What can be a wavelength at all."""
+"""Range of numbers that can be a wavelength [nm]."""
 _WIDEST_FILLED_TYPE = 16  # [bit] integers up to this width are filled by detectors
 
 
 @dataclass(frozen=True, slots=True)
 class Spectral:
-    """Wavelength and width [nm] of a band, where known; `assumed` says that a unit was assumed."""
+    """Wavelength and width [nm] of a band, if known; `assumed` if a unit was assumed."""
 
     wavelength: float | None = None
     width: float | None = None
@@ -37,7 +37,7 @@ class Spectral:
 
 
 def spectral_of(info: RasterInfo) -> list[Spectral]:
-    """Wavelength and width of every band, from its own tags or from a list in the dataset's tags."""
+    """Wavelength and width of every band, from its tags or from a list in the dataset's tags."""
     unit = _first(info.tags, _UNIT_TAG, "")
     wavelengths, widths = (_stated(info.tags, key, info.count) for key in (_WAVELENGTH, _WIDTH_TAG))
     unknown: list[tuple[float | None, str]] = [(None, "")]
@@ -57,7 +57,7 @@ def spectral_of(info: RasterInfo) -> list[Spectral]:
 def said_of_wavelength(
     tags: Mapping[str, Mapping[str, str]], wavelength: float | None, width: float | None = None
 ) -> dict[str, Mapping[str, str]]:
-    """Tags of a band that say this wavelength and width [nm], in place of others they held; None leaves them."""
+    """Tags of a band with this wavelength and width [nm], replacing others; None keeps the existing ones."""
     done: dict[str, Mapping[str, str]] = dict(tags)
     for keys, value, name in (
         ((_WAVELENGTH, _UNIT_TAG), wavelength, "wavelength_nm"),
@@ -74,7 +74,7 @@ def said_of_wavelength(
 
 
 def own_facts(info: RasterInfo) -> RasterInfo:
-    """A file's description in which each band says its wavelength, width and full scale itself, not the dataset."""
+    """A file's description with wavelength, width and full scale in the tags of each band, not of the dataset."""
     dataset = _first(info.tags, _FULL_SCALE, "")
     tags = []
     for own, known in zip(info.band_tags, spectral_of(info), strict=True):
@@ -86,7 +86,7 @@ def own_facts(info: RasterInfo) -> RasterInfo:
 
 
 def time_offset(tags: Mapping[str, Mapping[str, str]]) -> float | None:
-    """When a band sees the ground, after the first [s]: its tag `time_offset_s`."""
+    """Time of a band after the first [s], from its tag `time_offset_s`."""
     try:
         value = float(_first(tags, re.compile("time_offset_s"), ""))
     except ValueError:
@@ -95,11 +95,10 @@ def time_offset(tags: Mapping[str, Mapping[str, str]]) -> float | None:
 
 
 def saturation(info: RasterInfo, band: int) -> float | None:
-    """Physical value at and above which the detector was full.
+    """Physical value from which on a band is saturated; None if not known.
 
-    The tag FULL_SCALE (of the band or of the dataset, in file numbers) says it. Without one it is the
-    largest number of an integer type of up to 16 bits, unless that is nodata; wider and floating types
-    are not filled by detectors: None.
+    It is given by the tag FULL_SCALE (of the band or of the dataset, as file value). Without one it is the largest
+    value of an integer type of up to 16 bits, unless that is nodata; detectors do not fill the range of other types.
     """
     text = _first(info.band_tags[band], _FULL_SCALE, _first(info.tags, _FULL_SCALE, ""))
     number, kind = _NUMBER_PATTERN.fullmatch(text.strip()), np.dtype(info.dtypes[band])
@@ -112,7 +111,7 @@ def saturation(info: RasterInfo, band: int) -> float | None:
 
 
 def _first(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], default: str) -> str:
-    """The value of the first tag whose name fits, in any namespace."""
+    """The value of the first tag with a matching name, in any namespace."""
     return next((value for value, _ in _matching(tags, key)), default)
 
 
@@ -143,7 +142,7 @@ def _width(value: float | None, unit: str) -> float | None:
 
 
 def nanometres(value: float, unit: str = "") -> tuple[float | None, bool]:
-    """A wavelength in [nm], and whether its unit had to be assumed from its size.
+    """A wavelength in nm, and whether its unit was assumed from its size.
 
     >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers")
     ((490.0, True), (490, False), (490.0, False))

@@ -1,7 +1,7 @@
-"""STAC Items: which of their assets are the bands, and what the Item says of each.
+"""STAC Items: which assets are bands, and their properties.
 
-An Item stands for its bands wherever a raster does: a local file or a URL, "FILE#ID" for one of an ItemCollection, and
-"FILE#ID#KEY,KEY" for some of its assets. Items come from others: what they name is checked before it is opened.
+An Item can be given wherever a raster can: a local file or a URL, "FILE#ID" for one of an ItemCollection, and
+"FILE#ID#KEY,KEY" for some of its assets. Items are untrusted: their names are checked before they are opened.
 """
 
 from __future__ import annotations
@@ -28,23 +28,25 @@ _SCHEME = re.compile(r"[A-Za-z][\w+.-]*:")
 _RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf|application/(?:x-)?(?:zip|tar)", re.IGNORECASE)
 _NAME = re.compile(r"(.+\.(?:geo)?json|https?://[^#]+/items/[^#]+)(?:#([^#]*))?(?:#([^#]*))?", re.IGNORECASE)
 _NO_DATA = {"thumbnail", "overview", "visual", "metadata", "rendered_preview", "preview", "tilejson"}
-"""Roles and keys of assets that are pictures or words, not bands."""
+"""Roles and keys of assets that are pictures or documents, not bands."""
 _NOT_BANDS = {"pan", "lwir", "lwir11", "lwir12"}
-"""Common names of bands that are no part of a scene: panchromatic (its finer grid would be all bands') and thermal."""
+"""Common names of bands that are not used: panchromatic (its finer grid would apply to all bands) and thermal."""
 _STAC_PATIENCE = 60.0
-"""[s] How long a server of Items may say nothing."""
+"""Timeout of a server of Items [s]."""
 
 
 @dataclass(frozen=True)
 class Asset:
-    """A file to open, and what a STAC Item says of its bands; nothing for a file of one's own."""
+    """A file, and the properties of its bands in a STAC Item; empty for a file without Item."""
 
     path: str
     bands: tuple[Mapping[str, Any], ...] = ()
     tags: Mapping[str, str] | None = None
 
     def put_on(self, info: RasterInfo) -> RasterInfo:
-        """The description of the file with what the Item says; what the file itself says of numbers comes first."""
+        """The file's description with the properties from the Item; scale, offset and nodata of the file take
+        precedence.
+        """
         if len(self.bands) != info.count:
             return info
         plain = all(s == 1 for s in info.scales) and all(o == 0 for o in info.offsets)
@@ -66,7 +68,7 @@ class Asset:
 
 
 def assets_of(name: str) -> list[Asset]:
-    """The files that a name stands for: the bands of a STAC Item, or what is called so."""
+    """The files behind a name: the bands of a STAC Item, or the file itself."""
     found = _NAME.fullmatch(name)
     if found is None:
         return [Asset(name)]
@@ -90,7 +92,7 @@ def is_item(name: str) -> bool:
 
 
 def files_of(name: str) -> tuple[str, ...]:
-    """GDAL names of the files that a name stands for: a STAC Item and its bands, those of a product, else itself."""
+    """GDAL names of the files behind a name: a STAC Item and its bands, those of a product, else the name itself."""
     if not is_item(name):
         return products.files_of(name)
     try:
@@ -126,7 +128,7 @@ def _fetched(path: str) -> Mapping[str, Any]:
 
 
 def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
-    """The Items of an ItemCollection, or the one that a document is."""
+    """The Items of an ItemCollection, or the Item in a document."""
     items = document.get("features") if document.get("type") == "FeatureCollection" else [document]
     if not isinstance(items, list):
         raise InputError(f"{path} is not a STAC ItemCollection: it has no list of features.")
@@ -140,7 +142,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """The assets of an Item that are its bands, by their keys where these are given."""
+    """The assets of an Item that are its bands, selected by `keys` if given."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     missing = [k for k in keys if k not in assets]
     if missing:
@@ -158,10 +160,10 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
 
 
 def _angles(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Where sun and sensor stand, by the extension "view" of an Item.
+    """Directions of sun and sensor, from the extension "view" of an Item.
 
-    `view:azimuth` is read as the direction from the scene to the satellite, as those who make Items of Sentinel-2 and
-    PlanetScope write it; the words of the extension can be read the other way round.
+    `view:azimuth` is interpreted as the direction from the scene to the satellite, as in Items of Sentinel-2 and
+    PlanetScope; the specification is ambiguous.
     """
     names = "sun_elevation", "sun_azimuth", "incidence_angle", "off_nadir", "azimuth"
     elevation, azimuth, incidence, off_nadir, view = (number(facts.get(f"view:{name}")) for name in names)
@@ -171,7 +173,7 @@ def _angles(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
-    """Keys of the assets that are bands: those of one band each, sorted by wavelength, or one with all bands."""
+    """Keys of the assets that are bands: assets of one band each, sorted by wavelength, or one asset with all bands."""
     rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, a.get("roles") or ())}}
     said = {k: _said(a, k) for k, a in usable.items()}
@@ -198,10 +200,10 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
 
 
 def _said(asset: Any, key: str, *, applied: bool = False) -> tuple[dict[str, Any], ...]:
-    """What an asset says of its bands: name, common name, wavelength and width [nm], scale, offset, nodata, unit.
+    """Properties of the bands of an asset: name, common name, wavelength and width [nm], scale, offset, nodata, unit.
 
-    Of STAC 1.1 ("bands"), or of the extensions before ("eo:bands", "raster:bands"). `applied`: the offset that the
-    Item states was applied to the numbers already.
+    From STAC 1.1 ("bands"), or from earlier extensions ("eo:bands", "raster:bands"). `applied`: the offset in the Item
+    is already applied to the values.
     """
     given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
     lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]
@@ -229,7 +231,7 @@ def _said(asset: Any, key: str, *, applied: bool = False) -> tuple[dict[str, Any
 
 
 def href(asset: Any, path: str) -> str:
-    """GDAL name of an asset; a relative one starts from the Item."""
+    """GDAL name of an asset; a relative one is resolved from the Item."""
     given = asset.get("href") if isinstance(asset, Mapping) else None
     if not isinstance(given, str) or not given:
         raise InputError(f"{path}: an asset has no href.")

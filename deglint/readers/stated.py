@@ -1,6 +1,6 @@
-"""What a user states of the bands of a file: names, wavelengths, scale and offset, in place of what the file declares.
+"""Properties of bands given by the user: names, wavelengths, scale and offset, overriding those of the file.
 
-It is put where the file itself would say it, so that everything that follows, and the output, has it from there.
+They are stored in the description of the file, so that all later steps, and the output, use them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Numbers = str | float | Sequence[float]
 
 @dataclass(frozen=True)
 class Stated:
-    """What a user states of the bands; one entry a band, or none where nothing is stated."""
+    """Properties of bands given by the user; one entry per band, or none."""
 
     names: tuple[str, ...] = ()
     wavelengths: tuple[float, ...] = ()  # [nm]
@@ -34,7 +34,7 @@ class Stated:
     def of(
         cls, bands: Names | None, wavelengths: Numbers | None, scale: Numbers | None, offset: Numbers | None
     ) -> Stated:
-        """Read and check what was given."""
+        """Parse and check the options."""
         return cls(
             _names(bands),
             tuple(_nanometres(w) for w in _numbers("wavelengths", wavelengths, "475,560,668,842")),
@@ -44,16 +44,16 @@ class Stated:
 
     @property
     def count(self) -> int | None:
-        """How many bands are stated one by one."""
+        """Number of bands that are given one by one."""
         return max(map(len, (self.names, self.wavelengths)), default=0) or None
 
     @property
     def labels(self) -> bool:
-        """Whether names or wavelengths are stated."""
+        """Whether names or wavelengths are given."""
         return bool(self.names or self.wavelengths)
 
     def on(self, infos: Sequence[RasterInfo]) -> list[RasterInfo]:
-        """Put it on the bands of one or several files, in their order."""
+        """Store the properties in the descriptions of one or several files, in their order."""
         if self == Stated():
             return list(infos)
         total = sum(info.count for info in infos)

@@ -1,4 +1,4 @@
-"""Small text files that a user names: GeoJSON, saved models."""
+"""Small text files given by the user: GeoJSON, saved models."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ..raster.local import check_kind
 MOST_TEXT_BYTES = 64 << 20
 """Largest file that is read [byte]."""
 MOST_TOML_BYTES = 1 << 20
-"""The same of TOML."""
+"""Largest TOML file that is read [byte]."""
 
 
 def read_text(path: str, option: str, most: int | None = None) -> str:
-    """Text of a file that an option names, of at most so many bytes (`MOST_TEXT_BYTES` by default)."""
+    """Text of a file given by an option, of at most `most` bytes (`MOST_TEXT_BYTES` by default)."""
     most = MOST_TEXT_BYTES if most is None else most
     check_kind(path)
     try:
@@ -37,7 +37,7 @@ def read_text(path: str, option: str, most: int | None = None) -> str:
 
 
 def read_toml(path: str, option: str) -> dict[str, Any]:
-    """The tables in a TOML file that an option names; errors as `read_text`."""
+    """The tables in a TOML file given by an option; errors as `read_text`."""
     import tomllib
 
     text = read_text(path, option, MOST_TOML_BYTES)
@@ -48,7 +48,7 @@ def read_toml(path: str, option: str) -> dict[str, Any]:
 
 
 def read_json(path: str, option: str) -> Mapping[str, Any]:
-    """The object in a JSON file that an option names; errors as `read_text`."""
+    """The object in a JSON file given by an option; errors as `read_text`."""
     try:
         document = json.loads(read_text(path, option))
     except (ValueError, RecursionError) as error:

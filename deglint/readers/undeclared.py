@@ -1,6 +1,6 @@
-"""What a bounded look at the pixels says that the file does not: numbers that stand for no data, and a lost offset.
+"""Find nodata values and a missing offset that the file does not declare, from a sample of its pixels.
 
-Opening a scene reads no pixels. `settled` is called once, before a scene is examined, fitted or corrected.
+Opening a scene reads no pixels; `settled` is called once, before a scene is examined, fitted or corrected.
 """
 
 from __future__ import annotations
@@ -23,24 +23,25 @@ from ..tiles import Tile
 
 log = logging.getLogger("deglint")
 LOOKED_AT = 400_000
-"""Pixels of a scene that are looked at; a smaller one is looked at as a whole."""
+"""Pixels of a scene that are read; smaller scenes are read as a whole."""
 SAMPLED_SIDE = 128
-"""Side of the tiles that are looked at [pixel]."""
+"""Side of the tiles that are read [pixel]."""
 MOST_TILES = 1 << 18
-"""Tiles that are listed."""
+"""Most tiles that are considered."""
 LEAST_SHARE, LEAST_OF_NOTHING = 0.02, 0.001
-"""Share of the pixels from which on one number in all bands, at the edge of the image, is no data; and the same for 0
-and less, which no sensor gives in all bands."""
+"""Share of the pixels above which one value in all bands, at the edge of the image, is nodata; and the same for values
+of 0 and below, which no sensor measures in all bands."""
 ALONE = 0.99
-"""A band is given that number as nodata where this share of its occurrences is in all bands at once: a band of dark
-water may be 0 in many a pixel."""
+"""The value is nodata of a band if this share of its occurrences is in all bands at once: a band may be 0 in many
+pixels of dark water."""
 SOLID = 8
-"""Inside the image such numbers lie in squares of this side, and fill as much [pixel]."""
+"""Inside the image nodata fills squares of this side [pixel]."""
 S2_OFFSET, S2_QUANTIFICATION = 1000, 10_000
 """Sentinel-2 products since baseline 04.00 (2022-01-25): reflectance = (DN - 1000) / 10000."""
 S2_FLOOR, S2_DARK = (950, 1150), 1300
-"""The least DN of the darkest band lies between these where the offset is still in, and no NIR or SWIR is brighter than
-the last at its darkest: water and shadow reflect next to nothing there. A desert without the offset is brighter."""
+"""If the offset is still included, the minimum DN of the darkest band lies in the first range, and the minimum of no
+NIR or SWIR band exceeds the second value: water and shadow reflect almost nothing there. A desert without the offset is
+brighter."""
 VISIBLE = 700.0
 """Wavelength beyond which water is dark [nm]."""
 
@@ -49,14 +50,14 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Undeclared:
-    """What was found, one number a band (empty: nothing), and one line for each finding."""
+    """Findings: nodata and offset of each band (empty for none), and one line of text each."""
 
     nodatas: tuple[float | None, ...] = ()
     offsets: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
 
     def on(self, scene: Scene) -> Scene:
-        """The scene with these declared."""
+        """The scene with the findings declared."""
         if not self.notes or not isinstance(scene.source, RasterSource):
             return scene
         info = scene.source.info
@@ -66,15 +67,15 @@ class Undeclared:
 
 
 def settled(scene: Scene) -> Scene:
-    """The scene with undeclared nodata and a lost offset declared; a scene that was settled comes back as it is."""
+    """The scene with undeclared nodata and a missing offset declared; unchanged if already done."""
     return undeclared(scene).on(scene)
 
 
 def undeclared(scene: Scene) -> Undeclared:
-    """Look for numbers that stand for no data and for the offset of Sentinel-2 that a cut file has lost.
+    """Find undeclared nodata, and the missing offset of a subset of a Sentinel-2 product.
 
     Nodata is one number in all bands that fills at least 2 % of the image and reaches its edge or fills whole squares,
-    unless the file, or the caller, says what nodata is.
+    unless nodata is declared by the file or the caller.
     """
     source = scene.source
     if not isinstance(source, RasterSource) or source.settled:
@@ -96,7 +97,7 @@ def undeclared(scene: Scene) -> Undeclared:
 
 
 def _tiles(scene: Scene) -> list[Tile]:
-    """All of a small scene; of a larger one some tiles, the corners and the middles of the edges among them."""
+    """All of a small scene; of a larger one some tiles, including the corners and the centres of the edges."""
     if scene.height * scene.width <= LOOKED_AT:
         return tiling.tiles(scene.height, scene.width, (SAMPLED_SIDE, SAMPLED_SIDE))
     pitch = SAMPLED_SIDE * max(1, math.isqrt(scene.height * scene.width // (SAMPLED_SIDE * SAMPLED_SIDE * MOST_TILES)))
@@ -113,7 +114,7 @@ def _tiles(scene: Scene) -> list[Tile]:
 
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:
-    """The number that all bands have in areas, as nodata of the bands that have it nowhere else."""
+    """The value that all bands share in areas, as nodata of the bands that have it nowhere else."""
     same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw in blocks]
     value = _commonest(same)
     if value is None:
@@ -137,7 +138,7 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray
 
 
 def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
-    """The number that most pixels have in all bands; 0 and less before all others."""
+    """The most frequent value of pixels that are equal in all bands; values of 0 and below take precedence."""
     counts: Counter[float] = Counter()
     for _tile, raw, alike in same:
         values, many = np.unique(raw[0][alike], return_counts=True)
@@ -147,7 +148,7 @@ def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
 
 
 def _solid(mask: Mask) -> Mask:
-    """What lies in squares of SOLID pixels: areas, not saturated sparkle."""
+    """Pixels in squares of SOLID pixels: areas, not saturated sparkle."""
     import cv2
 
     square = np.ones((SOLID, SOLID), np.uint8)
@@ -155,7 +156,7 @@ def _solid(mask: Mask) -> Mask:
 
 
 def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
-    """What is connected, within the tile, to the edge of the image."""
+    """Pixels that are connected, within the tile, to the edge of the image."""
     import cv2
 
     rim = np.zeros_like(mask)
@@ -170,7 +171,7 @@ def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
 
 
 def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
-    """Whether the bands are Sentinel-2's in integers, with no offset declared."""
+    """Whether the bands are integer bands of Sentinel-2 without a declared offset."""
     known = {sensors.normalise(b.name) for b in sensors.load("sentinel2").bands}
     named = all(sensors.normalise(name) in known for name in scene.names)
     scaled = all(s in (1.0, 1.0 / S2_QUANTIFICATION) for s in info.scales)
@@ -179,7 +180,7 @@ def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
 
 
 def _offset(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:
-    """The findings, and the offset where it is."""
+    """The findings, with the offset if there is one."""
     nodatas = found.nodatas or info.nodatas
     floors = []
     for band, nodata in enumerate(nodatas):

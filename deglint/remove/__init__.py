@@ -1,10 +1,10 @@
-"""Removal of glint: one module a method, arrays only.
+"""Removal of glint: one module per method, arrays only.
 
 `METHODS` is the table that the command line, the documentation, the benchmarks and the tests iterate over. To add a
 method, write a module with `fit(request, stats) -> GlintModel` (and `plan(request)`, where it needs a sample), add a
 line here, and a test against a published or independent value.
 
-Never here: files, tiles, threads, masks, logging.
+This package does not deal with files, tiles, threads, masks or logging.
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Method:
-    """A row of the table.
+    """One method in the table.
 
     Attributes
     ----------
     summary : str
         One line for `--help` and the documentation.
     fit : callable
-        (FitRequest, SampleStatistics or None) -> GlintModel; for methods that look at neighbours,
-        (FitRequest, sequence of SampleTile) -> GlintModel
+        (FitRequest, SampleStatistics or None) -> GlintModel; for methods that use neighbouring pixels, (FitRequest,
+        sequence of SampleTile) -> GlintModel
     plan : callable or None
         FitRequest -> SamplePlan; None where the method needs no sample.
     regresses : bool
-        True where `--regression` chooses how slopes are estimated.
+        Whether `--regression` selects the estimator of the slopes.
     weights : callable or None
-        (FitRequest, SampleStatistics) -> what each band is fitted with: its place among the plan's bands, places of the
-        references among the variables, their weights, R2. None where nothing is fitted by least squares, so that no
-        standard error is known.
+        (FitRequest, SampleStatistics) -> `Weighted` of each band: its index in the plan's bands, indexes of the
+        references in the variables, their weights, R2. None if nothing is fitted by least squares, so that there is no
+        standard error.
     neighbours : bool
-        True where the method looks at the neighbours of a pixel, and so is fitted to tiles.
+        Whether the method uses neighbouring pixels, so that it is fitted to tiles.
     """
 
     summary: str
@@ -103,7 +103,7 @@ def fit(
     block : (band, row, column) ndarray
         Physical values, NaN where not valid.
     nir : int or sequence of int
-        0-based NIR band; of several, the mean is the reference.
+        0-based NIR band; the mean of several bands is the reference.
     sample : (row, column) bool ndarray, optional
         True over deep, glinted water; every valid pixel by default.
     bands : sequence of Band, optional
@@ -118,9 +118,9 @@ def fit(
     Raises
     ------
     InputError
-        An unknown method, a band that is not there, an option out of range.
+        An unknown method or band, or an option out of range.
     FitError
-        The sample cannot carry a fit.
+        The sample does not allow a fit.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def fit(
 
 
 def _checked(block: FloatArray, sample: npt.NDArray[np.bool_] | None) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """A block of floats and its sample, every pixel by default."""
+    """The block as floating point, and its sample, by default all pixels."""
     block = np.asarray(block)
     if block.ndim != 3:
         raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
@@ -161,7 +161,7 @@ def _checked(block: FloatArray, sample: npt.NDArray[np.bool_] | None) -> tuple[F
 def fit_pointwise(
     method: str, request: FitRequest, blocks: Sequence[FloatArray], masks: Sequence[npt.NDArray[np.bool_]]
 ) -> GlintModel:
-    """Fit a method that looks at no neighbours to blocks in memory, one sample mask each."""
+    """Fit a pointwise method to blocks in memory, one sample mask each."""
     chosen = METHODS[method]
     if chosen.plan is None:
         return chosen.fit(request, None)
@@ -178,7 +178,7 @@ def nir_request(
     correct: Sequence[int] | None = None,
     **options: Any,
 ) -> FitRequest:
-    """Turn a choice of NIR bands into a request.
+    """Turn a selection of NIR bands into a request.
 
     Parameters
     ----------
@@ -186,18 +186,18 @@ def nir_request(
     nir : sequence of int
         0-based NIR bands.
     use : {"mean", "best", "set"}
-        Of several NIR bands take their mean, for each band the one that explains it best, or for each band the one
-        that is taken at the same time (`Band.group`).
+        Use of several NIR bands: their mean, for each band the one that explains it best, or for each band the one that
+        is taken at the same time (`Band.group`).
     correct : sequence of int, optional
-        0-based bands to correct. By default every band of shorter wavelength than the NIR, or every band but the NIR
-        where wavelengths are not known.
+        0-based bands to correct. By default every band of shorter wavelength than the NIR, or every band but the NIR if
+        wavelengths are not known.
     **options
         regression, floor_percentile, rrs_factor.
 
     Raises
     ------
     InputError
-        A choice that cannot be met.
+        A selection that is not possible.
     """
     if not nir or not all(0 <= b < len(bands) for b in nir):
         raise InputError(f"NIR band(s) {list(nir)} are not among the {len(bands)} bands (counted from 0).")

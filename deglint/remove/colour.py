@@ -1,4 +1,4 @@
-"""The colour of glint, which all bands share: that of the sun in radiance, grey in reflectance. Arrays only."""
+"""The spectrum of glint, common to all bands: that of the sun in radiance, constant in reflectance. Arrays only."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from .kernels import BandSet
 from .request import FitRequest
 
 COLOUR = 0.2
-"""Relative uncertainty of the colour of glint: aerosol that is not known changes blue against NIR by a fifth."""
+"""Relative uncertainty of the spectrum of glint: unknown aerosol changes blue relative to NIR by a fifth."""
 SUN_ZENITH = 40.0
-"""Of the expected colour, which changes by less than `COLOUR` from 20 to 60 degrees [degree]."""
+"""Sun zenith angle of the expected spectrum, which changes by less than `COLOUR` from 20 to 60 degrees [degree]."""
 
 
 @dataclass(frozen=True, eq=False)
 class SharedGlint:
-    """The glint that all bands share: weights of the bands in it, responses drawn to its colour, its significance."""
+    """The glint common to all bands: weights of the bands, their responses drawn to its spectrum, its significance."""
 
     weights: Float64
     response: Float64
@@ -27,13 +27,13 @@ class SharedGlint:
 
 
 def shared_glint(response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[BandSet]) -> SharedGlint:
-    r"""Strength a of glint of known colour c by generalised least squares, then the posterior mean of each response.
+    r"""Strength a of glint of known spectrum c by generalised least squares, then the posterior mean of each response.
 
     .. math:: a = \frac{c^T S^{-1} s}{c^T S^{-1} c}, \quad S = V + P, \quad P = \mathrm{diag}(0.2\, a c)^2, \quad
         s' = a c + P S^{-1} (s - a c)
 
-    with s the responses of the bands and V their covariance. The colour that fits better, by the least
-    (s - a c)^T S^-1 (s - a c), decides between radiance and reflectance.
+    with s the responses of the bands and V their covariance. The spectrum with the smaller (s - a c)^T S^-1 (s - a c),
+    of radiance or of reflectance, is used.
     """
     tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
     if request.regression == "ols":
@@ -60,7 +60,7 @@ def _significance(weights: Float64, response: Float64, covariance: Float64) -> f
 
 
 def _colours(request: FitRequest, sets: Sequence[BandSet]) -> list[Float64]:
-    """Glint in each band over that in the NIR it follows: grey (reflectance), and the sun's colour (radiance)."""
+    """Glint in each band relative to its NIR: 1 (reflectance), and the sun's spectrum (radiance)."""
     from ..physics.atmosphere import irradiance
 
     grey = np.ones(len(request.correct))

@@ -1,7 +1,7 @@
-"""Take the local mean off the bands, so that a slope sees waves and not the colour of the water.
+"""Subtract the local mean of the bands, so that slopes depend on waves and not on the colour of the water.
 
-Over deep water the slope of a band on the NIR is set by glint, but slow changes of colour leak into it. The
-same slope fitted after a local mean is taken off every band is nearly the same all over the sea. Arrays only.
+Over deep water the slope of a band against the NIR is determined by glint, but slow changes of colour bias it. After
+subtraction of a local mean from every band, the slope is nearly constant over the sea. Arrays only.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from ..moments import Float64
 from ..scene import FloatArray
 
 SIZE = 15
-"""Side of the square over which the mean is taken, by default [pixel]."""
+"""Default side of the square for the mean [pixel]."""
 _VELTKAMP = 2.0**27 + 1
-"""Splits the 53 bits of a float64 into two halves."""
+"""Constant that splits the 53 bits of a float64 into two halves."""
 
 
 def detrend_halo(size: int = SIZE) -> int:
@@ -32,7 +32,7 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
     Parameters
     ----------
     block : (band, row, column) ndarray
-        Any unit; NaN is not valid. A tile needs `size // 2` pixels around it, cropped afterwards.
+        Any unit; NaN is not valid. A tile needs a halo of `size // 2` pixels, cropped afterwards.
     mask : (row, column) ndarray of bool, optional
         The sample; all pixels by default. Pixels where any band is not finite are left out.
     size : int
@@ -50,9 +50,9 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
 
     Notes
     -----
-    Every sum is put together from the same sums over 8, 4, 2 and 1 pixels: it does not drift as a running sum does,
-    and a tile gives to the bit what the whole image gives. The division comes last, and float64 is summed in two halves
-    of its bits: an offset of 1e8 costs no digits. Cost: some 40 ns per pixel and band, twice that for float64.
+    Every sum is composed of sums over 8, 4, 2 and 1 pixels: unlike a running sum it has no drift, and results do not
+    depend on tiles, to the bit. The division comes last, and float64 is summed in two halves of its bits: an offset of
+    1e8 costs no precision. Cost: about 40 ns per pixel and band, twice that for float64.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
 
 
 def _halves(values: Float64) -> tuple[Float64, Float64]:
-    """Upper and lower half of the bits of values (Veltkamp's split): the upper one keeps 26 of them."""
+    """Upper and lower half of the bits of values (Veltkamp splitting); the upper one has 26 bits."""
     with np.errstate(over="ignore", invalid="ignore"):
         apart = values * _VELTKAMP
         upper = apart - (apart - values)
@@ -97,7 +97,7 @@ def _box_sum(values: Float64, size: int) -> Float64:
 
 
 def _run_sum(values: Float64, size: int) -> Float64:
-    """Sums over `size` neighbours along the first axis: of the powers of two that `size` consists of."""
+    """Sums over `size` neighbours along the first axis, composed of sums over powers of two."""
     length = len(values) - size + 1
     total = np.zeros((length, values.shape[1]))
     offset, power = 0, 1

@@ -1,4 +1,4 @@
-"""Further references of the Wiener filter: red-edge bands, where they show nothing of the water."""
+"""Further references of the Wiener filter: red-edge bands, if they show no signal of the water."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from .request import FitRequest
 from .wiener import SampleTile, fit
 
 FURTHER_FROM = 680.0
-"""Shortest wavelength of further references [nm]: from there on water takes half of the light within .7 m. Red bands
-show objects and plumes: with them a fifth of the objects in simulated scenes lost their contrast."""
+"""Shortest wavelength of further references [nm]: from here on water absorbs half of the light within .7 m. Red bands
+show objects and plumes: with them as references, a fifth of the objects in simulated scenes lost their contrast."""
 TEST_TILES = 4
-"""Tiles that further references are tested on, spread over the sample."""
+"""Tiles on which further references are tested, spread over the sample."""
 EVEN_SIDE, MOST_TAKEN = 9, 2.0
-"""Side of the means [pixel], and how far they may vary [standard deviations of a pixel's noise]: over deep water they
-vary by .1 to .9, where red edge sees a textured bottom by 4.5 and more."""
+"""Window of the means [pixel], and the limit of their standard deviation [standard deviations of a pixel's noise]: .1
+to .9 over deep water; 4.5 and more where red edge shows a textured bottom."""
 
 
 def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[int, ...]:
-    """Red-edge bands that may serve as further references: where they show nothing of the water.
+    """Red-edge bands that can be used as further references, as they show no signal of the water.
 
-    Their glint is nearer in wavelength, noise and time to that of shorter bands. Where they see bottom, plume or weed,
-    a kernel that follows them takes these from the shorter bands. That is tested where the NIR shows the least glint:
-    what further references take there, as means over `EVEN_SIDE` pixels, must not vary by more than the noise of a
-    pixel, with the scene's own structures as test signal. (Under wide plumes it is the structure beside them.)
+    Their glint is closer in wavelength, noise and time to that of shorter bands. But if they show bottom, plumes or
+    algae, removal would subtract these from the shorter bands. This is tested on pixels with the least glint in the
+    NIR: the additional removal by further references, as means over `EVEN_SIDE` pixels, must not vary by more than the
+    noise of a pixel. The scene's own structures are the test signal (under wide plumes, the structures beside them).
 
     Parameters
     ----------
@@ -40,13 +40,13 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
     Returns
     -------
     tuple of int
-        0-based bands for `FitRequest.more`; empty where there are none, or all show the water.
+        0-based bands for `FitRequest.more`; empty if there are none, or all show the water.
     """
     return longest_that(request, lambda more: _taken_from_water(request, tiles, more) <= MOST_TAKEN)
 
 
 def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) -> tuple[int, ...]:
-    """Bands from `FURTHER_FROM` on that serve together, without as many of the shortest as it takes."""
+    """Bands from `FURTHER_FROM` on for which `serve` is True, without the shortest if necessary."""
     waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
     more = sorted((b for b, w in waves.items() if w >= FURTHER_FROM), key=waves.__getitem__)
     while more and not serve(tuple(more)):
@@ -55,7 +55,9 @@ def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) 
 
 
 def _taken_from_water(request: FitRequest, tiles: Sequence[SampleTile], more: tuple[int, ...]) -> float:
-    """How the glint that further references add varies over calm water, in standard deviations of noise."""
+    """Variation of the additional removal by further references, over water with little glint [standard deviation of
+    noise].
+    """
     import cv2
 
     tiles = tiles[:: max(len(tiles) // TEST_TILES, 1)]

@@ -1,8 +1,8 @@
-"""Goodman, Lee and Ustin (2008): subtract the reflectance at 750 nm less a floor that follows 640 nm.
+"""Goodman, Lee and Ustin (2008): subtract the reflectance at 750 nm minus an offset that depends on 640 nm.
 
-Assumes remote-sensing reflectance (give `rrs_factor` for other units: pi for reflectance), and that what 640 nm exceeds
-750 nm by tells how much light the water itself returns at 750 nm. Works pixel by pixel without a sample, over bright
-bottoms too; needs bands near 640 and 750 nm.
+Assumes remote-sensing reflectance (give `rrs_factor` for other units: pi for reflectance), and that the water-leaving
+part at 750 nm follows from the difference between 640 and 750 nm. Works pixel by pixel without a sample, also over
+bright bottoms; needs bands near 640 and 750 nm.
 
 References
 ----------
@@ -24,7 +24,7 @@ from .statistics import SampleStatistics
 A = 0.000019
 """Offset [sr^-1]."""
 B = 0.1
-"""Share of Rrs(640) - Rrs(750) that water returns at 750 nm."""
+"""Ratio of the water-leaving part at 750 nm to Rrs(640) - Rrs(750)."""
 
 
 def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintModel:

@@ -1,8 +1,8 @@
-"""Hedley, Harborne and Mumby (2005): slope on the NIR, level at its minimum.
+"""Hedley, Harborne and Mumby (2005): slope against the NIR, glint-free NIR at its minimum.
 
-Assumes that glint adds to every band in proportion to the NIR, that water is dark in the NIR, and that at least one
-pixel of the sample is free of glint. Fails where bands are not simultaneous, and where the darkest NIR
-pixel is an outlier (a shadow, a dead detector): then use `floor_percentile`. Costs one pass over the sample.
+Assumes that glint in every band is proportional to that in the NIR, that water is dark in the NIR, and that at least
+one pixel of the sample is free of glint. Fails where bands are not simultaneous, and where the darkest NIR pixel is an
+outlier (a shadow, a dead detector): then use `floor_percentile`. Costs one pass over the sample.
 
 References
 ----------
@@ -20,12 +20,12 @@ from .statistics import SamplePlan, SampleStatistics
 
 
 def plan(request: FitRequest) -> SamplePlan:
-    """What to gather: single NIR values only where a percentile is asked for."""
+    """Statistics to gather: moments; single NIR values only for a percentile."""
     return regression_plan(request, keep_index=request.floor_percentile > 0)
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """L'_i = L_i - b_i (NIR - min NIR), or with a percentile in place of the minimum."""
+    """L'_i = L_i - b_i (NIR - min NIR), or with a percentile instead of the minimum."""
 
     def level(stats: SampleStatistics, k: int) -> float:
         if request.floor_percentile == 0:

@@ -1,7 +1,7 @@
 """Hochberg, Andrefouet and Tyler (2003): slope between the brightest and the darkest NIR pixel.
 
-Assumes that these two pixels differ in glint alone. As published it rests on two pixels, so one boat in the sample
-spoils it: draw the sample with care. Costs one pass over the sample.
+Assumes that these two pixels differ only in glint. The published method depends on two pixels, so one boat in the
+sample makes it fail: select the sample with care. Costs one pass over the sample.
 
 References
 ----------
@@ -22,7 +22,7 @@ from .statistics import SamplePlan, SampleStatistics
 
 
 def plan(request: FitRequest) -> SamplePlan:
-    """What to gather: moments, and the brightest and darkest pixel of every NIR reference."""
+    """Statistics to gather: moments, and the brightest and darkest pixel of every NIR reference."""
     return SamplePlan(request.correct, request.indexes)
 
 

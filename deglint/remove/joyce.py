@@ -1,8 +1,8 @@
-"""Joyce (2004): slope on the NIR, level at its mode.
+"""Joyce (2004): slope against the NIR, glint-free NIR at its mode.
 
-Assumes that most pixels of the sample are free of glint, so that the commonest NIR value is that of water alone; above
-about 60 % glint cover it is not. Safest of the three classic levels at low glint. `deglint.remove.levels.mode` says
-how the mode is defined. Costs one pass over the sample and one sort of its NIR values.
+Assumes that most pixels of the sample are free of glint, so that the mode of the NIR is that of water; this fails above
+a fraction of glint pixels of about 60 %. The most robust of the three classic methods if there is little glint. The
+mode is defined in `deglint.remove.levels.mode`. Costs one pass over the sample and one sort of its NIR values.
 
 References
 ----------
@@ -19,7 +19,7 @@ from .statistics import SamplePlan, SampleStatistics
 
 
 def plan(request: FitRequest) -> SamplePlan:
-    """What to gather: moments, and single NIR values for the mode."""
+    """Statistics to gather: moments, and single NIR values for the mode."""
     return regression_plan(request, keep_index=True)
 
 

@@ -1,11 +1,11 @@
-r"""Kernels of bands on the neighbourhoods of references: least squares, how wide they are, how sure their responses.
+r"""Kernels that predict bands from neighbourhoods of references: least squares, their width, and their uncertainty.
 
 .. math:: k = (G_{rr} + \lambda I)^{-1} G_{rb}, \qquad G = \sum_x v(x) v(x)^T
 
-with v(x) the references at every offset of a square of `SIDE` pixels around x, then the bands, all about their mean.
-One Gram matrix G is kept for each square of `CELL` pixels of the sample; they add up in any order. Squares are left out
-in groups: what a kernel leaves in squares that it was not fitted to tells which support is worth its width, and how
-responses scatter without each group is their jackknife covariance. Arrays only.
+with v(x) the references at every offset of a square of `SIDE` pixels around x, then the bands, all with the mean
+subtracted. One Gram matrix G is kept for each square of `CELL` pixels of the sample; they are summed in any order.
+Groups of squares are left out in turn: the residuals in squares that were not fitted (cross-validation) select the
+support of the kernel, and the scatter of the responses gives their jackknife covariance. Arrays only.
 """
 
 from __future__ import annotations
@@ -26,16 +26,17 @@ SIDE = 5
 """Side of the largest kernel [pixel]; kernels of 7 pixels were no better on any scene."""
 KERNEL_REACH = SIDE // 2
 KERNEL_RIDGE = 1e-6
-"""Added to the diagonal, in units of its mean, against singular sums; results do not change from 1e-6 to 1e-2."""
+"""Ridge added to the diagonal against singular matrices, relative to its mean; results do not change from 1e-6 to 1e-2.
+"""
 SUPPORTS = ((1,), (3,), (3, 1), (3, 3), (5,), (5, 3))
-"""Sides of the kernels on the first and on the second reference, plainest first [pixel]."""
+"""Sides of the kernels on the first and on the second reference, smallest first [pixel]."""
 WITH_SWIR = ((1, 1), (3, 1), (3, 3), (5, 3))
-"""The same where the second reference is SWIR. It is always used: it tells glint from turbid water, which only the NIR
-shows, and that does not show in the noise by which supports are compared."""
+"""The same if the second reference is SWIR. It is always used: it distinguishes glint from turbid water, which is
+bright in the NIR; the noise by which supports are compared does not show this advantage."""
 WORTH = 0.01
-"""Relative noise that a wider kernel, a second reference, or any removal at all must save."""
+"""Least relative reduction of noise by a wider kernel, by a second reference, or by the removal."""
 FOLDS = 16
-"""Groups of squares that are left out in turn: an error estimated from 16 is itself known to 18 %."""
+"""Groups of squares that are left out in turn: an error estimated from 16 groups has an uncertainty of 18 %."""
 
 
 def offsets(side: int) -> tuple[tuple[int, int], ...]:
@@ -55,10 +56,10 @@ class LagGrams:
     Attributes
     ----------
     grams : (square, variable, variable) ndarray of float64
-        About the mean of the square.
+        With the mean of the square subtracted.
     pixels : (square,) ndarray of int
     references : int
-        How many references there are.
+        Number of references.
     places : (square, 2) ndarray of int
         Row and column in the scene of the first pixel of each square.
     """
@@ -69,20 +70,20 @@ class LagGrams:
     places: npt.NDArray[np.int64]
 
     def some(self, chosen: Mask) -> LagGrams:
-        """Those of some squares."""
+        """The matrices of selected squares."""
         return LagGrams(self.grams[chosen], self.pixels[chosen], self.references, self.places[chosen])
 
     def columns(self, reference: int, side: int) -> list[int]:
-        """Variables of one reference that a kernel of this side uses."""
+        """Variables of one reference in a kernel of this side."""
         inside = set(offsets(side))
         return [reference * SIDE**2 + i for i, offset in enumerate(offsets(SIDE)) if offset in inside]
 
     def band(self, place: int) -> int:
-        """Variable of a band, counted from 0."""
+        """Variable of a band, by its 0-based index."""
         return self.references * SIDE**2 + place
 
     def centre(self, reference: int) -> int:
-        """Variable of a reference at its own pixel."""
+        """Variable of a reference at the pixel itself."""
         return reference * SIDE**2 + SIDE**2 // 2
 
 
@@ -95,19 +96,19 @@ def gather(
     origin: tuple[int, int] = (0, 0),
     weight: FloatArray | None = None,
 ) -> LagGrams:
-    """Sums of one tile.
+    """Gram matrices of one tile.
 
     Parameters
     ----------
     references, bands : sequences of (row, column) ndarray
     sample : (row, column) ndarray of bool
-        Pixels to learn from, all of them finite.
+        Pixels used for fitting, all finite.
     size : int
-        A local mean over squares of this side is subtracted from everything before; 0 for none [pixel].
+        Side of the local mean that is subtracted first; 0 for none [pixel].
     origin : (int, int)
         Row and column of the tile in the scene.
     weight : (row, column) ndarray, optional
-        Of each pixel in the sums; 1 by default.
+        Weight of each pixel in the sums; 1 by default.
     """
     import cv2
 
@@ -149,10 +150,10 @@ def gather(
 
 
 def _gram(variables: Float64, weight: Float64) -> Float64:
-    """Weighted sums of products about the weighted mean: variables are (row, variable, column), weights (row, column).
+    """Weighted sums of products about the weighted mean; variables (row, variable, column), weights (row, column).
 
-    By rows, since a product of a whole square is large enough for BLAS to start threads of its own, which then compete
-    with those that share the tiles: where other work runs, too, that took three times the time.
+    Computed by rows, since BLAS would start its own threads for the product of a whole square; these would compete with
+    the threads that process tiles, which took three times as long on a busy machine.
     """
     mean = np.einsum("rvc,rc->v", variables, weight) / weight.sum()
     centred = variables - mean[:, None]
@@ -161,7 +162,7 @@ def _gram(variables: Float64, weight: Float64) -> Float64:
 
 
 def merge(parts: Sequence[LagGrams]) -> LagGrams:
-    """The sums of several tiles, in their order."""
+    """The matrices of several tiles, in their order."""
     return LagGrams(
         np.concatenate([p.grams for p in parts]),
         np.concatenate([p.pixels for p in parts]),
@@ -171,7 +172,7 @@ def merge(parts: Sequence[LagGrams]) -> LagGrams:
 
 
 def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float64:
-    """Coefficients (input, output) of least squares."""
+    """Least squares coefficients (input, output), with a small ridge."""
     power, cross = gram[np.ix_(inputs, inputs)], gram[np.ix_(inputs, outputs)]
     if len(inputs) == 1:
         return np.asarray(cross / power, np.float64) if power[0, 0] > 0 else np.zeros_like(cross)
@@ -180,14 +181,14 @@ def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float
 
 
 def unexplained(gram: Float64, inputs: Sequence[int], outputs: Sequence[int], coefficients: Float64) -> Float64:
-    """Sum of squares of each output that the coefficients leave."""
+    """Residual sum of squares of each output."""
     rest = gram[outputs, outputs] - 2 * (coefficients * gram[np.ix_(inputs, outputs)]).sum(axis=0)
     return np.asarray(rest + (coefficients * (gram[np.ix_(inputs, inputs)] @ coefficients)).sum(axis=0))
 
 
 @dataclass(frozen=True)
 class BandSet:
-    """Bands that follow the same references; `bands` are places among the request's bands to correct."""
+    """Bands with the same references; `bands` are indexes into the request's bands to correct."""
 
     references: tuple[int, ...]
     bands: tuple[int, ...]
@@ -195,7 +196,9 @@ class BandSet:
 
 @dataclass(frozen=True, eq=False)
 class KernelFit:
-    """Kernels of one set: coefficients (variable, band), responses to even glint, all and without each group."""
+    """Kernels of one set of bands: coefficients (variable, band), responses to uniform glint, all and without each
+    group.
+    """
 
     band_set: BandSet
     support: tuple[int, ...]
@@ -207,7 +210,7 @@ class KernelFit:
 
 
 def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int, ...]]) -> list[KernelFit]:
-    """The kernels of a set of bands, for each support that suits some of them best."""
+    """The kernels of a set of bands, for each support that is best for some of them."""
     outputs = [grams.band(i) for i in range(len(band_set.bands))]
     count = min(FOLDS, len(grams.grams))
     groups = [grams.grams[i * len(grams.grams) // count : (i + 1) * len(grams.grams) // count].sum(axis=0)
@@ -245,7 +248,7 @@ def _inputs(grams: LagGrams, support: tuple[int, ...]) -> list[int]:
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Power (group, band) that a fit to the other groups leaves in each, over the power of the band in all."""
+    """Residual power (group, band) in each group of a fit to the other groups, relative to the power of the band."""
     power = np.maximum(total[outputs, outputs], np.finfo(float).tiny)
     alone = len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
@@ -253,9 +256,9 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """The support of each band: that which suits all of them, but where a band clearly wants another.
+    """The support of each band: the one that is best for all bands, unless another is clearly better for a band.
 
-    losses : of each support, the relative power that it leaves, (group, band)
+    losses : residual relative power of each support, (group, band)
     """
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
@@ -268,9 +271,9 @@ def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
 
 
 def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """The supports, plainest first, that leave at most `WORTH` more noise than the best, or not more beyond chance.
+    """The supports, smallest first, with at most `WORTH` more noise than the best, or with no significant excess.
 
-    losses : of each support, the power that it leaves in each group
+    losses : residual power of each support in each group
     """
     least = min(losses, key=lambda s: float(losses[s].sum()))
     best, out = losses[least], []
@@ -283,7 +286,7 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
 
 
 def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:
-    """How each band follows a rise of 1 in its NIR everywhere; the second reference rises as it follows the first."""
+    """Change of each band if its NIR rises by 1 everywhere; the second reference changes as the first predicts."""
     inputs = _inputs(grams, support)
     coefficients = solve(gram, inputs, outputs)
     first = grams.columns(0, support[0])

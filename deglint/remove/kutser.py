@@ -1,8 +1,9 @@
 """Kutser, Vahtmae and Praks (2009): glint by the depth of the oxygen absorption at 760 nm.
 
-Light that the surface mirrors carries the atmosphere's oxygen line; light from shallow bright bottoms hardly does. So
-the depth of the line, not the NIR itself, is the glint index, and the method works where the NIR is not black. Needs
-narrow bands at 739, 760 and 775 nm (imaging spectrometers) and data that are not corrected for the atmosphere.
+Light reflected at the surface has the oxygen absorption of the atmosphere, which is weak in light from shallow bright
+bottoms. The depth of the absorption is therefore the glint index, instead of the NIR, and the method works where water
+is not black in the NIR. Needs narrow bands at 739, 760 and 775 nm (imaging spectrometers) and data that are not
+corrected for the atmosphere.
 
 References
 ----------
@@ -20,7 +21,7 @@ from .statistics import SamplePlan, SampleStatistics
 
 
 def plan(request: FitRequest) -> SamplePlan:
-    """What to gather: moments, and the pixels where the oxygen line is deepest and shallowest."""
+    """Statistics to gather: moments, and the pixels with the deepest and the shallowest oxygen absorption."""
     return SamplePlan(request.correct, _with_depth(request).indexes)
 
 

@@ -1,4 +1,4 @@
-"""The level a glint index has without glint: minimum, percentile, mean or mode of the sample.
+"""Glint-free level of a glint index: minimum, percentile, mean or mode of the sample.
 
 References
 ----------
@@ -21,42 +21,44 @@ from ..scene import FloatArray
 from .kernels import FOLDS
 
 _BINS_PER_BANDWIDTH = 8
-"""Bins in which a bandwidth is resolved."""
+"""Histogram bins per bandwidth."""
 _BANDWIDTH_REACH = 4
-"""Bandwidths after which the kernel is cut off."""
+"""Bandwidths at which the kernel is truncated."""
 _MOST_BINS = 1 << 20
 LEAST_GLINT = 0.2
-"""Percent of the sample with the least glint, whose median prediction is the level [%]."""
+"""Share of the sample with the least glint, whose median prediction is the level [%]."""
 MOSTLY_CLEAR, LEAST_CLEAR = 0.05, 40.0
-"""Where the lower half of the predictions spans less than this share of what strong glint spans (from the median to the
-99th percentile), most pixels have no glint and differ by noise, whose lowest is no level: more percent are taken [%].
-Pixels that resolve sparkle have .007 to .02, pixels of 1.2 m .07, of 10 m .4."""
+"""If the range of the lower half of the predictions is below this share of the range of strong glint (median to 99th
+percentile), most pixels have no glint and differ by noise, so that the minimum is not the level: this percentage of
+pixels is then used [%]. The share is .007 to .02 for pixels that resolve sparkle, .07 for pixels of 1.2 m, .4 for 10 m.
+"""
 AVERAGED, SPARSE = 3, 0.1
-"""Where that span is less than a tenth there is water without glint, and the least glint is sought in means of 3 x 3
-pixels: a kernel that sharpens the NIR amplifies its noise, whose least values would be taken for the level. Wider spans
-are of pixels that do not resolve glint, which differ as they should."""
+"""If that share is below a tenth, there is water without glint, and the least glint is searched in means of 3 x 3
+pixels: a kernel that sharpens the NIR amplifies its noise, and the lowest noise would be taken as the level. Larger
+shares occur for pixels that do not resolve glint."""
 SHEET_SPAN = 0.3
-"""Where that span is wider, every pixel may hold some glint, as those of 10 m do (.32 to .5; those of 5 m have .2): how
-much of the least is water and how much an even sheet of glint no image tells."""
+"""If that share is larger, every pixel may have some glint, as at 10 m (.32 to .5; .2 at 5 m): an image does not show
+how much of the minimum is water and how much an even sheet of glint."""
 STRONG_PERCENTILE, PIT = 98.0, 7
-"""Glint above this percentile [%], and the width of the pits around it [pixel]: two lobes of a Lanczos kernel and the
-kernel of the removal. A third of the pixels stay where glint has the size of a pixel."""
+"""Percentile of strong glint [%], and the width of the surrounding area that is excluded because of negative lobes
+[pixel]: two lobes of a Lanczos kernel and the kernel of the removal. A third of the pixels remain if glint has the size
+of a pixel."""
 NEGATIVE = 0.1
-"""Percent of the calmer half of the sample that may be zero or less in a band after removal [%]. There the level
-decides; under strong glint it is the error of the kernels that makes a pixel negative."""
+"""Share of the half of the sample with less glint that may be zero or negative in a band after removal [%]. There it
+depends on the level; under strong glint pixels become negative by errors of the kernels."""
 LEVEL_PIXELS = 50_000
-"""Pixels of the sample that the error of the level is estimated from: 50 of them have the least glint [pixel]."""
+"""Pixels of the sample from which the error of the level is estimated: 50 of them have the least glint [pixel]."""
 
 
 def mode(sample: npt.NDArray[np.floating]) -> float:
     """Mode of a sample, for float and integer data alike.
 
-    The peak of a Gaussian kernel density (Parzen 1962). Its bandwidth is the one that suits the slope of a density,
-    h = (4/5)^(1/7) s n^(-1/7) (Silverman 1986, for derivatives): the density's own would find a ragged top. The scale s
-    is 1.4826 times the median distance of the values below the mode from it, found together with the mode by iteration,
-    so that glint, which lies above, does not widen it. The density is computed on a histogram of bins h/8 wide and the
-    peak refined by a parabola. Where values come in steps (integers, or integers times a scale), a bin holds an exact
-    number of steps and is centred on them, so that no comb arises.
+    The peak of a Gaussian kernel density (Parzen 1962). Its bandwidth is the optimum for the derivative of a density, h
+    = (4/5)^(1/7) s n^(-1/7) (Silverman 1986): that for the density itself leaves several local maxima. The scale s is
+    1.4826 times the median distance of the values below the mode from it, determined together with the mode by
+    iteration, so that it is not affected by glint, which lies above. The density is computed on a histogram of bins h/8
+    wide and the peak refined by a parabola. Where values come in steps (integers, or integers times a scale), a bin
+    contains an integer number of steps and is centred on them, so that bins are filled evenly.
 
     Parameters
     ----------
@@ -97,12 +99,12 @@ def mode(sample: npt.NDArray[np.floating]) -> float:
 
 
 def even_share(sample: npt.NDArray[np.floating]) -> float:
-    """Share of a sample's variance that lies evenly about its median: about 1 of noise, nearly nothing of glint.
+    """Share of a sample's variance that is distributed evenly about its median: about 1 for noise, nearly 0 for glint.
 
-    Glint only adds, so what lies below the median is something else, noise or the mirrored sky, and as much of that
-    lies above: 2 L / (L + U), with L and U the mean squares of the distances of the lower and of the upper half from
-    the median. More than 1 where the lower half is the wider. Where values come in whole steps (integers, or integers
-    times a scale), each is taken to be spread evenly over its step for the median.
+    Glint only adds light, so variation below the median has other causes, noise or reflected sky, which contribute
+    equally above it. The share is 2 L / (L + U), with L and U the mean squares of the distances of the lower and of the
+    upper half from the median. It is above 1 if the lower half is wider. For quantised values (integers, or integers
+    times a scale), each is assumed to be distributed evenly over its step for the median.
 
     Raises
     ------
@@ -125,7 +127,7 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
 
 
 def _median(ordered: Float64) -> float:
-    """Median of sorted values, within its step where they come in whole steps."""
+    """Median of sorted values, interpolated within its step if they are quantised."""
     middle = float(np.quantile(ordered, 0.5))
     step = _step(ordered)
     if step == 0:
@@ -135,7 +137,7 @@ def _median(ordered: Float64) -> float:
 
 
 def _density_peak(values: Float64, scale: float, step: float) -> float:
-    """Place of the highest density of sorted values, smoothed for this scale."""
+    """Position of the maximum of the density of sorted values, smoothed for this scale."""
     bandwidth = 0.8 ** (1 / 7) * scale * values.size ** (-1 / 7)
     fine = bandwidth / _BINS_PER_BANDWIDTH
     if step > 0:
@@ -153,7 +155,7 @@ def _density_peak(values: Float64, scale: float, step: float) -> float:
 
 
 def _step(ordered: Float64) -> float:
-    """Common step of values that come in whole steps; 0 for continuous values."""
+    """Quantisation step of values; 0 for continuous values."""
     distinct = ordered[np.concatenate([[True], np.diff(ordered) > 0])]
     if distinct.size < 2 or distinct.size > ordered.size / 2:
         return 0.0
@@ -163,7 +165,7 @@ def _step(ordered: Float64) -> float:
 
 
 def _peak(counts: Float64) -> float:
-    """Place of the highest count (middle of a plateau), refined by a parabola."""
+    """Position of the highest count (middle of a plateau), refined by a parabola."""
     tops = np.flatnonzero(counts == counts.max())
     if len(tops) > 1:
         run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
@@ -175,7 +177,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """The sample without what lies beside strong glint: resampling digs pits there that are no level."""
+    """The sample without the surroundings of strong glint, where resampling causes values that are too low."""
     import cv2
 
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
@@ -185,16 +187,16 @@ def apart_from_sparkle(together: FloatArray, sample: npt.NDArray[np.bool_]) -> n
 
 @dataclass(frozen=True, eq=False)
 class LevelSample:
-    """Pixels of a sample from which the shared level is taken.
+    """Pixels of a sample from which the common level is determined.
 
     Attributes
     ----------
     prediction, value : (band, pixel) ndarray
-        What the kernels predict in each band, and its values.
+        Predictions of the kernels in each band, and values of the band.
     around : (pixel,) ndarray, optional
         Mean over `AVERAGED` x `AVERAGED` pixels of the prediction of all bands together; the pixel's own by default.
     apart : (pixel,) ndarray of bool, optional
-        Pixels that may be the least; all by default.
+        Pixels that may determine the level; all by default.
     """
 
     prediction: FloatArray
@@ -203,13 +205,13 @@ class LevelSample:
     apart: npt.NDArray[np.bool_] | None = None
 
     def some(self, which: Any) -> LevelSample:
-        """Some of the pixels: a mask or a slice."""
+        """A part of the pixels, by mask or slice."""
         rest = (None if v is None else v[which] for v in (self.around, self.apart))
         return LevelSample(self.prediction[:, which], self.value[:, which], *rest)
 
 
 def shared_level(sample: LevelSample, slopes: Float64) -> tuple[Float64, tuple[float, float, float]]:
-    """Level of each band [unit of its NIR], and the interval: the lowest possible, the one chosen, the median."""
+    """Level of each band [unit of its NIR], and three values of it: the lowest possible, the chosen one, the median."""
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = _span(sample, together), float(np.median(together))
     if sample.apart is not None and sample.apart.any():

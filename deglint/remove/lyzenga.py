@@ -1,7 +1,7 @@
-"""Lyzenga, Malinas and Tanis (2006): covariance over variance, level at the mean of the NIR.
+"""Lyzenga, Malinas and Tanis (2006): covariance over variance, glint-free NIR at its mean.
 
-Assumes that water and glint vary independently over the sample. Keeps the mean of the sample, so the mean glint
-stays in the image: relative differences are right, levels are not. Costs one pass over the sample.
+Assumes that water and glint vary independently over the sample. The mean of the sample is preserved, so the mean glint
+stays in the image: differences within a band are correct, absolute values are not. Costs one pass over the sample.
 
 References
 ----------
@@ -17,7 +17,7 @@ from .statistics import SamplePlan, SampleStatistics
 
 
 def plan(request: FitRequest) -> SamplePlan:
-    """What to gather: moments alone."""
+    """Statistics to gather: moments only."""
     return regression_plan(request, keep_index=False)
 
 

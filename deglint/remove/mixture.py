@@ -1,14 +1,15 @@
-r"""Mixture: what bands share once strong glint has been replaced, by 3 x 3 pixels of the NIR and of red edge.
+r"""Mixture: removal of the glint common to the bands after strong glint was replaced, by 3 x 3 pixels of NIR and red
+edge.
 
 .. math:: L'_b = L_b - (p_b - p_{b0}), \qquad p_b(x) = \sum_r \sum_o k_{bro} L_r(x + o)
 
-with the kernels k fitted to raw values: what is left after an opening is faint glint, swell and mirrored sky, wider
-than a local mean would leave. It lies evenly about its level, so the difference may be negative. They leave the least
-sum, over squares of the sample, of the root mean square: an object that a clump of glint lies on makes its square weigh
-little, where least squares would follow it.
+with the kernels k fitted without subtraction of a local mean: the signal that remains after an opening is faint glint,
+swell and reflected sky, which vary over longer distances. It is symmetric about its level, so the difference may be
+negative. The kernels minimise the sum of the root mean squares of the sample's squares: this gives little weight to
+squares with an object under glint, to which least squares would be sensitive.
 
-The removal of a compensation with an opening (`deglint.compensate`). Fails where the references see the bottom: red
-edge is left out where it would take a plume of turbid water that lies in the sample.
+This is the removal in a compensation with an opening (`deglint.compensate`). Fails where the references show the
+bottom. Red edge is not used if it would remove a turbid plume in the sample.
 
 References
 ----------
@@ -38,15 +39,15 @@ from .wiener import SampleTile
 MIXTURE_SIDE = 3
 """Side of the kernels [pixel]."""
 REWEIGHTED = 5
-"""Rounds of reweighting: the error on simulated seas changes by less than 1 % after the third."""
+"""Iterations of reweighting: the error on simulated seas changes by less than 1 % after the third."""
 LEAST_LEFT = 0.1
-"""Share of the median mean square that a square is taken to have at least, so that no even one decides alone."""
+"""Lower limit of the mean square of a square, relative to the median, so that no single one dominates."""
 TURBID = np.array([(400, 0.3), (490, 0.5), (560, 1.0), (660, 1.0), (710, 0.6), (740, 0.2), (850, 0.1)])
 """Wavelength [nm] and relative brightness of a plume of sediment, bright from the green to the red."""
 PLUME, PLUME_PERCENTILE = 0.5, 10.0
-"""Brightness of a plume over that of the water, which is this percentile of a band [%]."""
+"""Brightness of a plume relative to that of the water, which is this percentile of a band [%]."""
 LEAST_KEPT = 0.75
-"""What must be left of a plume in every tile where red edge is followed: rarer ones keep more."""
+"""Least gain of a plume in every tile with which red edge is used; smaller plumes are preserved better."""
 
 
 def fit(
@@ -58,12 +59,12 @@ def fit(
     ----------
     request : FitRequest
     tiles : sequence of SampleTile
-        After an opening.
+        Tiles after an opening.
     percentile : float
-        Of the prediction, as its level [%].
+        Percentile of the prediction that is its level [%].
     cut : sequence of float, optional
-        How far the mean of each band of the scene is too low, as noise above the background was replaced; the level is
-        raised by it.
+        Decrease of the mean of each band of the scene, caused by replacing noise above the background; it is added to
+        the level.
 
     Raises
     ------
@@ -103,7 +104,7 @@ def _fitted(
 
 
 def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> npt.NDArray[np.float64]:
-    """Coefficients (input, 1) that leave the least sum of root mean squares of the squares."""
+    """Coefficients (input, 1) that minimise the sum of the root mean squares of the squares."""
     weight = np.ones(len(grams.grams))
     for _ in range(REWEIGHTED):
         found = solve((weight[:, None, None] * grams.grams).sum(axis=0), inputs, output)  # the same for any threads
@@ -131,7 +132,7 @@ def _with_levels(
 
 
 def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
-    """Gain of a turbid plume in the sample: the least share of its brightness that removal leaves in a band."""
+    """Gain of a turbid plume in the sample: the least share of its brightness that removal preserves in a band."""
     bands = range(len(request.bands))
     level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), PLUME_PERCENTILE) for b in bands]
     waves = np.array([b.wavelength or 0.0 for b in request.bands])

@@ -1,13 +1,13 @@
-"""What every linear deglinter fits, and how it is applied.
+"""The linear model that all methods fit, and its application.
 
-All methods here take a *glint index* g of each pixel - the NIR band, or a weighted sum of bands - and subtract
-from every other band a multiple of how far g stands above the level it has without glint:
+All methods here take a *glint index* g of each pixel - the NIR band, or a weighted sum of bands - and subtract from
+every other band a multiple of the excess of g over its glint-free level:
 
     L'_i = L_i - b_i (g - g0)
 
-They differ only in the index, in the slopes b_i and in the level g0. So one frozen model and one set of tests serve all
-of them. Most look at the pixel alone; an index with offsets is a kernel over its neighbours, and then a tile needs
-`GlintModel.halo` more pixels around it. Any tiling gives the same bits.
+They differ only in the index, in the slopes b_i and in the level g0, so that one model class serves all of them. Most
+methods are pointwise; an index with offsets is a kernel over neighbouring pixels, and then a tile needs
+`GlintModel.halo` more pixels around it. The result does not depend on tiles, to the bit.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ from .strips import Strips
 
 FORMAT = 1
 _SLAB = 1 << 16
-"""Pixels corrected at a time, so that what is computed stays in the processor's cache."""
+"""Pixels corrected at a time, so that intermediate results fit into the processor's cache."""
 
 
 @dataclass(frozen=True, slots=True)
 class GlintIndex:
-    """g = sum of weight * band, and the level it has where there is no glint.
+    """g = sum of weight * band, and its glint-free level.
 
     Attributes
     ----------
     bands : tuple of int
-        0-based bands that the index is made of.
+        0-based bands of the index.
     weights : tuple of float
-        One a band.
+        Weight of each band.
     level : float
         g0, in the unit of the index.
     offsets : tuple of (int, int)
-        Row and column at which each band is taken, from the pixel [pixel]; empty where all are taken at the pixel.
+        Row and column offset at which each band is read [pixel]; empty if all are read at the pixel itself.
     """
 
     bands: tuple[int, ...]
@@ -55,11 +55,11 @@ class GlintIndex:
 
     @property
     def reach(self) -> int:
-        """Pixels around a pixel that the index looks at."""
+        """Largest offset [pixel]."""
         return max((max(abs(row), abs(column)) for row, column in self.offsets), default=0)
 
     def of(self, planes: FloatArray | Mapping[int, FloatArray]) -> npt.NDArray[np.float64]:
-        """Weighted sum of bands, taken at the pixel itself, in float64; the level is not subtracted."""
+        """Weighted sum of bands at the pixel itself, in float64; the level is not subtracted."""
         total = self.weights[0] * planes[self.bands[0]].astype(np.float64)
         for band, weight in zip(self.bands[1:], self.weights[1:], strict=True):
             total += weight * planes[band].astype(np.float64)
@@ -68,7 +68,7 @@ class GlintIndex:
 
 @dataclass(frozen=True, slots=True)
 class BandFit:
-    """How one band follows the glint index.
+    """Relation of one band to the glint index.
 
     Attributes
     ----------
@@ -76,11 +76,11 @@ class BandFit:
         0-based.
     name : str
     index : int
-        Which of the model's indexes it follows.
+        Number of its index among the model's indexes.
     slope : float
         b_i, in units of the band per unit of the index.
     stderr : float or None
-        Standard error of the slope; None where the method does not estimate the slope.
+        Standard error of the slope; None if the method does not estimate the slope.
     r2 : float or None
         Share of the band's variance in the sample that the index explains.
     n : int
@@ -98,7 +98,7 @@ class BandFit:
 
 @dataclass(frozen=True, slots=True)
 class GlintModel:
-    """A fitted deglinter: plain numbers, to print, save, and apply to this scene or another.
+    """A fitted removal: plain values, to print, save, and apply to this scene or another.
 
     Attributes
     ----------
@@ -106,27 +106,27 @@ class GlintModel:
         Key of `deglint.remove.METHODS`.
     indexes : tuple of GlintIndex
     fits : tuple of BandFit
-        One for each band that is corrected; other bands are copied.
+        One for each corrected band; other bands are copied.
     band_names : tuple of str
         All bands of the scene it was fitted on.
     regression : str or None
-        How the slopes were estimated.
+        Estimator of the slopes.
     warnings : tuple of str
-        What the user should know about the fit.
+        Warnings about the fit.
     references : tuple of ReferenceRule
-        Bands that are cleaned of ships, surf and land before they are followed; none for methods of one pixel.
+        References in which ships, surf and land are replaced first; empty for pointwise methods.
     level_interval : (float, float, float), optional
-        Of a level that all bands share: the least that leaves every band positive, that which was chosen, and the
-        median of the sample [unit of the index].
+        Of a level common to all bands: the lowest that keeps every band positive, the chosen one, and the median of the
+        sample [unit of the index].
     level_stderr : float, optional
         Standard error of that level [unit of the index].
     strips : Strips, optional
-        Where the scene has strips of detectors with opposite delays.
+        Strips of detectors with opposite band delays, if the scene has such.
     second : tuple of GlintIndex
-        What stands for `indexes` in strips of the second kind.
+        `indexes` for strips of the second kind.
     signed : bool
-        Whether a model of kernels also adds where its prediction lies below the level: after compensation has replaced
-        strong glint, what is left lies evenly about the level.
+        Whether a kernel model also adds light where its prediction is below the level: after a compensation has
+        replaced strong glint, the remaining signal is symmetric about the level.
     """
 
     method: str
@@ -144,7 +144,7 @@ class GlintModel:
 
     @property
     def halo(self) -> int:
-        """Pixels around a tile that applying the model looks at."""
+        """Pixels around a tile that applying the model needs."""
         return max((r.halo for r in self.references), default=0) + max((i.reach for i in self.indexes), default=0)
 
     def __str__(self) -> str:
@@ -186,7 +186,7 @@ class GlintModel:
 
     @classmethod
     def from_json(cls, text: str) -> GlintModel:
-        """Read back what `to_json` wrote.
+        """Read a model written by `to_json`.
 
         Raises
         ------
@@ -220,7 +220,7 @@ class GlintModel:
             raise InputError(f"not a saved deglint model ({error}); make one with --save-model.") from error
 
     def for_bands(self, names: tuple[str, ...]) -> GlintModel:
-        """The same model for a scene whose bands have these names, in whatever order.
+        """The same model for a scene with these band names, in any order.
 
         Raises
         ------
@@ -244,12 +244,12 @@ class GlintModel:
 
     @property
     def index_bands(self) -> tuple[int, ...]:
-        """0-based bands that the glint indexes are made of."""
+        """0-based bands of the glint indexes."""
         return tuple(sorted({b for i in self.indexes for b in i.bands}))
 
 
 def _checked(model: GlintModel) -> GlintModel:
-    """A model read from text, where every number of a band or an index names one that it has."""
+    """Check that the numbers of bands and indexes in a saved model exist."""
     indexes = (*model.indexes, *model.second)
     bands = {*(b for i in indexes for b in i.bands), *(f.band for f in model.fits), *(r.band for r in model.references)}
     if not bands <= set(range(len(model.band_names))):
@@ -288,7 +288,7 @@ def apply(
     where: npt.NDArray[np.bool_] | None = None,
     out: FloatArray | None = None,
 ) -> FloatArray:
-    """Subtract the glint that a model sees in a block.
+    """Subtract the glint that a model predicts in a block.
 
     Parameters
     ----------
@@ -296,15 +296,15 @@ def apply(
         NaN where not valid. Not modified.
     model : GlintModel
     where : (row, column) bool ndarray, optional
-        True where pixels are corrected; others are copied bit for bit. For a model with references also where these
-        show water.
+        True where pixels are corrected; others are copied bit for bit. For a model with references it is also the water
+        mask of these.
     out : ndarray like block, optional
-        Where to put the result; may be `block` itself.
+        Array for the result; may be `block` itself.
 
     Returns
     -------
     (band, row, column) ndarray
-        Same dtype as block. A NaN band stays NaN; a NaN index makes the bands that follow it NaN.
+        Same dtype as block. A NaN band stays NaN; where an index is NaN, its bands become NaN.
 
     Notes
     -----

@@ -1,24 +1,25 @@
-"""Multiband: every band on all longer bands at once, level at a low percentile.
+"""Multiband: regression of every band on all longer bands, glint-free level at a low percentile.
 
-One NIR band carries its own noise and its own blur. Several longer bands together follow the glint better: least
-squares finds the mixture of them that explains each band best in the sample,
+A single NIR band has noise and blur of its own. Several longer bands together predict glint better: least squares finds
+the combination of them that explains each band best in the sample,
 
     L'_i = L_i - (p_i - p_i0),    p_i = sum_r w_ir L_r,    w_i = (C_rr + ridge diag C_rr)^-1 C_ri
 
-with r over the bands from 640 nm on that are longer than i (the NIR alone where wavelengths are not known), C the
-covariance over the sample, and p_i0 the 5th percentile of the mixture there. With one reference, no ridge and
-percentile 0 it is Hedley's method.
+with r over the bands from 640 nm on that are longer than i (only the NIR if wavelengths are not known), C the
+covariance over the sample, and p_i0 the 5th percentile of p_i there. With one reference, no ridge and percentile 0 it
+is Hedley's method.
 
-Assumes that deep water is black, or even, in the references; over shoals the red ones see the bottom, and bright
-bottoms are darkened. The ridge keeps collinear references from cancelling each other. Fails, like all linear methods,
-where bands are not simultaneous. Costs one pass over the sample and one multiplication a pixel, band and
+Assumes that deep water is black, or uniform, in the references; over shoals the red bands show the bottom, and bright
+bottoms become too dark. The ridge prevents large opposite weights of collinear references. Fails, like all linear
+methods, where bands are not simultaneous. Costs one pass over the sample and one multiplication per pixel, band and
 reference.
 
 References
 ----------
 Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086
 (one reference); Hoerl, Kennard (1970), Technometrics 12, 55-67, doi:10.1080/00401706.1970.10488634 (ridge
-regression)."""
+regression).
+"""
 
 from __future__ import annotations
 
@@ -32,15 +33,15 @@ from .request import FitRequest, Weighted, check_sample, fit_warnings, sample_wa
 from .statistics import SamplePlan, SampleStatistics
 
 REFERENCE_RIDGE = 1e-4
-"""Share of its own variance that is added to each reference's."""
+"""Ridge, relative to the variance of each reference."""
 PERCENTILE = 5.0
-"""Of the mixture, as its level, where the request names none [%]."""
+"""Default percentile of the prediction that is its level [%]."""
 SHORTEST_REFERENCE = 640.0
 """Shortest wavelength of a reference [nm]."""
 
 
 def references(request: FitRequest, band: int) -> tuple[int, ...]:
-    """0-based bands that a band is regressed on: all from 640 nm on that are longer than it."""
+    """0-based bands on which a band is regressed: all from 640 nm on with a longer wavelength."""
     own = request.bands[band].wavelength
     nir = {b for index in request.indexes for b in index.bands}
     if own is None or any(request.bands[b].wavelength is None for b in nir):
@@ -54,7 +55,7 @@ def references(request: FitRequest, band: int) -> tuple[int, ...]:
 
 
 def plan(request: FitRequest) -> SamplePlan:
-    """What to gather: moments of all bands involved, and single pixels for the percentile."""
+    """Statistics to gather: moments of all bands involved, and single pixels for the percentile."""
     used = {r for b in request.correct for r in references(request, b)}
     indexes = tuple(GlintIndex((r,), (1.0,)) for r in sorted(used))
     return SamplePlan(request.correct, indexes, keep="index")
@@ -83,7 +84,7 @@ def weights(request: FitRequest, stats: SampleStatistics) -> Iterator[Weighted]:
 
 
 def _ridge(stats: SampleStatistics, band: int, references: list[int]) -> tuple[Float64, float]:
-    """Weights of the references for a band, and the share of its variance that they explain."""
+    """Weights of the references for a band, and the explained share of its variance."""
     comoment = stats.regressed.comoment
     power = comoment[np.ix_(references, references)]
     cross, total = comoment[references, band], float(comoment[band, band])

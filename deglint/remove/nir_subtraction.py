@@ -1,8 +1,7 @@
 """Subtract the NIR itself from every band.
 
 Assumes reflectance (or remote-sensing reflectance): there glint is nearly the same in all bands and water is black in
-the NIR. Wrong for raw numbers or radiance of bands with different gains; over-corrects turbid and shallow water.
-Needs no sample and costs nothing to fit.
+the NIR. Wrong for digital numbers or for radiance; over-corrects turbid and shallow water. Needs no sample and no fit.
 
 References
 ----------

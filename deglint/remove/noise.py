@@ -1,4 +1,4 @@
-"""Noise and spread of a band: scalars of a sample. Arrays only."""
+"""Noise and robust standard deviation of a band. Arrays only."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..scene import FloatArray
 from .detrend import SIZE, detrend
 
 FAINT = 10.0
-"""Standard deviations of noise at which glint leaves as much as noise does: kernels leave some tenth of it."""
+"""Standard deviations of noise at which glint leaves as much error as noise: kernels leave about a tenth of it."""
 
 
 def spread(values: FloatArray) -> float:
@@ -20,7 +20,7 @@ def spread(values: FloatArray) -> float:
 
 
 def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
-    """Standard deviation of a band's noise at the radiance of water: second differences in the darker half.
+    """Standard deviation of a band's noise at the radiance of water, from second differences in the darker half.
 
     planes, inside : (row, column) of each tile. After Immerkaer (1996), Computer Vision and Image Understanding 64,
     300-302, doi:10.1006/cviu.1996.0060, along the diagonals.
@@ -38,11 +38,11 @@ def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
 
 
 def faint_weight(nir: FloatArray, sample: Mask, size: int) -> FloatArray:
-    """Weight of each pixel: one over the variance of what kernels leave, noise and an error that grows with the glint.
+    """Weight of each pixel: the inverse variance of the residual of kernels, noise and an error proportional to glint.
 
     .. math:: 1 / (1 + (h / k s)^2)
 
-    with h the NIR about its local mean, s its noise and k `FAINT`.
+    with h the NIR minus its local mean, s its noise and k `FAINT`.
     """
     high = detrend(nir[None], sample, size or SIZE)[0]
     sigma = noise([np.where(sample, nir, 0).astype(np.float32)], (sample,))

@@ -1,7 +1,7 @@
-"""Apply kernels: the glint that a neighbourhood of the references predicts in a band.
+"""Apply kernels: predict the glint in a band from a neighbourhood of the references.
 
-Local, and the same bits for any tiling: OpenCV's filters handle the last columns of an image by other instructions, so
-columns are added that are cut off again. Arrays only.
+The result does not depend on tiles, to the bit: OpenCV's filters process the last columns of an image by other
+instructions, so columns are added that are removed afterwards. Arrays only.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from .model import GlintIndex, GlintModel
 from .reference import clean
 
 SPARE = 16
-"""Columns that are added: at least as many as OpenCV's filters handle at a time."""
+"""Columns that are added: at least as many as OpenCV's filters process at a time."""
 
 
 def bordered(values: FloatArray) -> FloatArray:
-    """A reference with what `predicted` looks at around it: mirrored at its edges, and with spare columns."""
+    """A reference with the border that `predicted` needs: mirrored at its edges, and with spare columns."""
     import cv2
 
     wide = cv2.copyMakeBorder(
@@ -33,7 +33,7 @@ def bordered(values: FloatArray) -> FloatArray:
 def predicted(
     references: Mapping[int, FloatArray], model: GlintModel, k: int, origin: tuple[int, int] = (0, 0)
 ) -> FloatArray:
-    """What index `k` of a model predicts, (row, column); strips of two kinds are faded into each other.
+    """Prediction of index `k` of a model, (row, column); two kinds of strips are blended at their seams.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def glint(
     origin: tuple[int, int] = (0, 0),
     crop: tuple[int, int, int, int] = (0, 0, 0, 0),
 ) -> tuple[dict[int, FloatArray], Mask | None]:
-    """Glint in each band that a model of kernels corrects.
+    """Glint in each band that a kernel model corrects.
 
     Parameters
     ----------
@@ -92,18 +92,18 @@ def glint(
     model : GlintModel
         With references.
     water : (row, column) ndarray of bool
-        Where the references show water; NaN and what is not water is replaced by the water around.
+        Water in the references; other pixels, and NaN, are replaced by the water around.
     origin : (int, int)
         Row and column of the block in the scene, for strips [pixel].
     crop : (int, int, int, int)
-        Halo above, below, left and right of what is wanted [pixel].
+        Halo above, below, left and right [pixel].
 
     Returns
     -------
     glint : dict of int to (row, column) ndarray
         By 0-based band, without the halo; never negative unless the model is signed, and meaningful only over water.
     exceeds : (row, column) ndarray of bool, or None
-        Water where a reference exceeds its surroundings by more than glint does, so that the glint around is taken.
+        Water where a reference exceeds its surroundings by more than glint does, and is replaced by their mean.
     """
     height, width = water.shape
     top, bottom, left, right = (max(side - KERNEL_REACH, 0) for side in crop)  # what the kernels look at stays
@@ -130,7 +130,7 @@ def glint(
 
 
 def subtract(block: FloatArray, model: GlintModel, where: Mask | None, out: FloatArray) -> FloatArray:
-    """`apply` for a model of kernels: the whole block at once."""
+    """`apply` for a kernel model: the whole block at once."""
     water = np.ones(block.shape[1:], np.bool_) if where is None else where
     found, _ = glint(block, model, water)
     if out is not block:

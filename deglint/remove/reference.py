@@ -1,10 +1,11 @@
-"""The NIR (or SWIR) that a band follows, with ships, surf and land replaced by the water around them.
+"""The reference (NIR or SWIR) of a band, with ships, surf and land replaced by the water around them.
 
-A ship is as bright in the NIR as glint, and a band that followed it would lose the ship. Glint is found all over the
-sea with much the same strength. So a pixel that exceeds the mean of the water around it by more than glint does
-anywhere else is not glint, and takes that mean. So do land, nodata, and the mixed pixels along their edge.
+A ship is as bright in the NIR as glint, and would be removed with it. Glint has nearly the same strength all over the
+sea. So a pixel that exceeds the mean of the water around it by more than glint does elsewhere is not glint; it is
+replaced by that mean. So are land, nodata, and the mixed pixels along their edges.
 
-Local means are sums of integers, exact in any order: a tile gives the same bits as the whole scene. Arrays only.
+Local means are computed from sums of integers, which are exact: the result does not depend on tiles, to the bit. Arrays
+only.
 """
 
 from __future__ import annotations
@@ -19,22 +20,22 @@ from ..moments import CELL, Mask
 from ..scene import FloatArray
 
 SIZE = 15
-"""Side of the square that local means are taken over [pixel]: several waves, and less than a plume."""
+"""Side of the square for local means [pixel]: several waves, and less than a plume."""
 LEAST_OPEN = 0.15
-"""Share of such a square that must be open water for its largest excess to be that of glint."""
+"""Least share of open water in a square whose largest excess is used."""
 QUARTILE, FACTOR = 25, 2.5
-"""Glint exceeds the water around it by at most so many times the largest excess in the calmest quarter of the squares.
-Ships spoil the busiest squares of a port. A long tail of sparkle is in every square: the largest of a scene is 1.4 to
-2.2 times that of the calmest quarter, for winds of 5 to 12 m/s and pixels of 1 to 10 m."""
+"""Limit of the excess of glint: this factor times the largest excess in the quarter of the squares with the lowest
+maxima. Ships raise the maxima of a port's squares, while a long tail of sparkle is in every square: the maximum of a
+scene is 1.4 to 2.2 times that of the lowest quarter, for winds of 5 to 12 m/s and pixels of 1 to 10 m."""
 LEAST_LOCAL = 8
-"""Pixels of water that a local mean needs, to say that something exceeds it [pixel]."""
+"""Fewest pixels of water for a local mean with which a pixel is compared [pixel]."""
 GRAINS = 65535
-"""Integers that the values of water are counted in, for exact sums; 225 of them stay below 2^31."""
+"""Largest quantised value, for exact sums; the sum of 225 of them stays below 2^31."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReferenceRule:
-    """What exceeds the water around it by more than glint does: plain numbers.
+    """Criterion for pixels that exceed the water around them by more than glint does; plain values.
 
     Attributes
     ----------
@@ -43,9 +44,9 @@ class ReferenceRule:
     limit : float
         Largest excess of glint above the mean of the water around it [unit of the band].
     least : float
-        No value below this exceeds its surroundings, whatever they are [unit of the band].
+        Values below this never exceed their surroundings [unit of the band].
     low, step : float
-        Values are counted in integers (value - low) / step for local means [unit of the band].
+        Quantisation for local means: (value - low) / step as integers [unit of the band].
     edge : int
         Width of the mixed pixels around anything that is not open water [pixel].
     """
@@ -66,7 +67,7 @@ class ReferenceRule:
 def fit_reference(
     looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: int = 1, sparkle: bool = False
 ) -> ReferenceRule:
-    """Measure on open water how far glint exceeds its surroundings.
+    """Measure on open water by how much glint exceeds its surroundings.
 
     Parameters
     ----------
@@ -77,8 +78,8 @@ def fit_reference(
     edge : int
         Width of mixed pixels [pixel]; 2 for a band of half the resolution.
     sparkle : bool
-        Pixels may resolve sparkle, whose few flashes exceed all else: the limit is at least that which one pixel in a
-        million exceeds if the tail goes on as a power from the 99th to the 99.9th percentile.
+        Pixels may resolve sparkle, whose few flashes are brightest: the limit is then at least the value that one pixel
+        in a million exceeds, by extrapolation of a power law through the 99th and the 99.9th percentile.
 
     Returns
     -------
@@ -107,7 +108,7 @@ def fit_reference(
 
 
 def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
-    """Rows and columns of the squares of `CELL` pixels that hold enough of a sample."""
+    """Rows and columns of the squares of `CELL` pixels with enough sample."""
     for row in range(0, sample.shape[0], CELL):
         for column in range(0, sample.shape[1], CELL):
             square = slice(row, row + CELL), slice(column, column + CELL)
@@ -116,22 +117,23 @@ def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
 
 
 def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
-    """A reference whose every value is that of open water under glint.
+    """A reference in which all values are those of open water under glint.
 
     Parameters
     ----------
     values : (row, column) ndarray
         The band of the reference; a tile needs `rule.halo` more pixels on every side. Not modified.
     water : (row, column) ndarray of bool
-        Water, ships on it included or not.
+        Water, with or without ships on it.
     rule : ReferenceRule
 
     Returns
     -------
     values : (row, column) ndarray
-        Those given, with the mean of the water around where there is no open water; 0 where no water is around.
+        The reference, replaced by the mean of the water around where there is no open water; 0 if there is no water
+        around.
     exceeds : (row, column) ndarray of bool, or None
-        Water where the band exceeds its surroundings by more than glint does; None where there is none.
+        Water where the band exceeds its surroundings by more than glint does; None if there are no such pixels.
     """
     water = water & np.isfinite(values)
     bright = water & (values > rule.least)
@@ -160,7 +162,7 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
 
 
 def _grains(values: FloatArray, rule: ReferenceRule) -> npt.NDArray[np.uint16]:
-    """The values counted in integers; anything where they are not finite."""
+    """The quantised values; undefined where they are not finite."""
     counted = values - values.dtype.type(rule.low)
     counted /= values.dtype.type(rule.step)
     with np.errstate(invalid="ignore"):
@@ -168,7 +170,7 @@ def _grains(values: FloatArray, rule: ReferenceRule) -> npt.NDArray[np.uint16]:
 
 
 def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Sum of the integers over the kept pixels in the square around each pixel, and their number."""
+    """Sum of the quantised values over the kept pixels in the square around each pixel, and their number."""
     import cv2
 
     square = SIZE, SIZE
@@ -180,14 +182,14 @@ def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.in
 
 
 def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> npt.NDArray[np.float64]:
-    """Mean of the values behind sums of integers; `rule.low` for none."""
+    """Mean of the values from their quantised sum and number; `rule.low` for no pixels."""
     return np.asarray(total / np.maximum(count, 1) * rule.step + rule.low)
 
 
 def _exceeding(
     values: FloatArray, among: Mask, sums: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]], rule: ReferenceRule
 ) -> Mask:
-    """Which of some pixels exceed the mean of the water around them by more than glint does."""
+    """Pixels of `among` that exceed the mean of the water around them by more than glint does."""
     total, count = (s[among] for s in sums)
     out = np.zeros(values.shape, np.bool_)
     out[among] = (count >= LEAST_LOCAL) & (values[among] > _mean(total, count, rule) + rule.limit)

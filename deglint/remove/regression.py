@@ -1,11 +1,10 @@
-"""Slopes of the bands on a glint index, with honest standard errors.
+"""Slopes of the bands against a glint index, with standard errors that allow for correlated pixels.
 
-Neighbouring pixels are not independent: a textbook standard error is too small by the square root of how many
-pixels move together. Where the sample spans enough cells, the error is therefore taken between cells (the
-cluster-robust estimate of Liang and Zeger 1986), and only otherwise from independent pixels. A cell that holds much of
-the glint draws the slope to itself, so that its own residuals are too small; they are divided by what the other cells
-hold of it, which makes the estimate the jackknife over cells (CR3 of Bell and McCaffrey 2002; Cameron and Miller 2015,
-section VI.B).
+Neighbouring pixels are correlated: the usual standard error is too small by the square root of the number of correlated
+pixels. If the sample spans enough cells, the error is therefore estimated between cells (the cluster-robust estimate of
+Liang and Zeger 1986), otherwise from pixels as if independent. A cell with much of the glint dominates the slope, so
+that its residuals are too small; they are divided by the share of glint in the other cells, which makes the estimate
+the jackknife over cells (CR3 of Bell and McCaffrey 2002; Cameron and Miller 2015, section VI.B).
 
 References
 ----------
@@ -32,16 +31,16 @@ from .statistics import SampleStatistics
 CLUSTERS = 10
 """Fewest cells for a standard error between cells."""
 LEAST_ELSEWHERE = 1e-3
-"""Least share of the glint that other cells are taken to hold."""
+"""Lower limit of the share of glint in other cells."""
 ROBUST_PIXELS = 50_000
-"""Most pixels that the Huber regression looks at."""
+"""Most pixels in the Huber regression."""
 PAIRED_PIXELS = 2_000
-"""Most pixels whose pairs the Theil-Sen regression looks at (two million pairs)."""
+"""Most pixels in the Theil-Sen regression, which uses all pairs (two million)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Slope, its standard error and R2, each (bands, indexes)."""
+    """Slopes, their standard errors and R2, each (bands, indexes)."""
 
     slope: Float64
     stderr: Float64
@@ -49,9 +48,9 @@ class Slopes:
 
 
 def least_squares(stats: SampleStatistics) -> Slopes:
-    """Ordinary least squares: cov(band, index) / var(index), from the moments alone.
+    """Ordinary least squares: cov(band, index) / var(index), from the moments.
 
-    Serves `ols` and, on moments of detrended values, `detrended`.
+    Used for `ols` and, with moments of detrended values, for `detrended`.
     """
     bands = len(stats.plan.bands)
     cross, power = stats.regressed.comoment[:bands, bands:], np.diag(stats.regressed.comoment)[bands:]
@@ -91,7 +90,7 @@ REGRESSIONS: dict[str, Callable[[SampleStatistics], Slopes]] = {
 
 
 def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
-    """Standard errors of slopes (bands, indexes): between cells, or of independent pixels for few cells.
+    """Standard errors of slopes (bands, indexes): between cells, or as of independent pixels if there are few cells.
 
     ``sqrt((G - 1) / G sum_c (s_c / (1 - h_c))^2) / S``, with S the index's comoment, h_c the share of it in cell c of
     G, and s_c the cell's score (CR3 of Cameron and Miller 2015, section VI.B, for one regressor).
@@ -111,40 +110,40 @@ def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
 
 
 def _elsewhere(share: Float64) -> Float64:
-    """What is not in a cell; never nothing, or one cell with all the glint would have no finite error."""
+    """Share of the glint outside a cell, with a lower limit so that errors are finite."""
     return np.maximum(1 - share, LEAST_ELSEWHERE)
 
 
 def glint_error(
     stats: SampleStatistics, band: int, references: Sequence[int], weights: Sequence[float]
 ) -> tuple[float, float]:
-    """Relative standard error of the glint that a mixture of references takes from a band, and how far to believe it.
+    """Relative standard error of the glint that a mixture of references predicts in a band, and its reliability.
 
     .. math:: \\sqrt{\\mathrm{tr}(V C) / w^T C w}, \\quad s_c = (C_{ri,c} - C_{rr,c} w) / (1 - p_c),
         \\quad V = C^{-1} \\Big( \\frac{G - 1}{G} \\sum_c s_c s_c^T \\Big) C^{-1}
 
     with C the comoments of the references, s_c the score of cell c, of G, and p_c its share of the glint: the
     cluster-robust covariance V of the weights w (CR3 of Bell and McCaffrey 2002, with the leverage of the mixture in
-    place of that of each reference), in the unit of the mixture's own spread. For one reference it
-    is the slope's standard error over the slope.
+    place of that of each reference), relative to the standard deviation of the mixture. For one reference it is the
+    slope's standard error over the slope.
 
     Parameters
     ----------
     stats : SampleStatistics
     band : int
-        Its place among the plan's bands.
+        Its index in the plan's bands.
     references : sequence of int
-        Places among the variables (the plan's bands, then its indexes).
+        Indexes in the variables (the plan's bands, then its indexes).
     weights : sequence of float
-        One a reference.
+        Weight of each reference.
 
     Returns
     -------
     error : float
-        Infinite where the sample spans fewer than `CLUSTERS` cells, or the mixture does not vary.
+        Infinite if the sample spans fewer than `CLUSTERS` cells, or the mixture does not vary.
     cells : float
-        Effective number of cells, (sum p)^2 / sum p^2, with p the glint in each: where a few clumps of sparkle hold
-        most of it, the error says little of those that were not met (after Carter, Schnepel and Steigerwald 2017).
+        Effective number of cells, (sum p)^2 / sum p^2, with p the glint in each: if a few clumps of sparkle contain
+        most of it, the error does not represent others (after Carter, Schnepel and Steigerwald 2017).
     """
     cells, rows, w = stats.cells, list(references), np.asarray(weights, np.float64)
     power = stats.regressed.comoment[np.ix_(rows, rows)]

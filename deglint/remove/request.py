@@ -1,4 +1,4 @@
-"""What a caller asks of a method, and the steps that the regression methods share."""
+"""The request for a fit, and the steps that the regression methods share."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ from .regression import REGRESSIONS, Slopes, explained
 from .statistics import SamplePlan, SampleStatistics
 
 MIN_PIXELS = 64
-"""Fewest pixels that a slope is fitted to."""
+"""Fewest pixels for fitting a slope."""
 FEW_PIXELS = 1000
-"""Below this many pixels a fit carries a warning."""
+"""A fit to fewer pixels has a warning."""
 LOW_R2 = 0.3
-"""Below this R2 a band carries a warning: the index does not explain it."""
+"""A band with a smaller R2 has a warning: the index does not explain it."""
 EVEN = 0.55
-"""Share of a mixture's variance that lies evenly about its median, above which removal adds more than it takes."""
+"""Share of a mixture's variance that is distributed evenly about its median, above which removal adds more noise than
+it removes glint."""
 SIGNIFICANT = 3.0
-"""Standard errors by which a slope must exceed zero to count as glint."""
+"""Standard errors by which a significant slope exceeds zero."""
 
 
 @dataclass(frozen=True, slots=True)
 class FitRequest:
-    """What is to be fitted.
+    """Request for a fit.
 
     Attributes
     ----------
@@ -40,23 +41,22 @@ class FitRequest:
     correct : tuple of int
         0-based bands to correct.
     indexes : tuple of GlintIndex
-        The NIR references; their levels are not used.
+        NIR references; their levels are not used.
     follows : tuple of int or None
-        For each band of `correct` the index it follows; None: the one with the highest R2.
+        Number of the index for each band of `correct`; None for the one with the highest R2.
     regression : str
         Key of `REGRESSIONS`.
     floor_percentile : float
-        Percentile of the index that Hedley takes as its level [%]; 0 is the minimum, as published.
+        Percentile of the index that is Hedley's level [%]; 0 is the minimum, as published.
     rrs_factor : float
-        Physical values are this many times remote-sensing reflectance [sr^-1]; pi for reflectance.
+        Ratio of the physical values to remote-sensing reflectance [sr]; pi for reflectance.
     more : tuple of int
-        0-based bands that also serve as references for bands of shorter wavelength
+        0-based bands that are also references for bands of shorter wavelength
         (`deglint.remove.further.more_references`).
     faint : bool
-        Kernels suit faint glint rather than strong glint, of which they leave more: for the posterior mean, which takes
-        that from the water beside.
+        Optimise kernels for faint glint, at the cost of strong glint, which the posterior mean removes later.
     level_error : bool
-        Estimate the standard error of the level of `wiener`: half the time of a fit, not needed to compare fits.
+        Estimate the standard error of the level of `wiener`, which takes half the time of a fit.
     """
 
     bands: tuple[Band, ...]
@@ -104,7 +104,7 @@ class FitRequest:
 
 
 def regression_plan(request: FitRequest, *, keep_index: bool) -> SamplePlan:
-    """What the regression methods gather; `keep_index` where the level needs single values."""
+    """Statistics for the regression methods; with `keep_index`, also single values for the level."""
     robust = request.regression in ("huber", "theil-sen")
     return SamplePlan(
         bands=request.correct,
@@ -137,7 +137,9 @@ def regression_model(
 def fixed_model(
     method: str, request: FitRequest, slopes: npt.ArrayLike, stats: SampleStatistics | None = None
 ) -> GlintModel:
-    """The request's indexes with slopes (bands, indexes) that no regression estimates; R2 where there is a sample."""
+    """Model of the request's indexes with given slopes (bands, indexes), not from a regression; R2 if there is a
+    sample.
+    """
     slopes = np.asarray(slopes, np.float64)
     unknown = np.full(slopes.shape, np.nan)
     if stats is None:
@@ -150,7 +152,7 @@ def fixed_model(
 
 
 def _band_fits(request: FitRequest, slopes: Slopes, n: int) -> tuple[BandFit, ...]:
-    """A fit for each band, to the index that it follows, or else to the one with the highest R2; NaN is not known."""
+    """A fit for each band, to its index or to the one with the highest R2; NaN means not known."""
     fits = []
     for i, (band, follows) in enumerate(zip(request.correct, request.follows, strict=True)):
         k = int(np.argmax(slopes.r2[i])) if follows is None else follows
@@ -165,8 +167,11 @@ def _known(value: float) -> float | None:
 
 
 class Weighted(NamedTuple):
-    """What takes glint from one band: its place among the plan's bands, places of its references among the variables,
-    their weights, and the share of its variance that they explain."""
+    """Prediction of glint in one band by references.
+
+    Its index in the plan's bands, indexes of the references in the variables, their weights, and the explained share of
+    the band's variance.
+    """
 
     band: int
     references: tuple[int, ...]
@@ -175,7 +180,7 @@ class Weighted(NamedTuple):
 
 
 def slope_weights(request: FitRequest, stats: SampleStatistics) -> Iterator[Weighted]:
-    """Each band's index and slope, by the request's regression."""
+    """Index and slope of each band, by the request's regression."""
     check_sample(request, stats)
     slopes = REGRESSIONS[request.regression](stats)
     for i, fit in enumerate(_band_fits(request, slopes, stats.regressed.n)):
@@ -183,7 +188,7 @@ def slope_weights(request: FitRequest, stats: SampleStatistics) -> Iterator[Weig
 
 
 def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
-    """Refuse a sample that cannot carry a fit."""
+    """Raise FitError if the sample does not allow a fit."""
     if stats.regressed.n < MIN_PIXELS:
         raise FitError(
             f"sample holds {stats.regressed.n} valid pixels, need at least {MIN_PIXELS} to fit a slope. "
@@ -215,7 +220,7 @@ def _beyond_squares(name: str, stats: SampleStatistics, v: int) -> FitError:
 
 
 def sample_warnings(stats: SampleStatistics) -> list[str]:
-    """What is doubtful about a sample."""
+    """Warnings about a sample."""
     warnings = []
     if stats.moments.n < FEW_PIXELS:
         warnings.append(f"small sample: {stats.moments.n} pixels (fewer than {FEW_PIXELS}).")
@@ -230,7 +235,7 @@ def sample_warnings(stats: SampleStatistics) -> list[str]:
 
 
 def fit_warnings(fits: Iterable[BandFit]) -> list[str]:
-    """Where the index does not explain a band, or a slope is not to be trusted."""
+    """Warnings of bands that the index does not explain, and of unreliable slopes."""
     warnings = []
     for fit in fits:
         if fit.r2 is not None and fit.r2 < LOW_R2:

@@ -1,8 +1,8 @@
-"""What a fit needs to know of the sample, gathered tile by tile and merged without regard to the tiling.
+"""Statistics of the sample for a fit, gathered tile by tile and merged; the result does not depend on tiles.
 
-`gather` looks at one tile and returns a part; `merge` puts the parts together. Everything in the result is the same
-to the bit for any tiling on the cells of `deglint.moments` and any number of threads: moments are merged by cell,
-single pixels are chosen by their place in the scene, and ties are broken by place.
+`gather` processes one tile and returns a part; `merge` combines the parts. The result is the same to the bit for any
+tiles aligned with the cells of `deglint.moments` and any number of threads: moments are merged by cell, single pixels
+are selected by their position in the scene, and ties are broken by position.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from .model import GlintIndex
 Crop = tuple[int, int, int, int]
 """Halo around a tile: rows above and below, columns left and right [pixel]."""
 MOST_CELLS = 1 << 14
-"""Cells, or groups of them, whose moments are kept one by one, for standard errors; about."""
+"""Approximate number of cells, or groups of cells, whose moments are kept for standard errors."""
 
 
 @dataclass(frozen=True)
 class SamplePlan:
-    """What to gather.
+    """Statistics to gather.
 
     Attributes
     ----------
     bands : tuple of int
-        0-based bands whose slopes are wanted.
+        0-based bands to fit.
     indexes : tuple of GlintIndex
         Glint indexes to regress on (their levels are not used).
     detrend_size : int
-        Side of the window whose mean is taken off before the regression [pixel]; 0 for none.
+        Side of the window whose mean is subtracted before the regression [pixel]; 0 for none.
     keep : {"nothing", "index", "all"}
         Which single pixels to keep: none, their indexes (for percentile and mode), or indexes and bands (for the
         robust regressions).
     share : int
-        Keep one pixel in so many, chosen by a hash of row and column.
+        Keep one pixel in `share`, selected by a hash of row and column.
     levels : int
         Cells of a row are kept in groups of 2**levels.
     """
@@ -61,13 +61,13 @@ class SamplePlan:
 
     @property
     def halo(self) -> int:
-        """Pixels around a tile that `gather` looks at."""
+        """Pixels around a tile that `gather` needs."""
         return detrend_halo(self.detrend_size)
 
 
 @dataclass(frozen=True, eq=False)
 class Extreme:
-    """The pixel with the smallest (or largest) index: its value, place and spectrum."""
+    """The pixel with the smallest (or largest) index: its value, position and spectrum."""
 
     value: float
     place: tuple[int, int]
@@ -76,7 +76,7 @@ class Extreme:
 
 @dataclass(frozen=True, eq=False)
 class SamplePart:
-    """What one tile contributes; variables are the plan's bands, then its indexes. No extremes without a pixel."""
+    """Statistics of one tile; variables are the plan's bands, then its indexes. No extremes without a pixel."""
 
     cells: CellMoments
     detrended: CellMoments | None
@@ -88,18 +88,18 @@ class SamplePart:
 
 @dataclass(frozen=True, eq=False)
 class SampleStatistics:
-    """What a whole sample says; variables are the plan's bands, then its indexes.
+    """Statistics of a whole sample; variables are the plan's bands, then its indexes.
 
     Attributes
     ----------
     plan : SamplePlan
     moments : Moments
     cells : CellMoments
-        Of the values that the slopes are fitted to (detrended where the plan says so), in groups as the plan says.
+        Moments of the values to which the slopes are fitted (detrended if planned), in groups of cells if planned.
     regressed : Moments
-        Their total.
+        Total of `cells`.
     darkest, brightest : tuple of Extreme
-        One an index.
+        One per index.
     values : (variables or indexes, pixels) ndarray
         The kept pixels, in row-major order.
     """
@@ -126,7 +126,7 @@ def gather(
     origin: tuple[int, int] = (0, 0),
     crop: Crop = (0, 0, 0, 0),
 ) -> SamplePart:
-    """Look at the sample's pixels in one tile.
+    """Statistics of the sample's pixels in one tile.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def gather(
     origin : (int, int)
         Row and column in the scene of the tile's first pixel, not counting the halo.
     crop : (int, int, int, int)
-        How much of the block is halo.
+        Halo of the block.
 
     Returns
     -------
@@ -167,12 +167,12 @@ def gather(
 
 
 def levels_for(pixels: int) -> int:
-    """How many cells of a row are to be grouped (2**levels), so that what is kept of so many pixels is bounded."""
+    """Number of levels by which cells of a row are merged (groups of 2**levels), so that memory is limited."""
     return max(math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1))), 0)
 
 
 def combine(parts: Sequence[SamplePart], plan: SamplePlan) -> SamplePart:
-    """One part in place of those of some tiles: a row of tiles in a reduction."""
+    """Merge the parts of some tiles into one, such as those of a row of tiles."""
     real = [p for p in parts if len(p.cells.n)] or list(parts[:1])
     local = [p.detrended for p in real if p.detrended is not None]
     return SamplePart(
@@ -186,17 +186,17 @@ def combine(parts: Sequence[SamplePart], plan: SamplePlan) -> SamplePart:
 
 
 def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme, ...]:
-    """Of each index the extreme with the least value times `sign`, and of equal ones the first in the scene."""
+    """For each index the extreme with the smallest value times `sign`; of equal ones the first in the scene."""
     return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
 
 
 def merge(parts: Iterable[SamplePart], plan: SamplePlan) -> SampleStatistics:
-    """Put the tiles' parts together.
+    """Combine the parts of the tiles.
 
     Raises
     ------
     FitError
-        No tile holds a pixel of the sample.
+        No tile contains a pixel of the sample.
     """
     parts = [p for p in parts if len(p.cells.n)]
     if not parts:
@@ -234,7 +234,7 @@ def _extreme(
     origin: tuple[int, int],
     most: Callable[[FloatArray], np.intp],
 ) -> Extreme:
-    """The first masked pixel where variable v is least (`np.argmin`) or largest (`np.argmax`)."""
+    """The first masked pixel where variable v has its minimum (`np.argmin`) or maximum (`np.argmax`)."""
     among = np.flatnonzero(mask)
     row, column = divmod(int(among[most(variables[v][mask])]), mask.shape[1])
     spectrum = variables[:bands, row, column].astype(np.float64)

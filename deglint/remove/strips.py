@@ -1,8 +1,8 @@
-"""Strips of a scene whose bands have opposite delays: detectors that look forward and backward in turn.
+"""Strips of a scene with opposite band delays, from detectors that look forward and backward in turn.
 
-The detectors of Sentinel-2 stand in two rows. One row sees the blue band first, the other sees it last, so that waves
-move from the NIR to a band by opposite ways in neighbouring strips, and one kernel for both would follow neither. Which
-strip a pixel lies in is known from the product's footprints, or found from the image: the kernel of one strip is the
+The detectors of Sentinel-2 are arranged in two rows. One row takes the blue band first, the other takes it last, so
+that waves are displaced in opposite directions in neighbouring strips, and one kernel for both would fit neither. The
+strip of a pixel is known from the product's footprints, or determined from the image: the kernel of one strip is the
 mirror image of that of the other. Arrays only.
 """
 
@@ -18,35 +18,35 @@ from ..moments import CELL, Float64
 from .kernels import LagGrams, solve, unexplained
 
 SPLIT_WORTH = 0.15
-"""Relative noise that two kernels must save against one for the image to show strips: 0.27 in a scene of two
+"""Least relative reduction of noise by two kernels instead of one that indicates strips: 0.27 in a scene of two
 detectors, 0.00 to 0.06 in scenes of one."""
 ROUNDS = 20
-"""Rounds in which squares are given to the kernel that suits them; they settle within five."""
+"""Iterations in which squares are assigned to the better kernel; they converge within five."""
 LEAST_SQUARES_OF_KIND = 2
-"""Squares that each kind of strip must have in the sample for kernels of its own."""
+"""Fewest squares of each kind of strip in the sample, for separate kernels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Strips:
-    """Which squares of `CELL` pixels of a scene lie in strips of the second kind.
+    """Squares of `CELL` pixels of a scene that lie in strips of the second kind.
 
     Attributes
     ----------
     rows : tuple of str
-        One a row of squares, "0" or "1" for each square.
+        One text per row of squares, with "0" or "1" for each square.
     """
 
     rows: tuple[str, ...]
 
     @classmethod
     def of(cls, second: npt.NDArray[np.bool_]) -> Strips:
-        """From an array (row of squares, column of squares)."""
+        """From a mask (row of squares, column of squares)."""
         return cls(tuple("".join("1" if s else "0" for s in row) for row in second))
 
     def share(self, rows: tuple[int, int], columns: tuple[int, int]) -> npt.NDArray[np.float32]:
-        """How much of the second kind each pixel of a window is: 0 to 1, faded over a square at the seam.
+        """Weight of the second kind at each pixel of a window: 0 to 1, with a transition over one square at the seam.
 
-        Bilinear between the centres of the squares, (row, column) of float32: the same for any window.
+        Bilinear interpolation between the centres of the squares, (row, column) of float32; independent of the window.
         """
         kind = np.array([[c == "1" for c in row] for row in self.rows], np.float32)
         (top, low, down), (left, right, across) = (
@@ -57,29 +57,29 @@ class Strips:
         return np.asarray(upper * (1 - down[:, None]) + lower * down[:, None], np.float32)
 
     def of_cells(self, grams: LagGrams) -> npt.NDArray[np.bool_]:
-        """Which squares of a sample are of the second kind."""
+        """Mask of the squares of a sample that are of the second kind."""
         middle = grams.places + CELL // 2
         return np.array([self.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
 
 
 def _between(places: npt.NDArray[np.int64], count: int) -> tuple[npt.NDArray[np.int64], ...]:
-    """Squares before and after some pixels, and how far the pixels are from the first to the second centre."""
+    """Squares before and after each pixel, and the fractional distance from the first to the second centre."""
     at = np.clip((places + 0.5) / CELL - 0.5, 0, count - 1)
     first = np.minimum(at.astype(np.int64), count - 1)
     return first, np.minimum(first + 1, count - 1), (at - first).astype(np.float32)
 
 
 def find_kernels(grams: LagGrams, bands: int) -> tuple[Float64, Float64] | None:
-    """Two kernels of 3 x 3 pixels that explain the squares of a sample much better than one; None where one will do.
+    """Two kernels of 3 x 3 pixels that explain the squares of a sample much better than one; else None.
 
-    Squares are given to the kernel that leaves less, and the kernels fitted to their squares, in turn; begun with the
-    kernel of all and its mirror image.
+    Squares are assigned to the kernel with the smaller residual, and the kernels are fitted to their squares,
+    alternately; the start is the kernel of all squares and its mirror image.
 
     Parameters
     ----------
     grams : LagGrams
     bands : int
-        How many bands there are.
+        Number of bands.
     """
     inputs, outputs = grams.columns(0, 3), [grams.band(b) for b in range(bands)]
     total = grams.grams.sum(axis=0)
@@ -96,22 +96,22 @@ def find_kernels(grams: LagGrams, bands: int) -> tuple[Float64, Float64] | None:
 
 
 def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> npt.NDArray[np.bool_]:
-    """Which squares the second of two kernels explains better."""
+    """Mask of the squares that the second of two kernels explains better."""
     first, second = (_left(grams, kernel) for kernel in kernels)
     return np.asarray(second < first)
 
 
 def _left(grams: LagGrams, kernel: Float64) -> Float64:
-    """What a kernel of 3 x 3 pixels leaves in each square: the sum over bands of relative power."""
+    """Residual of a kernel of 3 x 3 pixels in each square: sum over bands of relative power."""
     inputs, outputs = grams.columns(0, 3), [grams.band(b) for b in range(kernel.shape[1])]
     power = np.maximum(grams.grams.sum(axis=0)[outputs, outputs], np.finfo(float).tiny)
     return np.array([(unexplained(g, inputs, outputs, kernel) / power).sum() for g in grams.grams])
 
 
 def filled(known: npt.NDArray[np.int8]) -> npt.NDArray[np.bool_]:
-    """Squares of the second kind, where some are known (0 or 1) and others (-1) take the kind of the nearest.
+    """Squares of the second kind; unknown squares (-1) take the kind of the nearest known one (0 or 1).
 
-    A square whose eight neighbours mostly are of the other kind takes theirs.
+    Isolated squares take the kind of most of their neighbours.
     """
     import cv2
     from scipy.ndimage import distance_transform_edt

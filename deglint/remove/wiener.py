@@ -1,31 +1,31 @@
-r"""Wiener filter: every band follows a small neighbourhood of the NIR (and of a second reference), not its one pixel.
+r"""Wiener filter: each band's glint is predicted from a small neighbourhood of the NIR (and of a second reference).
 
 .. math:: L'_b = L_b - \max(p_b - p_{b0}, 0), \qquad p_b(x) = \sum_r \sum_o k_{bro} R_r(x + o)
 
-R_r is a reference: the NIR that is taken with the band, then SWIR or another NIR where there is one, with ships, surf
+R_r is a reference: the NIR taken at the time of the band, then SWIR or another NIR if there is one, with ships, surf
 and land replaced by the water around (`deglint.remove.reference`). The kernels are least squares over open water, with
 a local mean subtracted from every band,
 
 .. math:: k_b = (G_{RR} + \lambda I)^{-1} G_{Rb}, \qquad G = \sum_x v(x) v(x)^T,
 
-with v(x) all references at all offsets about x, then the bands (`deglint.remove.kernels`). One kernel so finds and
-applies what displaces or blurs the glint of one band against that of another - band delay, parallax, misregistration,
-unequal resolution - and averages the noise of the reference. With a kernel of one pixel, raw statistics and the minimum
-as level it is Hedley's method.
+with v(x) all references at all offsets about x, then the bands (`deglint.remove.kernels`). One kernel thus models all
+displacement and blur between the glint of two bands - band delay, parallax, misregistration, unequal resolution - and
+averages the noise of the reference. With a kernel of one pixel, no local mean and the minimum as level it is Hedley's
+method.
 
-- Kernels of 1, 3 and 5 pixels are compared on squares of the sample that they were not fitted to; the plainest that is
-  within chance of the best is taken.
-- The response of a band to even glint is the sum of its kernel, s_b. The colour c of glint is known to a fifth: that of
-  the sun in radiance, or grey in reflectance. With V the jackknife covariance of the responses and P = diag(0.2 a c)^2
-  their prior, all responses are drawn toward the colour, s' = a c + P (V + P)^-1 (s - a c), with the strength a by
+- Kernels of 1, 3 and 5 pixels are compared by cross-validation on squares of the sample; the smallest that is not
+significantly worse than the best is used. - The response of a band to uniform glint is the sum of its kernel, s_b. The
+spectrum c of glint is known to a fifth: that of the sun in radiance, or constant in reflectance. With V the jackknife
+covariance of the responses and P = diag(0.2 a c)^2 their prior, all responses are drawn toward the spectrum, s' = a c +
+P (V + P)^-1 (s - a c), with the strength a by
   generalised least squares (`deglint.remove.colour`). All bands are corrected, or none.
-- One level p_b0 for all bands: the prediction where it is least, at the same pixels; raised until no band becomes
-  negative (`deglint.remove.levels`).
-- Glint is never negative, so nothing is added where the prediction is below the level.
+- There is one level p_b0 for all bands: the prediction at the pixels where it is lowest, raised until no band becomes
+negative (`deglint.remove.levels`). - Glint is never negative: where the prediction is below the level, nothing is
+changed.
 
-Fails where strips of the scene have other delays and are not known, for a homogeneous sheet of glint (whose level no
-image tells), for a wrong water mask, and over very shallow water, where the NIR sees the bottom. Costs one pass over
-0.3 million pixels for the fit.
+Fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its level),
+for a wrong water mask, and over very shallow water, where the NIR shows the bottom. Costs one pass over 0.3 million
+pixels for the fit.
 
 References
 ----------
@@ -75,28 +75,28 @@ from .strips import Strips, find_kernels, second_kind
 SAMPLE_SIDE = 192
 """Side of the tiles of a sample [pixel]."""
 SURE = 3.0
-"""Standard errors by which the glint that the bands share must exceed zero."""
+"""Standard errors by which the glint common to the bands must exceed zero."""
 SHEET = 0.5
-"""Glint-free NIR over green after removal, from which on an even sheet of glint may hide in it. Clear and moderately
-turbid water has .05 to .4, with the light that the air scatters."""
+"""Ratio of glint-free NIR to green after removal, above which the NIR may contain an even sheet of glint. Clear and
+moderately turbid water has .05 to .4, including light scattered by the air."""
 SHORTEST_SWIR = 1100.0
-"""Shortest wavelength of what is SWIR and not NIR: silicon detectors end there [nm]."""
+"""Shortest wavelength of SWIR [nm]: the limit of silicon detectors."""
 COARSE_EDGE = 2
-"""Width of mixed pixels of a SWIR band, which most sensors have at half the resolution [pixel]."""
+"""Width of mixed pixels of a SWIR band, which has half the resolution in most sensors [pixel]."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampleTile:
-    """A part of a scene to learn from.
+    """A training tile of a scene.
 
     Attributes
     ----------
     block : (band, row, column) ndarray
         Physical values of all bands of the scene, NaN where not valid.
     water : (row, column) ndarray of bool
-        Where references show water.
+        Water, also in the references.
     sample : (row, column) ndarray of bool
-        Water to learn from: away from shores, or the sample that the user named.
+        Pixels used for fitting: water away from shores, or the sample given by the user.
     origin : (int, int)
         Row and column of the tile in the scene [pixel].
     """
@@ -120,19 +120,19 @@ def fit(
     Parameters
     ----------
     request : FitRequest
-        With regression "ols" the statistics are raw, and the colour is not drawn to the expected one.
+        With regression "ols" no local mean is subtracted, and responses are not drawn to the expected spectrum.
     tiles : sequence of SampleTile
         Spread over the scene; 0.3 million pixels are enough.
     supports : sequence of tuple of int
-        Sides of the kernels that are compared; those of `deglint.remove.kernels` by default.
+        Sides of the kernels to compare; by default those of `deglint.remove.kernels`.
     strips : Strips or callable, optional
-        Where detectors have opposite delays: a kernel for each kind of strip. Or what finds it out in all of the scene,
-        called where the sample shows two kinds.
+        Strips of detectors with opposite band delays, for separate kernels; or a function that finds them in the whole
+        scene, called if the sample shows two kinds.
 
     Returns
     -------
     GlintModel
-        Without fits where the glint that the bands share is not significant, or not worth removing.
+        Without fits if the glint common to the bands is not significant, or not worth removing.
 
     Raises
     ------
@@ -167,7 +167,7 @@ def fit(
 
 @dataclass(frozen=True, eq=False)
 class StripFinder:
-    """Tells for any tile of a scene which of its squares lie in strips of the second kind."""
+    """Finds, in any tile of a scene, the squares in strips of the second kind."""
 
     request: FitRequest
     rules: dict[int, ReferenceRule]
@@ -183,7 +183,7 @@ class StripFinder:
 
 
 def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
-    """Sums over the squares of a sample; with outliers, where sparkle is so rare that nothing else is left."""
+    """Gram matrices of the squares of a sample; outliers are included only if no squares remain without them."""
     size = 0 if request.regression == "ols" else LOCAL_MEAN
     for outliers in (False, True):
         parts = []
@@ -201,7 +201,7 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
-    """Group the squares of the sample by the kind of their strip; one group where some kind has too few."""
+    """Group the squares of the sample by kind of strip; one group if a kind has too few."""
     second = strips.of_cells(grams[0])
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES:
         return [list(grams)]
@@ -209,7 +209,7 @@ def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]
 
 
 def band_sets(request: FitRequest) -> list[BandSet]:
-    """Bands by what they follow: the NIR taken with them, SWIR or another NIR, then what the request adds."""
+    """Group bands by their references: the NIR taken with them, SWIR or another NIR, then those of the request."""
     out: dict[tuple[int, ...], list[int]] = {}
     for place, follows in enumerate(request.follows):
         first = request.indexes[follows or 0].bands[0]
@@ -231,7 +231,9 @@ def _supports_of(band_set: BandSet, request: FitRequest) -> tuple[tuple[int, ...
 
 
 def _serves(band: Band) -> bool:
-    """Whether a band shows glint and nothing of the water: from 750 nm on, outside the bands of water vapour."""
+    """Whether a band can be a reference, as it shows no signal of the water: from 750 nm on, without water vapour
+    bands.
+    """
     if not band.wavelength or band.wavelength < 750:
         return False
     narrow = band.width is not None and band.width < 40
@@ -240,7 +242,7 @@ def _serves(band: Band) -> bool:
 
 
 def _preference(band: Band) -> tuple[int, float]:
-    """SWIR first, near 1610 nm: it does not see turbid water. Then a second NIR."""
+    """Sort key of second references: SWIR near 1610 nm, which does not show turbid water; then a second NIR."""
     assert band.wavelength is not None
     return (0, abs(band.wavelength - 1610)) if band.wavelength > SHORTEST_SWIR else (1, abs(band.wavelength - 865))
 
@@ -259,7 +261,7 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[Band
 
 @dataclass(frozen=True, eq=False)
 class _Learnt:
-    """A tile with cleaned references; the sample of the level, and that of the kernels."""
+    """A tile with cleaned references, and two samples: for the level, and for the kernels."""
 
     references: dict[int, FloatArray]
     bands: list[FloatArray]
@@ -278,9 +280,10 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
 
 
 def _without_outliers(learnt: Sequence[_Learnt]) -> list[_Learnt]:
-    """Kernels learn from no pixel near one that deviates from its local mean more than glint does, in any band.
+    """Exclude from the kernels' sample pixels near any that deviates from its local mean by more than glint, in any
+    band.
 
-    As for references: sparkle is found all over the sea with much the same strength, a ship or surf is not.
+    As in references: sparkle has nearly the same strength all over the sea, ships and surf do not.
     """
     import cv2
 
@@ -309,7 +312,7 @@ def _model(
     shared: SharedGlint,
     covariance: Float64,
 ) -> GlintModel:
-    """Kernels of each kind of strip, with the posterior responses; the levels are not known yet."""
+    """Kernels of each kind of strip with the posterior responses; without levels."""
     indexes = [_indexes(request, some, shared) for some in kernels]
     fits = {}
     for f in kernels[0]:
@@ -327,14 +330,14 @@ def _model(
 
 
 def _slope(shared: SharedGlint, place: int) -> float:
-    """What a band gains where its NIR gains 1 everywhere."""
+    """Increase of a band if its NIR increases by 1 everywhere."""
     return float(shared.response[place]) if shared.response[place] > 0 else 1.0
 
 
 def _indexes(request: FitRequest, kernels: Sequence[KernelFit], shared: SharedGlint) -> tuple[GlintIndex, ...]:
-    """A kernel for each band, over its slope: to bring the response from s to s', the kernel of shared glint is added.
+    """A kernel for each band, divided by its slope; the kernel of common glint is added to change the response s to s'.
 
-    k' = k + k_g (s' - s), with k_g the kernel of the weighted sum of the bands whose response is 1.
+    k' = k + k_g (s' - s), with k_g the kernel of a weighted sum of the bands, scaled to the response 1.
     """
     out = {}
     for f in kernels:
@@ -352,7 +355,7 @@ def _indexes(request: FitRequest, kernels: Sequence[KernelFit], shared: SharedGl
 
 
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
-    """One level for all bands, from the pixels of the sample where their predictions together are least."""
+    """One level for all bands, from the pixels of the sample where the sum of their predictions is lowest."""
     import cv2
 
     slopes = np.array([f.slope for f in model.fits])
@@ -378,7 +381,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
 
 
 def _sheet(interval: tuple[float, float, float], green: float) -> tuple[str, ...]:
-    """A warning where the glint-free NIR may hide an even sheet of glint; `green` is the band after removal."""
+    """Warning if the glint-free NIR may include an even sheet of glint; `green` is the band after removal."""
     lowest, chosen, middle = interval
     if chosen <= SHEET * green:
         return ()

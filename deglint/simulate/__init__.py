@@ -1,6 +1,6 @@
-"""Synthetic scenes of the sea with the truth beside them: pure functions from a `Setup` to arrays.
+"""Synthetic scenes of the sea with their ground truth: pure functions from a `Setup` to arrays.
 
-`simulate(Setup(...))` gives a `SimulatedScene`, `simulate_together` what several sensors see of one sea;
+`simulate(Setup(...))` returns a `SimulatedScene`, `simulate_together` the images of several sensors of one sea;
 `deglint.raster.simulated` writes them.
 """
 

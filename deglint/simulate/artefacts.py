@@ -1,6 +1,6 @@
-"""What a sensor and its processing do to an image after the optics: striping, resampling, JPEG.
+"""Artefacts of a sensor and its processing: striping, resampling, JPEG.
 
-They change the image alone; the truth stays as it is.
+They change only the image, not the truth.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ Kernel = Literal["bilinear", "cubic", "lanczos"]
 
 KERNELS = ("bilinear", "cubic", "lanczos")
 GRID_SHIFT = 0.5
-"""How far the grid of the sensor lies off that of the map, down and right [pixel]. A map that is turned against the
-sensor meets all shifts; half a pixel blurs most."""
+"""Offset of the sensor's grid from the map's grid, down and right [pixel]. A rotated grid has all offsets; half a pixel
+blurs most."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Artefacts:
-    """Errors of an image that the sea has no part in.
+    """Artefacts of an image.
 
     Attributes
     ----------
     striping : float
-        Standard deviation of the gain of the columns, each band its own [1]; 0.02 is 2 %.
+        Standard deviation of the gains of the columns, separate for each band [1]; 0.02 is 2 %.
     resampling : {"bilinear", "cubic", "lanczos"}, optional
-        The sensor sees the sea on a grid that lies `GRID_SHIFT` pixels off; the image is interpolated back.
+        The sensor's grid is offset by `GRID_SHIFT` pixels, and the image is interpolated to the map's grid.
     jpeg : int, optional
-        Quality of a JPEG compression, 1 to 100: square root of the numbers in 8 bits, each band by itself.
+        Quality of a JPEG compression, 1 to 100: square root of the values in 8 bits, each band separately.
     """
 
     striping: float = 0.0
@@ -50,12 +50,12 @@ class Artefacts:
 
     @property
     def shift(self) -> float:
-        """Of the grid of the sensor, down and right [pixel]."""
+        """Offset of the sensor's grid, down and right [pixel]."""
         return GRID_SHIFT if self.resampling else 0.0
 
 
 def stripe(radiance: Array, deviation: float, seed: np.random.SeedSequence) -> Array:
-    """Multiply each column of a band by a gain of its own, of a standard deviation about 1."""
+    """Multiply each column of a band by a random gain, with a standard deviation about 1."""
     if deviation == 0:
         return radiance
     gain = 1.0 + deviation * np.random.default_rng(seed).standard_normal(radiance.shape[1])
@@ -63,7 +63,7 @@ def stripe(radiance: Array, deviation: float, seed: np.random.SeedSequence) -> A
 
 
 def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
-    """Interpolate a band from the grid of the sensor, `GRID_SHIFT` pixels down and right, to that of the map."""
+    """Interpolate a band from the sensor's grid, `GRID_SHIFT` pixels down and right, to the map's grid."""
     import cv2
 
     how = {"bilinear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos": cv2.INTER_LANCZOS4}[kernel]
@@ -76,7 +76,7 @@ def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
 def compress(numbers: Numbers, quality: int, levels: int) -> Numbers:
     """Write a band as 8-bit JPEG and read it again.
 
-    The square root of the numbers is stored, so that their steps follow the shot noise, as cameras do.
+    The square root of the values is stored, as in cameras, so that quantisation is proportional to shot noise.
     """
     import cv2
 

@@ -15,26 +15,26 @@ from .materials import check_material
 Array = npt.NDArray[np.floating[Any]]
 
 LEAST_DEPTH, MOST_DEPTH = 0.1, 60.0
-"""Depths that the model of a bottom covers [m]; deeper, no light of it returns."""
+"""Range of depths of a bottom [m]; light from greater depths is negligible."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bottom:
-    """A bottom that rises from the left edge of the image to the right edge.
+    """A bottom that rises from the left to the right edge of the image.
 
     Attributes
     ----------
     depth : (float, float)
         At the left and at the right edge of the image [m].
     edge : (float, float), optional
-        A reef edge: its middle, right of the left edge of the image, and its width [m]. By default the depth changes
-        evenly over the whole image.
+        A reef edge: distance of its centre from the left edge of the image, and its width [m]. By default the depth
+        changes linearly over the whole image.
     roughness : float
-        Standard deviation of the depth about this profile [m], over distances of `patch`.
+        Standard deviation of the depth about this profile [m], with features of the size `patch`.
     materials : (str, str)
-        Of the ground and of the patches on it; see `deglint.simulate.materials.SPECTRA`.
+        Material of the ground and of the patches; see `deglint.simulate.materials.SPECTRA`.
     share : float
-        Of the ground that patches cover, 0 to 1; 0 is smooth ground of the first material.
+        Share of the ground covered by patches, 0 to 1.
     patch : float
         Size of the patches [m].
     """
@@ -60,9 +60,10 @@ class Bottom:
 def depth_and_patches(
     bottom: Bottom, shape: tuple[int, int], spacing: float, width: float, seed: np.random.SeedSequence
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Depth [m] float32, and where the second material lies, on a grid (row, column) of a spacing [m].
+    """Depth [m] float32, and mask of the second material, on a grid (row, column) of a spacing [m].
 
-    Midway between the image, of a width [m], and the end of the grid the depth falls back to that of the left edge.
+    Halfway between the right edge of the image, which is `width` wide [m], and the end of the grid, the depth returns
+    to that of the left edge.
     """
     rough, patchy, bent = seed.spawn(3)
     right = (np.arange(shape[1]) + 0.5) * spacing
@@ -84,9 +85,9 @@ def depth_and_patches(
 
 
 def smooth_noise(shape: tuple[int, int], spacing: float, size: float, seed: np.random.SeedSequence) -> Array:
-    """Gaussian noise of mean 0 and variance 1 with features of a size [m], (row, column) float32; repeats at its edges.
+    """Gaussian noise of mean 0 and variance 1 with features of a given size [m], (row, column) float32; periodic.
 
-    White noise through a Gaussian filter with a standard deviation of a third of the size.
+    White noise, smoothed by a Gaussian with a standard deviation of a third of the size.
     """
     from scipy import fft
 

@@ -1,6 +1,6 @@
-"""What lies on the sea and hides it: land, foam, and targets that float and move.
+"""Opaque cover of the sea: land, foam, and floating targets that move.
 
-All of it is opaque and matt: it mirrors neither sun nor sky, and no light of the water comes through.
+It is Lambertian: there is no specular reflection of sun or sky, and no light from the water.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ FOAM_PATCH = 1.5
 LAND_PATCH = 6.0
 """Size of the patches of vegetation and rock on land [m]."""
 BASE = ("", "vegetation", "rock", "foam")
-"""Materials of the first labels; those of the floating targets follow."""
+"""Materials of the first labels; those of the floating targets are appended."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FloatingTarget:
-    """A boat, a swimmer or a buoy: it floats, and moves on a straight line.
+    """A floating boat, swimmer or buoy that moves in a straight line.
 
     Attributes
     ----------
     right, down : float
-        Its middle when the first band sees it, from the upper left corner of the image [m].
+        Position of its centre at the time of the first band, from the upper left corner of the image [m].
     length, width : float
         [m]
     speed : float
         [m/s]
     heading : float
-        Azimuth in which its bow points and in which it moves [deg], clockwise from north; north is up.
+        Azimuth of its bow and of its motion [degree], clockwise from north; north is up.
     material : str
         See `deglint.simulate.materials.SPECTRA`.
     wake : float
-        Length of the trail of foam behind it [m].
+        Length of its wake of foam [m].
     """
 
     right: float
@@ -68,13 +68,13 @@ class FloatingTarget:
         check_material(self.material)
 
     def place(self, time: float) -> tuple[float, float]:
-        """Right and down of its middle [m] after a time [s]."""
+        """Position of its centre, right and down [m], after a time [s]."""
         azimuth = np.radians(self.heading)
         way = self.speed * time
         return self.right + way * float(np.sin(azimuth)), self.down - way * float(np.cos(azimuth))
 
     def along_and_across(self, time: float, right: Array, down: Array) -> tuple[Array, Array]:
-        """Distance ahead of its middle and to starboard of it [m] of points."""
+        """Distance of points ahead of its centre, and to starboard of it [m]."""
         azimuth = np.radians(self.heading)
         at = self.place(time)
         east, north = right - at[0], at[1] - down
@@ -109,14 +109,14 @@ class Cover:
         np.copyto(self._fixed, kind.astype(np.uint8), where=(right > shore) & (right < end))
 
     def at(self, time: float) -> Labels:
-        """Index into `materials` of each facet when a time [s] has passed, (row, column); 0 is open water."""
+        """Index into `materials` of each facet at a time [s], (row, column); 0 is open water."""
         labels = self._fixed.copy()
         for number, target in enumerate(self.setup.targets, start=len(BASE)):
             self._draw(labels, target, number, time)
         return labels
 
     def _draw(self, labels: Labels, target: FloatingTarget, number: int, time: float) -> None:
-        """Draw a hull with a pointed bow, and its wake: foam that thins out and widens behind the stern."""
+        """Draw a hull with a pointed bow, and its wake: foam that becomes thinner and wider behind the stern."""
         facet, right, down = self.setup.facet, *target.place(time)
         reach = target.length + target.width + target.wake
         rows, columns = (
@@ -148,7 +148,7 @@ class Cover:
 
 
 def whitecaps(wind: float) -> float:
-    """Share of the open sea that whitecaps cover at a wind at 10 m [m/s], ``2.95e-6 U**3.52``.
+    """Share of the open sea covered by whitecaps, for a wind at 10 m [m/s]: ``2.95e-6 U**3.52``.
 
     References
     ----------

@@ -1,9 +1,9 @@
-"""The sea as facets: how much sun and how much sky each of them mirrors to the sensor.
+"""The sea surface as facets: sun glint and sky radiance that each facet reflects to the sensor.
 
-The waves that the grid resolves tilt each facet; the rest of the measured slope variance is unresolved. A
-share of it, the sparkle, tilts each facet as a whole and changes with time as the spectrum says; what is left
-is a Gaussian about each facet. So the mean over many scenes is that of the closed form.
-This module needs neither light nor bands: bands that see the sea at one time share both fields.
+Waves that the grid resolves tilt each facet; the rest of the measured slope variance is unresolved. A share of it, the
+sparkle, tilts each facet as a whole and varies in time according to the spectrum; the remainder is a Gaussian
+distribution of slopes within each facet. The mean over many scenes is therefore that of the closed form. Results do not
+depend on the band, except through its time.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from .setup import RESOLVED_AT_MOST, Setup
 Array = npt.NDArray[np.floating[Any]]
 
 LEAST_SLOPE = 0.01
-"""Least standard deviation of the slopes about a facet."""
+"""Least standard deviation of the slopes within a facet."""
 TABLE_REACH, TABLE_STEP = 1.5, 0.03  # slopes that the table of the mirrored sky covers
 
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """The facets of one scene. Pairs are upwind and crosswind."""
+    """The facets of one scene; pairs are upwind and crosswind."""
 
     setup: Setup
     surface: Surface  # the resolved waves
@@ -42,7 +42,7 @@ class Facets:
 
     @property
     def slope_variance(self) -> tuple[float, float]:
-        """Variance of the resolved slopes upwind and crosswind, expected on this grid."""
+        """Expected variance of the resolved slopes on this grid, upwind and crosswind."""
         up, cross = self.surface.slope_variance
         return up * self.slope_scale[0] ** 2, cross * self.slope_scale[1] ** 2
 
@@ -55,9 +55,9 @@ class Facets:
         return slopes.from_wind_axes(up * self.slope_scale[0], cross * self.slope_scale[1], self.setup.wind_from)
 
     def at(self, time: float, *, workers: int = 1) -> tuple[Array, Array]:
-        """Density of slopes at the one that glints, and mirrored sky per diffuse irradiance [1/sr], at a time [s].
+        """Density of slopes at the glinting slope, and reflected sky per diffuse irradiance [1/sr], at a time [s].
 
-        Both (row, column) float32; the number of workers never shows in the result.
+        Both (row, column) float32; independent of the number of workers.
         """
         from ._kernels import reflect
 
@@ -76,15 +76,14 @@ class Facets:
 
 
 def facets(setup: Setup, *, workers: int = 1) -> Facets:
-    """Draw the facets of a setup.
+    """Draw random facets for a setup.
 
     Notes
     -----
-    Sparkle: with n patches of like slope in a facet, each a narrow spot of the distribution, the brightness
-    of a facet varies by v = 4 / n about its mean. One slope that carries the share ``sqrt(v / (1 + v))`` of
-    the unresolved variance varies as much, where it matters most, and that is what is drawn. Linear waves
-    resolved to 1 mm (``benchmarks/sparkle.py``) sparkle little at pixels of 25 cm: most unresolved slopes
-    are found in every facet at once.
+    Sparkle: if a facet has n patches, each of nearly uniform slope, its relative brightness has the variance v = 4 / n.
+    A single random slope with the share ``sqrt(v / (1 + v))`` of the unresolved variance has the same effect, and is
+    drawn for each facet. Linear waves resolved to 1 mm (``benchmarks/sparkle.py``) have little sparkle at pixels of 25
+    cm: every facet contains most of the unresolved slopes.
     """
     waves, sparkle = np.random.SeedSequence(setup.seed).spawn(2)
     surface = realise(setup.sea, shape=setup.fine_grid, spacing=setup.facet, seed=waves, workers=workers)
@@ -104,7 +103,7 @@ def _pair(values: Array) -> tuple[float, float]:
 
 
 def sparkle_share(patch: float, facet: float) -> float:
-    """Share of the unresolved slope variance that tilts a facet as a whole, by the sizes of patch and facet [m].
+    """Share of the unresolved slope variance that tilts a facet as a whole, from the sizes of patch and facet [m].
 
     Examples
     --------
@@ -132,7 +131,7 @@ def _draw_sparkle(
 
 
 def _sparkle_frequencies(setup: Setup, count: int = 4096) -> Array:
-    """Angular frequencies that carry equal shares of the unresolved slope variance [rad/s]."""
+    """Angular frequencies with equal shares of the unresolved slope variance [rad/s]."""
     shortest = min(SHORTEST_WAVE, setup.facet)
     k = np.geomspace(np.pi / setup.facet, 2 * np.pi / shortest, 4001)
     share = np.cumsum(omnidirectional(k, setup.sea) * k**3)
@@ -150,7 +149,7 @@ def _glinting_slope(setup: Setup) -> tuple[float, float]:
 
 
 def _glint_factor(setup: Setup) -> float:
-    """Radiance per slope density and irradiance, times the Gram-Charlier series over the plain Gaussian."""
+    """Radiance per slope density and irradiance, times the ratio of the Gram-Charlier series to a Gaussian."""
     facet, wanted = glint.facet(*_angles(setup)), _glinting_slope(setup)
     series = slopes.density(*wanted, slopes.wind_at_height(setup.wind), model=setup.slopes)
     plain = slopes.gaussian(*wanted, *setup.slope_variance)
@@ -159,9 +158,9 @@ def _glint_factor(setup: Setup) -> float:
 
 
 def _sky_table(setup: Setup, about: tuple[float, float]) -> Array:
-    """Sky that a facet mirrors by its upwind and crosswind slope, per diffuse irradiance [1/sr].
+    """Sky radiance reflected by a facet, by its upwind and crosswind slope, per diffuse irradiance [1/sr].
 
-    Weighted by how much of a facet the sensor sees, and smoothed by the slopes about it.
+    Weighted by the visible share of a facet, and smoothed over the slopes within it.
     """
     from scipy.ndimage import gaussian_filter
 

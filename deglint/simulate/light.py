@@ -1,4 +1,4 @@
-"""Light in each band: irradiance by sun and sky, and radiance out of the water."""
+"""Light in each band: irradiance of sun and sky, and water-leaving radiance."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .setup import Setup
 Array = npt.NDArray[np.floating[Any]]
 
 DEPTH_STEPS = 128
-"""Depths at which the light over a bottom is worked out; neighbours differ by 5 %."""
+"""Number of depths at which the light over a bottom is computed; neighbouring values differ by 5 %."""
 
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """Light in each band, mean over the band: irradiances [W m-2 nm-1] and radiances [W m-2 sr-1 nm-1]."""
+    """Mean light in each band: irradiances [W m-2 nm-1] and radiances [W m-2 sr-1 nm-1]."""
 
     normal: Array  # irradiance of a plane that faces the sun, by the sun alone, (band,)
     direct: Array  # irradiance of a level plane by the sun, (band,)
@@ -37,7 +37,7 @@ class Light:
 def light(setup: Setup) -> Light:
     """Light in each band of a setup.
 
-    Sun and sky after Gregg and Carder (1990), case-1 water, objects by path length; see `deglint.physics`.
+    Sun and sky follow Gregg and Carder (1990); water is case 1; for objects see `deglint.physics.water`.
     """
     wavelength, mean = band_means(setup.sensor.bands)
     direct, diffuse = atmosphere.irradiance(wavelength, setup.sun_zenith, setup.weather)
@@ -46,7 +46,7 @@ def light(setup: Setup) -> Light:
     deep = water.remote_sensing_reflectance(wavelength, setup.chlorophyll, *angles)
 
     def over(depth: Array | float, albedo: Array | float) -> Array:
-        """Radiance over a flat matt ground at a depth, (band, ...); the wavelengths come first."""
+        """Radiance over a flat Lambertian ground at a depth, (band, ...)."""
         column = [np.reshape(a, (-1, *[1] * np.ndim(depth))) for a in (wavelength, total, share)]
         seen = water.object_reflectance(
             column[0], setup.chlorophyll, *angles, depth=depth, reflectance=albedo, direct_fraction=column[2]
@@ -72,9 +72,9 @@ def light(setup: Setup) -> Light:
 
 
 def matt(lit: Light, setup: Setup, materials: Sequence[str]) -> Array:
-    """Radiance of matt (Lambertian) level surfaces in the light of a setup, (material, band) [W m-2 sr-1 nm-1].
+    """Radiance of horizontal Lambertian surfaces in the light of a setup, (material, band) [W m-2 sr-1 nm-1].
 
-    The empty name of a material stands for water: 0.
+    For an empty name (water) it is 0.
     """
     wavelength, mean = band_means(setup.sensor.bands)
     rows = [mean(reflectance(name, wavelength)) if name else np.zeros(len(lit.water)) for name in materials]

@@ -1,8 +1,8 @@
-"""Reflectance spectra of what a scene holds besides water.
+"""Reflectance spectra of materials other than water.
 
-Round numbers of the usual size, matt (Lambertian) surfaces, linear between the wavelengths of the table. Sand and
-algae: Lee et al. (1999), fig. 2, and Hochberg et al. (2003), doi:10.1016/S0034-4257(02)00201-8. Foam: 0.5 in the
-visible, less beyond it as Frouin et al. (1996) measured, doi:10.1029/96JC00629.
+Rounded typical values of Lambertian surfaces, linear between the wavelengths of the table. Sand and algae: Lee et al.
+(1999), fig. 2, and Hochberg et al. (2003), doi:10.1016/S0034-4257(02)00201-8. Foam: 0.5 in the visible, less beyond it
+as Frouin et al. (1996) measured, doi:10.1029/96JC00629.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..errors import InputError
 Array = npt.NDArray[np.floating[Any]]
 
 WAVELENGTHS = (400, 450, 500, 550, 600, 650, 700, 750, 850, 1000)
-"""Of the columns of `SPECTRA` [nm]."""
+"""Wavelengths of the columns of `SPECTRA` [nm]."""
 SPECTRA = {
     "sand": (0.20, 0.24, 0.28, 0.32, 0.36, 0.39, 0.41, 0.43, 0.45, 0.47),
     "algae": (0.02, 0.02, 0.03, 0.06, 0.05, 0.04, 0.10, 0.30, 0.35, 0.35),
@@ -33,7 +33,7 @@ SPECTRA = {
 
 
 def check_material(name: str) -> None:
-    """Refuse a material that is not in `SPECTRA`.
+    """Check that a material is in `SPECTRA`.
 
     Raises InputError: there is no such material; the message lists them.
     """

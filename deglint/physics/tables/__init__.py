@@ -1,4 +1,4 @@
-"""Spectral and angular tables of published models; each file names its source and licence at its head."""
+"""Spectral and angular tables of published models; the header of each file gives its source and licence."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import numpy.typing as npt
 from .._checks import Array, within
 
 WAVELENGTH_RANGE = (300.0, 1000.0)
-"""Wavelengths that the tables of light and water reach [nm]."""
+"""Wavelength range of the tables of light and water [nm]."""
 
 
 def checked_wavelength(wavelength: npt.ArrayLike) -> Array:
-    """Wavelengths [nm] as float64, or an error where the tables do not reach."""
+    """Wavelengths [nm] as float64; InputError if outside the tables."""
     return within("wavelength", wavelength, *WAVELENGTH_RANGE, "nm", "Give it in nanometres.")
 
 

@@ -1,7 +1,7 @@
-"""Products that open by themselves: a folder, an archive, a metadata file, or an image that has its metadata near.
+"""Products that are recognised: a folder, an archive, a metadata file, or an image with its metadata nearby.
 
-`PRODUCTS` is the table of families: a new one is one module with METADATA, IMAGES and find, and one line here.
-Only local files are looked for; GDAL's other names (/vsis3/, https://) are rasters as before.
+`PRODUCTS` is the table of families: a new one needs a module with METADATA, IMAGES and find, and a line here. Only
+local files are searched; other GDAL names (/vsis3/, https://) are opened as rasters.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ PRODUCTS: dict[str, Family] = {
 
 @dataclass(frozen=True)
 class OpenedFiles:
-    """What a name that a user gave stands for: its rasters, described, and its product if it is of one."""
+    """The files behind a name: described rasters, and their product if any."""
 
     infos: list[RasterInfo]
     product: Product | None
@@ -69,7 +69,7 @@ class OpenedFiles:
 
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
-    """Describe what a name stands for: the files of a product, else a raster as `describe` does."""
+    """Describe the files behind a name: those of a product, else a raster by `describe`."""
     product = find(path)
     if product is not None:
         infos, notes = described(product)
@@ -91,7 +91,7 @@ def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
 
 
 def notes_of(found: Sequence[OpenedFiles]) -> list[str]:
-    """What to say of what was opened: each product by its kind, name and bands, then what was noted, once each."""
+    """Notes on opened files: kind, name and bands of each product, then further notes without repetition."""
     products: dict[tuple[str, str], list[str]] = {}
     for product in (o.product for o in found):
         if product is not None:
@@ -105,13 +105,13 @@ def notes_of(found: Sequence[OpenedFiles]) -> list[str]:
 
 
 def named(found: Sequence[OpenedFiles]) -> str | None:
-    """Kind and name of the products among what was opened, or None."""
+    """Kind and name of the opened products, or None."""
     every = dict.fromkeys(f"{o.product.kind} {o.product.name}" for o in found if o.product is not None)
     return "; ".join(every) or None
 
 
 def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> Footprints | None:
-    """Detector numbers of the bands that were opened, on the grid of their scene; None where no band has any."""
+    """Detector numbers of the opened bands on the grid of their scene; None if no band has any."""
     paths: list[str | None] = []
     for o in found:
         stated = [()] * len(o.infos) if o.product is None else o.product.files.values()
@@ -122,7 +122,7 @@ def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> Footprints | N
 
 
 def find(path: str) -> Product | None:
-    """The product that a name stands for, or None; metadata and names of files are read, no pixels."""
+    """The product behind a name, or None; metadata and file names are read, no pixels."""
     local = _local(path)
     if local is None or not (_is_dir(local) or _is_file(local)):
         return None
@@ -140,7 +140,7 @@ def find(path: str) -> Product | None:
 
 
 def name_of(path: str) -> str | None:
-    """Name of the product of which a folder, an archive or a metadata file is; None for anything else."""
+    """Name of the product in a folder, an archive or of a metadata file; None for anything else."""
     local = _local(path)
     if local is None or not (_is_dir(local) or is_archive(local) or _is_metadata(local)):
         return None
@@ -152,7 +152,7 @@ def name_of(path: str) -> str | None:
 
 
 def files_of(path: str) -> tuple[str, ...]:
-    """GDAL names of the files that a name stands for: images, footprints and metadata of a product, else itself."""
+    """GDAL names of the files behind a name: images, footprints and metadata of a product, else the name itself."""
     try:
         product = find(path)
     except DeglintError:
@@ -164,7 +164,7 @@ def files_of(path: str) -> tuple[str, ...]:
 
 
 def _local(path: str) -> str | None:
-    """A name of this machine's file system; None for GDAL's others."""
+    """A local path; None for other GDAL names."""
     if path.startswith("zip://") and "!" not in path:
         path = path[6:]
     elif path.lower().startswith("/vsizip/") and path.lower().endswith(".zip"):
@@ -183,14 +183,14 @@ def _first(container: Container) -> Product | None:
 
 
 def _of(family: Family, container: Container) -> Product | None:
-    """The product of a family in a container, with the names of the metadata that were read."""
+    """The product of a family in a container, with the names of the metadata files that were read."""
     found = family.find(container)
     read = tuple(container.gdal(member) for member in dict.fromkeys(container.was_read))
     return None if found is None else replace(found, texts=read)
 
 
 def _root_of(family: Family, place: Path, folder: Container | None) -> Path | None:
-    """The folder with the metadata of the product that a file, or a folder with some of its images, is a part of."""
+    """The folder with the metadata of the product that contains a file, or a folder of images."""
     if folder is not None:
         part = family.above and folder.find(family.images) and not folder.find(family.metadata)
         return _above(place, family) if part else None
@@ -200,7 +200,7 @@ def _root_of(family: Family, place: Path, folder: Container | None) -> Path | No
 
 
 def _above(place: Path, family: Family) -> Path | None:
-    """The nearest folder above a file that holds metadata of a family."""
+    """The nearest parent folder of a file that contains metadata of a family."""
     wanted = re.compile(family.metadata, re.IGNORECASE)
     for folder in list(place.parents)[: family.above + 1]:
         try:

@@ -1,7 +1,7 @@
-"""Where a product lies: a folder, a zip or a tar, whose members are listed and whose small files are read.
+"""Container of a product: a folder, a zip or a tar, whose members are listed and whose small files are read.
 
-What comes from strangers is bounded: members that are listed, their depth, and bytes that are read of a text. A name
-from inside metadata counts only where it is a member; it can lead nowhere else.
+Limits protect against malicious files: number of members, their depth, and size of texts. File names in metadata are
+used only if they are members of the container.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from ...errors import InputError, ReadError
 from .metadata import MetadataError, tree_of
 
 MOST_MEMBERS = 20_000
-"""Members of a folder or archive that are listed."""
+"""Most members of a folder or archive that are listed."""
 DEEPEST = 6
-"""Folders below folders that are listed: a SAFE product has four."""
+"""Levels of folders that are listed: a SAFE product has four."""
 MOST_METADATA_BYTES = 32 << 20
 """Largest metadata file that is read [byte]; those of Sentinel-2 have up to 1 MB."""
 _DAMAGED = (OSError, zipfile.BadZipFile, tarfile.TarError)
@@ -31,7 +31,7 @@ _ZIP, _TAR = re.compile(r"\.zip$", re.IGNORECASE), re.compile(r"\.tar$", re.IGNO
 
 @dataclass(frozen=True)
 class Container:
-    """A folder or archive, and the names in it."""
+    """A folder or archive, and the names of its members."""
 
     path: str
     kind: str  # "folder", "zip" or "tar"
@@ -42,37 +42,37 @@ class Container:
 
     @property
     def name(self) -> str:
-        """What the folder or archive is called, without .zip or .tar."""
+        """Name of the folder or archive, without .zip or .tar."""
         last = Path(self.path).absolute().name
         return _TAR.sub("", _ZIP.sub("", last))
 
     def gdal(self, member: str) -> str:
-        """GDAL's name of a member."""
+        """GDAL name of a member."""
         if self.kind == "folder":
             return str(Path(self.path) / member)
         return f"/vsi{self.kind}/{Path(self.path).absolute()}/{PurePosixPath(member)}"  # without "./" in front
 
     def matches(self, pattern: str) -> list[tuple[str, re.Match[str]]]:
-        """Members whose last part fits a regular expression wholly, case apart, and how it fits."""
+        """Members whose file name matches a regular expression, and the matches; case is ignored."""
         fits = re.compile(pattern, re.IGNORECASE)
         return [(n, match) for n in self.names if (match := fits.fullmatch(last(n)))]
 
     def find(self, pattern: str) -> list[str]:
-        """Members whose last part fits a regular expression wholly, case apart."""
+        """Members whose file name matches a regular expression; case is ignored."""
         return [member for member, _ in self.matches(pattern)]
 
     def several(self, what: str, names: Iterable[str], remedy: str = "Name one.") -> InputError:
-        """The error that one is wanted and several are there; it names four."""
+        """The error for several items where one is expected; it lists up to four."""
         every = list(names)
         return InputError(f"{self.path} holds {len(every)} {what}: {', '.join(every[:4])}. {remedy}")
 
     def beside(self, member: str, name: str) -> str | None:
-        """The member that metadata call `name` in the folder of `member`, if there is one."""
+        """The member called `name` in the folder of `member`, if there is one."""
         wanted = (PurePosixPath(member).parent / name).as_posix().casefold()
         return next((n for n in self.names if str(PurePosixPath(n)).casefold() == wanted), None)
 
     def read(self, member: str) -> bytes:
-        """The bytes of a small member, of at most `MOST_METADATA_BYTES`."""
+        """Content of a small member, at most `MOST_METADATA_BYTES`."""
         try:
             data = self._bytes(member)
         except (*_DAMAGED, RuntimeError, KeyError, EOFError) as error:
@@ -111,12 +111,12 @@ class Container:
 
 
 def last(member: str) -> str:
-    """The last part of a member's name."""
+    """File name of a member."""
     return PurePosixPath(member).name
 
 
 def is_archive(path: str) -> bool:
-    """Whether a name ends as an archive that can hold a product."""
+    """Whether a name has the ending of a supported archive."""
     return bool(_ZIP.search(path) or _TAR.search(path))
 
 

@@ -1,7 +1,7 @@
-"""Pleiades, Pleiades Neo and SPOT 6 and 7: DIM_*.XML (DIMAP 2), whose tiles GDAL's DIMAP driver puts together.
+"""Pleiades, Pleiades Neo and SPOT 6 and 7: DIM_*.XML (DIMAP 2), whose tiles are mosaicked by GDAL's DIMAP driver.
 
-The driver gives neither gains nor the order of the bands; both stand in the XML. Radiance is DN / GAIN + BIAS, and
-so is reflectance where the product was made as that.
+The driver reports neither gains nor the order of the bands; both are in the XML. Radiance is DN / GAIN + BIAS; the same
+holds for reflectance products.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ _SHOWN = ("RED_CHANNEL", "GREEN_CHANNEL", "BLUE_CHANNEL")
 _NAMES = {"R": "red", "G": "green", "B": "blue", "NIR": "nir", "RE": "rededge", "DB": "coastal", "P": "pan"}
 _DIMAP_TITLES = {"PHR": "Pleiades", "PNEO": "Pleiades Neo", "SPOT": "SPOT"}
 _SCALED = ("BASIC", "", "REFLECTANCE")
-"""Radiometric processings whose gains are to radiance, or reflectance."""
+"""Radiometric processing levels whose gains convert to radiance or reflectance."""
 _PLEIADES_ORBIT = 694_000.0
-"""[m] Orbit of Pleiades and SPOT 6 and 7."""
+"""Altitude of Pleiades and SPOT 6 and 7 [m]."""
 UNIT = "W m-2 sr-1 um-1"
 
 
 def find(container: Container) -> Product | None:
-    """The multispectral product in a folder or archive, or the one that was named; None where there is none."""
+    """The multispectral product in a folder or archive, or the selected one; None if there is none."""
     named = None if (container.named or "").upper().startswith("VOL_") else container.named
     files = [
         n
@@ -93,7 +93,7 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
 
 
 def _angles(root: ET.Element) -> dict[str, Any]:
-    """Where sun and satellite stand, seen from the middle of the image.
+    """Directions of sun and satellite, seen from the centre of the image.
 
     AZIMUTH_ANGLE is that of the image's lines, and VIEWING_ANGLE is measured at the satellite. The satellite's azimuth
     is AZIMUTH_ANGLE - atan2(tan(across), tan(along)) of the incidence angles across and along the track, as the Orfeo
@@ -121,7 +121,7 @@ def _angles(root: ET.Element) -> dict[str, Any]:
 
 
 def _order(root: ET.Element) -> tuple[list[str], list[str]]:
-    """The id of each band of the image, in its order."""
+    """Names of the bands in the order of the image."""
     parts = list(root.iter("Data_Files"))  # Pleiades Neo has two: three bands each in a file of its own
     if not any(part.find(".//Raster_Index") is not None for part in parts):
         parts = [root]
@@ -152,7 +152,7 @@ def _of_band(root: ET.Element, kind: str, band: str) -> ET.Element | None:
 
 
 def _factors(root: ET.Element, band: str, processing: str) -> tuple[float, float, str | None]:
-    """Scale, offset and unit of a band; no unit where they are not known."""
+    """Scale, offset and unit of a band; None as unit if not known."""
     kind, unit = ("Band_Reflectance", "reflectance") if processing == "REFLECTANCE" else ("Band_Radiance", UNIT)
     node = _of_band(root, kind, band)
     gain, bias = positive(said(node, "GAIN")), said_number(node, "BIAS")

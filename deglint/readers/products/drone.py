@@ -1,7 +1,7 @@
-"""MicaSense RedEdge and Altum and DJI Multispectral: captures of one TIFF a band, and mosaics, by their XMP.
+"""MicaSense RedEdge and Altum and DJI Multispectral: captures of one TIFF per band, and mosaics, by their XMP.
 
-GDAL hands the XMP over as it stands. Exposure, gain and black level become scale and offset; vignette and row gradient
-are corrected while pixels are read. The bands of a capture are not registered to each other.
+GDAL returns the XMP as text. Exposure, gain and black level are converted to scale and offset; vignetting and row
+gradient are corrected while pixels are read. The bands of a capture are not registered to each other.
 
 References
 ----------
@@ -31,7 +31,7 @@ IMAGES = (
     r"(?P<capture>IMG_\d{4,}|DJI_(?:\d+_)*\d{3,4}_MS|DJI_\d{3}(?=\d\.))_?(?P<band>\d{1,2}|G|R|RE|NIR)(?:_\d+)?\.tiff?"
 )
 THERMAL = 3000.0
-"""[nm] A band beyond is heat, not reflected light."""
+"""Bands beyond this wavelength are thermal [nm]."""
 UNREGISTERED = (
     "the bands are not registered to each other: what is of one band is up to some ten pixels off in another. Register "
     "them first for a correction band by band, or take an aligned stack or a mosaic"
@@ -42,13 +42,13 @@ Calibration = tuple[float, str | None, FlatField]
 """Scale and unit, and the black level with what lens and shutter do."""
 _BLACK_LEVEL = 50714  # the tag of DNG, which GDAL does not tell of
 _PLAUSIBLE = (0.1, 10.0)
-"""By what light may be multiplied: lenses lose less than nine tenths in the corners."""
+"""Range of correction factors: lenses lose less than nine tenths of the light in the corners."""
 
 
 def find(container: Container) -> Product | None:
-    """The one capture in a folder or archive; None where there is none.
+    """The single capture in a folder or archive; None if there is none.
 
-    A single file is no product: `with_xmp` reads what it says of itself.
+    A single file is not a product: `with_xmp` reads its metadata.
     """
     if container.named is not None:
         return None
@@ -105,13 +105,13 @@ def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
 
 
 def is_capture(info: RasterInfo) -> bool:
-    """Whether a file is one band of a capture, by its name and XMP."""
+    """Whether a file is one band of a capture, from its name and XMP."""
     name = PurePosixPath(info.paths[0]).name
     return info.count == 1 and "xml:XMP" in info.tags and re.fullmatch(IMAGES, name, re.IGNORECASE) is not None
 
 
 def facts_of(info: RasterInfo) -> tuple[Facts, list[str]]:
-    """Values in the XMP by their names without namespace, and what to say where it is damaged."""
+    """Values in the XMP by name without namespace, and notes if it is damaged."""
     text = info.tags.get("xml:XMP", {}).get("xml:XMP", "")
     if not text:
         return {}, []
@@ -159,12 +159,12 @@ def _kind(facts: Facts) -> str:
 
 
 def _sensor(facts: Facts) -> str | None:
-    """The preset whose optics and instants are this camera's."""
+    """The preset with the optics and time offsets of this camera."""
     return "micasense" if one(facts, "RigName").lower().startswith("rededge") else None
 
 
 def one(facts: Facts, name: str) -> str:
-    """The first value of that name, or ""."""
+    """The first value with a name, or ""."""
     return next(iter(facts.get(name, ())), "")
 
 
@@ -224,7 +224,7 @@ def _dji(facts: Facts) -> Calibration | None:
 
 
 def _plausible(flat: FlatField, info: RasterInfo) -> bool:
-    """Whether the correction stays within bounds along the edges of the image and its middle row."""
+    """Whether the correction factors along the edges and the central row and column are plausible."""
     rows, columns = info.height, info.width
     lines = [((r, r + 1), (0, columns)) for r in (0, rows // 2, rows - 1)]
     lines += [((0, rows), (c, c + 1)) for c in (0, columns // 2, columns - 1)]
@@ -233,7 +233,7 @@ def _plausible(flat: FlatField, info: RasterInfo) -> bool:
 
 
 def _black_level(path: str) -> float | None:
-    """Mean of the tag BlackLevel of a TIFF; None where it has none, or cannot be read."""
+    """Mean of the tag BlackLevel of a TIFF; None if missing or unreadable."""
     from PIL.TiffImagePlugin import TiffImageFile
 
     try:

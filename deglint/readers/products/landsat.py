@@ -1,7 +1,7 @@
 """Landsat 8 and 9, Collection 2, Level 1 and Level 2: a folder, a .tar, or *_MTL.txt, .json or .xml.
 
-GDAL has no driver for these: each band is a GeoTIFF, and only the MTL file says what its numbers mean. A Level-2 file
-repeats the factors of Level 1 under the same names, so that they are read from the right group.
+GDAL has no driver for these: each band is a GeoTIFF, and only the MTL file has scale and offset. A Level-2 file repeats
+the factors of Level 1 under the same names, so they are read from the group of the level.
 """
 
 from __future__ import annotations
@@ -19,19 +19,20 @@ METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
 _MTL_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"),
                "2": ("LEVEL2_SURFACE_REFLECTANCE_PARAMETERS", "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS")}  # fmt: skip
-"""Groups of factors and of largest numbers, by level."""
+"""Groups of factors and of largest values, by level."""
 SURFACE = (2.75e-05, -0.2)
-"""Scale and offset of every Level-2 product of Collection 2 (USGS), where the MTL file is missing or damaged."""
+"""Scale and offset of every Level-2 product of Collection 2 (USGS), used if the MTL file is missing or damaged."""
 FULL = 65535.0
-"""Largest number of the products where the MTL file does not say (QUANTIZE_CAL_MAX_BAND_n)."""
+"""Largest value of the products if the MTL file does not give it (QUANTIZE_CAL_MAX_BAND_n)."""
 LANDSAT_ORBIT = 705_000.0
-"""[m] Landsat 8 and 9 look down from there, but for a few scenes, which have a ROLL_ANGLE of some 15 degrees."""
+"""Altitude of Landsat 8 and 9 [m]. They view the nadir, except in a few scenes with a ROLL_ANGLE of about 15 degrees.
+"""
 CIRRUS = (1373.5, 20.0)
-"""Centre and width of B9 [nm] (USGS: 1363-1384 nm), which the preset of the reflective bands 1 to 7 leaves out."""
+"""Centre and width of B9 [nm] (USGS: 1363-1384 nm), which is not in the preset of the bands 1 to 7."""
 
 
 def find(container: Container) -> Product | None:
-    """The product in a folder or archive, or the named band file of it; None where there is none."""
+    """The product in a folder or archive, or of a selected band file; None if there is none."""
     metadata, named = container.find(METADATA), container.named
     images = container.matches(IMAGES)
     if named in metadata:

@@ -1,7 +1,7 @@
-"""WorldView-2, WorldView-3, GeoEye-1 and QuickBird: an .IMD file (or the XML that repeats it), a .TIL mosaic, an image.
+"""WorldView-2, WorldView-3, GeoEye-1 and QuickBird: an .IMD file (or the equivalent XML), a .TIL mosaic, an image.
 
-A mosaic of several tiles is opened by GDAL's TIL driver; a single image is opened itself. The factors to radiance are
-those of the IMD file: absCalFactor over effectiveBandwidth, band by band.
+A mosaic of several tiles is opened by GDAL's TIL driver, a single image directly. The factors to radiance are those of
+the IMD file: absCalFactor over effectiveBandwidth of each band.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _SATELLITES = {
     "GE01": ("GeoEye-1", "geoeye1"),
     "QB02": ("QuickBird", "quickbird"),
 }
-"""Title and preset of the satellites that metadata name by these codes."""
+"""Title and preset of the satellites by their code in the metadata."""
 _MAXAR_NAMES = {"C": "COASTAL", "B": "BLUE", "G": "GREEN", "Y": "YELLOW", "R": "RED", "RE": "REDEDGE", "N": "NIR1",
           "N2": "NIR2", "P": "PAN"}  # fmt: skip
 _NOT_ENHANCED = ("", "OFF", "NONE")
@@ -34,7 +34,7 @@ UNIT = "W m-2 sr-1 um-1"
 
 
 def find(container: Container) -> Product | None:
-    """The multispectral product in a folder or archive, or the one that was named; None where there is none."""
+    """The multispectral product in a folder or archive, or the selected one; None if there is none."""
     named = container.named
     stems = {_stem(n) for n in container.find(METADATA)}
     if named is not None:

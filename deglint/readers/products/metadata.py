@@ -1,4 +1,4 @@
-"""Read metadata that strangers wrote: XML without entities, documents of bounded size, numbers that are numbers."""
+"""Safe parsing of untrusted metadata: XML without entities, documents of limited size, finite numbers."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from xml.etree import ElementTree as ET
 from ...errors import InputError
 
 MOST_LISTED = 10_000
-"""Numbers of a list that are read: a spectral response has some hundred."""
+"""Most numbers of a list that are read: a spectral response has several hundred."""
 
 
 class MetadataError(InputError):
-    """Metadata that are damaged, or not what their name says."""
+    """Metadata are damaged, or have the wrong format."""
 
 
 class _Plain(ET.TreeBuilder):
-    """Builds a tree and refuses a document type, and with it entities and what lies elsewhere."""
+    """XML tree builder that rejects document types, and with them entities and external references."""
 
     def doctype(self, *_: Any) -> None:
         raise MetadataError("it declares a document type (DOCTYPE), which no product's metadata do")
 
 
 def xml_of(data: bytes, name: str) -> ET.Element:
-    """The root of an XML document, whose tags lose their namespaces."""
+    """The root of an XML document; namespaces are removed from tags."""
     parser = ET.XMLParser(target=_Plain())
     try:
         parser.feed(data)
@@ -64,7 +64,7 @@ def _grown(tag: str, value: Any) -> ET.Element:
 
 
 def groups_of(text: str) -> dict[str, dict[str, str]]:
-    """The values in text of lines "NAME = value" with GROUP and END_GROUP lines (MTL, IMD, TIL), by group.
+    """The values in a text of lines "NAME = value" with GROUP and END_GROUP lines (MTL, IMD, TIL), by group.
 
     Names are in capitals. Values outside of groups stand under "". A value in several lines is left out.
 
@@ -113,14 +113,14 @@ def positive(value: Any) -> float | None:
 
 
 def numbers(text: str | None) -> list[float]:
-    """The numbers in a text with blanks or commas between them; empty where some is none, or they are too many."""
+    """The numbers in a text, separated by blanks or commas; empty if any is not a number, or if there are too many."""
     parts = (text or "").replace(",", " ").split()
     found = [n for n in map(number, parts[:MOST_LISTED]) if n is not None]
     return found if len(found) == len(parts) else []
 
 
 def said(node: ET.Element | None, *paths: str) -> str:
-    """Text of the first element at one of some paths below a node, or ""."""
+    """Text of the first element found at some paths below a node, or ""."""
     found = [] if node is None else [(node.findtext(path) or "").strip() for path in paths]
     return next(filter(None, found), "")
 
@@ -131,17 +131,17 @@ def said_number(node: ET.Element | None, *paths: str) -> float | None:
 
 
 def tags_of(facts: Mapping[str, Any]) -> dict[str, str]:
-    """Facts that are there, as short texts."""
+    """Non-empty values as short texts."""
     return {k: str(v).strip()[:200] for k, v in facts.items() if v not in (None, "")}
 
 
 EARTH_RADIUS = 6_371_000.0
-"""[m] Mean radius of the Earth."""
+"""Mean radius of the Earth [m]."""
 ORBIT = 600_000.0
-"""[m] Height of a satellite where it is not known: imaging satellites fly at 450 to 800 km, which moves an incidence
-angle of 20 degrees by 0.7 degrees at most."""
+"""Altitude of a satellite if not known [m]: imaging satellites fly at 450 to 800 km, which changes an incidence angle
+of 20 degrees by at most 0.7 degrees."""
 NADIR = 0.5
-"""[degree] A view this near to the vertical needs no azimuth: none changes what the sea mirrors."""
+"""Off-nadir angle below which no azimuth is needed [degree]: it does not affect the reflected light."""
 
 
 def angle_tags(
@@ -153,10 +153,10 @@ def angle_tags(
     view_azimuth: float | None = None,
     altitude: float = ORBIT,
 ) -> dict[str, Any]:
-    """Tags of where the sun and the sensor stand, seen from the ground [degree]; azimuths are clockwise from north.
+    """Tags of the directions of sun and sensor, seen from the ground [degree]; azimuths are clockwise from north.
 
-    The sensor's elevation is 90 - incidence. Where only the angle from the nadir is known, which is measured at the
-    satellite, sin(incidence) = (1 + altitude / radius of the Earth) sin(off_nadir).
+    The sensor's elevation is 90 - incidence. If only the off-nadir angle is known, which is measured at the satellite,
+    sin(incidence) = (1 + altitude / radius of the Earth) sin(off_nadir).
     """
     if incidence is None and off_nadir is not None:
         sine = (1.0 + altitude / EARTH_RADIUS) * math.sin(math.radians(abs(off_nadir)))

@@ -1,7 +1,7 @@
 """PlanetScope AnalyticMS and AnalyticMS_SR with 4 or 8 bands, and their *_metadata.xml or .json.
 
-The image is one GeoTIFF; the XML file says by which factor each band becomes reflectance. Surface reflectance is
-always 1/10000, whatever factors the XML of the radiance product beside it has.
+The image is one GeoTIFF; the XML file has the factor of each band to reflectance. Surface reflectance always has the
+scale 1/10000, whatever factors the XML of the radiance product beside it has.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from .product import Product, ProductBand
 METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
 IMAGES = r"(?P<scene>\d{8}_\d{6}_.*)_[13][AB]_AnalyticMS(?P<surface>_SR)?(?P<rest>(?:_.*)?)\.tiff?"
 SURFACE_SCALE = 1e-4
-"""Of surface reflectance products, as Planet documents them; their metadata do not repeat it."""
+"""Scale of surface reflectance products, documented by Planet; it is not in the metadata."""
 DOVE_ORBIT = 500_000.0
-"""[m] Orbits of the Doves are 450 to 580 km high."""
+"""Altitude of the Doves, 450 to 580 km [m]."""
 FOUR = ("blue", "green", "red", "nir")
 DOVE = ((485.0, 60.0), (545.0, 90.0), (630.0, 80.0), (820.0, 80.0))
 """Centres and widths [nm] of the first Doves (instrument PS2): 455-515, 500-590, 590-670 and 780-860 nm, from Planet's
-product specification; the sensor presets are of the later ones."""
+product specification; the sensor presets are for later ones."""
 
 
 def find(container: Container) -> Product | None:
-    """The product in a folder or archive; None where there is none."""
+    """The product in a folder or archive; None if there is none."""
     images = {n: match for n, match in container.matches(IMAGES) if "udm" not in n.lower()}
     named = container.named
     if named and named not in images:
@@ -78,7 +78,7 @@ def _factors(root: ET.Element) -> dict[int, ET.Element]:
 
 
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:
-    """Factors of the bands to reflectance, else to radiance, and the unit; none where they are not known."""
+    """Factors of the bands to reflectance, else to radiance, and the unit; empty if not known."""
     for name, unit in (("reflectanceCoefficient", "reflectance"), ("radiometricScaleFactor", "W m-2 sr-1 um-1")):
         scales = [positive(said(factors.get(i), name)) for i in range(1, count + 1)]
         known = [s for s in scales if s is not None]
@@ -88,7 +88,7 @@ def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float],
 
 
 def _bands(path: str, eight: bool, instrument: str) -> tuple[list[ProductBand], str | None]:
-    """Bands by count and instrument, and the preset that knows them."""
+    """Bands by number of bands and instrument, and the matching preset."""
     sensor = {"PS2": None, "PSB.SD": "planetscope8", "PSB": "planetscope8"}.get(instrument, "planetscope4")
     if eight:
         names = tuple(b.name for b in sensors.load("planetscope8").bands)

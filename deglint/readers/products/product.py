@@ -1,8 +1,8 @@
-"""What a product says of itself: its bands, one by one, and how they become a description of rasters.
+"""Metadata of a product and its bands, and their conversion to descriptions of rasters.
 
-A `Product` is plain values, made from metadata alone. `described` opens the headers of its files and puts what the
-product says where a file of one's own would say it: band names, scale, offset, nodata, unit and tags. So the way from
-there is the same for both, and an output says the same of itself.
+A `Product` holds plain values from metadata. `described` opens the headers of its files and adds the product's band
+names, scale, offset, nodata, unit and tags to their descriptions. Products and single files are then treated alike, and
+an output has the same metadata.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ...raster.info import describe, open_dataset
 
 @dataclass(frozen=True)
 class ProductBand:
-    """One band of a product; None where the metadata do not say."""
+    """One band of a product; None for values that are not in the metadata."""
 
     path: str  # GDAL name of its file
     name: str  # as the sensor's maker calls it ("B08")
@@ -36,7 +36,7 @@ class ProductBand:
 
 @dataclass(frozen=True)
 class Product:
-    """A product, or the part of it that was named."""
+    """A product, or the selected part of it."""
 
     kind: str  # "Sentinel-2 L2A"
     name: str  # the product's own name, without a path
@@ -57,7 +57,7 @@ class Product:
 
 
 def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
-    """Describe the files of a product as the product says, and what could not be used; headers are read, no pixels."""
+    """Describe the files of a product by its metadata, with notes; headers are read, no pixels."""
     infos = []
     notes = list(product.notes)
     for path, bands in product.files.items():
@@ -77,7 +77,7 @@ def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
 
 
 def scaled_by_itself(info: RasterInfo) -> str:
-    """Why the product's scale, offset and nodata do not hold for a file, or ""."""
+    """Why the product's scale, offset and nodata are not used for a file, or ""."""
     if any(np.dtype(t).kind == "f" for t in info.dtypes):
         return "floating-point numbers are taken as they are, without the product's scale and offset"
     if any(s != 1 for s in info.scales) or any(o != 0 for o in info.offsets):
@@ -86,7 +86,7 @@ def scaled_by_itself(info: RasterInfo) -> str:
 
 
 def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, str], sensor: str | None) -> RasterInfo:
-    """A file's description, with what its product says of the bands; what the file itself says comes first."""
+    """A file's description with the properties of its product; the file's own properties take precedence."""
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
     own = bool(scaled_by_itself(info))
     flat = bands[0].flat if info.count == 1 else None
@@ -114,7 +114,7 @@ def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, 
 
 
 def _band_tags(band: ProductBand, *, scaled: bool) -> dict[str, str]:
-    """What `deglint.readers.spectral` reads of a band, as tags."""
+    """Tags of a band in the form that `deglint.readers.spectral` reads."""
     full = band.saturation if scaled else None
     facts = {"wavelength_nm": band.wavelength, "fwhm_nm": band.width, "FULL_SCALE": full}
     return {k: f"{v:.10g}" for k, v in facts.items() if v is not None}

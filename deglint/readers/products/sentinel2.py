@@ -1,7 +1,7 @@
-"""Sentinel-2 L1C and L2A: a .SAFE folder or its zip, MTD_MSIL1C.xml or MTD_MSIL2A.xml, and single band files near it.
+"""Sentinel-2 L1C and L2A: a .SAFE folder or its zip, MTD_MSIL1C.xml or MTD_MSIL2A.xml, and single band files.
 
 The image files are opened one by one, not through GDAL's SENTINEL2 driver: that driver opens each resolution as a
-dataset of its own, needs the product whole and with its own file names, and leaves the offsets to the caller.
+separate dataset, needs a complete product with the original file names, and does not apply the offsets.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ _MASK = r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1
 _TILE = r"MTD_TL\.xml|S2[A-D]_(?:OPER|USER)_MTD_L(?:1C|2A)_TL_.*\.xml"
 PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07": 20, "B08": 10, "B8A": 20,
           "B09": 60, "B10": 60, "B11": 20, "B12": 20}  # fmt: skip
-"""Side of a pixel on the ground [m] that each band is taken at."""
+"""Pixel size of each band [m]."""
 FULL = 65535.0
-"""What stands for saturated where the metadata do not say."""
+"""Saturated value if the metadata do not give it."""
 _QUANTUM = 10_000.0
-"""Number for a reflectance of 1 where the metadata do not say."""
+"""File value of reflectance 1 if the metadata do not give it."""
 
 
 def find(container: Container) -> Product | None:
-    """The product in a folder or archive, or the named band files of it; None where there is none."""
+    """The product in a folder or archive, or of selected band files; None if there is none."""
     metadata = container.find(METADATA)
     images = _images(container)
     if container.named and last(container.named) in map(last, metadata):
@@ -67,7 +67,7 @@ def find(container: Container) -> Product | None:
 
 
 def _images(container: Container) -> dict[str, re.Match[str]]:
-    """Image files of bands, those below what was named, and what their names say."""
+    """Image files of bands, those below the selected name, and the parts of their names."""
     masks, named = set(container.find(_MASK)), container.named
     found = {n: m for n, m in container.matches(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and n not in masks}
     if named is None or re.fullmatch(METADATA, last(named), re.IGNORECASE):
@@ -82,7 +82,7 @@ def _granule(member: str) -> str:
 
 
 def _root(container: Container, metadata: list[str]) -> tuple[ET.Element | None, list[str]]:
-    """The metadata of the product; where they cannot be read, what to say."""
+    """The metadata of the product; if they cannot be read, notes on that."""
     remedy = (
         "band names are known, scale and offset are not: the numbers are taken as they stand. Give --scale and "
         "--offset, or download the metadata again"
@@ -94,7 +94,7 @@ def _root(container: Container, metadata: list[str]) -> tuple[ET.Element | None,
 
 
 def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str, str], list[str]]:
-    """The file of each band, in the order of wavelengths, and the bands of 60 m that are left out."""
+    """The file of each band, in order of wavelength, and the bands of 60 m that are skipped."""
     found: dict[str, tuple[int, str]] = {}
     for member, match in images.items():
         name = match["band"].upper()
@@ -106,7 +106,7 @@ def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str
 
 
 def _bands(container: Container, root: ET.Element | None, files: dict[str, str]) -> list[ProductBand]:
-    """What the metadata say of each band; the preset's wavelengths where there are none."""
+    """Properties of each band from the metadata; without metadata, wavelengths of the preset."""
     known, values = root is not None, ET.Element("none") if root is None else root
     quantum = positive(said(values, *(f".//{level}QUANTIFICATION_VALUE" for level in ("", "BOA_", "L2A_BOA_"))))
     quantum = quantum or _QUANTUM
@@ -144,7 +144,7 @@ def _bands(container: Container, root: ET.Element | None, files: dict[str, str])
 
 
 def _width(spectral: ET.Element | None) -> float | None:
-    """Full width at half maximum of the response [nm]."""
+    """Full width at half maximum of the spectral response [nm]."""
     values = numbers(said(spectral, "Spectral_Response/VALUES"))
     step = positive(said(spectral, "Spectral_Response/STEP"))
     if not values or not step:
@@ -153,14 +153,14 @@ def _width(spectral: ET.Element | None) -> float | None:
 
 
 def _mask(container: Container, band: str, file: str) -> str | None:
-    """The file of detector numbers of a band."""
+    """The raster of detector numbers of a band."""
     granule, masks = _granule(file), container.matches(_MASK)
     fits = (member for member, match in masks if match["band"].upper() == band and member.startswith(granule))
     return next(map(container.gdal, fits), None)
 
 
 def _angles(container: Container, granule: str, notes: list[str]) -> dict[str, str]:
-    """Where sun and satellite stand, seen from the ground: means over the tile, and over the bands."""
+    """Directions of sun and satellite, seen from the ground: means over the tile, and over the bands."""
     member = next((n for n in container.find(_TILE) if granule and n.startswith(f"{granule}/")), None)
     otherwise = ": the angles of sun and satellite are not known"
     root = None if member is None else container.tree(member, notes, otherwise)
@@ -179,7 +179,7 @@ def _angles(container: Container, granule: str, notes: list[str]) -> dict[str, s
 
 
 def _mean_direction(nodes: list[ET.Element]) -> tuple[float | None, float | None]:
-    """Zenith angle and azimuth [degree] of the mean of some directions: azimuths of 350 and 10 have the mean 0."""
+    """Zenith angle and azimuth [degree] of the mean of several directions: azimuths 350 and 10 have the mean 0."""
     stated = [(said_number(n, "ZENITH_ANGLE"), said_number(n, "AZIMUTH_ANGLE")) for n in nodes]
     directions = [(math.radians(z), math.radians(a)) for z, a in stated if z is not None and a is not None]
     if not directions:
