@@ -190,8 +190,9 @@ def _fit(job: Job) -> Fitted:
         model = METHODS[method].fit(job.request, None)
     else:
         model, sample, outline = _fit_sampled(job, sampler, method)
-    notes += (sample or {}).pop("notes", [])
-    log_model(model, notes[len(job.notes) :])
+    of_sample = (sample or {}).pop("notes", [])
+    notes += of_sample
+    log_model(model, of_sample)
     regresses = method in METHODS and not METHODS[method].neighbours
     resolved = replace(
         recipe, method="auto" if method == "copy" else model.method, compensate=text, smallest_object="",

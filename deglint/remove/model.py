@@ -156,7 +156,7 @@ class GlintModel:
                 text += f" +- {fit.stderr:.2g}"
             if fit.r2 is not None:
                 text += f"  R2 {fit.r2:.3f}"
-            lines.append(f"{text}  n {fit.n}  on {self._index_name(index)} above {index.level:.6g}")
+            lines.append(f"{text}  n {fit.n}  from {self._index_name(index)}, level {index.level:.4g}")
         return "\n".join(lines + [f"  warning: {w}" for w in self.warnings])
 
     def __repr__(self) -> str:
