@@ -55,11 +55,22 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     ItemCollection. Finished scenes are recognised by recipe and checksums, so a batch that was interrupted can be
     continued. A scene that fails does not stop the others; the exit code is then 1.
 
-    \b deglint batch recipe.toml 'tiles/*.tif' --jobs 4 deglint batch recipe.toml archive.csv --table done.csv \b #
-    recipe.toml; every line is optional [recipe]                      # as the options of deglint remove method = "auto"
+    \b
+    deglint batch recipe.toml 'tiles/*.tif' --jobs 4
+    deglint batch recipe.toml archive.csv --table done.csv
+
+    \b
+    # recipe.toml; every line is optional
+    [recipe]                      # as the options of deglint remove
+    method = "auto"
     [input]                       # sensor, bands, wavelengths, scale, offset, nodata, grid, assets (of a STAC Item)
-    sensor = "sentinel2" [output] directory = "clean" name = "{name}_deglinted.tif" extras = ["flags"]            #
-    flags, amount, picture, sample, model dtype = "uint16" options = {COMPRESS = "ZSTD"}
+    sensor = "sentinel2"
+    [output]
+    directory = "clean"
+    name = "{name}_deglinted.tif"
+    extras = ["flags"]            # flags, amount, picture, sample, model
+    dtype = "uint16"
+    options = {COMPRESS = "ZSTD"}
     """  # fmt: skip
     from ..batch.jobs import FAILED, TODO, read_order
     from ..batch.run import run_batch

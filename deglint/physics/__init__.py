@@ -8,9 +8,9 @@ Conventions, in every module of this package:
   of the sensor are given as seen from the target (zenith angle, azimuth);
 - slopes are dz/dx without unit; "upwind" is the axis towards where the wind comes from, "crosswind" is 90
   degrees clockwise of it;
-- arguments broadcast like numpy arrays (give ``wavelength[:, None, None]`` to get one layer per band); NaN in gives NaN
-out; a value out of its range raises `InputError` with one line; - nothing is read from disk but the tables of this
-package, when they are first needed, and nothing is logged.
+- arguments broadcast like numpy arrays (give ``wavelength[:, None, None]`` to get one layer per band); NaN in gives
+  NaN out; a value out of its range raises `InputError` with one line;
+- nothing is read from disk but the tables of this package, when they are first needed, and nothing is logged.
 
 Modules and their main functions::
 

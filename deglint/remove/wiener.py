@@ -14,14 +14,14 @@ averages the noise of the reference. With a kernel of one pixel, no local mean a
 method.
 
 - Kernels of 1, 3 and 5 pixels are compared by cross-validation on squares of the sample; the smallest that is not
-significantly worse than the best is used. - The response of a band to uniform glint is the sum of its kernel, s_b. The
-spectrum c of glint is known to a fifth: that of the sun in radiance, or constant in reflectance. With V the jackknife
-covariance of the responses and P = diag(0.2 a c)^2 their prior, all responses are drawn toward the spectrum, s' = a c +
-P (V + P)^-1 (s - a c), with the strength a by
-  generalised least squares (`deglint.remove.colour`). All bands are corrected, or none.
+  significantly worse than the best is used.
+- The response of a band to uniform glint is the sum of its kernel, s_b. The spectrum c of glint is known to a fifth:
+  that of the sun in radiance, or constant in reflectance. With V the jackknife covariance of the responses and
+  P = diag(0.2 a c)^2 their prior, all responses are drawn toward the spectrum, s' = a c + P (V + P)^-1 (s - a c), with
+  the strength a by generalised least squares (`deglint.remove.colour`). All bands are corrected, or none.
 - There is one level p_b0 for all bands: the prediction at the pixels where it is lowest, raised until no band becomes
-negative (`deglint.remove.levels`). - Glint is never negative: where the prediction is below the level, nothing is
-changed.
+  negative (`deglint.remove.levels`).
+- Glint is never negative: where the prediction is below the level, nothing is changed.
 
 Fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its level),
 for a wrong water mask, and over very shallow water, where the NIR shows the bottom. Costs one pass over 0.3 million
