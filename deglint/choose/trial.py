@@ -164,11 +164,9 @@ def choose(
     width : float
         Of the smallest object to keep [pixel].
     fine : bool
-        The pixels are small enough to resolve sparkle. Removed light that is distributed evenly about its median is
-        then mirrored sky and not sun glint.
+        Pixels resolve sparkle: removed light that is even about its median is then mirrored sky and not sun glint.
     coarse : bool
-        The pixels are too large to resolve sparkle. Pixels far brighter than their surroundings are then ships, which
-        are excluded from the evaluation.
+        Pixels do not resolve sparkle: those far brighter than their surroundings are ships and are excluded.
     each : callable
         Function that runs the candidates: `map`, or the `map` method of a pool of threads.
 

@@ -74,9 +74,8 @@ def fit_water(
     some water does not. Therefore each pixel votes by its sign, and the threshold of the NIR is the one that separates
     the votes with the fewest errors, moved into the gap beside it.
 
-    At fine pixels glint is sparkle, as bright as land. Only areas that are bright over a whole square are then excluded
-    from water. The side of the square is the smallest that leaves no isolated bright pixels of the colour of glint, up
-    to the width of patches of glint.
+    At fine pixels glint is sparkle, as bright as land. Not water is then only what is bright over a whole square. Its
+    side is the smallest that leaves no isolated pixels of the colour of glint, up to the width of patches of glint.
 
     Parameters
     ----------
