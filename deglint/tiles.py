@@ -22,7 +22,7 @@ from .scene import Window
 
 Result = TypeVar("Result")
 Run = Callable[..., Iterator[tuple[Any, Any]]]
-"""What does work on tiles: `run`, or something that is called like it."""
+"""Type of functions that run work on tiles, with the signature of `run`."""
 SAMPLES = 4 << 20
 """Values (pixels times bands) that a tile aims at."""
 MOST_SAMPLES = 32 << 20
@@ -79,7 +79,7 @@ class Tile:
         return [Tile(r, min(r + side, self.row1), c, min(c + side, self.col1)) for r in rows for c in columns]
 
     def within(self, outer: Tile) -> tuple[Any, slice, slice]:
-        """Where the tile lies in an array of a larger one, (row, column) or with bands before them."""
+        """Slices of the tile in an array of a larger tile, (row, column), or with bands before them."""
         rows = slice(self.row0 - outer.row0, self.row1 - outer.row0)
         return ..., rows, slice(self.col0 - outer.col0, self.col1 - outer.col0)
 

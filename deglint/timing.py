@@ -1,4 +1,4 @@
-"""How long a stage will still take, from the rate of the tiles that are finished; and progress as log lines."""
+"""Remaining time of a stage, from the rate of finished tiles; and progress as log lines."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ _HOMES = {
     "subspace_rx": "rx",
     "utd": "rx",
 }
-"""Where each name lives; type checkers read the imports above, and a test holds the two equal."""
+"""Module of each name; type checkers read the imports above, and a test compares the two."""
 
 __all__ = [
     "Background", "LineScorer", "Object", "Recipe", "Result", "Roc", "Search", "Tail", "Threshold", "__version__",

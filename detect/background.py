@@ -32,13 +32,13 @@ COVARIANCES = {
     "oas": "correlation drawn towards the identity (Chen et al. 2010)",
     "mcd": "of the core alone: minimum covariance determinant, on a sample of the scene",
 }
-"""How the covariance is estimated."""
+"""Estimators of the covariance."""
 RIDGE = 1e-3
-"""Share of each band's variance that `ridge` adds, unless it is said."""
+"""Default share of each band's variance that `ridge` adds."""
 ROBUST_SAMPLE = 1 << 17
 """Pixels that the robust estimate and Ledoit and Wolf's shrinkage look at, at most about."""
 THREADED_VALUES = 1 << 23
-"""Values from which an array in memory is worked on by several threads unless it is said."""
+"""Number of values from which an array in memory is processed by several threads by default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ class Background:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What tiles give to the background of a scene: moments of cells, and a sample of pixels with their places."""
+    """Contribution of tiles to the background of a scene: moments of cells, and sampled pixels with their positions."""
 
     cells: CellMoments
     places: npt.NDArray[np.int64]
@@ -270,7 +270,7 @@ def sample_share(covariance: str, pixels: int) -> int:
 
 
 def check_rule(covariance: str, ridge: float) -> None:
-    """Refuse a rule that is not known, or a ridge that is none."""
+    """Check the name of the estimator and the value of the ridge."""
     if covariance not in COVARIANCES:
         raise InputError(f"covariance {covariance!r} is not one of {', '.join(COVARIANCES)}.")
     if not (np.isfinite(ridge) and ridge >= 0):

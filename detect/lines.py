@@ -17,7 +17,7 @@ from deglint.errors import InputError
 from .covariance import ridged, whitener
 
 LINES = 64
-"""Lines that the statistics remember, unless said otherwise."""
+"""Default memory of the statistics [line]."""
 _FIRST = 4
 """Pixels per band before statistics are taken for known: with fewer the first lines are scored against themselves."""
 _OUT = 5.0

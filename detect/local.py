@@ -34,7 +34,7 @@ from .background import Float64, Mask, Scores, as_image, as_mask
 CELL = 256
 """Tiles that start at multiples of it give bit-identical scores; as much is worked on at a time [pixel]."""
 BORDERS = ("shrink", "mirror", "shift")
-"""What the window does where it reaches beyond the image: lose what is outside, mirror it, or move inside."""
+"""Windows at the edge of the image: without the outer part, with it mirrored, or moved inside."""
 SUMS_BANDS = 24
 """Most bands for which sums over windows are faster than the ring's pixels one by one."""
 MOST_SUMS = 1 << 30
@@ -44,7 +44,7 @@ STATES = {
     DEFICIENT: "the ring's covariance has not full rank: pseudo-inverse",
     TOO_FEW: "the ring has too few valid pixels: no score",
 }
-"""What `flags` say of a pixel; 0: nothing."""
+"""Bits of `flags`; 0 for none."""
 _DIRECT = 254
 """To be taken one by one: many bands, sums that do not tell enough, or a window that moves inside the scene."""
 _RANK = 10 * np.finfo(np.float64).eps
@@ -52,7 +52,7 @@ _RANK = 10 * np.finfo(np.float64).eps
 
 @dataclass(frozen=True)
 class WindowRule:
-    """How rings lie and what is made of them: parameters as `local_rx`, and the size of the whole scene, checked."""
+    """Checked parameters of `local_rx`, and the size of the whole scene."""
 
     inner: int
     outer: int
@@ -77,7 +77,7 @@ class WindowRule:
 
     @property
     def halo(self) -> int:
-        """How far from a pixel its window reaches [pixel]."""
+        """Distance from a pixel to the edge of its window [pixel]."""
         return self.outer // 2
 
 
@@ -177,12 +177,12 @@ def score_part(
 
 
 def _slices(window: Sequence[tuple[int, int]], origin: tuple[int, int]) -> tuple[slice, ...]:
-    """Where a window of the scene lies in an array whose first pixel is `origin`."""
+    """Slices of a window of the scene in an array whose first pixel is `origin`."""
     return tuple(slice(start - first, stop - first) for (start, stop), first in zip(window, origin, strict=True))
 
 
 def _check_memory(bands: int, rule: WindowRule) -> None:
-    """Refuse a window whose sums take a machine's memory."""
+    """Check that the sums of a window fit into memory."""
     sums = 1 + bands + bands * (bands + 1) // 2
     need = 8 * (sums * CELL**2 + bands * (rule.outer + CELL) ** 2)
     if bands <= SUMS_BANDS and need > MOST_SUMS:

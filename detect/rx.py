@@ -341,7 +341,7 @@ def _run(
 
 
 def both(a: Mask | None, b: Mask | None) -> Mask | None:
-    """Where two masks are True; None is everywhere."""
+    """Intersection of two masks; None means everywhere."""
     return b if a is None else a if b is None else a & b
 
 

@@ -1,4 +1,4 @@
-"""Where to cut: thresholds on anomaly scores for a wanted false-alarm rate, each printed beside the rate it gave.
+"""Thresholds on anomaly scores for a requested false-alarm rate, each reported with the rate that it gave.
 
 Four ways: the chi-squared law (Gaussian background, statistics known), Hotelling's F (statistics estimated from n
 pixels), the scores' own quantile, and a generalised Pareto law fitted to their tail, which reaches beyond the last
@@ -37,9 +37,9 @@ THRESHOLDS = {
     "f": "F",
     "chi2": "chi-squared",
 }
-"""How the threshold for --pfa is found."""
+"""Methods that determine the threshold for --pfa."""
 KEEP = 1 << 18
-"""Highest scores that a `Tail` keeps where nothing else is said."""
+"""Default number of highest scores that a `Tail` keeps."""
 _LEAST_EXCEEDANCES = 50
 _TAIL = 0.01
 """Fraction of the scores that are fitted; more where the rate, or few scores, ask for it."""
@@ -52,7 +52,7 @@ _SPLINE_END, _SPLINE_NODES, _SPLINE_LEAST = 80.0, 8001, 1e-290
 
 @dataclass(frozen=True, eq=False)
 class Tail:
-    """How many scores there are, and the highest of them: all that a threshold at a low false-alarm rate needs.
+    """Number of scores, and the highest of them, which determine a threshold at a low false-alarm rate.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Tail:
         return max(KEEP, math.ceil(2 * pfa * pixels) + 1)
 
     def above(self, value: float) -> int | None:
-        """How many scores are greater than a value; None where it lies below all that was kept."""
+        """Number of scores greater than a value; None if it lies below all scores that are kept."""
         if len(self.values) < self.n and not (len(self.values) and value >= self.values[-1]):
             return None
         with np.errstate(over="ignore"):  # beyond float32 is above all of float32
@@ -232,7 +232,7 @@ def fast_p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArra
 
 @cache
 def _log_survival(bands: int, n: int | None) -> tuple[float, Callable[[Scores], Scores]]:
-    """Where the spline of log p ends, in square roots of the score, and the spline."""
+    """Upper end of the spline of log p, as square root of the score, and the spline."""
     from scipy.interpolate import CubicSpline
 
     nodes = np.linspace(0, _SPLINE_END, _SPLINE_NODES)

@@ -40,7 +40,7 @@ class SubmergedObject:
             raise InputError(f"object must have at least 3 corners, got {len(self.corners)}; give its outline [m]")
 
     def check_inside(self, height: float, width: float) -> None:
-        """Refuse an object that reaches over the edge of a scene of a size [m].
+        """Check that an object lies within a scene of this size [m].
 
         Raises InputError: it does.
         """

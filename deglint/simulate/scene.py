@@ -174,7 +174,7 @@ def simulate_together(
 
 @dataclass(frozen=True, eq=False)
 class _World:
-    """What a setup puts under and on the sea, on the facets, and the light."""
+    """Bottom, objects and surface cover of a setup, on the facets, and the light."""
 
     setup: Setup
     lit: Light
@@ -291,7 +291,7 @@ def _add_bands(
 
 
 def _pixels(spectrum: Any, setup: Setup, i: int, workers: int, off: float) -> Array:
-    """What the sensor sees of a spectrum in band i, from a grid that is off by some pixels."""
+    """Signal of a spectrum in band i, from a grid that is displaced by some pixels."""
     down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
     wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
     seen = observe(spectrum, setup.sensor, wavelength, factor=setup.supersample, shift=shift, workers=workers)

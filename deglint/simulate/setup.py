@@ -46,7 +46,7 @@ F_NUMBERS = (10.0, 30.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """What to simulate.
+    """Setup of a simulation.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ class Setup:
 
     @property
     def times(self) -> tuple[float, ...]:
-        """When each band sees the sea, after the first that does [s]."""
+        """Time offset of each band from the first [s]."""
         start = min(b.time_offset for b in self.sensor.bands)
         return tuple(b.time_offset - start for b in self.sensor.bands)
 
@@ -235,7 +235,7 @@ class Setup:
 
 
 def check_one_sea(setups: Sequence[Setup]) -> None:
-    """Refuse setups that differ in more than optics, noise, artefacts and band delays.
+    """Check that setups differ in no more than optics, noise, artefacts and band delays.
 
     Raises InputError: there is none, or two differ in something else; the message says in what.
     """

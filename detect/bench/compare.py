@@ -83,7 +83,7 @@ def as_json(numbers: Mapping[str, Number], made: Mapping[str, Any], refused: Map
 
 
 def compare(old: Any, new: Any) -> list[Change]:
-    """What changed between two runs that were read from JSON: the worst first.
+    """Changes between two runs that were read from JSON, the worst first.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def compare(old: Any, new: Any) -> list[Change]:
 
 
 def judge(old: Number, new: Number, same_machine: bool = True) -> Verdict | None:
-    """What became of a number; None where nothing can be said, or nothing changed."""
+    """Change of a number; None if it is not significant or not known."""
     if not new.exact and not same_machine:
         return None
     if math.isnan(old.value) or math.isnan(new.value):

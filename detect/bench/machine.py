@@ -15,7 +15,7 @@ PACKAGES = ("deglint", "numpy", "scipy", "numba", "rasterio", "opencv-contrib-py
 
 
 def provenance(command: str, *, quick: bool, seeds: int, seconds: float, load: float | None) -> dict[str, Any]:
-    """What is needed to make the numbers again; `load` is the load of the machine at the start."""
+    """Versions and machine, to reproduce the numbers; `load` is the load of the machine at the start."""
     now = machine()
     busy = f"load {load:g} on {now['cores']} cores" if load is not None and load > 0.5 * now["cores"] else ""
     return {

@@ -39,7 +39,7 @@ def removals() -> dict[str, dict[str, str]]:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is measured."""
+    """Extent of the measurements."""
 
     names: tuple[str, ...]  # keys of `removals`
     winds: tuple[float, ...] = (3.0, 5.0, 9.0, 12.0)  # [m/s]

@@ -44,7 +44,7 @@ def objects(side: int, gsd: float) -> tuple[SubmergedObject, ...]:
 
 @dataclass(frozen=True, eq=False)
 class TrueScene:
-    """A simulated scene as a file, and what is known of it; arrays (band, row, column) [W m-2 sr-1 nm-1]."""
+    """A simulated scene as a file, and its truth; arrays (band, row, column) [W m-2 sr-1 nm-1]."""
 
     made: SimulatedScene
     file: Path

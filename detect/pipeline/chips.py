@@ -77,7 +77,7 @@ def _rgb(scene: Scene) -> list[int]:
 
 
 def _raw_of(scene: Scene) -> list[Scene]:
-    """The scene before removal, where the sidecar tells its files and they fit."""
+    """The scene before removal, if the sidecar names its files and they have the same grid."""
     from deglint.errors import DeglintError
     from deglint.readers import open_scene
 

@@ -1,4 +1,4 @@
-"""Where objects lie on the ground, and how they move there: longitude and latitude, distances, bearings, speeds."""
+"""Positions and motion of objects on the ground: longitude and latitude, distances, bearings, speeds."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SEARCH_MARGIN = 40
 
 
 def to_wgs84(scene: Scene) -> Move | None:
-    """What turns (column, row) corners into (longitude, latitude) [degree]; None where the scene has no CRS."""
+    """Function from (column, row) corners to (longitude, latitude) [degree]; None if the scene has no CRS."""
     transform, crs = scene.transform, scene.crs
     if transform is None or crs is None:
         return None

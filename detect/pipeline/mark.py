@@ -97,7 +97,7 @@ class Marker:
 
     @cached_property
     def _clutter(self) -> sea.Clutter:
-        """What is not confirmed as an object."""
+        """Clutter: scores of what is not confirmed as an object."""
         of_sea = self._plan.sea
         assert of_sea is not None
         assert of_sea.model is not None
@@ -121,7 +121,7 @@ class Marker:
         return rows[apart], columns[apart], scores[apart]
 
     def objects(self, threshold: Threshold) -> list[Rated]:
-        """What exceeds the threshold, the least false alarms first."""
+        """Objects above the threshold, in order of increasing number of false alarms."""
         of_sea = self._plan.sea
         if of_sea is None:
             found = marking.find_among(*self._above(threshold.value), **self._options)
@@ -172,7 +172,7 @@ class Marker:
 
 
 def _likeness(found: Object) -> float:
-    """How much an object attached to land is like a ship."""
+    """Score for the likeness to a ship of an object attached to land."""
     length, width, _ = rectangle(found.footprint)
     return likeness(found.size, found.size / (length * width))
 

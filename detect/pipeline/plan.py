@@ -1,4 +1,4 @@
-"""What a recipe means for one scene: its bands, where to score, where the background is, and the tiles to work in."""
+"""A recipe applied to one scene: bands, region to score, background and tiles."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _VISIBLE_RANGE = (400.0, 700.0)
 _NIR = (740.0, 1100.0)
 """Bands that see glint and hardly any water [nm]."""
 _MANY = 16
-"""Bands from which on the spectrum alone tells a target, and a global covariance has the pixels to know it."""
+"""Number of bands from which a spectrum alone identifies a target."""
 _UNKNOWN = 10.0
 """Side of a pixel where the scene has no CRS [m]."""
 _SAMPLE_BLOCK = 1024
@@ -110,7 +110,7 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Masking:
-    """Where to score: everywhere, inside an area, or on water."""
+    """Region to score: everywhere, inside an area, or water."""
 
     area: Area | None = None
     water: WaterRule | None = None
@@ -189,7 +189,7 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking
 
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
-    """What --background names: a background that was saved, or an area."""
+    """The background of --background: a saved background, or that of an area."""
     name = recipe.background
     if not name:
         return None, None
@@ -344,7 +344,7 @@ def fit_sea(plan: Plan) -> SeaPlan:
 
 
 def explain(plan: Plan) -> list[str]:
-    """What was decided, one line each."""
+    """Decisions, one line each."""
     found = plan.sea
     if found is None or found.model is None:
         return []

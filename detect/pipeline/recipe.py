@@ -1,4 +1,4 @@
-"""What to do with a scene, and where results go: the options of `rxdetect score`, as frozen values."""
+"""Options of `rxdetect score` as frozen values: processing and output files."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ..threshold import THRESHOLDS
 SUFFIXES = (".geojson", ".json", ".gpkg")
 """Files that objects can be written to."""
 WINDOW = (5, 21)
-"""Guard and window of local RX, unless they are said [pixel]."""
+"""Default guard and window of local RX [pixel]."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What to do; every field has a default.
+    """Options of the processing; every field has a default.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-ass
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where results go.
+    """Paths of the results.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class Outputs:
     chips: Path | None = None
 
     def check(self, recipe: Recipe) -> None:
-        """Refuse outputs that the recipe does not give."""
+        """Check that the recipe produces the requested outputs."""
         for wrong, message in (
             (self.objects and not recipe.thresholded,
              ("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4, or "

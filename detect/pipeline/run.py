@@ -45,7 +45,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Result:
-    """What a run did.
+    """Result of a run.
 
     Attributes
     ----------
@@ -255,7 +255,7 @@ def _threshold(recipe: Recipe, tail: Tail, law: tuple[int, int] | None) -> Thres
 
 
 def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: tuple[int, int] | None) -> Scoring:
-    """What scores a tile, and keeps as many of the highest scores as the threshold needs."""
+    """Scorer of tiles, which keeps as many of the highest scores as the threshold needs."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     highest = Highest(Tail.keep_for(rate, pixels)) if recipe.thresholded else None

@@ -1,4 +1,4 @@
-"""What is done with one tile: read, mask, score, flag and count; and the highest scores of all tiles together."""
+"""Processing of one tile: read, mask, score, flag and count; and the highest scores of all tiles."""
 
 from __future__ import annotations
 

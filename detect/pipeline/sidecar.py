@@ -1,4 +1,4 @@
-"""What the sidecar of a score raster says: with what, on what, how, and what came of it."""
+"""Sidecar of a score raster: versions, inputs, options, decisions and results."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def describe(
 
 
 def notes_on(plan: Plan, background: Background | None) -> list[str]:
-    """What was decided, one line each."""
+    """Decisions, one line each."""
     notes = [*explain(plan), f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
     if background is not None:
         where = "read from a file" if plan.given else f"{background.n} pixels"
@@ -70,7 +70,7 @@ def notes_on(plan: Plan, background: Background | None) -> list[str]:
 def warnings_of(
     plan: Plan, background: Background | None, threshold: Threshold | None, tally: PixelCounts
 ) -> list[str]:
-    """What the analyst should know before trusting the scores."""
+    """Warnings about the reliability of the scores."""
     said = []
     if background is not None:
         if background.rank < background.bands:

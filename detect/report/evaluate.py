@@ -29,7 +29,7 @@ _CURVE_POINTS = 400
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be judged, and how: the options of `rxdetect roc`; 0 draws leave the bootstrap out."""
+    """Options of `rxdetect roc`; with 0 draws there is no bootstrap."""
 
     scores: tuple[str, ...]
     truth: str
@@ -130,7 +130,7 @@ def _judge(name: str, scores: npt.NDArray[Any], inputs: Inputs, request: Request
 
 
 def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, Any]:
-    """What is read off a curve as a whole."""
+    """Summary numbers of a curve."""
     pfa, pd = roc.vertices
     keep = np.unique(np.linspace(0, len(pfa) - 1, _CURVE_POINTS).astype(int))
     return {
@@ -151,7 +151,7 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
 
 
 def _point(roc: Roc, rate: float, bands: Bands | None, sign: float) -> dict[str, Any]:
-    """What a false-alarm rate gives in pixels."""
+    """Detection at a false-alarm rate, counted in pixels."""
     point = roc.point(rate)
     out: dict[str, Any] = asdict(point) | {"threshold": sign * point.threshold, "pd_low": None, "pd_high": None}
     if bands is not None:
@@ -163,7 +163,7 @@ def _point(roc: Roc, rate: float, bands: Bands | None, sign: float) -> dict[str,
 def _called(
     threshold: float, scores: npt.NDArray[Any], found: ObjectCurve, inputs: Inputs, square_km: float | None
 ) -> dict[str, Any]:
-    """What a threshold gives in objects and false alarms."""
+    """Objects found and false alarms at a threshold."""
     alarms = count_false_alarms(scores > threshold, inputs.objects, inputs.valid)
     return {
         "objects_found": sum(o.score_max > threshold for o in found.objects), "objects": len(found.objects),
@@ -187,7 +187,7 @@ def _objects(found: ObjectCurve, sign: float, square_km: float | None) -> dict[s
 
 
 def _alarm(found: Object, inputs: Inputs, sign: float) -> dict[str, Any]:
-    """Where a false alarm lies, and its score."""
+    """Position and score of a false alarm."""
     row, column = found.centroid
     out = {"score_max": sign * found.score_max, "pixels": found.size, "row": row, "column": column}
     t = inputs.grid.transform
@@ -224,7 +224,7 @@ def _scene_numbers(inputs: Inputs, roc: Roc, area: float | None) -> dict[str, An
 
 
 def _notes(judged: Sequence[Judged]) -> list[str]:
-    """What a reader must know, said once."""
+    """Warnings for the reader, without repetition."""
     out: list[str] = []
     for j in judged:
         out += j.bands.notes if j.bands is not None else ()

@@ -135,7 +135,7 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> npt.NDArray[np.int32]:
 
 
 def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
-    """Refuse a scene that lies on another grid than the reference."""
+    """Check that a scene has the grid of the reference."""
     if scene.shape[1:] != grid.shape[1:]:
         raise InputError(
             f"{name} has {scene.height} x {scene.width} pixels, {reference} has {grid.height} x {grid.width}: they "

@@ -34,7 +34,7 @@ def render(package: str, **values: Any) -> str:
 
 
 def page(found: Evaluation, made: Mapping[str, Any]) -> str:
-    """The whole page; `made` says with what it was made, and is shown at the end as it stands."""
+    """The complete page; `made` is the line at its end: versions and the command."""
     bands, objects = found.detectors[0].bands, found.detectors[0].objects
     drawn = {"roc": plots.as_uri(plots.roc_curves(found)), "precision": plots.as_uri(plots.precision_curves(found))}
     if objects is not None:

@@ -1,4 +1,4 @@
-"""How well scores tell targets from background: ROC curves, what is read off them, and how sure it is.
+"""Separation of targets and background by scores: ROC curves, their summary numbers and confidence intervals.
 
 Arrays only; opens no files. A pixel is a target where truth is not 0, and is detected where its score is greater than
 a threshold: higher is more anomalous. What is not finite, or not valid, is left out and counted.

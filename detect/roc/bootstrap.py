@@ -1,4 +1,4 @@
-"""How far a ROC curve would move had other objects and other water been seen: resampling of what is independent.
+"""Confidence intervals of a ROC curve by resampling of independent objects and pieces of water.
 
 Pixels of an object share its fate, and neighbouring background shares glint and clutter; drawing pixels would count
 the same evidence many times. Here whole objects are drawn for the targets and whole square blocks for the background,
@@ -34,7 +34,7 @@ _DENSE = 1 << 23
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """What resampling gave: percentile intervals.
+    """Percentile intervals from resampling.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ def default_grid(background: int) -> Float64:
 
 
 def _notes(objects: int, blocks: int) -> tuple[str, ...]:
-    """What makes the intervals too narrow."""
+    """Reasons why the intervals are too narrow."""
     out = []
     if objects == 1:
         out.append("one object: how much another would differ cannot be known; intervals hold for this object alone")
@@ -212,5 +212,5 @@ def _draw(targets: Float64, background: Float64, at: Float64, draws: int, seed: 
 
 
 def _times(rng: np.random.Generator, pieces: int, size: int) -> Float64:
-    """How often each piece is drawn, (size, pieces): as many draws as pieces, with replacement."""
+    """Number of times that each piece is drawn, (size, pieces): as many draws as pieces, with replacement."""
     return rng.multinomial(pieces, np.full(pieces, 1 / pieces), size).astype(np.float64)

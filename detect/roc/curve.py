@@ -30,7 +30,7 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """What a threshold gives: detected is what is greater than it.
+    """Detection at a threshold: scores greater than it are detected.
 
     Attributes
     ----------
@@ -237,13 +237,13 @@ def usable(scores: Scores, truth: npt.NDArray[Any], valid: Mask | None = None) -
 
 
 def _check_pfa(pfa: float) -> None:
-    """Refuse what is no false-alarm rate."""
+    """Check a false-alarm rate."""
     if not 0 < pfa <= 1:
         raise InputError(f"Pfa: allowed is above 0 and up to 1, got {pfa}.")
 
 
 def _check(targets: Scores, background: Scores, left_out: int) -> None:
-    """Refuse scores that give no curve."""
+    """Check that scores give a curve."""
     aside = f" ({left_out} pixels that are not valid were left out)" if left_out else ""
     if not len(targets) + len(background):
         raise InputError(f"no valid pixel to score{aside}. Check nodata, the mask and the truth.")

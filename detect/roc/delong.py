@@ -1,4 +1,4 @@
-"""How sure an area under the ROC curve is, and whether two of them differ, were pixels independent.
+"""Standard error of the area under the ROC curve, and test of two areas, for independent pixels.
 
 Pixels are not: neighbours share target, glint and sensor, so these intervals are too narrow for images. They are what
 other programs print, and cheap; `bootstrap` over objects and blocks is the honest one.

@@ -23,7 +23,7 @@ _MOST_THRESHOLDS = 40
 
 @dataclass(frozen=True)
 class ObjectScore:
-    """How an object of the truth was scored.
+    """Score of an object of the truth.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ def number_objects(truth: npt.NDArray[Any], *, connected: bool = False) -> npt.N
 def object_curve(
     scores: Scores, objects: npt.NDArray[Any], roc: Roc, valid: Mask | None = None, *, pfa_max: float = 0.1
 ) -> ObjectCurve:
-    """How each object is scored, and how many are found at what cost.
+    """Scores of all objects, and number found against false alarms.
 
     Parameters
     ----------

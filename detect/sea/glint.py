@@ -1,4 +1,4 @@
-"""How scores of water grow with the glint at a pixel, which the NIR shows, and how they are made even.
+"""Increase of the scores of water with the glint at a pixel, which the NIR shows, and its correction.
 
 Glint that a removal leaves, and glint that was never removed, is a heavy-tailed noise whose size follows the glint at
 the pixel. Divided by it, scores of water are alike everywhere, and an object under water is found where little glint
@@ -28,7 +28,7 @@ _REACH = 3
 
 @dataclass(frozen=True, eq=False)
 class GlintScale:
-    """What is usual at each class of the NIR.
+    """Usual scores in each class of the NIR.
 
     Attributes
     ----------

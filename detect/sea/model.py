@@ -52,7 +52,7 @@ _RARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class SeaModel:
-    """What the detector learnt of a scene: plain numbers, so that every block is scored alike.
+    """Statistics of a scene as plain numbers, so that every block is scored alike.
 
     Attributes
     ----------

@@ -34,7 +34,7 @@ _ELONGATION = 1.8
 _DIRECTIONS = 12
 """Directions in which ships alongside are looked for: a hull 8 times as long as wide lies within 7.5 degrees of one."""
 _HULL_BLUR = 1.5
-"""What the point spread function adds to the width of a hull [pixel]."""
+"""Width that the point spread function adds to a hull [pixel]."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def hull(length: float, width: float, size: float) -> bool:
 
 
 def likeness(size: float, fill: float) -> float:
-    """How much what is attached to land is like a ship: its pixels, and the share of its rectangle that it fills.
+    """Likeness to a ship of parts attached to land: number of pixels, and share of the rectangle that they fill.
 
     A hull fills its rectangle; corners and bends of piers, with which most of what is no ship ends, do not. The cube
     makes the share count more than the size.

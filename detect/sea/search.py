@@ -19,7 +19,7 @@ from .region import ALONGSIDE, Classes, SeaRule, region
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What a search of the sea found.
+    """Result of a search of the sea.
 
     Attributes
     ----------
