@@ -12,7 +12,7 @@ from deglint.raster.output import Scratch, write_json, write_text
 
 
 def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, geographic: bool) -> None:
-    """Write GeoJSON features in the format of the file's extension; with a GeoPackage, also a style of the same name."""
+    """Write GeoJSON features in the format of the file's extension; with a GeoPackage, also a style of its name."""
     if path.suffix.lower() != ".gpkg":
         write_json(scratch, path, document)
         return
