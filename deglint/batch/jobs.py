@@ -187,7 +187,8 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = 
     try:
         there = [path for job in jobs for path in job.outputs.every() if path.exists()]
     except OSError as error:  # of a name that no file may have
-        raise InputError(f"an output cannot be named so: {error.strerror}: {str(error.filename)[:80]} ...") from error
+        name = str(error.filename)[:80]
+        raise InputError(f"an output cannot be named {name} ...: {error.strerror}. Choose another name.") from error
     if there:
         scenes_files = [p for job in jobs for name in job.scene.source for p in (name, *files_of(name))]
         named = [order.recipe.sample, order.recipe.mask, order.sensor or "", *reads]

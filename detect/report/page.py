@@ -34,7 +34,7 @@ def render(package: str, **values: Any) -> str:
 
 
 def page(found: Evaluation, made: Mapping[str, Any]) -> str:
-    """The complete page; `made` is the line at its end: versions and the command."""
+    """The complete page; `made` are the versions and options that stand at its end."""
     bands, objects = found.detectors[0].bands, found.detectors[0].objects
     drawn = {"roc": plots.as_uri(plots.roc_curves(found)), "precision": plots.as_uri(plots.precision_curves(found))}
     if objects is not None:
