@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scene import FloatArray
-from .surface import BoolArray, Roles, WaterRule, check_looks, grown, opened, square, thinned, valid_for
+from .surface import BoolArray, Roles, WaterRule, check_looks, grown, land, opened, square, thinned, valid_for
 
 Votes = npt.NDArray[np.int8]
 
@@ -44,6 +44,14 @@ WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
 """Range of red over green, and of NIR over green, of white where the bands are radiances."""
 LEAST_BODY = 25
 """Fewest pixels of water, in squares of 5 x 5 [pixel]: smaller areas are shadows or dark roofs."""
+SOLID, QUARTILE, CLUMP, SQUARE, LEAST_SQUARES = 2.0, 25, 3, 64, 4
+"""Boats and narrow land are brighter, all over a square of half the width of a patch of glint, than 2 times the
+brightest clump of glint of 3 x 3 pixels in a square of 64 pixels, in the lower quartile of at least 4 such squares (in
+the others there may be boats). Over half the width of a patch, glint reaches .1 to 1 times that brightness, for winds
+of 2 to 12 m/s and pixels of .1 to .5 m; plants and white boats have 3 to 30 times."""
+AFLOAT = 2.0
+"""And brighter, above the water, than so many times the difference between visible and NIR of the water: turbid plumes
+are not, where there is no glint to compare with."""
 COMPACTNESS = 0.7
 """Least share of brown water that lies in such squares: a town has the same colours in radiance, but is less compact.
 """
@@ -76,6 +84,8 @@ def fit_water(
 
     At fine pixels glint is sparkle, as bright as land. Not water is then only what is bright over a whole square. Its
     side is the smallest that leaves no isolated pixels of the colour of glint, up to the width of patches of glint.
+    Boats, rocks and floating plants are narrower. They are found over squares of half that width, by NIR that is much
+    brighter than glint of that size, or brighter than the visible.
 
     Parameters
     ----------
@@ -136,10 +146,16 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
             break
     assert found is not None
     solid = view.brighter(found.threshold, window)
+    rule = WaterRule(view.roles, window=window, **found._asdict())
+    core = max(w for w in WINDOWS if w == 1 or 2 * w <= widest + 1)
+    level, plume = found.nir_level, AFLOAT * abs(found.contrast)
+    bright, red = (level + max(SOLID * view.clumps(solid, level, red=r), plume) for r in (False, True))
+    if core > CLUMP and np.isfinite(bright):
+        rule = replace(rule, core=core, bright=bright, red=red)
+        solid = [land(b, rule) for b in view.blocks]
     if not view.is_water(solid, votes, COMPACTNESS if brown else 0.0):
         return None
-    water = 1.0 - sum(int(s.sum()) for s in solid) / view.pixels
-    return WaterRule(view.roles, window=window, water_fraction=water, **found._asdict())
+    return replace(rule, water_fraction=1.0 - sum(int(s.sum()) for s in solid) / view.pixels)
 
 
 class _Found(NamedTuple):
@@ -219,6 +235,24 @@ class _View:
         """Pixels in a square window in which all NIR is above a threshold."""
         nir = self.roles.nir
         return [opened(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
+
+    def clumps(self, solid: Sequence[BoolArray], level: float, *, red: bool) -> float:
+        """Height of the brightest clump of glint above a level in squares of sea; infinite where too little is in view.
+
+        `red`: only pixels with more NIR than visible. Glint has them only where bands are not simultaneous.
+        """
+        tops = []
+        for block, valid, other in zip(self.blocks, self.valid, solid, strict=True):
+            open_sea, nir = valid & ~grown(other, SQUARE // 2 + 1), block[self.roles.nir]
+            if red:
+                nir = np.where(nir > block[self.roles.visible[0]], nir, nir.dtype.type(level))
+            nir = _opened_band(nir, open_sea, CLUMP)
+            for row in range(0, nir.shape[0] - SQUARE + 1, SQUARE):
+                for column in range(0, nir.shape[1] - SQUARE + 1, SQUARE):
+                    part = slice(row, row + SQUARE), slice(column, column + SQUARE)
+                    if open_sea[part].all():
+                        tops.append(float(nir[part].max()) - level)
+        return float(np.percentile(tops, QUARTILE)) if len(tops) >= LEAST_SQUARES else np.inf
 
     def sparkle(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> float:
         """Share of the sea with bright pixels after an opening by `window`, far from those that the widest window

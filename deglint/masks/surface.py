@@ -57,6 +57,11 @@ class WaterRule:
         Not water where the NIR is above this over a whole square of `window` pixels.
     window : int
         Side of that square [pixel]: 1 at coarse pixels, larger where glint is resolved into bright patches.
+    core : int
+        Side of a smaller square [pixel], for boats and narrow land; 1: not used.
+    bright, red : float
+        Not water where the NIR is above `bright`, or above `red` and above the first visible band, over such a square:
+        too bright for a patch of glint of that size, or not of the colour of glint.
     nir_level : float
         Median NIR of the water (NaN: no water).
     contrast : float
@@ -72,6 +77,9 @@ class WaterRule:
     roles: Roles
     threshold: float = -np.inf
     window: int = 1
+    core: int = 1
+    bright: float = np.inf
+    red: float = np.inf
     nir_level: float = np.nan
     contrast: float = np.nan
     water_fraction: float = 0.0
@@ -81,7 +89,7 @@ class WaterRule:
     @property
     def halo(self) -> int:
         """Pixels that `water` needs around a tile."""
-        return self.window - 1
+        return max(self.window, self.core + self.core // 2) - 1
 
     @property
     def has_water(self) -> bool:
@@ -106,6 +114,8 @@ class WaterRule:
         if self.water_fraction == 1.0:
             return f"all of the {self.pixels} pixels looked at are water"
         wide = f" over {self.window} x {self.window} pixels" if self.window > 1 else ""
+        if self.core > 1:
+            wide += f", or {self.bright:.6g} over {self.core} x {self.core}"
         return (
             f"{100 * self.water_fraction:.2f} % of {self.pixels} pixels looked at are water; the rest (land, ships, "
             f"clouds, surf: NIR above {self.threshold:.6g}{wide}) is copied"
@@ -149,8 +159,21 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> BoolArra
         return np.zeros_like(valid)
     if rule.all_water:
         return valid
-    nir = block[rule.roles.nir]
-    return valid & ~opened(nir > rule.threshold, ~np.isfinite(nir), rule.window)
+    return valid & ~land(block, rule)
+
+
+def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> BoolArray:
+    """What is not water: too bright over a square for glint, or not of its colour."""
+    nir, visible = block[rule.roles.nir], block[rule.roles.visible[0]]
+    missing = ~np.isfinite(nir)
+    found = opened(nir > rule.threshold, missing, rule.window)
+    if rule.core > 1:
+        bright = (nir > rule.bright) | ((nir > rule.red) & (nir > visible))
+        solid = opened(bright, missing, rule.core)
+        for _ in range(rule.core // 2 if solid.any() else 0):  # bow and stern are narrower
+            solid = bright & grown(solid, 3)
+        found |= solid
+    return found
 
 
 def opened(bright: BoolArray, missing: BoolArray, window: int) -> BoolArray:
