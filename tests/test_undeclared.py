@@ -1,5 +1,6 @@
 """What a file does not say: numbers that mean no data, and an offset that a cut product has lost."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -65,6 +66,17 @@ def test_sparkle_that_saturates_all_bands_is_data(sea, write, tmp_path):
     scene = sea(100, 120)
     scene[:, np.random.default_rng(1).random((100, 120)) < 0.05] = 4095
     scene[:, 40:45, 40:45] = 4095
+    assert not undeclared(open_scene(write(tmp_path / "in.tif", scene))).notes
+
+
+def test_a_saturated_boat_among_saturated_glint_is_data(sea, write, tmp_path):
+    """Blurred by the optics, so that the pixels beside are nearly as bright."""
+    scene = sea(100, 120).astype(float)
+    bright = np.zeros((100, 120))
+    bright[40:62, 40:70] = 2.0
+    bright[np.random.default_rng(1).random((100, 120)) < 0.01] = 20.0
+    scene = np.minimum(scene + 4095 * cv2.GaussianBlur(bright, (9, 9), 1.2), 4095).astype("uint16")
+    assert (scene == 4095).all(axis=0).mean() > 0.04
     assert not undeclared(open_scene(write(tmp_path / "in.tif", scene))).notes
 
 

@@ -120,16 +120,20 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray
     if value is None:
         return Undeclared()
     total = fill = areas = 0
-    single = np.zeros(info.count)
+    single, beside = np.zeros(info.count), []
     for tile, raw, alike in same:
         here = alike & (raw[0] == value)
         total, fill = total + here.size, fill + int(here.sum())
         single += (raw == value).sum(axis=(1, 2))
         areas += int((_solid(here) | _at_edge(scene, tile, here)).sum())
+        beside.append(raw[:, _beside(here)].mean(axis=0, dtype=float))
     nodatas = tuple(value if fill >= ALONE * count else None for count in single)
     least = LEAST_SHARE if value > 0 else LEAST_OF_NOTHING
     if not least * total <= areas < total or all(n is None for n in nodatas):
         return Undeclared()
+    around = np.concatenate(beside)
+    if value > 0 and around.size and np.median(around) > value / 2:
+        return Undeclared()  # saturated: glint, boats and clouds fade out, nodata ends at once
     note = (
         f"{value:g} in all bands, {fill / total:.1%} of the pixels, is taken for nodata and left out; "
         "if these are data, pass --nodata none"
@@ -145,6 +149,13 @@ def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
         best = np.argsort(many)[-4:]
         counts.update({float(values[i]): int(many[i]) for i in best if math.isfinite(values[i])})
     return max(counts, key=lambda value: (value <= 0, counts[value]), default=None)
+
+
+def _beside(mask: Mask) -> Mask:
+    """Neighbours of the pixels of a mask."""
+    import cv2
+
+    return np.asarray(cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8))).view(np.bool_) & ~mask
 
 
 def _solid(mask: Mask) -> Mask:
