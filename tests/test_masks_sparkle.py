@@ -104,3 +104,15 @@ def test_boats_rocks_and_plants_in_glint_are_not_water(delay):
     np.testing.assert_array_equal(tiled(water, sea, rule), found)
     assert not found[afloat].any()
     assert found[~afloat].mean() > 0.999
+
+
+def test_land_whose_nir_is_saturated_is_no_water():
+    """Cameras set for the sea clip the NIR of a beach below its green."""
+    scene = sparkling_sea()
+    beach = np.indices((256, 256))[1] > 110
+    put(scene, beach, (0.3, 0.4, 0.45, 0.5), 0.2)
+    scene[:, 200:, 180:] = np.array([0.04, 0.08, 0.05, 0.4])[:, None, None]  # plants
+    scene = np.minimum(scene, np.array([0.4, 0.4, 0.32, 0.2], np.float32)[:, None, None])
+    found = water(scene, fit_water([scene], ROLES, pixel=0.1))
+    assert found[~beach].mean() > 0.99
+    assert found[beach].mean() < 0.01

@@ -44,17 +44,20 @@ WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
 """Range of red over green, and of NIR over green, of white where the bands are radiances."""
 LEAST_BODY = 25
 """Fewest pixels of water, in squares of 5 x 5 [pixel]: smaller areas are shadows or dark roofs."""
-SOLID, QUARTILE, CLUMP, SQUARE, LEAST_SQUARES = 2.0, 25, 3, 64, 4
-"""Boats and narrow land are brighter, all over a square of half the width of a patch of glint, than 2 times the
-brightest clump of glint of 3 x 3 pixels in a square of 64 pixels, in the lower quartile of at least 4 such squares (in
-the others there may be boats). Over half the width of a patch, glint reaches .1 to 1 times that brightness, for winds
-of 2 to 12 m/s and pixels of .1 to .5 m; plants and white boats have 3 to 30 times."""
+CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
+"""Boats and narrow land are brighter, all over a square of half the width of a patch of glint, than the brightest clump
+of glint of 3 x 3 pixels is in three quarters of the squares of 64 pixels; in others there may be boats. Glint, over
+such a square, reaches .02 to .7 times that brightness, for winds of 2 to 12 m/s and pixels of .1 to .5 m, and .82 times
+where it is concentrated in a fifth of the image; boats that are not saturated have 1.2 to 4 times."""
 AFLOAT = 2.0
 """And brighter, above the water, than so many times the difference between visible and NIR of the water: turbid plumes
 are not, where there is no glint to compare with."""
 COMPACTNESS = 0.7
 """Least share of brown water that lies in such squares: a town has the same colours in radiance, but is less compact.
 """
+SATURATED = 1e-3
+"""Share of pixels that have the highest value of the NIR, from which on it counts as saturated. That value must also
+exceed dark water by more than visible and NIR differ: the NIR of calm water has few values in images of 8 bits."""
 BEYOND = 1.4
 """Upper end of the search for the gap between water and land, in multiples of the distance from the median NIR of water
 to the NIR at which water and other colours are equally frequent."""
@@ -149,7 +152,7 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
     rule = WaterRule(view.roles, window=window, **found._asdict())
     core = max(w for w in WINDOWS if w == 1 or 2 * w <= widest + 1)
     level, plume = found.nir_level, AFLOAT * abs(found.contrast)
-    bright, red = (level + max(SOLID * view.clumps(solid, level, red=r), plume) for r in (False, True))
+    bright, red = (level + max(view.clumps(solid, level, red=r), plume) for r in (False, True))
     if core > CLUMP and np.isfinite(bright):
         rule = replace(rule, core=core, bright=bright, red=red)
         solid = [land(b, rule) for b in view.blocks]
@@ -183,6 +186,14 @@ class _View:
         visible = self.roles.visible[0]
         return self.flat([b[visible] - b[self.roles.nir] for b in self.blocks])
 
+    @cached_property
+    def saturation(self) -> float:
+        """NIR from which pixels are saturated, so that their colour says nothing; infinite where they are not."""
+        nir = self.flat([b[self.roles.nir] for b in self.blocks])
+        low, high = float(np.percentile(nir, 1)), float(nir.max())
+        saturated = (nir == high).mean() >= SATURATED and high - low > float(np.median(np.abs(self.contrast)))
+        return high if saturated else np.inf
+
     def nir(self, window: int) -> FloatArray:
         """NIR after a morphological opening with a window."""
         return self.flat(
@@ -202,6 +213,7 @@ class _View:
             scale = block.dtype.type
             like = _summed(block[roles.visible[0]] * scale(nir) - block[roles.nir], valid, window) > 0
             votes = np.where(like, np.int8(1), np.int8(-1))
+            votes[like & (block[roles.nir] >= self.saturation)] = 0
             if not brown and roles.red is not None and roles.green is not None:
                 votes[like & (_summed(block[roles.red] - block[roles.green] * scale(red), valid, window) > 0)] = 0
                 if nir < 1:
@@ -252,7 +264,7 @@ class _View:
                     part = slice(row, row + SQUARE), slice(column, column + SQUARE)
                     if open_sea[part].all():
                         tops.append(float(nir[part].max()) - level)
-        return float(np.percentile(tops, QUARTILE)) if len(tops) >= LEAST_SQUARES else np.inf
+        return float(np.percentile(tops, ORDINARY)) if len(tops) >= LEAST_SQUARES else np.inf
 
     def sparkle(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> float:
         """Share of the sea with bright pixels after an opening by `window`, far from those that the widest window
@@ -326,6 +338,8 @@ def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: 
     else:
         limit = min(level + BEYOND * (float(nir[last + 1]) - level), sheet, tail)
         threshold = _foot(nir, level, limit)
+    if not alone and threshold >= nir[-1]:  # all that is not water is saturated
+        threshold = (float(nir[last]) + float(nir[last + 1])) / 2
     return _Found(threshold, level, darkest)
 
 
