@@ -37,6 +37,11 @@ _NIR = (740.0, 1100.0)
 """Bands that see glint and hardly any water [nm]."""
 _MANY = 16
 """Number of bands from which a spectrum alone identifies a target."""
+_OTHERS: dict[str, tuple[Any, str]] = {
+    "window": (WINDOW, "local"), "border": ("shrink", "local"), "drop": (1, "subspace"),
+    "background": ("", "rx"), "covariance": ("empirical", "rx"),
+}  # fmt: skip
+"""Options that sea has not: their default, and the detector that auto takes where they are given."""
 _UNKNOWN = 10.0
 """Side of a pixel where the scene has no CRS [m]."""
 _SAMPLE_BLOCK = 1024
@@ -177,15 +182,16 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking
             searched = replace(recipe, method="sea", mask="water" if recipe.mask == "auto" else recipe.mask)
             return searched, _masking(scene, searched, threads), ["auto: sea, since there is water to compare with"]
         except BandError as error:
-            why = str(error).split(";", 1)[0].split(".", 1)[0]
+            why = str(error).split(";", 1)[0].split(". ", 1)[0]
         except (InputError, NoWaterError) as error:
             if recipe.mask not in ("auto", "water"):
                 raise
-            why = str(error).split(".", 1)[0]
+            why = str(error).split(". ", 1)[0]
+    _option, method = _of_option(recipe) or ("", "rx")
     if recipe.false_per_km2 is not None:
-        raise InputError(f"false-per-km2 needs the sea, and auto takes rx: {why}. Give --pfa, or --mask FILE.")
-    recipe = replace(recipe, method="rx", mask="none" if recipe.mask == "auto" else recipe.mask)
-    return recipe, _masking(scene, recipe, threads), [f"auto: rx, since {why}"]
+        raise InputError(f"false-per-km2 needs the sea, and auto takes {method}: {why}. Give --pfa, or --mask FILE.")
+    recipe = replace(recipe, method=method, mask="none" if recipe.mask == "auto" else recipe.mask)
+    return recipe, _masking(scene, recipe, threads), [f"auto: {method}, since {why}"]
 
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
@@ -256,11 +262,16 @@ def plan_sea(scene: Scene, recipe: Recipe) -> SeaPlan:
     return SeaPlan(sea.SeaRule(pixel, *recipe.largest_object), area, side, nir=nir)
 
 
+def _of_option(recipe: Recipe) -> tuple[str, str] | None:
+    """The first option that sea has not and that was given, and the detector that has it."""
+    given = (pair for pair in _OTHERS.items() if getattr(recipe, pair[0]) != pair[1][0])
+    return next(((name, method) for name, (_usual, method) in given), None)
+
+
 def why_not_sea(scene: Scene, recipe: Recipe) -> str:
     """Why auto does not search the sea, before looking for water; "" where nothing speaks against it."""
-    for name, usual in (("background", ""), ("covariance", "empirical"), ("window", WINDOW), ("drop", 1)):
-        if getattr(recipe, name) != usual:
-            return f"--{name} is an option of it"
+    if of_option := _of_option(recipe):
+        return f"--{of_option[0]} is an option of it"
     if recipe.threshold in ("chi2", "f"):
         return f"--threshold {recipe.threshold} is the law of its scores"
     count = len(recipe.bands or scene.bands)

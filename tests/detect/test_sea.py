@@ -169,6 +169,8 @@ def test_tiles_give_the_same_scores(rxdetect, scene, tmp_path, monkeypatch):
         ((), "sea", "there is water"),
         (("--nir", "1"), "rx", "no near infrared"),
         (("--background", "0,0,50,50"), "rx", "--background is an option of it"),
+        (("--window", "3,15"), "local", "--window is an option of it"),
+        (("--drop", "2"), "subspace", "--drop is an option of it"),
         (("--threshold", "f", "--pfa", "1e-3"), "rx", "the law of its scores"),
         (("--mask", "0,0,200,200"), "sea", "there is water"),
     ],
