@@ -19,7 +19,7 @@ from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Scratch, plain, write_bytes, write_json, write_text, writing_all
-from ..raster.targets import Reads, check_image, check_targets
+from ..raster.targets import Reads, check_ending, check_images, check_targets
 from ..readers.opening import open_scene
 from ..readers.stac import files_of
 from ..readers.stated import Names, Numbers
@@ -129,7 +129,8 @@ def _checked(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Ou
     named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": str(sensor or "")}
     reads: Reads = {"the input": [*given, *files], **{k: [v] for k, v in named.items()}, "an input": targets.reads}
     check_targets(targets.every(), reads, overwrite=targets.overwrite)
-    check_image(targets.image)
+    check_images(targets.image, targets.flags, targets.amount, targets.stderr)
+    check_ending(targets.picture, "a PNG", ".png")
     # begun before the scene is opened: what changes from now on is noticed
     return Checksum(files, [recipe.sample, recipe.mask, *map(str, targets.reads)])
 

@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from ..errors import InputError, WriteError
 from .files import files_behind
@@ -91,9 +92,18 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
         raise WriteError(f"{path} exists already. Give --overwrite to replace it, or another name.")
 
 
-def check_image(path: Path) -> None:
-    """Check that the name of a GeoTIFF has not the ending of another format."""
-    if path.suffix.lower() in OTHER_FORMATS:
-        raise WriteError(
-            f"{path} would hold a GeoTIFF, not what its name says. Name it {path.with_suffix('.tif').name}."
-        )
+def check_images(*paths: Path | None) -> None:
+    """Check that the names of GeoTIFFs have not the ending of another format; None is skipped."""
+    for path in paths:
+        if path is not None and path.suffix.lower() in OTHER_FORMATS:
+            _wrong_name(path, "a GeoTIFF", ".tif")
+
+
+def check_ending(path: Path | None, what: str, *endings: str) -> None:
+    """Check that a name, if there is one, has one of the endings of `what` is written."""
+    if path is not None and path.suffix.lower() not in endings:
+        _wrong_name(path, what, endings[0])
+
+
+def _wrong_name(path: Path, what: str, ending: str) -> NoReturn:
+    raise WriteError(f"{path} would hold {what}, not what its name says. Name it {path.with_suffix(ending).name}.")

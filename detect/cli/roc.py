@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
               help="Draws of objects and blocks for the intervals; 0: none.")
 @click.option("--block", type=click.IntRange(1), metavar="PIXELS",
               help="Side of those blocks. [default: 1/24 of the scene, at least 16]")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Seed of the draws.")
 @click.option("--lower-is-anomalous", "lower", is_flag=True, help="Low scores are anomalous, not high ones.")
 @click.option("--json", "as_json", is_flag=True, help="Print every number as JSON on stdout, and nothing else there.")
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
@@ -53,7 +53,7 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     from deglint.checksum import Checksum
     from deglint.raster.environment import environment
     from deglint.raster.output import Scratch, plain, write_json, write_text
-    from deglint.raster.targets import check_targets
+    from deglint.raster.targets import check_ending, check_targets
 
     from ..report import Request, evaluate, page
     from ..report.page import provenance, table
@@ -65,6 +65,7 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     reads = {"a SCORES file": scores, "TRUTH": [truth], "--mask": [given["mask"] or ""]}
     with environment():
         check_targets(targets, reads, overwrite=given["overwrite"])
+        check_ending(targets[0] if targets else None, "a page of HTML", ".html", ".htm")
     request = Request(scores, truth, **{f.name: given[f.name] for f in fields(Request) if f.name in given})
     start = time.perf_counter()
     with Console(given) as console, environment():

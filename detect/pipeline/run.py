@@ -21,7 +21,7 @@ from deglint.pipeline.sidecar import log_scene
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text, writing_all
-from deglint.raster.targets import Reads, check_image, check_targets
+from deglint.raster.targets import Reads, check_images, check_targets
 from deglint.readers.stated import Names, Numbers
 from deglint.readers.undeclared import settled
 from deglint.scene import Scene
@@ -145,7 +145,7 @@ def _files_read(
         "--sensor": [sensor],
     }  # fmt: skip
     check_targets(targets.every(), reads, overwrite=targets.overwrite)
-    check_image(targets.image)
+    check_images(targets.image, targets.flags, targets.p_value)
     return read
 
 
