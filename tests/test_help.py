@@ -66,7 +66,12 @@ def test_a_dry_run_fits_and_writes_nothing(deglint, sea, write, tmp_path):
     ran = deglint(*call)
     assert (ran.code, ran.err) == (0, "")
     sizes = "out.tif (64 kB)", "flags.tif (16 kB)"
-    for said in ("80 x 100 pixels, bands blue", "NIR: nir", "method = 'hedley'", *sizes):
+    for said in (
+        "80 x 100 pixels, bands blue",
+        "reference bands: nir",
+        "options: --method hedley --sample all --mask none",
+        *sizes,
+    ):
         assert said in ran.out
     found = json.loads(deglint(*call, "--json", "--dtype", "float32").out)
     assert found["files"][str(tmp_path / "out.tif")] == 4 * 4 * 8000
@@ -80,3 +85,29 @@ def test_a_dry_run_of_a_batch_counts_bytes(deglint, sea, write, tmp_path):
     (tmp_path / "recipe.toml").write_text("")
     ran = deglint("batch", tmp_path / "recipe.toml", tmp_path / "*.tif", "--dry-run")
     assert ran.out.endswith("would read and write 64 kB of pixels before compression\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [(("remov", "a.tif", "b.tif"), "no such command: remov. Did you mean remove?"),
+     (("scene.tif", "out.tif"), "no such command: scene.tif. The commands are remove, batch, info, plan, simulate.")],
+)  # fmt: skip
+def test_a_wrong_command_is_answered_with_the_right_ones(deglint, arguments, said):
+    ran = deglint(*arguments)
+    assert (ran.code, said in ran.err) == (2, True), ran.err
+
+
+def test_an_output_has_the_ending_of_what_it_holds(deglint, rxdetect, sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea())
+    for option, name, right in (("--picture", "p.jpg", "p.png"), ("--flags", "flags.png", "flags.tif")):
+        for dry in ((), ("--dry-run",)):
+            ran = deglint("remove", source, tmp_path / "out.tif", *PLAIN, option, tmp_path / name, *dry)
+            assert (ran.code, f"Name it {right}." in ran.err) == (1, True), ran.err
+    ran = rxdetect("roc", source, source, "--report", tmp_path / "roc.pdf")
+    assert (ran.code, "Name it roc.html." in ran.err) == (1, True), ran.err
+
+
+def test_info_says_nothing_twice(deglint, sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea(), names=("B02", "B03", "B04", "B08"))
+    said = [line.strip() for line in deglint("info", source).out.splitlines() if line]
+    assert len(said) == len(set(said))

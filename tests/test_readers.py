@@ -199,7 +199,7 @@ def test_sensor_by_name(tmp_path):
     scene = open_scene(path, sensor="WV3")
     assert scene.sensor == "worldview3"
     assert [(b.wavelength, b.group) for b in scene.bands] == [(830, None), (425, "MS2"), (None, None)]
-    assert "worldview3 knows nothing of first, pan" in scene.notes
+    assert "worldview3 has no band first, pan" in scene.notes
     assert any("time offsets of worldview3 are not verified" in n for n in scene.notes)
 
 

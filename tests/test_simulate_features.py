@@ -258,7 +258,7 @@ def test_a_dry_run_says_what_would_be_written(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 31  # three delays, five viewing geometries, two f-numbers
     assert lines[0].endswith("wind05_delay000_view00_000_f10.tif")
-    assert "30 scenes with their truth, at most 17 MiB" in lines[-1]
+    assert "30 scenes with the truth, at most 17 MiB" in lines[-1]
     assert list(tmp_path.iterdir()) == []
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -13,11 +14,11 @@ import click
 import numpy as np
 
 from ..errors import DeglintError
-from ..pipeline import Outputs, fit_scene, load_model
+from ..pipeline import Outputs, Recipe, fit_scene, load_model
 from ..pipeline.overview import raster_of
 from ..raster.environment import environment
 from ..raster.output import plain
-from ..raster.targets import check_image, check_targets
+from ..raster.targets import check_ending, check_images, check_targets
 from ..readers import open_scene
 from ..scene import Scene
 from .options import opening
@@ -38,13 +39,24 @@ def read_bytes(scene: Scene) -> int:
     return scene.height * scene.width * len(scene.bands) * raster_of(scene).info.dtype.itemsize
 
 
+def as_options(recipe: Recipe) -> str:
+    """The options of the command that select a recipe explicitly."""
+    usual, words = asdict(Recipe()), []
+    for name, value in asdict(recipe).items():
+        if value != usual[name]:
+            option = "--band" if name == "bands" else f"--{name.replace('_', '-')}"
+            words += [option, ",".join(map(str, value)) if isinstance(value, tuple) else str(value)]
+    return shlex.join(words)
+
+
 def removal(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
     """Report of `deglint remove --dry-run`: the scene is opened and the recipe fitted, but nothing is written."""
     wanted, used = outputs_of(given), recipe_of(given)
     targets = Outputs(Path(output), model=wanted.pop("model_file"), **wanted)
     with environment():
         check_targets(targets.every(), {"the input": list(inputs)}, overwrite=given["overwrite"])
-        check_image(targets.image)
+        check_images(targets.image, targets.flags, targets.amount, targets.stderr)
+        check_ending(targets.picture, "a PNG", ".png")
         scene = open_scene(list(inputs), **opening(given), grid=given["grid"])
         begun = time.perf_counter()
         if given["model_in"]:
@@ -61,9 +73,8 @@ def removal(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
     files = {str(path): per_file.get(path) for path in targets.every()}
     nir = [scene.names[b] for b in model.index_bands]
     about = {"input": list(inputs), "nir": nir, "read_bytes": data, "fit_seconds": took, "recipe": asdict(used)}
-    resolved = [f"{name} = {value!r}" for name, value in asdict(used).items()]
     lines = [f"{scene.path}: {scene.height} x {scene.width} pixels, bands {', '.join(scene.names)}",
-             f"NIR: {', '.join(nir) or 'none'}", "recipe: " + ", ".join(resolved),
+             f"reference bands: {', '.join(nir) or 'none'}", f"options: {as_options(used)}",
              f"fit in {took:.2f} s; the correction reads {size(data)} of pixels once"]  # fmt: skip
     if given["as_json"]:
         click.echo(json.dumps(plain({**about, "files": files}), indent=2))

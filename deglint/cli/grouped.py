@@ -8,9 +8,9 @@ import click
 
 OPTION_GROUPS = {
     "What to do": (
-        "method", "window", "border", "covariance", "ridge", "drop", "sample", "compensate", "smallest_object", "mask",
-        "bands", "background", "pfa", "false_per_km2", "threshold", "largest_object", "moving", "min_size",
-        "merge_distance", "model_in",
+        "method", "lines", "window", "border", "covariance", "ridge", "drop", "sample", "compensate",
+        "smallest_object", "mask", "bands", "background", "pfa", "false_per_km2", "threshold", "largest_object",
+        "side", "moving", "min_size", "merge_distance", "model_in",
     ),
     "Details of the fit": ("regression", "tolerance", "floor_percentile", "nir_use", "rrs_factor"),
     "Input": (),

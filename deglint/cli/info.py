@@ -58,9 +58,9 @@ def lines(found: dict[str, Any]) -> list[str]:
         offset = "?" if band["time_offset"] is None else f"{band['time_offset']:.3f} s"
         r2, slope = ((found[k] or {}).get(band["name"]) for k in ("r2", "slopes"))
         role = "NIR" if found["nir"] and band["name"] in found["nir"] else ""
-        said = role if r2 is None else f"{r2:.3f}"
+        shared = role if r2 is None else f"{r2:.3f}"
         fitted = "" if slope is None else f"{slope:.4f}"
-        out.append(f"{i:<6}{band['name']:<14}{wave:>12}{offset:>10}{said:>14}{fitted:>10}")
+        out.append(f"{i:<6}{band['name']:<14}{wave:>12}{offset:>10}{shared:>14}{fitted:>10}")
     out.append("")
     for key, text in (("valid_fraction", "valid"), ("water_fraction", "water")):
         if found[key] is not None:
@@ -68,5 +68,6 @@ def lines(found: dict[str, Any]) -> list[str]:
     if found["glint_level"] is not None:
         out.append(f"{'glint level':<18}{found['glint_level']:.4g} (mean NIR of the sample above its 5th percentile)")
     out.append(f"{'suggested method':<18}{found['suggested_method'] or 'none'}: {found['reason']}")
-    decided = [n for n in found["notes"] if n not in found["tried"] and n != found["reason"]]
+    said = {*found["opened"], *found["tried"], found["reason"]}
+    decided = [n for n in found["notes"] if n not in said]
     return [*out, "", *decided, *found["tried"]]

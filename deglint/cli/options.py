@@ -104,12 +104,13 @@ common = with_options(
                  help="Preset that fills in what the file does not say of its bands (worldview3, sentinel2, "
                  "planetscope, micasense, landsat8, ...), or a file of a "
                  "sensor of your own."),
-    click.option("--bands", "band_names", metavar="NAME,NAME,...", help="What the bands are called, in the "
-                 "file's order, such as 'blue,green,red,nir', where the file does not say it. (-b chooses.)"),
-    click.option("--wavelengths", metavar="NM,NM,...", help="Their centres, such as 475,560,668,842."),
-    click.option("--scale", metavar="N[,N...]", help="Physical values are numbers in the file times this, for "
-                 "all bands or each, in place of what the file says."),
-    click.option("--offset", metavar="N[,N...]", help="And this is added, such as -0.1."),
+    click.option("--bands", "band_names", metavar="NAME,NAME,...", help="Names of all bands in the file's "
+                 "order, such as 'blue,green,red,nir', where the file does not say them. (-b chooses bands.)"),
+    click.option("--wavelengths", metavar="NM,NM,...", help="Central wavelengths of the bands [nm], such as "
+                 "475,560,668,842."),
+    click.option("--scale", metavar="N[,N...]", help="Physical value = number in the file times scale plus "
+                 "offset; one scale for all bands or one for each, in place of what the file says."),
+    click.option("--offset", metavar="N[,N...]", help="Offset of the physical values, such as -0.1."),
     click.option("--nir", multiple=True, callback=names, metavar="BAND[,BAND]",
                  show_default="deduced from the wavelengths", help="NIR band by name or number (from 1)."),
     click.option("--nodata", callback=read_nodata, metavar="NUMBER|nan|none",
@@ -143,8 +144,9 @@ on_cluster = with_options(
                  "the input."),
     click.option("--workers", type=click.IntRange(1, 1024), metavar="N",
                  help="Work on N processes of this machine in place of threads."),
-    click.option("--worker-memory", metavar="SIZE", help="With --workers: what each may hold, such as 1GiB; its"
-                 " share of the machine's by default. One that holds more is ended, and its tiles done again."),
+    click.option("--worker-memory", metavar="SIZE", show_default="its share of the machine's",
+                 help="With --workers: memory of each, such as 1GiB. A worker that needs more is ended, and its tiles "
+                 "are done again."),
 )  # fmt: skip
 """Options that select a Dask cluster instead of threads."""
 

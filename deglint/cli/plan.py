@@ -48,24 +48,25 @@ NUMBER_OPTIONS: tuple[tuple[str, str, str, str], ...] = (  # option, table and k
     ("--lon", "place.longitude", "DEG", "Longitude, east positive."),
     ("--wind-height", "wind.height", "M", "Height of the wind; 10 by default."),
     ("--wind-mean", "wind.mean", "M/S", "Mean wind of 24 hours; that of now by default."),
-    ("--depth", "object.depth", "M", "Of the object; 5 by default."),
-    ("--reflectance", "object.reflectance", "SHARE", "Of the object; 0.15 by default."),
-    ("--chlorophyll", "water.chlorophyll", "MG/M3", "Of the water; 0.5 by default."),
-    ("--visibility", "air.visibility", "KM", "Of the air; 40 by default."),
+    ("--depth", "object.depth", "M", "Depth of the object; 5 by default."),
+    ("--reflectance", "object.reflectance", "SHARE", "Reflectance of the object; 0.15 by default."),
+    ("--chlorophyll", "water.chlorophyll", "MG/M3", "Chlorophyll in the water; 0.5 by default."),
+    ("--visibility", "air.visibility", "KM", "Visibility; 40 by default."),
     ("--humidity", "air.humidity", "%", "Relative humidity; 80 by default."),
-    ("--water-vapour", "air.water_vapour", "CM", "Water column; 2.5 by default."),
+    ("--water-vapour", "air.water_vapour", "CM", "Water vapour in the column of air; 2.5 by default."),
     ("--air-mass", "air.air_mass_type", "1-10", "1: air of the ocean (default), to 10: of a continent."),
-    ("--ozone", "air.ozone", "DU", "By default what is usual for place and day."),
+    ("--ozone", "air.ozone", "DU", "Column of ozone; what is usual for place and day by default."),
     ("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),
     ("--max-glint-probability", "limits.glint_probability", "SHARE",
-     "... and where a larger share of the sea glints."),
-    ("--tolerance", "limits.tolerance", "DEG", "Around the sun's centre that counts as sun; its disk by default."),
-    ("--max-sky-ratio", "limits.sky_ratio", "N", "Sky over water that is too much; 2 by default."),
+     "Exclude where a larger share of the sea mirrors the sun."),
+    ("--tolerance", "limits.tolerance", "DEG", "Angle from the sun's centre that counts as sun; its disk by default."),
+    ("--max-sky-ratio", "limits.sky_ratio", "N",
+     "Ratio of sky to water above which a part of the sea mirrors too much sky; 2 by default."),
     ("--max-sky-share", "limits.sky_probability", "SHARE",
-     "... where on more than this share of the sea; 0.1 by default."),
-    ("--min-contrast", "limits.snr", "N", "Contrast over noise that shows an object; 3 by default."),
+     "Exclude where a larger share of the sea mirrors too much sky; 0.1 by default."),
+    ("--min-contrast", "limits.snr", "N", "Least contrast over noise that shows an object; 3 by default."),
     ("--ner", "limits.ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default."),
-    ("--step", "view.step", "DEG", "Between viewing geometries, in angle; 1 by default."),
+    ("--step", "view.step", "DEG", "Angle between viewing geometries; 1 by default."),
     ("--widest", "view.widest", "DEG", "Largest angle of the sensor off nadir; 80 by default."),
 )  # fmt: skip
 
@@ -77,22 +78,25 @@ def _numbers(chosen: slice) -> list[Callable[..., Any]]:
 
 mission_options = with_options(
     click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE",
-                 help="Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; repeat."),
+                 help="Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; may be repeated."),
     click.option("--mission", type=FILE, metavar="FILE.toml", help="Mission file; options win over it."),
     *_numbers(slice(2)),
     click.option("--place", type=FILE, metavar="FILE", help="Raster or GeoJSON whose middle is the place."),
     click.option("--time", metavar="ISO", help="UTC, such as 2026-06-21T18:00Z; now by default."),
-    click.option("--sun", callback=at("zenith", "azimuth", "20.5@270.2"), metavar="ZENITH@AZIMUTH",
+    click.option("--sun", callback=at("zenith", "azimuth", "20.5@270.2, zenith angle @ azimuth [degree]"),
+                 metavar="ZENITH@AZIMUTH",
                  help="The sun's angles, in place of place and time."),
-    click.option("--wind", callback=at("speed", "from", "7@310"), metavar="M/S@FROM",
+    click.option("--wind", callback=at("speed", "from", "7@310, speed [m/s] @ azimuth that it blows from [degree]"),
+                 metavar="M/S@FROM",
                  help="Wind at 10 m, and the azimuth it blows from; 5@0 by default."),
     *_numbers(slice(2, None)),
-    click.option("--pressure", metavar="HPA", help="1013.25 by default; or with its unit, 29.9inHg."),
-    click.option("--sensor", metavar="NAME", help=f"{', '.join(SENSOR_NAMES)}; thesis by default."),
+    click.option("--pressure", metavar="HPA", help="Air pressure, or with its unit, 29.9inHg; 1013.25 by default."),
+    click.option("--sensor", metavar="NAME", help=f"Sensor: {', '.join(SENSOR_NAMES)}; thesis by default."),
     click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands that count; all by default."),
-    click.option("--slopes", type=click.Choice(SLOPE_NAMES), help="Model of slopes; cox-munk by default."),
-    click.option("--sky", type=click.Choice(SKY_NAMES), help="harrison-coombes, the clear sky, by default."),
-    click.option("--water", type=click.Choice(WATER_NAMES), help="It scatters (default), or only absorbs."),
+    click.option("--slopes", type=click.Choice(SLOPE_NAMES), help="Model of the slopes of waves; cox-munk by default."),
+    click.option("--sky", type=click.Choice(SKY_NAMES),
+                 help="Model of the sky; harrison-coombes, the clear sky, by default."),
+    click.option("--water", type=click.Choice(WATER_NAMES), help="Water scatters (default), or only absorbs."),
     click.option("--show", metavar="BAND", help="Band in the picture; all together by default."),
     click.option("--overwrite", is_flag=True, help="Replace files that are there."),
     click.option("--json", "as_json", is_flag=True, help="Print the plan in short as JSON on stdout."),
@@ -101,14 +105,16 @@ mission_options = with_options(
 )  # fmt: skip
 """Options that describe a mission, and the outputs."""
 mode_options = with_options(
-    click.option("--from", "start", metavar="ISO", help="Sweep over time: from when,"),
-    click.option("--to", "end", metavar="ISO", help="until when,"),
-    click.option("--every", callback=read_duration, metavar="30min", help="and how often; 30min by default."),
-    click.option("--wind-within", callback=at("speed", "turn", "2@30"), metavar="M/S@DEG",
+    click.option("--from", "start", metavar="ISO", help="Compare times: the first,"),
+    click.option("--to", "end", metavar="ISO", help="the last,"),
+    click.option("--every", callback=read_duration, metavar="30min",
+                 help="and the step between them; 30min by default."),
+    click.option("--wind-within", callback=at("speed", "turn", "2@30, speed [m/s] @ angle [degree]"), metavar="M/S@DEG",
                  help="The wind is known to plus or minus this: intervals, and what is good under all of them."),
     click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),
-    click.option("--altitude", type=float, default=300.0, metavar="M", help="--fov: above the sea; 300."),
-    click.option("--pitch", type=float, default=0.0, metavar="DEG", help="--fov: it looks forward by this,"),
+    click.option("--altitude", type=float, default=300.0, metavar="M",
+                 help="--fov: altitude above the sea; 300 by default."),
+    click.option("--pitch", type=float, default=0.0, metavar="DEG", help="--fov: the sensor looks forward by this,"),
     click.option("--roll", type=float, default=0.0, metavar="DEG", help="and to the right by this."),
     click.option("--serve", is_flag=True, help="Open a page with sliders on this machine; Ctrl-C ends it."),
     click.option("--port", type=click.IntRange(0, 65535), default=8765, metavar="N",
@@ -148,8 +154,8 @@ def plan(**given: Any) -> None:
     deglint plan --lat 36.8 --lon -122 --time 2026-06-21T18:00Z --wind 7@310 -o plan.png
     deglint plan --mission survey.toml --depth 8 -o plan.png -o plan.json
     deglint plan --lat 36.8 --lon -122 --wind 7@310 --from 2026-06-21T13:00Z --to 2026-06-22T03:00Z -o day.png
-    deglint plan --lat 36.8 --lon -122 --wind 7@310 --wind-within 2@30 -o sure.png
-    deglint plan --lat 36.8 --lon -122 --wind 7@310 --fov 40 -o heading.png
+    deglint plan --lat 36.8 --lon -122 --time 2026-06-21T18:00Z --wind 7@310 --wind-within 2@30 -o sure.png
+    deglint plan --lat 36.8 --lon -122 --time 2026-06-21T18:00Z --wind 7@310 --fov 40 -o heading.png
     deglint plan --lat 36.8 --lon -122 --serve
     """
     from ..plan.missionfile import merged, mission_from

@@ -137,7 +137,7 @@ def _serve(given: Given, mission: Any, _console: Console) -> None:
     from ..plan.serve import serve
 
     if mission.moment is not None and not given["time"]:
-        log.info("the page starts at %sZ, in the next daylight if the mission names no time.", mission.moment)
+        log.info("the page starts at %sZ; without --time that is in the next daylight.", mission.moment)
     serve(mission, port=given["port"], say=log.info, browser=not given["no_browser"])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import errno
 import os
 import re
@@ -48,6 +49,17 @@ class Commands(click.Group):
         if cmd_name not in self._lines:
             return None
         return getattr(import_module(f".{cmd_name}", self._home), cmd_name)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that the first argument names; a wrong name is answered with the nearest one, or with all."""
+        name = args[0]
+        if name not in self._lines and not name.startswith("-") and not ctx.resilient_parsing:
+            near = difflib.get_close_matches(name, self._lines, 1)
+            ctx.fail(f"no such command: {name}. " + (f"Did you mean {near[0]}?" if near else
+                     f"The commands are {', '.join(self._lines)}."))  # fmt: skip
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without loading them."""

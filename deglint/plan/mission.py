@@ -163,8 +163,13 @@ class Mission:
             within("sun_zenith", self.sun_zenith, 0.0, SUN_LIMIT, "degrees", "The sun is down; choose another time.")
             return
         if self.place is None:
-            raise InputError("where the sun stands is not known: give latitude and longitude, or the sun's angles.")
-        within("latitude", self.place[0], -90.0, 90.0, "degrees", "North is positive.")
+            raise InputError(
+                "where the sun stands is not known: give latitude and longitude (--lat and --lon, or --place), or the "
+                "angles of the sun (--sun)."
+            )
+        within(
+            "latitude", self.place[0], -90.0, 90.0, "degrees", "North is positive. Are latitude and longitude swapped?"
+        )
         within("longitude", self.place[1], -180.0, 360.0, "degrees", "East is positive.")
         if self.sun[0] > SUN_LIMIT:
             high, rise = 90.0 - self.sun[0], sun.next_rise(*self.place, self.moment)

@@ -106,7 +106,7 @@ def table(moments: list[Moment]) -> list[str]:
             out.append(f"{head}{why:>32}")
             continue
         seen = m.geometry
-        where = "straight down" if seen.zenith < 1 else f"{seen.zenith:.0f}° off from {compass(seen.azimuth)}"
+        where = "straight down" if seen.zenith < 1 else f"{seen.zenith:.0f}° off nadir, {compass(seen.azimuth)}"
         figures = f"{seen.contrast:>9.0f}{seen.glint_probability:>9.0e}{m.excluded_share:>10.0%}"
         out.append(f"{head}{where:>32}{figures}" + ("  <- best" if m is best else ""))
     return out

@@ -178,7 +178,7 @@ def apply_sensor(
     notes = [f"sensor {sensor.name} ({sensor.title}); its bands are matched by {how}"]
     without = [b.name for b, own in zip(bands, matched, strict=True) if own is None]
     if without:
-        notes.append(f"{sensor.name} knows nothing of {', '.join(without)}")
+        notes.append(f"{sensor.name} has no band {', '.join(without)}")
     offsets = [b.time_status for b in matched if b is not None and b.time_offset is not None]
     if sensors.UNVERIFIED in offsets:
         notes.append(f"some time offsets of {sensor.name} are not verified")

@@ -46,7 +46,7 @@ class Bench(Judging):
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
 def bench(out: str, **given: Any) -> None:
     """Measure every removal method on simulated scenes: error, run time, objects found, ROC curves. Writes a page,
-    OUT.html, and every number, OUT.html.json.
+    OUT.html (by default benchmark.html), and every number, OUT.html.json.
 
     \b
     rxdetect bench --quick

@@ -43,10 +43,10 @@ def pair(kind: type, name: str, example: str) -> Callable[..., tuple[Any, Any]]:
 @click.argument("inputs", nargs=-1, type=FILE, metavar="IN [IN ...]")
 @click.argument("output", type=FILE, metavar="OUT")
 @click.option("--method", type=AutoOr("METHODS", "detect.rx"), default="auto",
-              help="auto: sea where there is water, else rx. Compared with the water around, ships and boats of the "
-              "sea included: sea. Compared with the whole background: rx, utd, rx-utd, subspace (rx without the "
-              "leading eigenvectors), residual (rx after regression on the NIR). Compared with the ring around each "
-              "pixel: local. Compared with the lines before: lines.")
+              help="auto: sea where there is water, else rx. sea compares with the water around, and includes ships "
+              "and boats; rx, utd, rx-utd, subspace (rx without the leading eigenvectors) and residual (rx after "
+              "regression on the NIR) with the whole background; local with the ring around each pixel; lines with "
+              "the lines before.")
 @click.option("--lines", is_flag=True,
               help="The same as --method lines: score line by line, in the order of the file, in bounded memory.")
 @click.option("--window", default="5,21", callback=pair(int, "INNER,OUTER", "5,21"), metavar="INNER,OUTER",
@@ -56,8 +56,8 @@ def pair(kind: type, name: str, example: str) -> Callable[..., tuple[Any, Any]]:
               help="For local, at the scene's edge: the window loses what is outside, mirrors the scene, or moves "
               "inside.")
 @click.option("--covariance", type=AutoOr("COVARIANCES", "detect.background", ()), default="empirical",
-              help="How it is estimated; mcd is robust: of the core of the background alone. local: empirical or "
-              "ridge.")
+              help="How the covariance is estimated; mcd is robust, from the core of the background alone. local: "
+              "empirical or ridge.")
 @click.option("--ridge", type=click.FloatRange(0), default=1e-3, metavar="SHARE",
               help="For --covariance ridge: add this share of each band's variance.")
 @click.option("--drop", type=click.IntRange(0), default=1, metavar="N",
@@ -67,39 +67,41 @@ def pair(kind: type, name: str, example: str) -> Callable[..., tuple[Any, Any]]:
               "column,row,width,height, or a saved background.")
 @click.option("--save-background", type=FILE, metavar="FILE.json",
               help="Write the fitted background, to use on another scene.")
-@click.option("-b", "--band", "bands", multiple=True, callback=names, metavar="BAND[,BAND]", show_default="all",
+@click.option("-b", "--band", "bands", multiple=True, callback=names, metavar="BAND[,BAND]",
+              show_default="the visible ones for sea, else all",
               help="Bands to use, by name or number (from 1).")
 @click.option("--mask", type=FileName("auto", "none", "water"), default="auto", metavar="auto|none|water|FILE|WINDOW",
               help="Where to score: everywhere, on water as found in the scene, or in a raster (not 0) or GeoJSON. "
-              "What lies outside is in no background either; sea closes it over what floats. auto: water for sea, else "
-              "everywhere.")
+              "What lies outside is in no background either; for sea the holes of ships are filled. auto: water for "
+              "sea, else everywhere.")
 @click.option("--pfa", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="RATE",
               help="False alarms wanted per pixel, such as 1e-4: find the threshold for it.")
 @click.option("--threshold", type=AutoOr("THRESHOLDS", "detect.threshold", ()), default="gpd",
-              help="How it is found: by a law fitted to the scores' tail, their own quantile, or the law of a normal "
-              "background (F, or chi-squared), which real scenes seldom keep.")
+              help="How the threshold is found: a law fitted to the highest scores (gpd), their own quantile "
+              "(empirical), or the law of a normal background (F, or chi-squared), which real scenes seldom follow.")
 @click.option("--false-per-km2", type=click.FloatRange(0, min_open=True), metavar="RATE",
               help="For sea, in place of --pfa: false objects wanted per square kilometre of sea, such as 0.1.")
 @click.option("--largest-object", default="400,60", callback=pair(float, "LENGTH,WIDTH", "400,60"),
               metavar="LENGTH,WIDTH", help="For sea: length and width of the largest object that floats, in metres; "
               "0,0 searches the mask as it is.")
 @click.option("--side", type=AutoOr("SIDES", "detect.sea"), default="auto",
-              help="For sea: search what is brighter than the water around, or what is darker, too. auto: bright from "
+              help="For sea: search what is brighter than the water around, or also what is darker. auto: bright from "
               "pixels of 5 m on, else both.")
 @click.option("--objects", type=FILE, metavar="FILE.geojson|.gpkg",
               help="Write outlines, places (WGS 84), sizes and scores of what exceeds the threshold; a .gpkg gets a "
               "QGIS style.")
 @click.option("--moving", is_flag=True,
-              help="Give objects a speed and a heading, where three bands or more look at known, different times.")
+              help="Give objects a speed and a heading; needs three bands or more at known, different times.")
 @click.option("--chips", type=FILE, metavar="FOLDER", help="Write a picture of every object: raw, clean, score.")
 @click.option("--min-size", type=click.IntRange(1), default=1, metavar="PIXELS", help="Drop smaller objects.")
 @click.option("--merge-distance", type=click.FloatRange(0), default=0.0, metavar="PIXELS",
-              help="Parts no further apart are one object.")
+              help="Parts that are at most so far apart are one object.")
 @click.option("--p-value", type=FILE, metavar="FILE",
               help="Write the probability of such a score over a normal background.")
 @click.option("--flags", type=FILE, metavar="FILE",
-              help="Write why a pixel has no score, or what to know of it: 1 nodata, 2 outside --mask, 4 outside "
-              "--background, 8 ring of lower rank, 16 ring of too few pixels.")
+              help="Write why a pixel has no score, and other notes: 1 nodata, 2 outside --mask, 4 outside "
+              "--background, 8 ring of lower rank, 16 ring of too few pixels, 32 water beside land, 64 no water, but "
+              "may float, 128 attached to land.")
 @click.option("--co", "options", multiple=True, callback=creation_options, metavar="NAME=VALUE",
               help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.")
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
@@ -110,8 +112,8 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Score how anomalous every pixel of IN is, and write OUT, a GeoTIFF of one float32 band.
 
     Scores of sea are distances from the water around, in standard deviations; all others are squared Mahalanobis
-    distances: about the number of bands where nothing is odd. Pixels that are not valid are NaN. OUT.json beside OUT
-    says what was done. What exceeds the threshold for --pfa or --false-per-km2 is marked with --objects.
+    distances: about the number of bands where there is no anomaly. Pixels that are not valid are NaN. OUT.json beside
+    OUT says what was done. What exceeds the threshold for --pfa or --false-per-km2 is marked with --objects.
 
     \b
     rxdetect score clean.tif scores.tif
