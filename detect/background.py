@@ -236,7 +236,7 @@ def estimate(
     if n < 2:
         raise FitError(
             f"the background holds {n} valid pixel{'s' * (n != 1)}, need at least 2, and more than there are bands "
-            "to tell them apart. Check nodata and the background's area."
+            "in use. Check --nodata, --mask and --background."
         )
     matrix, mean, rest, shrinkage = moments.covariance(), moments.mean, moments.rest, 0.0
     beyond = ~np.isfinite(np.diag(matrix)) | ((np.diag(matrix) == 0) & (moments.minimum < moments.maximum))

@@ -43,7 +43,7 @@ def fit(excess: Float64) -> tuple[float, float, float]:
     if shape <= -0.5:
         raise FitError(
             f"the scores' tail ends abruptly (shape {shape:.2f}, need more than -0.5): saturated or clipped scores. "
-            "Take a threshold by quantile (empirical)."
+            "Take a threshold by quantile (--threshold empirical)."
         )
     return shape, shape / theta * unit, by_moments
 

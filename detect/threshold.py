@@ -308,7 +308,8 @@ def from_gpd(scores: Scores | Tail, pfa: float) -> Threshold:
         )
     if k / tail.n < pfa:
         raise InputError(
-            f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile (empirical)."
+            f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile "
+            "(--threshold empirical)."
         )
     shape, scale, moments = pareto.fit(excess)
     value = u + pareto.excess_at(k / tail.n / pfa, shape, scale)

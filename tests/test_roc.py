@@ -216,7 +216,7 @@ def test_objects_are_numbered_by_the_truth_or_by_connection():
     classes = np.array([[1, 0, 1, 2], [0, 0, 0, 2]])
     np.testing.assert_array_equal(number_objects(classes), classes)
     np.testing.assert_array_equal(number_objects(classes, connected=True), [[1, 0, 2, 2], [0, 0, 0, 2]])
-    with pytest.raises(InputError, match="whole object numbers"):
+    with pytest.raises(InputError, match="allowed are 0 and integers"):
         number_objects(np.array([[0.5, 1.0]]))
 
 

@@ -261,7 +261,7 @@ def flat(files, write):
         (shifted("b.tif", crs="EPSG:32654"), "different CRS"),
         (numbers_of(lambda t: t * 0), "marks no target among 4760 valid pixels"),
         (numbers_of(lambda t: t * 0 + 1), "marks all 4760 valid pixels as targets"),
-        (numbers_of(lambda t: t + 0.5), "whole object numbers"),
+        (numbers_of(lambda t: t + 0.5), "allowed are 0 and integers"),
         (flat, "flat: all 4800 scores are 1: they tell nothing apart"),
         (lambda files, _: (files / "first.tif", files / "none.tif"), "no such file"),
         (lambda files, _: (files / "none.tif", files / "truth.tif"), "no such file"),

@@ -90,7 +90,7 @@ class Marker:
             value = clutter.score_at(recipe.false_per_km2 / self._strata)
             above = clutter.tail.above(value)
             rate = (above or 0) / max(clutter.tail.n, 1)
-            notes = () if clutter.fitted else ("too few candidates for a law of their peaks: their ranks are used",)
+            notes = () if clutter.fitted else ("too few candidates to fit a law to their peaks: their ranks are used",)
             return Threshold(value, "peaks", rate, None if above is None else rate, clutter.tail.n, notes=notes)
         pfa = float(recipe.pfa or 0)
         return from_quantile(clutter.tail, pfa) if recipe.threshold == "empirical" else clutter.threshold(pfa)

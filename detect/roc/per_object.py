@@ -102,7 +102,10 @@ def number_objects(truth: npt.NDArray[Any], *, connected: bool = False) -> npt.N
     if len(names) <= 1 or connected:
         return label(np.isin(truth, names))
     if truth.dtype.kind == "f" and (names != np.rint(names)).any():
-        raise InputError(f"truth: allowed are 0 and whole object numbers, got {names[names != np.rint(names)][0]:g}.")
+        raise InputError(
+            f"truth: allowed are 0 and integers, the numbers of objects, got {names[names != np.rint(names)][0]:g}. "
+            "SCORES come first, TRUTH last."
+        )
     out = np.zeros(truth.shape, np.int32)
     inside = np.isin(truth, names)
     low, high = float(names[0]), float(names[-1])

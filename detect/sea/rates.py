@@ -133,7 +133,7 @@ class Clutter:
 
     def threshold(self, pfa: float) -> Threshold:
         """Score that a share `pfa` of the clutter exceeds."""
-        note = f"{self.confirmed} objects ({self.confirmed_pixels} pixels) are no clutter: the tail leaves them out"
+        note = f"large, bright objects are left out of the fit: {self.confirmed} ({self.confirmed_pixels} pixels)"
         reason = ""
         try:
             found = from_gpd(self.tail, pfa)
