@@ -141,6 +141,14 @@ def test_a_mask_beside_the_water_is_3_and_another_one_works(sea, write, deglint,
     assert deglint("remove", source, out, *plain, polygon(geojson, tmp_path, 0, 0, 20, 100)).code == 0
 
 
+def test_a_mask_of_another_size_is_named_by_its_own_option(sea, write, deglint, tmp_path):
+    source = write(tmp_path / "in.tif", sea(80, 100))
+    mask = write(tmp_path / "mask.tif", np.ones((1, 40, 50), np.uint8), crs=None, transform=None)
+    for option in ("--mask", "--sample"):
+        ran = deglint("remove", source, tmp_path / "out.tif", *HEDLEY, option, mask)
+        assert (ran.code, f"Error: {option} {mask} has 40 x 50 pixels" in ran.err) == (1, True), ran.err
+
+
 @pytest.mark.parametrize("kind", ["sea", "land", "coast", "bordered"])
 def test_info_and_remove_decide_the_same(kind, sea, write, deglint, tmp_path):
     """Of water and nodata one says what the other does, and both end alike where there is no water."""

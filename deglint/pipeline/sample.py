@@ -109,7 +109,8 @@ def sampler_of(scene: Scene, recipe: Recipe, overview: Overview, threads: int) -
         return _auto_sampler(scene, overview, threads)
     area: Area = WindowArea(((0, scene.height), (0, scene.width)))
     if recipe.sample != "all":
-        area = open_area(recipe.sample, scene, "--sample")
+        # the area of --mask is the sample, too, where no other is given
+        area = open_area(recipe.sample, scene, "--mask" if recipe.sample == recipe.mask else "--sample")
     note, bounds = getattr(area, "note", ""), area.bounds
 
     def mask(_block: Any, _columns: Sequence[int], tile: Tile) -> Mask:

@@ -300,6 +300,6 @@ def _raster_area(path: str, scene: Scene, option: str) -> RasterArea:
     if not same_grid(info, scene) and (apart or info.transform is None or scene.transform is None):
         raise InputError(
             f"{option} {path} has {info.height} x {info.width} pixels, the scene {scene.height} x {scene.width}, and "
-            "without a CRS in both it cannot be fitted. Give a mask of the scene's size, or one with a CRS."
+            "without a CRS in both it cannot be placed. Give a mask of the scene's size, or one with a CRS."
         )
     return RasterArea(nearest_on(info, scene), whole)
