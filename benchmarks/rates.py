@@ -80,7 +80,8 @@ def work_of(path: Path, recipe: Recipe, *, memory: bool = False) -> tuple[Correc
     work = correction(scene, fit_scene(scene, recipe, threads=2))
     if memory:
         with rasterio.open(path) as given:
-            work = work.on(replace(scene, source=ArraySource(given.read(), raster_of(scene).info)))
+            held = replace(scene, source=ArraySource(given.read(), raster_of(scene).info))
+            work = replace(work, scene=held)
     return work, tiling.tiles(scene.height, scene.width, work.layout.tile)
 
 
