@@ -25,7 +25,7 @@ rxdetect bench compare old.json new.json      # what got better or worse; --fail
 
 (`pip install 'deglint[reports]'` brings matplotlib and jinja2, which the report needs.)
 
-The scenes are simulated ([simulator.md](simulator.md)), so the sea without glint is known: the sensor of the thesis
+The scenes are simulated ([simulator](simulator.md)), so the sea without glint is known: the sensor of the thesis
 with eight bands and pixels of 25 cm, sun at 40 degrees, view from nadir. The left half is deep water, the sample of
 every fit. The right half holds submerged objects. Each method of `deglint.remove.METHODS` runs without compensation;
 `default` is `deglint remove` without options; `noise only` is the truth with sensor noise, the limit of any removal.

@@ -35,7 +35,8 @@ def fit(excess: Float64) -> tuple[float, float, float]:
     grid = np.concatenate([np.linspace(-12, -0.25, 24), np.linspace(-0.2, 12, 48)])
     best = int(np.argmin([cost(t) for t in grid]))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    t = float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10}).x)
+    with np.errstate(invalid="ignore"):  # the cost is infinite where there is no law
+        t = float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10}).x)
     theta = math.expm1(t) / highest
     if abs(theta) < 1e-9:
         return 0.0, unit, by_moments

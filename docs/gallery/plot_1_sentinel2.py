@@ -19,8 +19,7 @@ from deglint.simulate import Setup, simulate, thesis_array
 # %%
 # The wind blows with 6 m/s, the sun stands 35 degrees from the zenith. Squares of sand lie at 3 m depth.
 shoals = thesis_array((192, 192), 10.0, depth=3.0)
-sea = simulate(Setup(sensor=preset("sentinel2"), size=(192, 192), wind=6.0, sun_zenith=35.0, sky="cardioidal",
-                     objects=shoals, seed=4))  # fmt: skip
+sea = simulate(Setup(sensor=preset("sentinel2"), size=(192, 192), wind=6.0, sun_zenith=35.0, objects=shoals, seed=4))
 folder = sentinel2_folder(Path(tempfile.mkdtemp()), sea)
 
 # %%

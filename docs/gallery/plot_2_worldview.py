@@ -1,6 +1,6 @@
 """
-WorldView: bands that see the sea at different times
-====================================================
+WorldView: bands that are not simultaneous
+==========================================
 
 WorldView-3 takes its bands in two sets, 0.3 s apart. Waves move in between, so glint of the NIR and glint of a visible
 band lie at different places. The times are known for the sensor, and the default method makes use of them.
@@ -20,7 +20,7 @@ for band in scene.bands:
 # A method of one slope a band, as published in 2005, and the default.
 hedley = deglint.Recipe(method="hedley", compensate="off")
 results = {"Hedley (2005)": hedley, "default": deglint.Recipe()}
-clean = {name: deglint.correct(scene, deglint.fit_scene(scene, recipe)) for name, recipe in results.items()}
+clean = {n: deglint.correct(scene, deglint.fit_scene(scene, recipe)) for n, recipe in results.items()}
 
 # %%
 # The truth is the radiance without glint and noise, through the same optics. Hedley's method darkens the boats, since
