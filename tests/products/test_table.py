@@ -13,11 +13,12 @@ BEGIN, END = "<!-- table: written by tests/products/test_table.py -->\n", "<!-- 
 
 
 def row(path, folder):
-    """What a line of the table says of one product."""
+    """What a line of the table says of one product: the kind, how it was opened, what is known, and the rest."""
     scene = deglint.open_scene(path)
     info, bands = scene.source.info, scene.bands
     kind = re.match(r"(.*?), product ", scene.notes[0])[1]
-    how = "folder" if path.is_dir() else "file"
+    name = path.name if len(path.name) <= 24 else f"{path.name[:10]}...{path.name[-12:]}"
+    how = "the files in a folder" if path == folder else f"{'folder' if path.is_dir() else 'file'} `{name}`"
     known = [
         f"{len(bands)} bands: names, wavelengths, widths" if all(b.width for b in bands) else f"{len(bands)} bands"
     ]
@@ -31,15 +32,19 @@ def row(path, folder):
     known += ["time offsets"] if any(b.time_offset is not None for b in bands) else []
     known += ["detector footprints"] if scene.footprints is not None else []
     rest = [n.replace(f"{folder}/", "") for n in scene.notes[1:] if not n.startswith("sensor ")]
-    return f"| {kind} | {how} `{path.name}` | {'; '.join(known)} | {'<br>'.join(rest) or 'nothing'} |"
+    return kind, how, "; ".join(known), "<br>".join(rest) or "nothing"
 
 
 def test_the_table_in_the_docs_is_what_comes_of_opening(cases, sea, tmp_path, request):
     lines = ["| product | opened by | known from its metadata | assumed, left out or not done |", "|---|---|---|---|"]
+    ways = {}
     for i, (module, maker, _kind, _facts) in enumerate(cases.values()):
         folder = tmp_path / str(i)
         folder.mkdir()
-        lines.append(row(Path(maker(module, folder, sea())), folder).replace(f"`{i}`", "with its files"))
+        kind, how, *said = row(Path(maker(module, folder, sea())), folder)
+        ways.setdefault((kind, *said), []).append(how)
+    for (kind, *said), how in ways.items():
+        lines.append(f"| {' | '.join((kind, '<br>'.join(dict.fromkeys(how)), *said))} |")
     made = "\n".join(lines) + "\n"
     text = PAGE.read_text()
     before, _, rest = text.partition(BEGIN)
