@@ -134,7 +134,8 @@ def overview(results: Results) -> Table:
     note = (
         "Error: RMSE over the visible bands relative to the water level, mean over seeds and its 95 % interval. Time: "
         f"processor time on one thread, scene of 8 bands of {side} x {side} pixels, median of "
-        f"{results.effort.rounds} runs. Methods run without compensation; default is deglint remove without options."
+        f"{results.effort.rounds} runs. Methods run without compensation; default is deglint remove without options; "
+        "noise only is the truth with the noise of the sensor."
     )
     head = ("removal", "error, whole scene [%]", "error, deep water [%]", "fit [ms]", "apply [ms]")
     return Table(f"Error and run time at {named(shown)} between bands", head, tuple(rows), note)

@@ -33,7 +33,7 @@ class Bench(Judging):
 
 @click.command(cls=Bench, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("out", default="benchmark.html", type=FILE, metavar="[OUT.html]")
-@click.option("--quick", is_flag=True, help="One wind and small scenes: ten seconds, not two minutes.")
+@click.option("--quick", is_flag=True, help="One wind and small scenes: seconds, not minutes.")
 @click.option("--only", multiple=True, callback=names, metavar="NAME[,NAME]",
               help="These methods, or 'default' (deglint remove without options). [default: all]")  # fmt: skip
 @click.option("--seeds", type=click.IntRange(1, 1000), metavar="N",

@@ -101,7 +101,7 @@ def lead(numbers: dict[str, Any]) -> str:
     name = n["name"] + (", which does best at low false-alarm rates," if len(detectors) > 1 else "")
     if point is None:
         return f"With {name} {ranks}."
-    at = f"At a false-alarm rate of {point['pfa_designed']:g} {name}"
+    at = f"At a false-alarm rate of {point['pfa_designed']:g}, {name}"
     share = f"{100 * point['pd']:.3g} % of the target pixels"
     if "objects_found" not in point:
         return f"{at} detects {share}; {ranks}."
@@ -138,7 +138,7 @@ def table(numbers: dict[str, Any]) -> list[str]:
                        f"{counted(p['false_alarms'], 'false alarm')}{per}")  # fmt: skip
     for c in numbers["comparisons"]:
         span = "" if c["bootstrap_low"] is None else f" ({c['bootstrap_low']:+.4f} to {c['bootstrap_high']:+.4f})"
-        out.append(f"AUC of {c['first']} less {c['second']}: {c['difference']:+.4f}{span}")
+        out.append(f"AUC of {c['first']} minus {c['second']}: {c['difference']:+.4f}{span}")
     return out
 
 
