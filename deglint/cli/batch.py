@@ -108,7 +108,7 @@ def summary(found: list[Any]) -> list[str]:
     rows = [("scene", "status", "seconds", "corrected", "method", "reason")]
     for o in found:
         share = "" if o.corrected is None else f"{o.corrected:.1%}"
-        why = o.reason or (f"{o.warnings} warnings, see the sidecar" if o.warnings else "")
+        why = o.reason or (f"{o.warnings} warning{'s' * (o.warnings > 1)}, see the sidecar" if o.warnings else "")
         rows.append((printable(o.name), o.status, f"{o.seconds:.1f}", share, o.method, printable(why)))
     widths = [max(len(row[i]) for row in rows) for i in range(5)]
     out = ["  ".join([*(c.ljust(w) for c, w in zip(row[:5], widths, strict=True)), row[5]]).rstrip() for row in rows]

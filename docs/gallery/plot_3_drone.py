@@ -22,12 +22,10 @@ for brightness in draw.uniform(0.05, 0.25, 24):
     turn, radius = np.linspace(0, 2 * np.pi, 9)[:-1], draw.uniform(0.5, 1.6) * draw.uniform(0.7, 1.3, 8)
     corners = draw.uniform([9.5, 2.5], [17.5, 17.5]) + np.stack([radius * np.cos(turn), radius * np.sin(turn)], 1)
     reef.append(SubmergedObject(corners=tuple(map(tuple, corners)), reflectance=brightness, depth=2.0))
-sea = simulate(
-    Setup(sensor=preset("micasense"), size=(256, 256), wind=4.0, sky="cardioidal", objects=tuple(reef), seed=5)
-)
+sea = simulate(Setup(sensor=preset("micasense"), size=(256, 256), wind=4.0, objects=tuple(reef), seed=5))
 
 # %%
-# An array as a mosaic of RedEdge bands comes: radiance, with the wavelengths along ``band``.
+# An array like that of a mosaic of RedEdge bands: radiance, with the wavelengths along ``band``.
 bands = sea.setup.sensor.bands
 radiance = np.stack([image * sea.setup.sensor.scale(band) for image, band in zip(sea.image, bands, strict=True)])
 along = {"band": [b.name for b in bands], "wavelength": ("band", [b.wavelength for b in bands])}
@@ -35,6 +33,6 @@ mosaic = xarray.DataArray(radiance.astype(np.float32), dims=("band", "y", "x"), 
 mosaic = mosaic.assign_coords(x=0.08 * np.arange(256), y=-0.08 * np.arange(256)).assign_attrs(crs="EPSG:32610")
 
 # %%
-# Where the bottom shows, name deep water to learn from, as column, row, width and height: else the reef teaches, too.
+# Where the bottom shows, state a sample of deep water (column, row, width, height); else the fit includes the reef.
 clean = mosaic.deglint.remove(deglint.Recipe(sample="0,0,80,256"))
 figure = show({"raw": mosaic.values, "truth": sea.truth, "deglinted": clean.values}, sea.truth)

@@ -16,7 +16,7 @@ from deglint.simulate import Setup, simulate, thesis_array
 # Squares of 2, 5, 10 and 20 % reflectance at 5 m depth under 5 m/s of wind; pixels of 0.25 m, and no band delay.
 sensor = preset("thesis").delayed(0.0)
 squares = thesis_array((192, 192), sensor.gsd)
-sea = simulate(Setup(sensor=sensor, size=(192, 192), wind=5.0, sky="cardioidal", objects=squares, seed=7))
+sea = simulate(Setup(sensor=sensor, size=(192, 192), wind=5.0, objects=squares, seed=7))
 radiance = sea.image * np.reshape([sensor.scale(band) for band in sensor.bands], (-1, 1, 1))
 
 # %%
