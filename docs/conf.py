@@ -26,6 +26,7 @@ html_theme_options = {
     "secondary_sidebar_items": {"*": ["page-toc"], "reference/**": ["page-toc"], "tutorials/**": []},  # code is wide
 }
 html_sidebars = {"index": [], "start": []}
+html_static_path, html_css_files = ["_static"], ["wide.css"]
 html_sourcelink_suffix = ""
 myst_enable_extensions = ["colon_fence"]
 numpydoc_show_class_members = False
