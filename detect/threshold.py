@@ -158,9 +158,9 @@ class Threshold:
     def __str__(self) -> str:
         error = "" if self.standard_error is None else f" +- {self.standard_error:.2g}"
         got = "not measured" if self.pfa_achieved is None else f"{self.pfa_achieved:.3g}"
-        return (
-            f"threshold {self.value:.6g}{error} ({self.method}): Pfa requested {self.pfa_designed:.3g}, observed {got}"
-        )
+        # for --false-per-km2 no rate per pixel was requested
+        asked = "" if self.method == "peaks" else f"requested {self.pfa_designed:.3g}, "
+        return f"threshold {self.value:.6g}{error} ({self.method}): Pfa {asked}observed {got}"
 
 
 def from_chi2(pfa: float, bands: int) -> Threshold:

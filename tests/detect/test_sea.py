@@ -154,6 +154,11 @@ def test_geopackage_holds_what_geojson_does(rxdetect, scene, tmp_path):
     assert "<qgis" in (tmp_path / "found.qml").read_text()
 
 
+def test_a_rate_per_area_is_not_called_a_requested_rate_per_pixel(rxdetect, scene, tmp_path):
+    ran = rxdetect("score", scene, tmp_path / "out.tif", "--false-per-km2", "1")
+    assert "(peaks): Pfa observed" in ran.err, ran.err
+
+
 def test_tiles_give_the_same_scores(rxdetect, scene, tmp_path, monkeypatch):
     images = []
     for tile in (512, 64):
