@@ -12,6 +12,7 @@ import sys
 import tempfile
 import threading
 import traceback
+import warnings
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from typing import Any
@@ -73,6 +74,7 @@ def run(cli: click.Group, program: str, arguments: list[str]) -> int:
     if complete:
         return shell_complete(cli, {}, program, f"_{program.upper()}_COMPLETE", complete)
     _moved().clear()  # of an earlier command in this process
+    warnings.filterwarnings("ignore", message="Dataset has no geotransform")  # rasterio's, of images without a place
     colour = False if os.environ.get("NO_COLOR") else None  # None: where a terminal shows them
     with _terminable(), _own_stderr() as show_aside, _nothing_hidden():
         try:

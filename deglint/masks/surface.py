@@ -117,8 +117,8 @@ class WaterRule:
         if self.core > 1:
             wide += f", or {self.bright:.6g} over {self.core} x {self.core}"
         return (
-            f"{100 * self.water_fraction:.2f} % of {self.pixels} pixels looked at are water; the rest (land, ships, "
-            f"clouds, surf: NIR above {self.threshold:.6g}{wide}) is copied"
+            f"{100 * self.water_fraction:.2f} % of {self.pixels} pixels looked at are water; the rest is land, ships, "
+            f"clouds or surf (NIR above {self.threshold:.6g}{wide})"
         )
 
     def numbers(self) -> dict[str, Any]:

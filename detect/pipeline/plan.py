@@ -361,10 +361,10 @@ def explain(plan: Plan) -> list[str]:
         return []
     size = f"{found.rule.pixel:.3g} m" if found.pixel else f"of unknown size, taken as {_UNKNOWN:g} m"
     what = "brighter or darker" if found.model.side == "both" else "brighter"
-    scales = ", ".join(map(str, found.model.scales))
-    even = ", over what is usual at the same NIR" if found.model.glint else ""
+    means = f", also as means of {', '.join(map(str, found.model.scales[1:]))} pixels" if found.model.scales[1:] else ""
+    even = ", relative to water of the same NIR" if found.model.glint else ""
     floats = f"{found.rule.length:g} m by {found.rule.width:g} m"
     return [
-        f"sea: water closed over what is up to {floats}; pixels {size}",
-        f"sea: {what} than the water within {sea.SEA_WINDOW} pixels, at scales of {scales} pixels{even}",
+        f"sea: water, and holes in it that a ship of {floats} could fill; pixels {size}",
+        f"sea: searched for what is {what} than the water within {sea.SEA_WINDOW} pixels{means}{even}",
     ]
