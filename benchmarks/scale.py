@@ -89,7 +89,7 @@ def measure(what: str, side: int, directory: Path) -> dict[str, Any]:
 
 
 def disk_speed(directory: Path) -> float:
-    """Bytes a second that the disk takes for good."""
+    """Bytes a second that are written to the disk and flushed."""
     block, path = os.urandom(16 << 20), directory / "speed.bin"
     begun = time.perf_counter()
     with path.open("wb") as file:
@@ -151,7 +151,7 @@ def tables(found: dict[str, Any]) -> list[str]:
     model = [[what, str(m["side"]), f"{m['start']:.2f}", f"{1e3 * m['slope']:.1f}", f"{m['read']:.2f}",
               f"{m['written']:.2f}"] for what, m in lines.items()]  # fmt: skip
     model_head = ("", "up to side", "start [s]", "ms/Mpx-band", "read [byte/value]", "written [byte/value]")
-    return [found["machine"] + f" The disk took {found['disk'] / 1e6:.0f} MB/s for good.", table(head, rows),
+    return [found["machine"] + f" The disk wrote {found['disk'] / 1e6:.0f} MB/s, flushed.", table(head, rows),
             table(model_head, model), archive(lines)]  # fmt: skip
 
 
