@@ -63,7 +63,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     # recipe.toml; every line is optional
     [recipe]                      # as the options of deglint remove
     method = "auto"
-    [input]                       # sensor, bands, wavelengths, scale, offset, nodata, grid, assets (of a STAC Item)
+    [input]                       # sensor, bands, wavelengths, scale, offset, nodata, grid, assets
     sensor = "sentinel2"
     [output]
     directory = "clean"
