@@ -30,17 +30,16 @@ def test_decisions_are_logged_before_the_work(sea, write, tmp_path, caplog):
     assert all(record.name.partition(".")[0] == "deglint" for record in caplog.records)
 
 
-@pytest.mark.parametrize(("step", "said"), [(0.09, "up to 270 ms"), (0.0, "none, the bands are simultaneous")])
-def test_band_delays_are_logged(step, said, write, sea, tmp_path, caplog):
+def test_band_delays_are_logged(write, sea, tmp_path, caplog):
     def delays(dataset):
         for i in range(4):
-            dataset.update_tags(i + 1, time_offset_s=str(step * i))
+            dataset.update_tags(i + 1, time_offset_s=str(0.09 * i))
 
     scene = deglint.open_scene(write(tmp_path / "in.tif", sea(), describe=delays))
-    assert scene.bands[3].time_offset == pytest.approx(3 * step)
+    assert scene.bands[3].time_offset == pytest.approx(0.27)
     with caplog.at_level(logging.INFO, "deglint"):
         deglint.examine(scene)
-    assert f"band delays read from file: {said}" in caplog.messages
+    assert "band delays read from file: up to 270 ms" in caplog.messages
 
 
 @pytest.mark.parametrize(

@@ -48,8 +48,7 @@ def log_scene(scene: Scene) -> None:
     times = [b.time_offset for b in scene.bands if b.time_offset is not None]
     if len(times) > 1:
         source = f"known for {scene.sensor}" if scene.sensor else "read from file"
-        most = 1e3 * (max(times) - min(times))
-        log.info("band delays %s: %s", source, f"up to {most:.0f} ms" if most else "none, the bands are simultaneous")
+        log.info("band delays %s: up to %.0f ms", source, 1e3 * (max(times) - min(times)))
     for line in scene.notes:  # what a product gives and lacks, and what was assumed, is not for -v alone
         log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
 

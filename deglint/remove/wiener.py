@@ -160,8 +160,7 @@ def fit(
     left = np.concatenate([k.loss for k in every])
     noise = float(np.exp(np.log(np.maximum(left, 1e-12)).mean() / 2))
     if shared.significance <= SURE or noise > 1 - WORTH:
-        saved = max(1 - noise, 0.0)
-        why = f"the NIR takes {saved:.1%} off the noise of the bands: they share no glint. Nothing was corrected."
+        why = f"the NIR takes {1 - noise:.1%} off the noise of the bands: they share no glint. Nothing was corrected."
         return replace(model, fits=(), references=(), warnings=(why,))
     return _with_level(model, learnt, request)
 
