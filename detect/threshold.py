@@ -43,6 +43,8 @@ KEEP = 1 << 18
 _LEAST_EXCEEDANCES = 50
 _TAIL = 0.01
 """Fraction of the scores that are fitted; more where the rate, or few scores, ask for it."""
+_ENOUGH = 10
+"""Scores above a quantile that are enough to take it: fewer may all be pixels of one object."""
 _POOR_FIT = 0.05
 """Kolmogorov distance from which a fitted tail is called poor."""
 
@@ -270,6 +272,27 @@ def from_quantile(scores: Scores | Tail, pfa: float) -> Threshold:
     value = float(tail.values[allowed])
     notes = () if allowed >= 10 else (f"only {allowed} scores lie above the threshold: it is uncertain",)
     return Threshold(value, "quantile", pfa, n=tail.n, notes=notes).measured(tail.above(value), tail.n)
+
+
+def from_tail(scores: Scores | Tail, pfa: float) -> Threshold:
+    """Threshold from the fitted tail, or by quantile where no law fits it.
+
+    A tail without a mean has objects in it; the quantile is then taken if enough scores exceed it.
+
+    Raises
+    ------
+    InputError
+        The rate is outside 0..1, lies inside the scores, or is too low for a quantile.
+    """
+    try:
+        found = from_gpd(scores, pfa)
+        if found.numbers["shape"] < 1 or pfa * found.n < _ENOUGH:
+            return found
+        reason = f"the fitted tail has no mean (shape {found.numbers['shape']:.2f}), since objects are in it"
+    except FitError as error:
+        reason = str(error).split(". ", 1)[0]
+    found = from_quantile(scores, pfa)
+    return replace(found, notes=(*found.notes, f"{reason}: the quantile of the scores is used"))
 
 
 def from_gpd(scores: Scores | Tail, pfa: float) -> Threshold:

@@ -9,7 +9,7 @@ from scipy import stats
 
 from deglint.errors import FitError, InputError
 from detect import pareto
-from detect.threshold import Tail, from_chi2, from_f, from_gpd, from_quantile, p_value
+from detect.threshold import Tail, from_chi2, from_f, from_gpd, from_quantile, from_tail, p_value
 
 
 @pytest.mark.parametrize(
@@ -186,3 +186,11 @@ def test_poor_and_heavy_tails_are_said():
     assert any("heavy" in note for note in heavy.notes)
     two = np.concatenate([rng.normal(0, 1, 99_000), rng.normal(50, 1, 500)])
     assert any("poor" in note for note in from_gpd(two, 1e-4).notes)
+
+
+def test_a_tail_that_no_law_fits_gives_its_quantile():
+    scores = np.arange(50_000.0)
+    found = from_tail(scores, 1e-3)
+    assert found.method == "quantile"
+    assert "ends abruptly" in found.notes[-1]
+    assert found.value == from_quantile(scores, 1e-3).value

@@ -133,11 +133,18 @@ class Marker:
         by_peaks = threshold.method == "peaks"
         if by_peaks:
             afloat = [o for o in afloat if o.score_top > threshold.value]
-        rated = []
-        for rank, o in enumerate(sorted(afloat, key=lambda o: -o.score_top), start=1):
-            rate = clutter.false_per_km2(o.score_top, o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1)
-            real = 1 - min(rate * clutter.area / rank, 1.0)
-            rated.append(Rated(o, "afloat", share * rate, real))
+        afloat.sort(key=lambda o: -o.score_top)
+        rates = np.array([
+            clutter.false_per_km2(o.score_top, o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1)
+            for o in afloat
+        ])  # fmt: skip
+        # share of the objects up to each that are false, or up to a weaker one if less (q-values: Storey 2002,
+        # doi:10.1111/1467-9868.00346)
+        false = np.minimum(rates * clutter.area / np.arange(1, len(rates) + 1), 1.0)
+        real = 1 - np.minimum.accumulate(false[::-1])[::-1]
+        rated = [
+            Rated(o, "afloat", share * r, p) for o, r, p in zip(afloat, rates.tolist(), real.tolist(), strict=True)
+        ]
         most = share * (clutter.false_per_km2(threshold.value) if by_peaks else len(afloat) / clutter.area)
         dimmest = max(threshold.value, clutter.large[1])  # quays are dim; what clutter may reach shows no ship
         beside = [o for o in marking.find_among(*self._beside, **self._options) if o.score_max > dimmest]

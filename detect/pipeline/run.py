@@ -251,7 +251,7 @@ def _threshold(recipe: Recipe, tail: Tail, law: tuple[int, int] | None) -> Thres
     if recipe.threshold in ("chi2", "f") and law:
         found = cutting.from_chi2(pfa, law[0]) if recipe.threshold == "chi2" else cutting.from_f(pfa, *law)
         return found.measured(tail.above(found.value), tail.n)
-    return (cutting.from_quantile if recipe.threshold == "empirical" else cutting.from_gpd)(tail, pfa)
+    return (cutting.from_quantile if recipe.threshold == "empirical" else cutting.from_tail)(tail, pfa)
 
 
 def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: tuple[int, int] | None) -> Scoring:

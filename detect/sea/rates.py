@@ -20,7 +20,7 @@ from deglint.errors import FitError, InputError
 
 from .. import pareto
 from ..objects import Object
-from ..threshold import Tail, Threshold, from_gpd, from_quantile
+from ..threshold import Tail, Threshold, from_tail
 
 Scores = npt.NDArray[Any]
 LOW = 1.5
@@ -37,8 +37,6 @@ averaged over 5 by 5 pixels has clumps of up to some 50."""
 _SMALLEST_KEPT = 12.6
 """Area that it has at least there, whatever its peak [m2]: what removal leaves of a clump of glint is narrower than the
 smallest object that removal keeps, a disc of 4 m."""
-_ENOUGH = 10
-"""Scores above a quantile that are enough to take it: fewer may all be pixels of one object."""
 _LEAST = 50
 """Least peaks to fit a law to."""
 _MOST_RATE = 1e6
@@ -134,16 +132,7 @@ class Clutter:
     def threshold(self, pfa: float) -> Threshold:
         """Score that a share `pfa` of the clutter exceeds."""
         note = f"large, bright objects are left out of the fit: {self.confirmed} ({self.confirmed_pixels} pixels)"
-        reason = ""
-        try:
-            found = from_gpd(self.tail, pfa)
-            if found.numbers["shape"] >= 1 and pfa * self.tail.n >= _ENOUGH:
-                reason = f"the fitted tail has no mean (shape {found.numbers['shape']:.2f}), since objects are in it"
-        except FitError as error:
-            reason = str(error).split(".", 1)[0]
-        if reason:
-            found = from_quantile(self.tail, pfa)
-            found = replace(found, notes=(*found.notes, f"{reason}: the quantile of the scores is used"))
+        found = from_tail(self.tail, pfa)
         if pfa * self.tail.n < 1:
             one = f"less than one pixel of {self.tail.n}"
             found = replace(found, notes=(*found.notes, f"the rate is extrapolated: {pfa:g} is {one}"))
