@@ -69,19 +69,20 @@ class Marker:
         That was just written.
     tail : Tail
         The highest scores.
-    beside : Places
-        Pixels of the sea that are attached to land.
+    beside : dict of Places
+        Pixels of the sea that are attached to land: ALONGSIDE and ATTACHED of `detect.sea.region`.
     """
 
-    def __init__(self, plan: Plan, targets: Outputs, scores: Any, tail: Tail, beside: Places) -> None:
-        self._plan, self._targets, self._scores, self._tail, self._beside = plan, targets, scores, tail, beside
+    def __init__(self, plan: Plan, targets: Outputs, scores: Any, tail: Tail, beside: dict[int, Places]) -> None:
+        self._plan, self._targets, self._scores, self._tail = plan, targets, scores, tail
+        self._beside, self._attached = beside[sea.ALONGSIDE], beside[sea.ATTACHED]
         recipe, scene = plan.recipe, plan.scene
         area = ground_area(scene.transform, scene.crs, scene.height, scene.width)
         self._options: dict[str, Any] = {
             "min_size": recipe.min_size, "merge_distance": recipe.merge_distance, "pixel_area": area,
         }  # fmt: skip
         # kinds of objects that share the false alarms: afloat, and attached to land
-        self._strata = 2 if len(beside[0]) else 1
+        self._strata = 2 if len(self._beside[0]) else 1
 
     def threshold(self) -> Threshold:
         """Threshold of the sea, from the clutter that is left when confirmed objects are taken out."""
@@ -102,11 +103,11 @@ class Marker:
         assert of_sea is not None
         assert of_sea.model is not None
         q90, fine = of_sea.model.q90, of_sea.model.side == "both"
-        found = marking.find_among(*self._above(LOW * q90))
+        found = marking.find_among(*self._above(LOW * q90, self._beside))
         return sea.clutter_of(self._tail, found, q90, area=self._tail.n * of_sea.area / 1e6, fine=fine)
 
-    def _above(self, value: float) -> Places:
-        """Rows, columns and scores above a value, read in strips, of what is not attached to land."""
+    def _above(self, value: float, *without: Places) -> Places:
+        """Rows, columns and scores above a value, read in strips, without some pixels."""
         found = []
         dataset = self._scores
         for top in range(0, dataset.height, LONGEST_SIDE):
@@ -117,7 +118,9 @@ class Marker:
             found.append((rows + top, columns, scores[rows, columns]))
         rows, columns, scores = (np.concatenate(parts) for parts in zip(*found, strict=True))
         width = dataset.width
-        apart = ~np.isin(rows * width + columns, self._beside[0] * width + self._beside[1])
+        apart = np.ones(len(rows), np.bool_)
+        for row, column, _scores in without:
+            apart &= ~np.isin(rows * width + columns, row * width + column)
         return rows[apart], columns[apart], scores[apart]
 
     def objects(self, threshold: Threshold) -> list[Rated]:
@@ -129,7 +132,8 @@ class Marker:
         assert of_sea.model is not None
         clutter, share = self._clutter, self._strata
         low = min(LOW * of_sea.model.q90, threshold.value)
-        afloat = marking.find_among(*self._above(low), above=threshold.value, **self._options)
+        pixels = self._above(low, self._beside, self._attached)
+        afloat = marking.find_among(*pixels, above=threshold.value, **self._options)
         by_peaks = threshold.method == "peaks"
         if by_peaks:
             afloat = [o for o in afloat if o.score_top > threshold.value]

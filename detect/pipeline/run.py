@@ -28,6 +28,7 @@ from deglint.scene import Scene
 from deglint.tiles import Tile, default_threads
 from deglint.timing import Reporter
 
+from .. import sea
 from .. import threshold as cutting
 from ..background import Background, Part, sample_share
 from ..lines import LineScorer
@@ -265,10 +266,10 @@ def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: tuple[in
 
 def _write_tiles(
     scratch: Scratch, work: Scoring, targets: Outputs, cluster: Cluster | None, progress: Progress | None
-) -> tuple[PixelCounts, Tail | None, Places]:
-    """Score and write all tiles; returns counts, the highest scores, and pixels of ships that are attached to land."""
+) -> tuple[PixelCounts, Tail | None, dict[int, Places]]:
+    """Score and write all tiles; returns counts, the highest scores, and pixels that are attached to land, by class."""
     plan, highest, tally = work.plan, work.highest, PixelCounts()
-    beside: list[Places] = []
+    beside: dict[int, list[Places]] = {sea.ALONGSIDE: [], sea.ATTACHED: []}
     images = _images(plan, targets)
     run = cluster.run if cluster else tiling.run
     told = progress and partial(progress, "score")
@@ -278,11 +279,11 @@ def _write_tiles(
                 if (block := getattr(scored, what)) is not None:
                     writer.write(block, tile.window)
             tally.add(scored.tally)
-            if scored.beside is not None:
-                beside.append(scored.beside)
+            for which, places in scored.beside.items():
+                beside[which].append(places)
             if highest and scored.tail:
                 highest.add(scored.tail)
-    return tally, highest.total() if highest else None, joined(beside)
+    return tally, highest.total() if highest else None, {k: joined(v) for k, v in beside.items()}
 
 
 def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:

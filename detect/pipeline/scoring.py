@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,7 @@ class Scored:
     tail: Tail | None = None
     p_values: npt.NDArray[np.float32] | None = None
     flags: npt.NDArray[np.uint8] | None = None
-    beside: Places | None = None
+    beside: dict[int, Places] = field(default_factory=dict)
 
 
 class Highest:
@@ -166,13 +166,18 @@ class Scoring:
             tail = self.highest.of(np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores))
         flags = None
         if self.want_flags:
-            bits = {sea.NOT_SEA: MASKED_OUT, sea.RIM: ON_RIM, sea.AFLOAT: FLOATS, sea.ALONGSIDE: BESIDE_LAND}
+            bits = {
+                sea.NOT_SEA: MASKED_OUT, sea.RIM: ON_RIM, sea.AFLOAT: FLOATS, sea.ATTACHED: FLOATS,
+                sea.ALONGSIDE: BESIDE_LAND,
+            }  # fmt: skip
             flags = _flags(valid, [(valid & (classes == which), bit) for which, bit in bits.items()])
         tally = PixelCounts(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
         tally.not_valid = int(np.count_nonzero(~valid))
         tally.masked_out = tally.total - tally.scored - tally.not_valid
-        rows, columns = np.nonzero((classes == sea.ALONGSIDE) & np.isfinite(scores))
-        beside = rows + tile.row0, columns + tile.col0, scores[rows, columns]
+        beside = {}
+        for which in (sea.ALONGSIDE, sea.ATTACHED):
+            rows, columns = np.nonzero((classes == which) & np.isfinite(scores))
+            beside[which] = rows + tile.row0, columns + tile.col0, scores[rows, columns]
         return Scored(scores, tally, tail, None, flags, beside)
 
 

@@ -6,12 +6,13 @@ around it; `rates` turns scores into thresholds and into expected false objects 
 
 from .model import SEA_WINDOW, SIDES, SeaModel, fit, score
 from .rates import Clutter, clutter_of
-from .region import AFLOAT, ALONGSIDE, NOT_SEA, RIM, WATER, SeaRule, region
+from .region import AFLOAT, ALONGSIDE, ATTACHED, NOT_SEA, RIM, WATER, SeaRule, region
 from .search import Search, score_scene
 
 __all__ = [
     "AFLOAT",
     "ALONGSIDE",
+    "ATTACHED",
     "NOT_SEA",
     "RIM",
     "SEA_WINDOW",

@@ -14,7 +14,7 @@ from ..objects import find, find_among
 from ..threshold import Tail, Threshold
 from .model import SeaModel, fit, score
 from .rates import LOW, Clutter, clutter_of
-from .region import ALONGSIDE, Classes, SeaRule, region
+from .region import ALONGSIDE, ATTACHED, Classes, SeaRule, region
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +96,7 @@ def score_scene(
     area = pixel * pixel
     clutter = clutter_of(tail, candidates, model.q90, area=tail.n * area / 1e6, fine=model.side == "both")
     threshold = clutter.threshold(pfa)
+    searched[classes == ATTACHED] = np.nan
     rows, columns = np.nonzero(searched > min(LOW * model.q90, threshold.value))
     found = find_among(rows, columns, searched[rows, columns], above=threshold.value, pixel_area=area)
     records = [

@@ -15,7 +15,7 @@ from rasterio.transform import from_origin
 from detect import sea
 from detect.objects import find, find_among
 from detect.pipeline import plan
-from detect.sea import AFLOAT, ALONGSIDE, NOT_SEA, RIM, WATER, SeaRule
+from detect.sea import AFLOAT, ALONGSIDE, ATTACHED, NOT_SEA, RIM, WATER, SeaRule
 from detect.threshold import Tail
 
 SHIPS = [(40, 60), (90, 150), (150, 40), (60, 210)]
@@ -58,6 +58,48 @@ def test_holes_and_protrusions_of_a_ships_size_are_sea():
         "shore": RIM}  # fmt: skip
     exact = sea.region(water, SeaRule(10.0, 0, 0))
     assert not np.isin(exact, (AFLOAT, ALONGSIDE)).any()
+
+
+def test_holes_beside_land_or_cut_by_the_border_are_attached():
+    water = np.ones((120, 160), bool)
+    water[:, 130:] = False
+    water[20:23, 126:129] = False  # one pixel of water between
+    water[40:43, 125:128] = False  # two
+    water[60:64, 114:129] = False  # a ship, its bow one pixel off the quay
+    water[80:84, :4] = False
+    found = sea.region(water, SeaRule(10.0))
+    at = {"one": (21, 127), "two": (41, 126), "ship": (62, 120), "border": (82, 2), "between": (21, 129)}
+    assert {k: int(found[p]) for k, p in at.items()} == {
+        "one": ATTACHED, "two": AFLOAT, "ship": ALONGSIDE, "border": ATTACHED, "between": RIM}  # fmt: skip
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.3])
+def test_what_land_continues_at_both_ends_is_no_ship(slope):
+    """A strip between two shores, and the same with a gap: a quay with a free end on either side of it."""
+    water = np.ones((120, 160), bool)
+    water[:, :50] = water[:, 80:] = False
+    rows, columns = np.mgrid[:120, :160]
+    water &= abs(rows - 60 - slope * (columns - 65)) > 2
+    bridge = sea.region(water, SeaRule(10.0))
+    water[:, 72:74] = True
+    apart = sea.region(water, SeaRule(10.0))
+    between = columns - 50 < 30
+    assert not (bridge[between] == ALONGSIDE).any()
+    assert apart[60, 62] == ALONGSIDE
+
+
+def test_what_is_attached_to_land_is_clutter_and_no_object(rxdetect, write, tmp_path):
+    image, _ = port()
+    image[:, 96:99, 225:228] = image[:, 190:193, 40:43] = np.array([2500, 2500, 2600, 2700])[:, None, None]
+    scene = write(tmp_path / "port.tif", image, transform=from_origin(400_000, 800_000, 10, 10))
+    marked = tmp_path / "found.geojson"
+    ran = rxdetect("score", scene, tmp_path / "out.tif", "--pfa", "1e-3", "--objects", marked)
+    assert ran.code == 0, ran.err
+    searched = sea.score_scene(image[:3], image[3] < 1000, pfa=1e-3)
+    for objects in ([f["properties"] for f in json.loads(marked.read_text())["features"]], searched.objects):
+        for (row, column), count in (((97, 226), 0), ((191, 41), 1)):
+            assert sum(np.hypot(o["row"] - row, o["column"] - column) < 6 for o in objects) == count
+    assert rasterio.open(tmp_path / "out.tif").read(1)[97, 226] > 20
 
 
 @pytest.mark.parametrize("side", sea.SIDES)
