@@ -11,7 +11,6 @@ import deglint
 from deglint.compensate.stages import STAGES, Kind
 from deglint.pipeline import load_chain, load_model
 from deglint.remove import METHODS, Method, hedley
-from deglint.remove.request import slope_weights
 from detect.rx import METHODS as DETECTORS
 
 ROOT = Path(__file__).parents[1]
@@ -30,7 +29,7 @@ def test_a_new_method_is_a_module_and_a_line_of_the_table(monkeypatch, sea, writ
     def fit(request, stats):
         return replace(hedley.fit(request, stats), method="mine")
 
-    monkeypatch.setitem(METHODS, "mine", Method("as Hedley, by another name", fit, hedley.plan, True, slope_weights))
+    monkeypatch.setitem(METHODS, "mine", Method("as Hedley, by another name", fit, hedley.plan, True, True))
     source = write(tmp_path / "in.tif", sea())
     options = {"sample": "all", "mask": "none", "compensate": "off"}
     result = deglint.remove_glint(source, tmp_path / "mine.tif", deglint.Recipe(method="mine", **options))

@@ -318,7 +318,7 @@ def test_errors_say_what_to_do():
     block, _ = scene()
     with pytest.raises(FitError, match="holds 9 valid pixels, need at least 64"):
         fitted("hedley", block, sample=np.pad(np.ones((3, 3), bool), ((0, 67), (0, 87))))
-    with pytest.raises(FitError, match="no valid pixel"):
+    with pytest.raises(FitError, match="holds 0 valid pixels"):
         fitted("joyce", np.full_like(block, np.nan))
     flat = block.copy()
     flat[NIR] = 5

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..checks import check_kind, checked_keywords
@@ -17,21 +15,17 @@ from ..compensate import Chain
 from ..errors import FitError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL
-from ..raster.environment import enter_thread, environment
-from ..readers.areas import collection, to_geojson
+from ..raster.environment import environment
 from ..readers.undeclared import Undeclared, undeclared
-from ..remove import METHODS, GlintModel, SamplePlan, combine, gather
-from ..scene import Scene, Window
-from ..tiles import Tile, default_threads
+from ..remove import METHODS, GlintModel
+from ..scene import Scene
+from ..tiles import default_threads
 from . import sample as learning
 from .overview import check_size, overview_of, overviews, role_bands, where_to_sample
 from .recipe import Recipe, make_request
-from .sample import Job, Progress, Sampler, Training
+from .sample import Job, Progress, Training
+from .sampling import Sampled, fit_sampled, place_of, with_sample
 from .sidecar import log, log_model, log_nir, log_scene, log_water, why
-from .tolerance import Sampling
-
-Sampled = tuple[GlintModel, dict[str, Any], dict[str, Any] | None]
-"""A model, the sidecar entries of its sample, and the sample's outline as GeoJSON if requested."""
 
 
 @dataclass(frozen=True)
@@ -182,14 +176,15 @@ def _fit(job: Job) -> Fitted:
     elif text != "off":
         training = training or learning.read_training(job, sampler, learning.HALO)
         found = learning.fit_compensated(job, training, text, method)
-        chain, (model, sample, outline) = found.chain, _with_sample(job, training, found.model)
+        chain, (model, sample, outline) = found.chain, _with_training(job, training, found.model)
     elif METHODS[method].neighbours:
         training = learning.read_training(job, sampler, 0)
-        model, sample, outline = _with_sample(job, training, learning.fit_neighbours(job, training, sampler))
+        model, sample, outline = _with_training(job, training, learning.fit_neighbours(job, training, sampler))
     elif METHODS[method].plan is None:
         model = METHODS[method].fit(job.request, None)
     else:
-        model, sample, outline = _fit_sampled(job, sampler, method)
+        sampler = sampler or learning.sampler_of(job.scene, recipe, overview, job.threads)
+        model, sample, outline = fit_sampled(job, sampler, method)
     of_sample = (sample or {}).pop("notes", [])
     notes += of_sample
     log_model(model, of_sample)
@@ -209,96 +204,10 @@ def _fit(job: Job) -> Fitted:
     return Fitted(model, resolved, tuple(notes), numbers, outline, water, role_bands(overview.roles), chain, choice)
 
 
-def _with_sample(job: Job, training: Sequence[Training], model: GlintModel) -> Sampled:
+def _with_training(job: Job, training: Sequence[Training], model: GlintModel) -> Sampled:
     """A model with the properties of its sample, which is in memory."""
     pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
-    numbers = _numbers(job, model, pixels, _union([_box(t.sample, t.tile) for t in training]))
-    numbers["glint_level"] = model.level_interval and model.level_interval[2] - model.level_interval[1]
-    if not job.want_sample:
-        return model, numbers, None
-    features = [f for t in training for f in to_geojson(t.sample, (t.tile.row0, t.tile.col0), job.scene)]
-    return model, numbers, collection(features, job.scene)
-
-
-def _fit_sampled(job: Job, given: Sampler | None, method: str) -> Sampled:
-    """Fit a pointwise method in one pass over its sample."""
-    scene, request = job.scene, job.request
-    sampler = given or learning.sampler_of(scene, job.recipe, job.overview, job.threads)
-    plan = METHODS[method].plan(request)  # type: ignore[misc]
-    sampling = Sampling(scene, sampler, request, method, plan, job.recipe.tolerance)
-    halo = max(plan.halo, 0)
-    columns = sorted({*plan.read_bands, *sampler.bands})
-    rows, reach, outlined = [columns.index(b) for b in plan.read_bands], halo + sampler.halo, job.want_sample
-
-    def work(plan: SamplePlan, tile: Tile) -> Any:
-        outer, middle = (tile.grown(n, scene.height, scene.width) for n in (reach, halo))
-        block: Any = scene.source.read(outer.window, columns)
-        mask = sampler.mask(block, columns, outer)
-        inner = middle.within(outer)
-        mask, block = mask[inner], block[inner][rows]
-        part = gather(block, mask, plan, origin=(tile.row0, tile.col0), crop=tile.crop_of(middle))
-        mask = mask[tile.within(middle)]
-        return part, _box(mask, tile), to_geojson(mask, (tile.row0, tile.col0), scene) if outlined else []
-
-    features, boxes = [], []
-
-    def parts(done: Iterator[Any]) -> Iterator[tuple[Tile, Any]]:
-        for tile, (part, box, found) in done:
-            boxes.append(box)
-            features.extend(found)
-            yield tile, part
-
-    at_once = tiling.affordable(job.threads, sampling.largest, 4 * len(columns))  # statistics take several copies
-    options: dict[str, Any] = {"threads": at_once, "progress": job.note(), "start": enter_thread}
-    for tiles, plan in sampling:
-        done = parts(job.run(tiles, partial(work, plan), **options))
-        sampling.parts += tiling.by_rows(done, partial(combine, plan=plan))
-    stats = sampling.statistics()
-    tolerance, notes, doubts = sampling.said()
-    model = METHODS[method].fit(request, stats)
-    model = replace(model, warnings=(*model.warnings, *doubts))
-    box = _union(boxes)
-    numbers = _numbers(job, model, stats.moments.n, box) | sampler.numbers
-    numbers["notes"] = [*notes, f"sample ({job.recipe.sample}): {stats.moments.n} pixels, {_place(box)}"]
-    numbers |= {"tolerance": tolerance} if tolerance else {}
-    return model, numbers, collection(features, scene) if outlined else None
-
-
-def _numbers(job: Job, model: GlintModel, pixels: int, box: Window | None) -> dict[str, Any]:
-    """Sidecar entries of a sample; its position is logged."""
-    log.info("sample: %d pixels, %s", pixels, _place(box))
-    return {
-        "kind": job.recipe.sample,
-        "pixels": pixels,
-        "rows_columns": box,
-        "share_of_scene": pixels / (job.scene.height * job.scene.width),
-        "r2": {f.name: f.r2 for f in model.fits},
-        "slopes": {f.name: f.slope for f in model.fits},
-        "glint_level": None,
-    }
-
-
-def _box(mask: npt.NDArray[np.bool_], tile: Tile) -> Window | None:
-    """Bounding window (in the scene) of a tile's mask."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not rows.size:
-        return None
-    top, left = tile.row0 + int(rows[0]), tile.col0 + int(columns[0])
-    return (top, tile.row0 + int(rows[-1]) + 1), (left, tile.col0 + int(columns[-1]) + 1)
-
-
-def _union(boxes: Sequence[Window | None]) -> Window | None:
-    """Bounding window of several windows."""
-    real = [b for b in boxes if b is not None]
-    if not real:
-        return None
-    (top, left), (bottom, right) = np.min(real, axis=0)[:, 0].tolist(), np.max(real, axis=0)[:, 1].tolist()
-    return (top, bottom), (left, right)
-
-
-def _place(box: Window | None) -> str:
-    """A window as text."""
-    return "nowhere" if box is None else f"rows {box[0][0]}-{box[0][1]}, columns {box[1][0]}-{box[1][1]}"
+    return with_sample(job, model, pixels, [place_of(job, t.sample, t.tile) for t in training])
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:

@@ -54,7 +54,7 @@ class Recipe:
         not known.
     tolerance : float
         Reading of the sample stops when the relative standard error of the slopes is below this. 0 (off): the whole
-        given sample is read, or the default share of a scene. See `deglint.pipeline.tolerance`.
+        given sample is read, or the default share of a scene. See `deglint.pipeline.sampling`.
     """
 
     method: str = "auto"
@@ -117,7 +117,7 @@ class Recipe:
             )
         if self.chain != "off":
             raise InputError("a tolerance is for a method without compensation: name a --method, and no --compensate.")
-        if METHODS[self.method].weights is None:
+        if not METHODS[self.method].least_squares:
             raise InputError(f"{self.method} fits no slopes, so their error is not known: leave out --tolerance.")
         if self.regression in ("huber", "theil-sen"):
             raise InputError(

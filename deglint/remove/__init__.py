@@ -9,7 +9,7 @@ This package does not deal with files, tiles, threads, masks or logging.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -23,13 +23,13 @@ from ..scene import Band, FloatArray
 from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction, wiener
 from .model import BandFit, GlintIndex, GlintModel, apply
 from .regression import REGRESSIONS, glint_error
-from .request import FitRequest, Weighted, slope_weights
-from .statistics import SamplePlan, SampleStatistics, combine, gather, levels_for, merge
+from .request import FitRequest
+from .statistics import SamplePlan, SampleStatistics, gather, levels_for, merge
 from .wiener import SAMPLE_SIDE, SampleTile
 
 __all__ = [
     "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "SampleTile", "Weighted", "apply", "combine", "fit", "fit_pointwise", "gather", "glint_error",
+    "SampleStatistics", "SampleTile", "apply", "fit", "fit_pointwise", "gather", "glint_error",
     "levels_for", "merge", "nir_request",
 ]  # fmt: skip
 
@@ -49,10 +49,8 @@ class Method:
         FitRequest -> SamplePlan; None where the method needs no sample.
     regresses : bool
         Whether `--regression` selects the estimator of the slopes.
-    weights : callable or None
-        (FitRequest, SampleStatistics) -> `Weighted` of each band: its index in the plan's bands, indexes of the
-        references in the variables, their weights, R2. None if nothing is fitted by least squares, so that there is no
-        standard error.
+    least_squares : bool
+        Whether the weights of the references are least squares over the sample, so that they have a standard error.
     neighbours : bool
         Whether the method uses neighbouring pixels, so that it is fitted to tiles.
     """
@@ -61,21 +59,17 @@ class Method:
     fit: Callable[[FitRequest, Any], GlintModel]
     plan: Callable[[FitRequest], SamplePlan] | None = None
     regresses: bool = False
-    weights: Callable[[FitRequest, SampleStatistics], Iterator[Weighted]] | None = None
+    least_squares: bool = False
     neighbours: bool = False
 
 
 METHODS: dict[str, Method] = {
     "wiener": Method("kernels on the NIR and SWIR around each pixel, one level", wiener.fit, neighbours=True),
-    "hedley": Method(
-        "slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, hedley.plan, True, slope_weights
-    ),
-    "lyzenga": Method(
-        "slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, lyzenga.plan, True, slope_weights
-    ),
-    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, joyce.plan, True, slope_weights),
+    "hedley": Method("slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, hedley.plan, True, True),
+    "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, lyzenga.plan, True, True),
+    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, joyce.plan, True, True),
     "multiband": Method(
-        "all longer bands together, level at a low percentile", multiband.fit, multiband.plan, False, multiband.weights
+        "all longer bands together, level at a low percentile", multiband.fit, multiband.plan, least_squares=True
     ),
     "hochberg": Method("brightest less darkest NIR pixel (Hochberg 2003)", hochberg.fit, hochberg.plan),
     "goodman": Method("reflectance at 750 nm with a floor from 640 nm (Goodman 2008)", goodman.fit),

@@ -19,11 +19,6 @@ _VELTKAMP = 2.0**27 + 1
 """Constant that splits the 53 bits of a float64 into two halves."""
 
 
-def detrend_halo(size: int = SIZE) -> int:
-    """Pixels that `detrend` needs around a tile."""
-    return size // 2
-
-
 def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: int = SIZE) -> Float64:
     """Subtract from every band its mean over the sample pixels in a square around each sample pixel.
 

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from .model import GlintIndex, GlintModel
-from .request import FitRequest, fixed_model
+from .request import FitRequest, linear_model
 from .statistics import SampleStatistics
 
 A = 0.000019
@@ -32,4 +32,4 @@ def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintMod
     red, infrared = request.nearest(640, 30, "goodman"), request.nearest(750, 20, "goodman")
     index = GlintIndex((red, infrared), (-B, 1 + B), A * request.rrs_factor)
     request = replace(request, indexes=(index,), follows=(0,) * len(request.correct))
-    return fixed_model("goodman", request, np.ones((len(request.correct), 1)))
+    return linear_model("goodman", request, np.ones((len(request.correct), 1)))

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from .model import GlintModel
-from .request import FitRequest, check_sample, fixed_model
+from .request import FitRequest, check_sample, linear_model
 from .statistics import SamplePlan, SampleStatistics
 
 
@@ -32,4 +32,4 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     ends = list(zip(stats.darkest, stats.brightest, strict=True))
     slopes = np.array([(b.spectrum - d.spectrum) / (b.value - d.value) for d, b in ends]).T
     indexes = tuple(replace(x, level=d.value) for x, (d, _) in zip(request.indexes, ends, strict=True))
-    return fixed_model("hochberg", replace(request, indexes=indexes), slopes, stats)
+    return linear_model("hochberg", replace(request, indexes=indexes), slopes, stats)

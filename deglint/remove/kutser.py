@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from .model import GlintIndex, GlintModel
-from .request import FitRequest, check_sample, fixed_model
+from .request import FitRequest, check_sample, linear_model
 from .statistics import SamplePlan, SampleStatistics
 
 
@@ -31,7 +31,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     check_sample(request, stats)
     shallow, deep = stats.darkest[0], stats.brightest[0]
     slopes = ((deep.spectrum - shallow.spectrum) / deep.value)[:, None]
-    return fixed_model("kutser", request, slopes, stats)
+    return linear_model("kutser", request, slopes, stats)
 
 
 def _with_depth(request: FitRequest) -> FitRequest:

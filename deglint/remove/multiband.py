@@ -23,13 +23,11 @@ regression).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from ..moments import Float64
 from .model import BandFit, GlintIndex, GlintModel
-from .request import FitRequest, Weighted, check_sample, fit_warnings, sample_warnings
+from .request import FitRequest, check_sample, fit_warnings, sample_warnings
 from .statistics import SamplePlan, SampleStatistics
 
 REFERENCE_RIDGE = 1e-4
@@ -63,24 +61,18 @@ def plan(request: FitRequest) -> SamplePlan:
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """L'_i = L_i - (p_i - p_i0), p_i the ridge regression of L_i on all longer bands."""
+    check_sample(request, stats)
     indexes, fits, first = [], [], len(stats.plan.bands)
-    for i, (band, found) in enumerate(zip(request.correct, weights(request, stats), strict=True)):
-        kept = stats.values[[r - first for r in found.references]].astype(np.float64)
-        level = np.percentile(np.asarray(found.weights) @ kept, request.floor_percentile or PERCENTILE)
-        indexes.append(GlintIndex(references(request, band), found.weights, float(level)))
-        fits.append(BandFit(band, request.bands[band].name, i, 1.0, None, found.r2, stats.regressed.n))
+    place = {index.bands[0]: k for k, index in enumerate(stats.plan.indexes)}
+    for i, band in enumerate(request.correct):
+        used = references(request, band)
+        weights, r2 = _ridge(stats, i, [first + place[r] for r in used])
+        kept = stats.values[[place[r] for r in used]].astype(np.float64)
+        level = np.percentile(weights @ kept, request.floor_percentile or PERCENTILE)
+        indexes.append(GlintIndex(used, tuple(map(float, weights)), float(level)))
+        fits.append(BandFit(band, request.bands[band].name, i, 1.0, None, r2, stats.regressed.n))
     warnings = sample_warnings(stats) + fit_warnings(fits)
     return GlintModel("multiband", tuple(indexes), tuple(fits), request.names, None, tuple(warnings))
-
-
-def weights(request: FitRequest, stats: SampleStatistics) -> Iterator[Weighted]:
-    """Each band's references and their weights."""
-    check_sample(request, stats)
-    place = {index.bands[0]: len(stats.plan.bands) + k for k, index in enumerate(stats.plan.indexes)}
-    for i, band in enumerate(request.correct):
-        rows = [place[r] for r in references(request, band)]
-        found, r2 = _ridge(stats, i, rows)
-        yield Weighted(i, tuple(rows), tuple(map(float, found)), r2)
 
 
 def _ridge(stats: SampleStatistics, band: int, references: list[int]) -> tuple[Float64, float]:

@@ -17,13 +17,13 @@ from dataclasses import replace
 import numpy as np
 
 from .model import GlintModel
-from .request import FitRequest, fixed_model
+from .request import FitRequest, linear_model
 from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintModel:
     """R'_i = R_i - R_NIR."""
     indexes = tuple(replace(index, level=0.0) for index in request.indexes)
-    return fixed_model(
+    return linear_model(
         "nir-subtraction", replace(request, indexes=indexes), np.ones((len(request.correct), len(indexes)))
     )

@@ -19,13 +19,12 @@ Sen (1968), Journal of the American Statistical Association 63, 1379-1389, doi:1
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 
 from ..moments import Float64
-from ..scene import FloatArray
+from .model import BandFit, GlintModel
 from .statistics import SampleStatistics
 
 CLUSTERS = 10
@@ -38,27 +37,16 @@ PAIRED_PIXELS = 2_000
 """Most pixels in the Theil-Sen regression, which uses all pairs (two million)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Slopes:
-    """Slopes, their standard errors and R2, each (bands, indexes)."""
-
-    slope: Float64
-    stderr: Float64
-    r2: Float64
-
-
-def least_squares(stats: SampleStatistics) -> Slopes:
+def least_squares(stats: SampleStatistics) -> Float64:
     """Ordinary least squares: cov(band, index) / var(index), from the moments.
 
     Used for `ols` and, with moments of detrended values, for `detrended`.
     """
     bands = len(stats.plan.bands)
-    cross, power = stats.regressed.comoment[:bands, bands:], np.diag(stats.regressed.comoment)[bands:]
-    slope = cross / power
-    return Slopes(slope, standard_error(stats, slope), explained(stats, slope))
+    return np.asarray(stats.regressed.comoment[:bands, bands:] / np.diag(stats.regressed.comoment)[bands:])
 
 
-def huber(stats: SampleStatistics) -> Slopes:
+def huber(stats: SampleStatistics) -> Float64:
     """Huber's M-estimate (epsilon 1.35, by scikit-learn) on at most `ROBUST_PIXELS` pixels of the sample."""
     from sklearn.linear_model import HuberRegressor
 
@@ -73,7 +61,7 @@ def huber(stats: SampleStatistics) -> Slopes:
     return _pixelwise(stats, slope_of, ROBUST_PIXELS)
 
 
-def theil_sen(stats: SampleStatistics) -> Slopes:
+def theil_sen(stats: SampleStatistics) -> Float64:
     """Median of the slopes between all pairs (by SciPy) of at most `PAIRED_PIXELS` pixels of the sample."""
     from scipy.stats import theilslopes
 
@@ -81,12 +69,13 @@ def theil_sen(stats: SampleStatistics) -> Slopes:
         return _pixelwise(stats, lambda x, y: float(theilslopes(y, x).slope), PAIRED_PIXELS)
 
 
-REGRESSIONS: dict[str, Callable[[SampleStatistics], Slopes]] = {
+REGRESSIONS: dict[str, Callable[[SampleStatistics], Float64]] = {
     "ols": least_squares,
     "detrended": least_squares,
     "huber": huber,
     "theil-sen": theil_sen,
 }
+"""Slopes of each band against each index, (band, index)."""
 
 
 def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
@@ -114,28 +103,24 @@ def _elsewhere(share: Float64) -> Float64:
     return np.maximum(1 - share, LEAST_ELSEWHERE)
 
 
-def glint_error(
-    stats: SampleStatistics, band: int, references: Sequence[int], weights: Sequence[float]
-) -> tuple[float, float]:
-    """Relative standard error of the glint that a mixture of references predicts in a band, and its reliability.
+def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[float, float]:
+    """Relative standard error of the glint that a model predicts in a band, and its reliability.
 
     .. math:: \\sqrt{\\mathrm{tr}(V C) / w^T C w}, \\quad s_c = (C_{ri,c} - C_{rr,c} w) / (1 - p_c),
         \\quad V = C^{-1} \\Big( \\frac{G - 1}{G} \\sum_c s_c s_c^T \\Big) C^{-1}
 
-    with C the comoments of the references, s_c the score of cell c, of G, and p_c its share of the glint: the
-    cluster-robust covariance V of the weights w (CR3 of Bell and McCaffrey 2002, with the leverage of the mixture in
+    with w the weights of the references, C their comoments, s_c the score of cell c, of G, and p_c its share of the
+    glint: the cluster-robust covariance V of w (CR3 of Bell and McCaffrey 2002, with the leverage of the mixture in
     place of that of each reference), relative to the standard deviation of the mixture. For one reference it is the
     slope's standard error over the slope.
 
     Parameters
     ----------
     stats : SampleStatistics
-    band : int
-        Its index in the plan's bands.
-    references : sequence of int
-        Indexes in the variables (the plan's bands, then its indexes).
-    weights : sequence of float
-        Weight of each reference.
+        The sample of the model.
+    model : GlintModel
+    fit : BandFit
+        One of the model's.
 
     Returns
     -------
@@ -145,7 +130,7 @@ def glint_error(
         Effective number of cells, (sum p)^2 / sum p^2, with p the glint in each: if a few clumps of sparkle contain
         most of it, the error does not represent others (after Carter, Schnepel and Steigerwald 2017).
     """
-    cells, rows, w = stats.cells, list(references), np.asarray(weights, np.float64)
+    cells, band, (rows, w) = stats.cells, stats.plan.bands.index(fit.band), _references(stats, model, fit)
     power = stats.regressed.comoment[np.ix_(rows, rows)]
     removed = float(w @ power @ w)
     count = len(cells.n)
@@ -163,6 +148,14 @@ def glint_error(
     return math.sqrt(max(float(np.trace(spread @ scaled)), 0.0) / removed), float(1 / (share @ share))
 
 
+def _references(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[list[int], Float64]:
+    """References of a band as variables of its sample, and their weights: one index of the plan, or a mixture."""
+    index, planned = model.indexes[fit.index], [(i.bands, i.weights) for i in stats.plan.indexes]
+    one = (index.bands, index.weights) in planned
+    parts = [(index.bands, index.weights)] if one else [((band,), (1.0,)) for band in index.bands]
+    return [len(stats.plan.bands) + planned.index(p) for p in parts], np.array([fit.slope] if one else index.weights)
+
+
 def explained(stats: SampleStatistics, slope: Float64) -> Float64:
     """R2 of each band for slopes (bands, indexes); 0 for a band that does not vary."""
     bands = len(stats.plan.bands)
@@ -172,11 +165,9 @@ def explained(stats: SampleStatistics, slope: Float64) -> Float64:
     return np.where(total > 0, 1 - rest / np.where(total > 0, total, 1), 0.0)
 
 
-def _pixelwise(stats: SampleStatistics, slope_of: Callable[[Float64, Float64], float], most: int) -> Slopes:
+def _pixelwise(stats: SampleStatistics, slope_of: Callable[[Float64, Float64], float], most: int) -> Float64:
     bands, indexes = len(stats.plan.bands), len(stats.plan.indexes)
-    values: FloatArray = stats.values
-    step = -(-values.shape[1] // most)
-    values = values[:, ::step].astype(np.float64)
+    step = -(-stats.values.shape[1] // most)
+    values = stats.values[:, ::step].astype(np.float64)
     slope = np.array([[slope_of(values[bands + k], values[i]) for k in range(indexes)] for i in range(bands)])
-    slope = slope.reshape(bands, indexes)
-    return Slopes(slope, standard_error(stats, slope), explained(stats, slope))
+    return slope.reshape(bands, indexes)

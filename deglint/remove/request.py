@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +13,7 @@ from ..errors import BandError, FitError, InputError
 from ..scene import Band
 from .detrend import SIZE as DETREND_SIZE
 from .model import BandFit, GlintIndex, GlintModel
-from .regression import REGRESSIONS, Slopes, explained
+from .regression import REGRESSIONS, explained, standard_error
 from .statistics import SamplePlan, SampleStatistics
 
 MIN_PIXELS = 64
@@ -128,63 +127,39 @@ def regression_model(
         The sample is too small, or an index does not vary in it.
     """
     check_sample(request, stats)
-    fits = _band_fits(request, REGRESSIONS[request.regression](stats), stats.regressed.n)
+    slopes = REGRESSIONS[request.regression](stats)
     indexes = tuple(replace(x, level=level(stats, k)) for k, x in enumerate(request.indexes))
-    warnings = sample_warnings(stats) + fit_warnings(fits)
-    return GlintModel(method, indexes, fits, request.names, request.regression, tuple(warnings))
+    return linear_model(method, replace(request, indexes=indexes), slopes, stats, regression=request.regression)
 
 
-def fixed_model(
-    method: str, request: FitRequest, slopes: npt.ArrayLike, stats: SampleStatistics | None = None
+def linear_model(
+    method: str,
+    request: FitRequest,
+    slopes: npt.ArrayLike,
+    stats: SampleStatistics | None = None,
+    *,
+    regression: str | None = None,
 ) -> GlintModel:
-    """Model of the request's indexes with given slopes (bands, indexes), not from a regression; R2 if there is a
-    sample.
+    """Model of the request's indexes with slopes (band, index): R2 if there is a sample, standard errors if they are
+    from a regression.
     """
     slopes = np.asarray(slopes, np.float64)
-    unknown = np.full(slopes.shape, np.nan)
-    if stats is None:
-        return GlintModel(
-            method, request.indexes, _band_fits(request, Slopes(slopes, unknown, unknown), 0), request.names
-        )
-    fits = _band_fits(request, Slopes(slopes, unknown, explained(stats, slopes)), stats.regressed.n)
-    warnings = sample_warnings(stats) + fit_warnings(fits)
-    return GlintModel(method, request.indexes, fits, request.names, None, tuple(warnings))
-
-
-def _band_fits(request: FitRequest, slopes: Slopes, n: int) -> tuple[BandFit, ...]:
-    """A fit for each band, to its index or to the one with the highest R2; NaN means not known."""
+    errors = r2 = np.full(slopes.shape, np.nan)
+    n, warnings = 0, []
+    if stats is not None:
+        n, r2, warnings = stats.regressed.n, explained(stats, slopes), sample_warnings(stats)
+        errors = errors if regression is None else standard_error(stats, slopes)
     fits = []
     for i, (band, follows) in enumerate(zip(request.correct, request.follows, strict=True)):
-        k = int(np.argmax(slopes.r2[i])) if follows is None else follows
-        slope, stderr, r2 = (float(x[i, k]) for x in (slopes.slope, slopes.stderr, slopes.r2))
-        name = request.bands[band].name
-        fits.append(BandFit(band, name, k, slope, _known(stderr), _known(r2), n))
-    return tuple(fits)
+        k = int(np.argmax(r2[i])) if follows is None else follows
+        slope, error, share = (float(x[i, k]) for x in (slopes, errors, r2))
+        fits.append(BandFit(band, request.bands[band].name, k, slope, _known(error), _known(share), n))
+    warnings += fit_warnings(fits)
+    return GlintModel(method, request.indexes, tuple(fits), request.names, regression, tuple(warnings))
 
 
 def _known(value: float) -> float | None:
     return None if np.isnan(value) else value
-
-
-class Weighted(NamedTuple):
-    """Prediction of glint in one band by references.
-
-    Its index in the plan's bands, indexes of the references in the variables, their weights, and the explained share of
-    the band's variance.
-    """
-
-    band: int
-    references: tuple[int, ...]
-    weights: tuple[float, ...]
-    r2: float
-
-
-def slope_weights(request: FitRequest, stats: SampleStatistics) -> Iterator[Weighted]:
-    """Index and slope of each band, by the request's regression."""
-    check_sample(request, stats)
-    slopes = REGRESSIONS[request.regression](stats)
-    for i, fit in enumerate(_band_fits(request, slopes, stats.regressed.n)):
-        yield Weighted(i, (len(request.correct) + fit.index,), (fit.slope,), float(slopes.r2[i, fit.index]))
 
 
 def check_sample(request: FitRequest, stats: SampleStatistics) -> None:

@@ -8,16 +8,16 @@ are selected by their position in the scene, and ties are broken by position.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import FitError
-from ..moments import CELL, CellMoments, Float64, Moments, cell_moments, thinned
+from ..moments import CELL, CellMoments, Float64, Moments, cell_moments, in_share, thinned
 from ..scene import FloatArray
-from .detrend import detrend, detrend_halo
+from .detrend import detrend
 from .model import GlintIndex
 
 Crop = tuple[int, int, int, int]
@@ -62,7 +62,7 @@ class SamplePlan:
     @property
     def halo(self) -> int:
         """Pixels around a tile that `gather` needs."""
-        return detrend_halo(self.detrend_size)
+        return self.detrend_size // 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,42 +75,41 @@ class Extreme:
 
 
 @dataclass(frozen=True, eq=False)
-class SamplePart:
-    """Statistics of one tile; variables are the plan's bands, then its indexes. No extremes without a pixel."""
+class SampleStatistics:
+    """Statistics of a sample, or of its part in a tile; variables are the plan's bands, then its indexes.
 
+    Attributes
+    ----------
+    plan : SamplePlan
+    raw : CellMoments
+        Moments of the values.
+    cells : CellMoments
+        Moments of the values to which the slopes are fitted (detrended if planned), in groups of cells if planned.
+    darkest, brightest : tuple of Extreme
+        One per index; empty for a part without pixels.
+    places : (2, pixels) ndarray
+        Row and column of the kept pixels in the scene, in row-major order for a whole sample.
+    values : (variables or indexes, pixels) ndarray
+        Their values.
+    """
+
+    plan: SamplePlan
+    raw: CellMoments
     cells: CellMoments
-    detrended: CellMoments | None
     darkest: tuple[Extreme, ...]
     brightest: tuple[Extreme, ...]
     places: npt.NDArray[np.int64]
     values: FloatArray
 
+    @cached_property
+    def moments(self) -> Moments:
+        """Total of `raw`."""
+        return self.raw.total()
 
-@dataclass(frozen=True, eq=False)
-class SampleStatistics:
-    """Statistics of a whole sample; variables are the plan's bands, then its indexes.
-
-    Attributes
-    ----------
-    plan : SamplePlan
-    moments : Moments
-    cells : CellMoments
-        Moments of the values to which the slopes are fitted (detrended if planned), in groups of cells if planned.
-    regressed : Moments
-        Total of `cells`.
-    darkest, brightest : tuple of Extreme
-        One per index.
-    values : (variables or indexes, pixels) ndarray
-        The kept pixels, in row-major order.
-    """
-
-    plan: SamplePlan
-    moments: Moments
-    cells: CellMoments
-    regressed: Moments
-    darkest: tuple[Extreme, ...]
-    brightest: tuple[Extreme, ...]
-    values: FloatArray
+    @cached_property
+    def regressed(self) -> Moments:
+        """Total of `cells`."""
+        return self.cells.total()
 
     def index_values(self, k: int) -> FloatArray:
         """Kept values of index k, shape (pixels,)."""
@@ -125,7 +124,7 @@ def gather(
     *,
     origin: tuple[int, int] = (0, 0),
     crop: Crop = (0, 0, 0, 0),
-) -> SamplePart:
+) -> SampleStatistics:
     """Statistics of the sample's pixels in one tile.
 
     Parameters
@@ -142,23 +141,24 @@ def gather(
 
     Returns
     -------
-    SamplePart
+    SampleStatistics
     """
     variables = _variables(block, plan)
     mask = mask & np.isfinite(variables).all(axis=0)
     inner = slice(crop[0], mask.shape[0] - crop[1]), slice(crop[2], mask.shape[1] - crop[3])
-    detrended = None
+    cells = None
     if plan.detrend_size:
-        local = detrend(variables, mask, plan.detrend_size)[:, *inner]
-        detrended = cell_moments(local, mask[inner], origin=origin)
+        cells = cell_moments(detrend(variables, mask, plan.detrend_size)[:, *inner], mask[inner], origin=origin)
     variables, mask = variables[:, *inner], mask[inner]
     first = len(plan.bands)
     kept = thinned(mask, origin, plan.share) if plan.keep != "nothing" else np.zeros_like(mask)
     rows, columns = np.nonzero(kept)
     indexes = range(first, len(variables)) if mask.any() else ()
-    return SamplePart(
-        cells=cell_moments(variables, mask, origin=origin),
-        detrended=detrended,
+    raw = cell_moments(variables, mask, origin=origin)
+    return SampleStatistics(
+        plan,
+        raw,
+        raw if cells is None else cells,
         darkest=tuple(_extreme(variables, mask, v, first, origin, np.argmin) for v in indexes),
         brightest=tuple(_extreme(variables, mask, v, first, origin, np.argmax) for v in indexes),
         places=np.stack([rows + origin[0], columns + origin[1]]),
@@ -171,48 +171,22 @@ def levels_for(pixels: int) -> int:
     return max(math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1))), 0)
 
 
-def combine(parts: Sequence[SamplePart], plan: SamplePlan) -> SamplePart:
-    """Merge the parts of some tiles into one, such as those of a row of tiles."""
-    real = [p for p in parts if len(p.cells.n)] or list(parts[:1])
-    local = [p.detrended for p in real if p.detrended is not None]
-    return SamplePart(
-        cells=CellMoments.concatenate([p.cells for p in real]).joined(plan.levels),
-        detrended=CellMoments.concatenate(local).joined(plan.levels) if local else None,
-        darkest=_first(1, [p.darkest for p in real]),
-        brightest=_first(-1, [p.brightest for p in real]),
-        places=np.concatenate([p.places for p in real], axis=1),
-        values=np.concatenate([p.values for p in real], axis=1),
-    )
+def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatistics:
+    """Merge the statistics of some tiles, gathered by this plan or one that keeps more single pixels."""
+    some = [p for p in parts if len(p.raw.n)] or parts[:1]
+    raw = CellMoments.concatenate([p.raw for p in some]).joined(plan.levels)
+    cells = CellMoments.concatenate([p.cells for p in some]).joined(plan.levels) if plan.detrend_size else raw
+    places, values = (np.concatenate([getattr(p, name) for p in some], axis=1) for name in ("places", "values"))
+    order = np.lexsort((places[1], places[0]))
+    if plan.share > 1:
+        order = order[in_share(places[0, order], places[1, order], plan.share)]
+    darkest, brightest = _first(1, [p.darkest for p in some]), _first(-1, [p.brightest for p in some])
+    return SampleStatistics(plan, raw, cells, darkest, brightest, places[:, order], values[:, order])
 
 
 def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme, ...]:
     """For each index the extreme with the smallest value times `sign`; of equal ones the first in the scene."""
     return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
-
-
-def merge(parts: Iterable[SamplePart], plan: SamplePlan) -> SampleStatistics:
-    """Combine the parts of the tiles.
-
-    Raises
-    ------
-    FitError
-        No tile contains a pixel of the sample.
-    """
-    parts = [p for p in parts if len(p.cells.n)]
-    if not parts:
-        raise FitError("the sample holds no valid pixel. Pass --sample with a polygon or window over open water.")
-    whole = combine(parts, plan)
-    regressed = whole.cells if whole.detrended is None else whole.detrended
-    order = np.lexsort((whole.places[1], whole.places[0]))
-    return SampleStatistics(
-        plan=plan,
-        moments=whole.cells.total(),
-        cells=regressed,
-        regressed=regressed.total(),
-        darkest=whole.darkest,
-        brightest=whole.brightest,
-        values=whole.values[:, order],
-    )
 
 
 def _variables(block: FloatArray, plan: SamplePlan) -> FloatArray:
