@@ -6,9 +6,11 @@ import difflib
 import inspect
 import os
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from functools import wraps
 from numbers import Real
-from typing import Any, ParamSpec, TypeVar
+from types import UnionType
+from typing import Any, ParamSpec, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from .errors import InputError
 
@@ -123,3 +125,27 @@ def check_number(value: Any, low: float, high: float, name: str) -> None:
     """
     if not isinstance(value, Real) or isinstance(value, bool) or not low <= float(value) <= high:
         raise InputError(f"{name}: want a number from {low:g} to {high:g}, got {described(value)}.")
+
+
+def from_plain(kind: Any, value: Any) -> Any:
+    """A value of a type from its JSON form: dataclasses from objects, tuples from lists; other keys are ignored.
+
+    Raises
+    ------
+    TypeError, ValueError
+        The value is of another type, or a field is missing.
+    """
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is UnionType:  # X | None
+        return None if value is None else from_plain(inner[0], value)
+    if is_dataclass(kind) and isinstance(value, dict):
+        make, types = cast("Any", kind), get_type_hints(kind)
+        return make(**{f.name: from_plain(types[f.name], value[f.name]) for f in fields(kind) if f.name in value})
+    if origin is tuple and isinstance(value, list):
+        each = inner[:1] * len(value) if inner[-1] is Ellipsis else inner
+        return tuple(from_plain(k, v) for k, v in zip(each, value, strict=True))
+    if kind is float and type(value) is int:
+        return float(value)
+    if type(value) is not kind:
+        raise TypeError(f"{described(value)} is not of the type {kind}")
+    return value

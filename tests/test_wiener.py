@@ -64,12 +64,13 @@ def test_a_shift_by_whole_pixels_is_undone():
     assert out[1, 3:-3, 3:-3].std() < 0.02 * block[1].std()
 
 
-def test_one_pixel_and_raw_statistics_are_hedley():
+def test_one_pixel_and_raw_statistics_are_hedley(monkeypatch):
+    monkeypatch.setattr(wiener, "SUPPORTS", ((1,),))
     block = swell_block(noise=5.0)
     request = nir_request(BANDS, [3], regression="ols")
     every = np.ones(block.shape[1:], bool)
     model = wiener.fit(request, [SampleTile(block[:, r : r + 64, c : c + 64], every[:64, :64], every[:64, :64], (r, c))
-                                 for r in range(0, 192, 64) for c in range(0, 256, 64)], supports=[(1,)])  # fmt: skip
+                                 for r in range(0, 192, 64) for c in range(0, 256, 64)])  # fmt: skip
     y, x = block[:3, 2:-2, 2:-2].astype(float), block[3, 2:-2, 2:-2].astype(float)
     mean = block.astype(float).mean(axis=(1, 2))
     expected = [((b - m) * (x - mean[3])).sum() / ((x - mean[3]) ** 2).sum() for b, m in zip(y, mean, strict=False)]
@@ -214,6 +215,11 @@ def test_standard_errors_against_draws():
     assert 0.4 < np.mean(errors) / np.std(levels, ddof=1) < 2.5
 
 
+def level_sample(prediction, value):
+    """Pixels without neighbours, any of which may determine the level."""
+    return LevelSample(prediction, value, prediction.mean(axis=0), np.ones(prediction.shape[1], bool))
+
+
 def test_the_error_of_the_level_against_a_bootstrap_over_tiles():
     rng, side = np.random.default_rng(11), 64
     block, slopes = swell_block((256, 256), seed=12, noise=5.0), np.ones(3)
@@ -221,11 +227,11 @@ def test_the_error_of_the_level_against_a_bootstrap_over_tiles():
 
     def level(chosen):
         some = np.concatenate([cells[c] for c in chosen], axis=1)
-        return shared_level(LevelSample(np.repeat(some[3:], 3, axis=0), some[:3]), slopes)[1][1]
+        return shared_level(level_sample(np.repeat(some[3:], 3, axis=0), some[:3]), slopes)[1][1]
 
     spread = np.std([level(rng.integers(0, 16, 16)) for _ in range(60)])
     some = np.concatenate(list(cells), axis=1)
-    sample = LevelSample(np.repeat(some[3:], 3, axis=0), some[:3])
+    sample = level_sample(np.repeat(some[3:], 3, axis=0), some[:3])
     claimed = without_sheet(shared_level_error(sample, slopes), shared_level(sample, slopes)[1])
     assert 0.4 < claimed / spread < 2.5
 
@@ -234,7 +240,7 @@ def test_the_error_of_the_level_against_a_bootstrap_over_tiles():
 def test_the_error_of_the_level_holds_a_sheet_where_every_pixel_has_glint(sheet):
     rng = np.random.default_rng(14)
     water, glint = 20.0, sheet + (rng.gamma(20.0, 4.0, 200_000) if sheet else rng.gamma(0.1, 50.0, 200_000))
-    sample = LevelSample((water + glint)[None], (100.0 + glint)[None])
+    sample = level_sample((water + glint)[None], (100.0 + glint)[None])
     claimed = shared_level_error(sample, np.ones(1))
     lowest, chosen, _ = shared_level(sample, np.ones(1))[1]
     if sheet:  # the level is too high by the sheet and what every pixel has besides

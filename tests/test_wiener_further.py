@@ -97,6 +97,7 @@ def test_the_noise_of_a_sharpening_kernel_is_not_taken_for_the_level():
     prediction = (20 + glint + 5 * rng.normal(size=glint.shape)).reshape(1, -1)
     around = (20 + glint + 5 / 3 * rng.normal(size=glint.shape)).ravel()
     value = np.full_like(prediction, 1e4)
-    own, mean = (shared_level(LevelSample(prediction, value, a), np.ones(1))[0][0] for a in (None, around))
+    own, mean = (shared_level(LevelSample(prediction, value, a, np.ones(a.shape, bool)), np.ones(1))[0][0]
+                 for a in (prediction[0], around))  # fmt: skip
     assert abs(mean - 20) < 0.5
     assert own < 18

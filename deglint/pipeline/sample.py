@@ -37,7 +37,7 @@ from ..readers.sensorfile import optics_of
 from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise, mixture, wiener
 from ..remove.further import more_references
 from ..remove.strips import Strips, filled
-from ..remove.wiener import StripFinder
+from ..remove.wiener import SquareKinds
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
 from .overview import OVERVIEW_PIXELS, TILE_SIDE, Overview, read_overview, role_bands, tile_shape_of
@@ -213,13 +213,13 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
     return Strips.of(second) if second.any() and not second.all() else None
 
 
-def strips_finder(scene: Scene, read: Callable[[Tile], Training], threads: int) -> Callable[[StripFinder], Strips]:
+def strips_finder(scene: Scene, read: Callable[[Tile], Training], threads: int) -> Callable[[SquareKinds], Strips]:
     """Function that searches the whole scene for strips, after a sample has shown that there are some."""
 
-    def find(finder: StripFinder) -> Strips:
+    def find(kinds: SquareKinds) -> Strips:
         known = np.full((-(-scene.height // CELL), -(-scene.width // CELL)), -1, np.int8)
         everything = tiling.tiles(scene.height, scene.width, (TILE_SIDE, TILE_SIDE))
-        found = tiling.run(everything, lambda tile: finder(read(tile).as_sample()), threads=threads, start=enter_thread)
+        found = tiling.run(everything, lambda tile: kinds(read(tile).as_sample()), threads=threads, start=enter_thread)
         for _tile, (places, second) in found:
             known[places[:, 0] // CELL, places[:, 1] // CELL] = second
         return Strips.of(filled(known))

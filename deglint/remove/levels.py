@@ -193,30 +193,29 @@ class LevelSample:
     ----------
     prediction, value : (band, pixel) ndarray
         Predictions of the kernels in each band, and values of the band.
-    around : (pixel,) ndarray, optional
-        Mean over `AVERAGED` x `AVERAGED` pixels of the prediction of all bands together; the pixel's own by default.
-    apart : (pixel,) ndarray of bool, optional
-        Pixels that may determine the level; all by default.
+    around : (pixel,) ndarray
+        Mean over `AVERAGED` x `AVERAGED` pixels of the prediction of all bands together.
+    apart : (pixel,) ndarray of bool
+        Pixels that may determine the level; all if there are none.
     """
 
     prediction: FloatArray
     value: FloatArray
-    around: FloatArray | None = None
-    apart: npt.NDArray[np.bool_] | None = None
+    around: FloatArray
+    apart: npt.NDArray[np.bool_]
 
     def some(self, which: Any) -> LevelSample:
         """A part of the pixels, by mask or slice."""
-        rest = (None if v is None else v[which] for v in (self.around, self.apart))
-        return LevelSample(self.prediction[:, which], self.value[:, which], *rest)
+        return LevelSample(*(values[..., which] for values in vars(self).values()))
 
 
 def shared_level(sample: LevelSample, slopes: Float64) -> tuple[Float64, tuple[float, float, float]]:
     """Level of each band [unit of its NIR], and three values of it: the lowest possible, the chosen one, the median."""
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = _span(sample, together), float(np.median(together))
-    if sample.apart is not None and sample.apart.any():
+    if sample.apart.any():
         sample, together = sample.some(sample.apart), together[sample.apart]
-    order = sample.around if sample.around is not None and span < SPARSE else together
+    order = sample.around if span < SPARSE else together
     least = order <= np.percentile(order, LEAST_CLEAR if span < MOSTLY_CLEAR else LEAST_GLINT)
     prediction, value = sample.prediction, sample.value
     level = np.median(prediction[:, least], axis=1)
@@ -233,7 +232,7 @@ def shared_level(sample: LevelSample, slopes: Float64) -> tuple[Float64, tuple[f
 def _span(sample: LevelSample, together: FloatArray) -> float:
     """How far the calmer half of the predictions spans, over what strong glint spans."""
     middle, strong = np.percentile(together, [50.0, 99.0])
-    low = together if sample.apart is None or not sample.apart.any() else together[sample.apart]
+    low = together[sample.apart] if sample.apart.any() else together
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))
 
 

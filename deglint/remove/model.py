@@ -16,12 +16,11 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..checks import check_kind
+from ..checks import check_kind, from_plain
 from ..errors import InputError
 from ..scene import FloatArray
 from .reference import ReferenceRule
@@ -197,23 +196,7 @@ class GlintModel:
             data = json.loads(text)
             if data["kind"] != "deglint model" or data["format"] != FORMAT:
                 raise InputError(f"saved model has format {data['format']!r}, this version reads {FORMAT}.")
-            if not any(i["bands"] for i in data["indexes"]):
-                raise ValueError("it follows no band")
-            model = cls(
-                method=str(data["method"]),
-                indexes=tuple(_index_from(i) for i in data["indexes"]),
-                fits=tuple(_fit_from(f) for f in data["fits"]),
-                band_names=tuple(map(str, data["band_names"])),
-                regression=data["regression"],
-                warnings=tuple(data["warnings"]),
-                references=tuple(ReferenceRule(**r) for r in data.get("references", ())),
-                level_interval=tuple(data["level_interval"]) if data.get("level_interval") else None,
-                level_stderr=data.get("level_stderr"),
-                strips=Strips(tuple(data["strips"]["rows"])) if data.get("strips") else None,
-                second=tuple(_index_from(i) for i in data.get("second", ())),
-                signed=bool(data.get("signed", False)),
-            )
-            return _checked(model)
+            return _checked(from_plain(cls, data))
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             if isinstance(error, InputError):
                 raise
@@ -251,34 +234,23 @@ class GlintModel:
 def _checked(model: GlintModel) -> GlintModel:
     """Check that the numbers of bands and indexes in a saved model exist."""
     indexes = (*model.indexes, *model.second)
+    if not any(i.bands for i in model.indexes):
+        raise ValueError("it follows no band")
     bands = {*(b for i in indexes for b in i.bands), *(f.band for f in model.fits), *(r.band for r in model.references)}
     if not bands <= set(range(len(model.band_names))):
         raise ValueError(f"it uses bands {sorted(bands)}, counted from 0, and names {len(model.band_names)}")
     if not {f.index for f in model.fits} <= set(range(len(model.indexes))):
         raise ValueError("a fit on an index that it does not hold")
-    if any(len(i.weights) != len(i.bands) for i in indexes) or len(model.second) not in (0, len(model.indexes)):
-        raise ValueError("weights or indexes of another number than what they belong to")
+    if any({len(i.weights), len(i.offsets or i.bands)} != {len(i.bands)} for i in indexes) or len(model.second) not in (
+        0,
+        len(model.indexes),
+    ):
+        raise ValueError("weights, offsets or indexes of another number than what they belong to")
+    if not np.isfinite([f.slope for f in model.fits]).all():
+        raise ValueError("a slope that is not finite")
     if model.strips is not None and len({len(row) for row in model.strips.rows}) != 1:
         raise ValueError("strips whose rows differ in length")
     return model
-
-
-def _index_from(data: Mapping[str, Any]) -> GlintIndex:
-    bands, weights = tuple(map(int, data["bands"])), tuple(map(float, data["weights"]))
-    offsets = tuple((int(row), int(column)) for row, column in data.get("offsets", ()))
-    if offsets and len(offsets) != len(bands):
-        raise ValueError("an index whose offsets are not those of its bands")
-    return GlintIndex(bands, weights, float(data["level"]), offsets)
-
-
-def _fit_from(data: Mapping[str, Any]) -> BandFit:
-    fit = BandFit(**data)
-    known = (fit.slope, fit.n, *(x for x in (fit.stderr, fit.r2) if x is not None))
-    if not isinstance(fit.band, int) or not isinstance(fit.index, int) or not isinstance(fit.name, str):
-        raise TypeError("a fit whose band, index or name is of another kind")
-    if not np.isfinite(float(fit.slope)) or not all(isinstance(x, (int, float)) for x in known):
-        raise ValueError("a fit whose numbers are none")
-    return fit
 
 
 def apply(

@@ -39,6 +39,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -72,6 +73,8 @@ from .request import FitRequest
 from .strips import LEAST_SQUARES_OF_KIND as LEAST_SQUARES
 from .strips import Strips, find_kernels, second_kind
 
+SquareKinds = Callable[["SampleTile"], tuple[npt.NDArray[np.int64], Mask]]
+"""Gives row and column of the squares of a tile, and which of them are in strips of the second kind."""
 SAMPLE_SIDE = 192
 """Side of the tiles of a sample [pixel]."""
 SURE = 3.0
@@ -112,8 +115,7 @@ def fit(
     request: FitRequest,
     tiles: Sequence[SampleTile],
     *,
-    supports: Sequence[tuple[int, ...]] | None = None,
-    strips: Strips | Callable[[StripFinder], Strips] | None = None,
+    strips: Strips | Callable[[SquareKinds], Strips] | None = None,
 ) -> GlintModel:
     """Fit kernels, responses and level.
 
@@ -123,11 +125,9 @@ def fit(
         With regression "ols" no local mean is subtracted, and responses are not drawn to the expected spectrum.
     tiles : sequence of SampleTile
         Spread over the scene; 0.3 million pixels are enough.
-    supports : sequence of tuple of int
-        Sides of the kernels to compare; by default those of `deglint.remove.kernels`.
     strips : Strips or callable, optional
         Strips of detectors with opposite band delays, for separate kernels; or a function that finds them in the whole
-        scene, called if the sample shows two kinds.
+        scene by the kinds of the squares in its tiles, called if the sample shows two kinds.
 
     Returns
     -------
@@ -147,10 +147,10 @@ def fit(
     grams = [_gathered(s, learnt, request) for s in sets]
     if callable(strips):
         mirrored = find_kernels(grams[0], len(sets[0].bands))
-        strips = None if mirrored is None else strips(StripFinder(request, rules, mirrored))
+        strips = None if mirrored is None else strips(partial(_kinds, request, rules, mirrored))
     kinds = [grams] if strips is None else _by_strip(grams, strips)
     kernels = [
-        [k for s, g in zip(sets, some, strict=True) for k in fit_kernels(s, g, supports or _supports_of(s, request))]
+        [k for s, g in zip(sets, some, strict=True) for k in fit_kernels(s, g, _supports_of(s, request))]
         for some in kinds
     ]
     every = [k for some in kernels for k in some]
@@ -165,21 +165,15 @@ def fit(
     return _with_level(model, learnt, request)
 
 
-@dataclass(frozen=True, eq=False)
-class StripFinder:
-    """Finds, in any tile of a scene, the squares in strips of the second kind."""
-
-    request: FitRequest
-    rules: dict[int, ReferenceRule]
-    kernels: tuple[Float64, Float64]
-
-    def __call__(self, tile: SampleTile) -> tuple[npt.NDArray[np.int64], Mask]:
-        """Row and column in the scene of squares with enough water, and whether they are of the second kind."""
-        try:
-            grams = _gathered(band_sets(self.request)[0], [_learnt(tile, self.request, self.rules)], self.request)
-        except FitError:
-            return np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
-        return grams.places, second_kind(grams, self.kernels)
+def _kinds(
+    request: FitRequest, rules: dict[int, ReferenceRule], kernels: tuple[Float64, Float64], tile: SampleTile
+) -> tuple[npt.NDArray[np.int64], Mask]:
+    """Row and column in the scene of squares with enough water, and whether they are in strips of the second kind."""
+    try:
+        grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
+    except FitError:
+        return np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
+    return grams.places, second_kind(grams, kernels)
 
 
 def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
@@ -250,13 +244,8 @@ def _preference(band: Band) -> tuple[int, float]:
 def _rules(request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[BandSet]) -> dict[int, ReferenceRule]:
     used = sorted({r for s in sets for r in s.references})
     samples = [(t.block, t.sample & np.isfinite(t.block[used]).all(axis=0)) for t in tiles]
-    rules = {}
-    for r in used:
-        coarse = (request.bands[r].wavelength or 0) > SHORTEST_SWIR
-        rules[r] = fit_reference(
-            [(b[r], m) for b, m in samples], r, edge=COARSE_EDGE if coarse else 1, sparkle=request.faint
-        )
-    return rules
+    edges = {r: COARSE_EDGE if (request.bands[r].wavelength or 0) > SHORTEST_SWIR else 1 for r in used}
+    return {r: fit_reference([(b[r], m) for b, m in samples], r, edge=edges[r], sparkle=request.faint) for r in used}
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,13 +302,14 @@ def _model(
     covariance: Float64,
 ) -> GlintModel:
     """Kernels of each kind of strip with the posterior responses; without levels."""
-    indexes = [_indexes(request, some, shared) for some in kernels]
+    slopes = [float(s) if s > 0 else 1.0 for s in shared.response]  # of a band, if its NIR increases by 1 everywhere
+    indexes = [_indexes(some, shared, slopes) for some in kernels]
     fits = {}
     for f in kernels[0]:
         for k, place in enumerate(f.band_set.bands):
             band, error = request.correct[place], float(np.sqrt(max(covariance[place, place], 0)))
-            slope, r2 = _slope(shared, place), float(1 - f.loss[k])
-            fits[place] = BandFit(band, request.bands[band].name, place, slope, error, r2, f.pixels)
+            r2 = float(1 - f.loss[k])
+            fits[place] = BandFit(band, request.bands[band].name, place, slopes[place], error, r2, f.pixels)
     used = {b for some in indexes for i in some for b in i.bands}
     return GlintModel(
         "wiener", indexes[0], tuple(fits[p] for p in sorted(fits)), request.names,
@@ -329,12 +319,7 @@ def _model(
     )  # fmt: skip
 
 
-def _slope(shared: SharedGlint, place: int) -> float:
-    """Increase of a band if its NIR increases by 1 everywhere."""
-    return float(shared.response[place]) if shared.response[place] > 0 else 1.0
-
-
-def _indexes(request: FitRequest, kernels: Sequence[KernelFit], shared: SharedGlint) -> tuple[GlintIndex, ...]:
+def _indexes(kernels: Sequence[KernelFit], shared: SharedGlint, slopes: Sequence[float]) -> tuple[GlintIndex, ...]:
     """A kernel for each band, divided by its slope; the kernel of common glint is added to change the response s to s'.
 
     k' = k + k_g (s' - s), with k_g the kernel of a weighted sum of the bands, scaled to the response 1.
@@ -349,9 +334,8 @@ def _indexes(request: FitRequest, kernels: Sequence[KernelFit], shared: SharedGl
         at = [(r, o) for r, side in zip(f.band_set.references, f.support, strict=False) for o in offsets(side)]
         bands, places = zip(*at, strict=True)
         for k, place in enumerate(mine):
-            slope = _slope(shared, place)
-            out[place] = GlintIndex(bands, tuple(float(c) / slope for c in drawn[:, k]), 0.0, places)
-    return tuple(out[p] for p in range(len(request.correct)))
+            out[place] = GlintIndex(bands, tuple(float(c) / slopes[place] for c in drawn[:, k]), 0.0, places)
+    return tuple(out[p] for p in range(len(slopes)))
 
 
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
@@ -377,17 +361,12 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     above = np.maximum(sample.prediction[green] - indexes[green].level, 0)
     clean = float(np.median(sample.value[green] - slopes[green] * above))
     model = replace(model, indexes=indexes, second=second, level_interval=interval, level_stderr=error)
-    return replace(model, warnings=_sheet(interval, clean))
-
-
-def _sheet(interval: tuple[float, float, float], green: float) -> tuple[str, ...]:
-    """Warning if the glint-free NIR may include an even sheet of glint; `green` is the band after removal."""
     lowest, chosen, middle = interval
-    if chosen <= SHEET * green:
-        return ()
-    said = (
+    if chosen <= SHEET * clean:
+        return model
+    warning = (
         f"the level of the glint is uncertain: the least NIR over water, {chosen:.4g}, is "
-        f"{chosen / max(green, 1e-9):.0%} of the green. Turbid water or haze may be so bright; if it is an even sheet "
+        f"{chosen / max(clean, 1e-9):.0%} of the green. Turbid water or haze may be so bright; if it is an even sheet "
         f"of glint, the glint-free NIR is between {lowest:.4g} and {middle:.4g}, and much of the sheet is left."
     )
-    return (said,)
+    return replace(model, warnings=(warning,))
