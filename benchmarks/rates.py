@@ -25,10 +25,9 @@ import rasterio
 import deglint
 from deglint import tiles as tiling
 from deglint.physics.presets import preset
-from deglint.pipeline.correct import Correction
+from deglint.pipeline.correct import Correction, correction
 from deglint.pipeline.fit import fit_scene
 from deglint.pipeline.overview import raster_of
-from deglint.pipeline.prepare import correction
 from deglint.pipeline.recipe import Recipe
 from deglint.pipeline.run import one_thread_each
 from deglint.raster.environment import enter_thread, environment

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .errors import DeglintError as DeglintError
-    from .pipeline.examine import examine as examine
     from .pipeline.fit import Fitted as Fitted
+    from .pipeline.fit import examine as examine
     from .pipeline.fit import fit_scene as fit_scene
     from .pipeline.outputs import Result as Result
     from .pipeline.recipe import Recipe as Recipe
@@ -49,7 +49,7 @@ _HOMES = {
     "Scene": "scene",
     "apply": "remove",
     "correct": "pipeline.run",
-    "examine": "pipeline.examine",
+    "examine": "pipeline.fit",
     "find_nir": "readers.roles",
     "fit": "remove",
     "fit_scene": "pipeline.fit",

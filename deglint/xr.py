@@ -29,10 +29,9 @@ from .compensate import Chain
 from .errors import DeglintError, InputError, NoWaterError
 from .pipeline import Fitted, Recipe, fit_scene
 from .pipeline.chunks import DetachedSource, over_tiles
-from .pipeline.correct import CHAIN_CELL, Correction
+from .pipeline.correct import CHAIN_CELL, Correction, correction
 from .pipeline.fit import given_model
 from .pipeline.outputs import DTYPES
-from .pipeline.prepare import correction
 from .readers.arrays import BANDS, axes, open_array
 from .readers.undeclared import settled
 from .remove import GlintModel

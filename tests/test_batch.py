@@ -274,11 +274,11 @@ def test_a_kill_between_the_moves_is_no_finished_scene(deglint, place):
     batch(deglint, place)
     order = read_order(str(place / "r.toml"))
     job = jobs_of(order, [ListedScene("a", (str(place / "in" / "a.tif"),))])[0]
-    assert state_of(job, order.request())[0] == "finished before"
+    assert state_of(job)[0] == "finished before"
     job.outputs.image.unlink()  # the sidecar is moved first
-    assert state_of(job, order.request()) == ("to do", "was stopped while it was moved into place")
+    assert state_of(job) == ("to do", "was stopped while it was moved into place")
     job.outputs.image.write_bytes(b"old")  # of an older run that was to be replaced
-    assert state_of(job, order.request())[0] == "failed"
+    assert state_of(job)[0] == "failed"
 
 
 def test_scenes_from_csv_and_stac(place):

@@ -11,6 +11,7 @@ import deglint
 from deglint.compensate.stages import STAGES, Kind
 from deglint.pipeline import load_chain, load_model
 from deglint.remove import METHODS, Method, hedley
+from deglint.remove.request import regression_plan
 from detect.rx import METHODS as DETECTORS
 
 ROOT = Path(__file__).parents[1]
@@ -29,7 +30,7 @@ def test_a_new_method_is_a_module_and_a_line_of_the_table(monkeypatch, sea, writ
     def fit(request, stats):
         return replace(hedley.fit(request, stats), method="mine")
 
-    monkeypatch.setitem(METHODS, "mine", Method("as Hedley, by another name", fit, hedley.plan, True, True))
+    monkeypatch.setitem(METHODS, "mine", Method("as Hedley, by another name", fit, regression_plan, True, True))
     source = write(tmp_path / "in.tif", sea())
     options = {"sample": "all", "mask": "none", "compensate": "off"}
     result = deglint.remove_glint(source, tmp_path / "mine.tif", deglint.Recipe(method="mine", **options))

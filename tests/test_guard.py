@@ -236,7 +236,7 @@ def finished(deglint, sea, write, scene, monkeypatch):
     order = read_order("r.toml")
 
     def states():
-        return [state_of(job, order.request()) for job in jobs_of(order, list_scenes(["deep.vrt", "e.img", "k.tif"]))]
+        return [state_of(job) for job in jobs_of(order, list_scenes(["deep.vrt", "e.img", "k.tif"]))]
 
     assert [s for s, _ in states()] == ["finished before"] * 3
     return states

@@ -233,7 +233,7 @@ def test_a_look_ends_where_its_time_is_over(deglint, folders, monkeypatch):
     assert ran.code == 0
     assert "what lies in the others is not known" in json.loads(ran.out)["reason"]
     monkeypatch.delenv("DEGLINT_INFO_SECONDS")
-    monkeypatch.setattr("deglint.pipeline.examine.LOOK_READS", 3)
+    monkeypatch.setattr("deglint.pipeline.fit.LOOK_READS", 3)
     assert "stopped after 60 s or 3 windows: 3 windows" in deglint("info", path, "--nir", "4").out
 
 

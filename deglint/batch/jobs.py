@@ -9,9 +9,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,7 @@ class Order:
     scale: tuple[float, ...] = ()
     offset: tuple[float, ...] = ()
     assets: tuple[str, ...] = ()  # of a STAC Item that are the bands
+    reads: tuple[str, ...] = ()  # further input files, such as the recipe, which no output may replace
 
     def __post_init__(self) -> None:
         for name in ("name", "dtype", "sensor", "grid"):
@@ -89,6 +91,7 @@ class Order:
         read = {k: fingerprints([v]) for k, v in named.items() if v not in ("auto", "all", "none")}
         files = {k: {path: found["crc32"] for path, found in files.items()} for k, files in read.items()}
         said = asdict(self) | {"directory": "", "files": files, "nodata": repr(self.nodata)}
+        del said["reads"]
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 
 
@@ -113,7 +116,7 @@ def read_order(path: str, directory: str | None = None) -> Order:
     try:
         order = Order(Recipe(**document.get("recipe", {})), **output, **document.get("input", {}))
         if directory is not None:
-            return Order(**(vars(order) | {"directory": directory}))
+            return replace(order, directory=directory)  # type: ignore[arg-type]
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     if Path(os.path.normpath(order.directory)).parts[:1] == (os.pardir,):
@@ -144,6 +147,12 @@ class Job:
     scene: ListedScene
     outputs: Outputs
 
+    def ended(self, status: str, reason: str = "", *, begun: float, **more: Any) -> Outcome:
+        """The row of the summary for this scene, processed since `begun`."""
+        seconds = round(time.perf_counter() - begun, 3)
+        inputs = ";".join(self.scene.paths)
+        return Outcome(self.scene.name, inputs, str(self.outputs.image), status, reason, seconds, **more)
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -164,17 +173,18 @@ Say = Callable[[str, Any], None]
 """Callback for events: ``say("begin", name)`` and ``say("end", outcome)``."""
 
 
-def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = ()) -> list[Job]:
-    """One job for each scene; `reads` are further input files, which no output may replace.
+def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
+    """One job for each scene.
 
     Raises InputError: two scenes would be written to one file, or an output would replace an input file.
     """
     jobs = []
+    made: Any = {"dtype": order.dtype, "options": order.options, "request": order.request()}
     for scene in scenes:
         image = order.directory / order.name.replace("{name}", scene.name)
         stem = image.with_suffix("").name
         extras: Any = {name: image.with_name(f"{stem}_{name}{EXTRAS[name]}") for name in order.extras}
-        jobs.append(Job(scene, Outputs(image, **extras)))
+        jobs.append(Job(scene, Outputs(image, **made, **extras)))
     names = Counter(path.name for job in jobs for path in job.outputs.every())
     for job in jobs:
         if twice := next((path for path in job.outputs.every() if names[path.name] > 1), None):
@@ -191,13 +201,13 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene], reads: Sequence[str] = 
         raise InputError(f"an output cannot be named {name} ...: {error.strerror}. Choose another name.") from error
     if there:
         scenes_files = [p for job in jobs for name in job.scene.source for p in (name, *files_of(name))]
-        named = [order.recipe.sample, order.recipe.mask, order.sensor or "", *reads]
+        named = [order.recipe.sample, order.recipe.mask, order.sensor or "", *order.reads]
         with environment():
             check_unread(there, {"a scene": scenes_files, "an input": named})
     return jobs
 
 
-def state_of(job: Job, request: str) -> tuple[str, str]:
+def state_of(job: Job) -> tuple[str, str]:
     """Whether a scene is finished, to do, or cannot be processed because of existing files ("failed"), and why."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     there = [p for p in every if p.exists()]
@@ -212,7 +222,7 @@ def state_of(job: Job, request: str) -> tuple[str, str]:
         outputs = dict(batch.get("outputs") or {})
     except (DeglintError, KeyError, TypeError, ValueError, AttributeError):
         return FAILED, f"{sidecar} exists and is no sidecar of deglint"
-    if batch.get("request") != request:
+    if batch.get("request") != job.outputs.request:
         return FAILED, f"{image} was made by another recipe"
     with environment():
         same = are_as([p for name in job.scene.source for p in files_of(name)], inputs)
@@ -224,9 +234,3 @@ def state_of(job: Job, request: str) -> tuple[str, str]:
     if changed:
         return FAILED, f"{changed[0]} is not as it was made"
     return FINISHED, ""
-
-
-def outcome(job: Job, status: str, reason: str = "", seconds: float = 0.0, **more: Any) -> Outcome:
-    """The row of the summary for a job."""
-    inputs = ";".join(job.scene.paths)
-    return Outcome(job.scene.name, inputs, str(job.outputs.image), status, reason, round(seconds, 3), **more)

@@ -14,6 +14,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
 from pathlib import Path
@@ -25,7 +26,7 @@ from ..raster.scratch import MOVED, claimed, make_directory
 from ..raster.targets import check_target
 from ..readers.scenes import ListedScene
 from ..tiles import default_threads
-from .jobs import DONE, FAILED, NO_WATER, TODO, Job, Order, Outcome, Say, jobs_of, outcome, state_of
+from .jobs import DONE, FAILED, NO_WATER, TODO, Job, Order, Outcome, Say, jobs_of, state_of
 
 log = logging.getLogger(__name__)
 STOP_PATIENCE = 10.0
@@ -34,23 +35,22 @@ STOP_PATIENCE = 10.0
 
 def run_batch(
     order: Order, scenes: Sequence[ListedScene], *, processes: int = 1, threads: int | None = None,
-    overwrite: bool = False, dry_run: bool = False, say: Say | None = None, reads: Sequence[str] = (),
+    overwrite: bool = False, dry_run: bool = False, say: Say | None = None,
 ) -> list[Outcome]:  # fmt: skip
     """Remove glint from many scenes and return the outcome of each, in their order.
 
     `processes` scenes are processed at the same time, each with `threads` threads (by default the processors are
     divided evenly). `overwrite` recomputes outputs of another recipe or of another input; finished scenes are never
-    recomputed. `dry_run` only reports what would be done. `say` is called on events. `reads` are files that were read
-    for this batch, such as its recipe: no output may replace them.
+    recomputed. `dry_run` only reports what would be done. `say` is called on events.
 
     Raises InputError, WriteError before any work starts: names that clash, a directory that cannot be written to, or
     another batch that runs in it.
     """
     if processes < 1:
         raise InputError(f"jobs: want at least 1, got {processes}.")
-    jobs, request = jobs_of(order, scenes, reads), order.request()
+    jobs = jobs_of(order, scenes)
     found: dict[int, Outcome] = {}
-    todo: dict[int, tuple[Job, bool]] = {}
+    todo: dict[int, Job] = {}
 
     def tell(what: str, about: Any) -> None:
         if what == "end" and about.status == DONE:
@@ -61,15 +61,15 @@ def run_batch(
     with contextlib.nullcontext() if dry_run else _claimed(order.directory):
         for i, job in enumerate(jobs):
             begun = time.perf_counter()
-            status, why = state_of(job, request)
+            status, why = state_of(job)
             if status == FAILED:
                 status, why = (TODO, why) if overwrite else (FAILED, f"{why}. Give --overwrite to make it again")
             if status == TODO and not dry_run:
-                todo[i] = job, overwrite or bool(why)
+                todo[i] = replace(job, outputs=replace(job.outputs, overwrite=overwrite or bool(why)))
                 continue
-            found[i] = outcome(job, status, why, time.perf_counter() - begun)
+            found[i] = job.ended(status, why, begun=begun)
             tell("end", found[i])
-        found |= _run_jobs(todo, order, request, processes, threads, tell)
+        found |= _run_jobs(todo, order, processes, threads, tell)
     return [found[i] for i in range(len(jobs))]
 
 
@@ -83,9 +83,9 @@ def _claimed(directory: Path) -> Iterator[None]:
 
 
 def _run_jobs(
-    todo: Mapping[int, tuple[Job, bool]], order: Order, request: str, processes: int, threads: int | None, say: Say
+    todo: Mapping[int, Job], order: Order, processes: int, threads: int | None, say: Say
 ) -> dict[int, Outcome]:
-    """Run the jobs, each given with whether it may replace existing files, and return their outcomes by index."""
+    """Run the jobs and return their outcomes by index."""
     found: dict[int, Outcome] = {}
     waiting, count = list(todo)[::-1], min(processes, len(todo))
     each = threads or max(1, default_threads() // max(count, 1))
@@ -94,15 +94,15 @@ def _run_jobs(
     try:
         while waiting or busy:
             while waiting and len(busy) < count:
-                line, process = idle.popitem() if idle else _start(order, request, each)
+                line, process = idle.popitem() if idle else _start(order, each)
                 number = waiting.pop()
                 busy[line] = process, number, time.perf_counter()
-                say("begin", todo[number][0].scene.name)
+                say("begin", todo[number].scene.name)
                 with contextlib.suppress(OSError):  # it died: its line says so below
                     line.send(todo[number])
             for line in wait(list(busy)):
                 process, number, begun = busy[line]
-                done = _hear(line, process, todo[number][0], begun)
+                done = _hear(line, process, todo[number], begun)
                 if done is not None:
                     found[number] = done
                     say("end", done)
@@ -119,12 +119,12 @@ def _run_jobs(
     return found
 
 
-def _start(order: Order, request: str, threads: int) -> tuple[Any, Any]:
+def _start(order: Order, threads: int) -> tuple[Any, Any]:
     """Start a worker; return the connection to it, and its process."""
     context = get_context("spawn")  # a fork would take locks of this process's threads with it
     ours, theirs = context.Pipe()
     talks = log.isEnabledFor(logging.DEBUG)
-    process = context.Process(target=_serve, args=(theirs, order, request, threads, talks), daemon=False)
+    process = context.Process(target=_serve, args=(theirs, order, threads, talks), daemon=False)
     process.start()
     theirs.close()
     return ours, process
@@ -142,7 +142,7 @@ def _hear(line: Any, process: Any, job: Job, begun: float) -> Outcome | None:
             why = f"its process was ended by signal {-code} ({signal.Signals(-code).name})"
         if code == -signal.SIGKILL:
             why += ": out of memory, perhaps; try fewer --jobs"
-        return outcome(job, FAILED, why, time.perf_counter() - begun)
+        return job.ended(FAILED, why, begun=begun)
     if isinstance(said, Outcome):
         return said
     log.log(said[0], "%s: %s", job.scene.name, said[1])
@@ -171,7 +171,7 @@ class _Forward(logging.Handler):
             self._line.send((record.levelno, record.getMessage()))
 
 
-def _serve(line: Any, order: Order, request: str, threads: int, talks: bool) -> None:
+def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
     """Main loop of a worker: run jobs until there are no more or the batch process has ended.
 
     It sends all its log records if it `talks`, else only those of the remaining time.
@@ -183,9 +183,8 @@ def _serve(line: Any, order: Order, request: str, threads: int, talks: bool) -> 
         signal.signal(number, signal.default_int_handler)  # as Ctrl-C does
     threading.Thread(target=_watch_parent, daemon=True).start()
     with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
-        while (task := line.recv()) is not None:
-            job, again = task
-            line.send(_do(job, again, order, request, threads))
+        while (job := line.recv()) is not None:
+            line.send(_do(job, order, threads))
 
 
 def _watch_parent() -> None:
@@ -195,25 +194,17 @@ def _watch_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _do(job: Job, again: bool, order: Order, request: str, threads: int) -> Outcome:
+def _do(job: Job, order: Order, threads: int) -> Outcome:
     begun = time.perf_counter()
-    extras: dict[str, Any] = {name: getattr(job.outputs, name) for name in order.extras}
-    if "model" in extras:
-        extras["model_file"] = extras.pop("model")
     try:
-        result = remove_glint(
-            job.scene.source, job.outputs.image, order.recipe, **order.opening(), threads=threads,
-            overwrite=again, dtype=order.dtype, options=order.options, request=request, **extras,
-        )  # fmt: skip
+        result = remove_glint(job.scene.source, job.outputs, order.recipe, **order.opening(), threads=threads)
     except NoWaterError as error:
-        return outcome(job, NO_WATER, str(error), time.perf_counter() - begun)
+        return job.ended(NO_WATER, str(error), begun=begun)
     except Exception as error:  # noqa: BLE001  (one bad scene does not stop the rest)
-        return outcome(job, FAILED, _reason(error), time.perf_counter() - begun)
-    tally = result.tally
-    return outcome(
-        job, DONE, "", time.perf_counter() - begun, method=result.fitted.model.method,
-        corrected=tally.corrected / max(tally.total, 1), warnings=len(result.warnings),
-    )  # fmt: skip
+        return job.ended(FAILED, _reason(error), begun=begun)
+    tally, method = result.tally, result.fitted.model.method
+    share = tally.corrected / max(tally.total, 1)
+    return job.ended(DONE, begun=begun, method=method, corrected=share, warnings=len(result.warnings))
 
 
 def _reason(error: Exception) -> str:

@@ -8,7 +8,7 @@ import json
 import logging
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -76,17 +76,17 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     from ..batch.run import run_batch
     from ..readers.scenes import list_scenes
 
-    order, read = read_order(recipe, given["directory"]), [recipe, *scenes]
+    order = replace(read_order(recipe, given["directory"]), reads=(recipe, *scenes))
     listed = list_scenes(scenes, order.assets)
     table = Path(given["table"]) if given["table"] else None
     if table:
         _check_table(
-            table, [*read, *(p for scene in listed for p in scene.paths), order.recipe.sample, order.recipe.mask]
+            table, [*order.reads, *(p for scene in listed for p in scene.paths), order.recipe.sample, order.recipe.mask]
         )
     with Console(given) as console:
         found = run_batch(
             order, listed, processes=given["jobs"], threads=given["threads"], overwrite=given["overwrite"],
-            dry_run=given["dry_run"], say=_watch(len(listed), console), reads=read,
+            dry_run=given["dry_run"], say=_watch(len(listed), console),
         )  # fmt: skip
     if table:
         _write_table(table, found)

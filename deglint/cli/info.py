@@ -27,7 +27,7 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
     deglint info S2B_MSIL1C_20260621.SAFE --json
     """  # fmt: skip
     from ..pipeline import Recipe
-    from ..pipeline.examine import examine
+    from ..pipeline.fit import examine
     from ..raster.environment import environment
     from ..raster.output import plain
     from ..readers import open_scene

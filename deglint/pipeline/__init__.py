@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .fit import Fitted, fit_scene
     from .flags import FLAGS, GLINT_CLASSES
-    from .outputs import Outputs, Result
+    from .outputs import Outputs, Result, load_chain, load_model
     from .recipe import Recipe
     from .run import remove_glint
-    from .sidecar import load_chain, load_model
 
 _HOMES = {
     "FLAGS": "flags", "GLINT_CLASSES": "flags", "Fitted": "fit", "Outputs": "outputs", "Recipe": "recipe",
-    "Result": "outputs", "fit_scene": "fit", "load_chain": "sidecar", "load_model": "sidecar", "remove_glint": "run",
+    "Result": "outputs", "fit_scene": "fit", "load_chain": "outputs", "load_model": "outputs", "remove_glint": "run",
 }  # fmt: skip
 __all__ = [
     "FLAGS", "GLINT_CLASSES", "Fitted", "Outputs", "Recipe", "Result", "fit_scene", "load_chain", "load_model",

@@ -1,4 +1,4 @@
-"""Correct one tile: valid pixels, water, the correction itself, flags and counts."""
+"""The correction of a scene, a function of its tiles: valid pixels, water, corrected values, flags and counts."""
 
 from __future__ import annotations
 
@@ -9,24 +9,36 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .. import compensate
 from .. import tiles as tiling
-from ..compensate import Chain, Posterior, ReplacedError, State, apply_chain, stderr, with_targets
+from ..compensate import Chain, Posterior, ReplacedError, Sample, Setting, State, apply_chain, with_targets
 from ..compensate.uncertainty import halo as span_halo
+from ..errors import FitError, InputError
 from ..masks import WaterRule, water
 from ..raster.encode import encode, relaid
+from ..raster.environment import enter_thread
 from ..raster.output import Layout
-from ..readers.areas import Area
+from ..readers.areas import Area, open_area
+from ..readers.roles import find_band
 from ..remove import GlintModel, apply
+from ..remove.noise import noise
 from ..remove.predict import glint
 from ..scene import Scene
 from ..tiles import Tile
 from . import flags as bits
-from .outputs import PixelCounts
-from .overview import raster_of
+from .fit import Fitted
+from .outputs import Outputs, PixelCounts
+from .overview import block_of, raster_of, tile_shape_of
 
 CHAIN_CELL = tiling.COMPACT
 """Side of the cells to which a chain is applied, counted from the first pixel of the scene [pixel]. The cells do not
 depend on how the scene is stored and read, so the result is the same to the bit."""
+STRIP = 4 << 20
+"""Values in a tile of whole cells for files stored in strips, so that few strips are read twice."""
+TILES = 8
+"""Tiles from which noise and errors are estimated: spread over the scene; few, as each is corrected twice more."""
+TRIAL_SIDE = 192
+"""Side of these tiles [pixel]: a trial displaces glint by half a tile."""
 Mask = npt.NDArray[np.bool_]
 
 
@@ -43,7 +55,7 @@ class Corrected:
 
 
 @dataclass(eq=False)
-class _Block:
+class Block:
     """A tile as read, with the halo that the correction needs, and the results so far."""
 
     tile: Tile
@@ -54,8 +66,7 @@ class _Block:
     water: Mask | None  # where it may be corrected, with the pixels around; None: everywhere
     known: Mask  # where the tile is valid
     where: Mask  # where it is to be corrected: valid water
-    removed: list[int] = field(default_factory=list)  # bands that are corrected there
-    rewritten: dict[int, Mask] = field(default_factory=dict)  # bands without a removal, where the chain changed them
+    changes: list[tuple[list[int], Mask | None]] = field(default_factory=list)  # bands, and where they changed
     replaced: Mask | None = None  # (band, row, column), with a chain
     targets: Mask | None = None
     errors: Any = None  # (band, row, column) standard errors, with a chain
@@ -69,11 +80,6 @@ class _Block:
     def part(self) -> Mask | None:
         """Pixels to correct; None for all, as numpy and OpenCV then need no mask."""
         return None if self.where.all() else self.where
-
-    @property
-    def corrected(self) -> bool:
-        """Whether any band was changed."""
-        return bool(self.removed or self.rewritten)
 
 
 @dataclass(frozen=True)
@@ -132,8 +138,8 @@ class Correction:
         saturated = self._saturated(block.own)
         full = np.asarray(saturated.any(axis=0))
         physical = self._corrected(block)
-        flags = self._flags(block, full)
-        tally = _counted(block, flags, saturated)
+        flags = bits.tile_flags(block, full)
+        tally = bits.counted(block, flags, saturated)
         error = self._stderr(block, physical) if self.want_stderr else None
         out = self._encoded(block, physical, flags if self.want_flags else None, tally)
         valid = self._file_valid(block.raw, block.valid)
@@ -152,11 +158,9 @@ class Correction:
         block = self._read(tile)
         return self._corrected(block), block.where
 
-    def _corrected(self, block: _Block) -> npt.NDArray[Any]:
+    def _corrected(self, block: Block) -> npt.NDArray[Any]:
         """Physical values of the tile after the correction; the block records which bands and pixels changed."""
         physical = np.ascontiguousarray(block.own)
-        if not physical.flags.writeable or np.shares_memory(physical, block.raw):
-            physical = physical.copy()
         if self.changed and block.where.any():
             if self.chain.runs:
                 self._compensate(block, physical)
@@ -168,11 +172,11 @@ class Correction:
         """A tile in which no band may change, in the output's type."""
         raw, valid = raster_of(self.scene).read_raw(tile.window)
         file_valid = self._file_valid(raw, valid)
-        raw, lost = relaid(raw, valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
+        raw, lost = self._relaid(raw, valid)
         clipped = 0 if lost is None else np.count_nonzero(lost, axis=(1, 2))
         return Corrected(raw, PixelCounts(total=tile.pixels, copied=1, clipped=clipped), file_valid)
 
-    def _read(self, tile: Tile) -> _Block:
+    def _read(self, tile: Tile) -> Block:
         """Read a tile with its halo, and determine the pixels to correct."""
         source = raster_of(self.scene)
         outer = tile.grown(self.halo, self.scene.height, self.scene.width)
@@ -183,12 +187,20 @@ class Correction:
         if valid is not None or raw.dtype.kind not in "iu":
             for band in range(len(wide)) if self.chain.runs else self.model.index_bands:
                 known &= np.isfinite(wide[place][band])
-        water_there = self.water_in(outer, wide)
+        water_there = self._water_in(outer, wide)
         where = known if water_there is None else known & water_there[place]
         own_valid = None if valid is None else valid[place]
-        return _Block(tile, outer, raw[place], own_valid, wide, water_there, known, where)
+        return Block(tile, outer, raw[place], own_valid, wide, water_there, known, where)
 
-    def water_in(self, tile: Tile, physical: Any) -> Mask | None:
+    def state(self, tile: Tile) -> tuple[State, Mask]:
+        """A tile with its halo before the correction, and its water without the halo."""
+        block = self._read(tile)
+        state = State.of(block.wide, block.water, (block.outer.row0, block.outer.col0))
+        inside = np.zeros_like(state.water)
+        inside[tile.within(block.outer)] = True
+        return state, inside & state.water
+
+    def _water_in(self, tile: Tile, physical: Any) -> Mask | None:
         """Pixels of a tile that may be corrected, from its physical values; None for all."""
         if self.area is not None:
             return self.area.read(tile.window)
@@ -205,7 +217,7 @@ class Correction:
             np.greater_equal(physical[i], limit, out=out[i])
         return out
 
-    def _remove(self, block: _Block, physical: Any) -> None:
+    def _remove(self, block: Block, physical: Any) -> None:
         """Subtract the glint that the model predicts from `physical`."""
         if self.model.references:
             origin, crop = (block.outer.row0, block.outer.col0), block.tile.crop_of(block.outer)
@@ -216,19 +228,16 @@ class Correction:
                 np.subtract(physical[band], amount, out=physical[band], where=part)
         else:
             apply(physical, self.model, where=block.part, out=physical)
-        block.removed = [f.band for f in self.model.fits]
+        block.changes = [([f.band for f in self.model.fits], block.part)]
 
-    def _compensate(self, block: _Block, physical: Any) -> None:
+    def _compensate(self, block: Block, physical: Any) -> None:
         """Apply the chain cell by cell, and store the result in `physical`."""
         removed = {f.band for f in self.model.fits}
         block.replaced = np.zeros(physical.shape, np.bool_)
-        block.errors = np.zeros(physical.shape if self.want_stderr else 0, np.float32)
         block.targets = np.zeros(physical.shape[1:], np.bool_)
         for state, core, within in self._states(block):
             where = block.where[within]
             clean = with_targets(state)[core]
-            if self.want_stderr:
-                block.errors[within] = self._stderr_of(state)[core]
             if state.replaced is not None:
                 block.replaced[within] = state.replaced[core] & where
             if state.targets is not None:
@@ -236,13 +245,15 @@ class Correction:
             for band in self.changed:
                 place = where if band in removed else block.replaced[within][band] | block.targets[within]
                 np.copyto(physical[within][band], clean[band], where=place, casting="same_kind")
-        block.removed = sorted(removed & set(self.changed))
+        if both := sorted(removed & set(self.changed)):
+            block.changes = [(both, block.part)]
         rewritten = {b: block.replaced[b] | block.targets for b in self.changed if b not in removed}
-        block.rewritten = {band: place for band, place in rewritten.items() if place.any()}
+        block.changes += [([band], place) for band, place in rewritten.items() if place.any()]
 
-    def _states(self, block: _Block) -> Iterator[tuple[State, Any, Any]]:
+    def _states(self, block: Block) -> Iterator[tuple[State, Any, Any]]:
         """The state of each cell with its halo after the chain; the slices of the cell in it, and in the tile."""
         tile, outer = block.tile, block.outer
+        block.errors = np.zeros((len(block.wide), *tile.shape), np.float32)
         for cell in tile.split(CHAIN_CELL):
             within = cell.within(tile)
             if not block.where[within].any():
@@ -251,46 +262,29 @@ class Correction:
             around = wide.within(outer)
             water = None if block.water is None else block.water[around]
             state = State.of(block.wide[around], water, (cell.row0, cell.col0))
-            yield apply_chain(state, self.chain, self.model), cell.within(wide), within
+            state, core = apply_chain(state, self.chain, self.model), cell.within(wide)
+            if self.want_stderr:
+                left = self.left.apply(state) if self.left else state
+                block.errors[within] = compensate.stderr(left, self.model, self.replaced)[core]
+            yield state, core, within
 
-    def _stderr(self, block: _Block, physical: Any) -> npt.NDArray[np.float32]:
+    def _stderr(self, block: Block, physical: Any) -> npt.NDArray[np.float32]:
         """Standard errors of the bands that may change; NaN where nothing was corrected."""
+        if block.errors is None:
+            for _ in self._states(block):
+                pass
         out = block.errors
-        if out is None:
-            out = np.zeros(physical.shape, np.float32)
-            for state, core, within in self._states(block):
-                out[within] = self._stderr_of(state)[core]
         if np.dtype(self.layout.dtype).kind in "iu":  # rounded to integers of the file
             steps = np.array(raster_of(self.scene).info.scales, np.float32)
             out = np.sqrt(out**2 + (steps**2 / 12)[:, None, None])
-        known = np.isfinite(physical) & block.where & block.corrected
+        known = np.isfinite(physical) & block.where & bool(block.changes)
         return np.where(known, out, np.nan)[self.changed].astype(np.float32)
 
-    def _stderr_of(self, state: State) -> npt.NDArray[np.float32]:
-        """Standard errors of all bands of a block after the chain."""
-        return stderr(self.left.apply(state) if self.left else state, self.model, self.replaced)
-
-    def _flags(self, block: _Block, saturated: Mask) -> npt.NDArray[np.uint8]:
-        """Flags of a tile, without those that `encode` sets."""
-        flags = np.full(block.tile.shape, bits.NOT_WATER, np.uint8)
-        flags[block.where] = bits.CORRECTED if block.corrected else 0
-        if block.replaced is not None:
-            flags[block.replaced.any(axis=0) & block.where] |= bits.REPLACED
-        if block.targets is not None:
-            flags[block.targets & block.where] |= bits.PROTECTED
-        flags[~block.known] = bits.NODATA
-        flags |= np.where(saturated, np.uint8(bits.SATURATED), np.uint8(0))
-        return flags
-
-    def _encoded(self, block: _Block, physical: Any, flags: Any, tally: PixelCounts) -> npt.NDArray[Any]:
+    def _encoded(self, block: Block, physical: Any, flags: Any, tally: PixelCounts) -> npt.NDArray[Any]:
         """The tile in the output's type; negative and clipped values are counted."""
         info = raster_of(self.scene).info
-        raw = np.ascontiguousarray(block.raw)
-        raw = raw if raw.flags.writeable and raw is not block.wide else raw.copy()
-        raw, lost = relaid(raw, block.valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
-        changes: list[tuple[list[int], Mask | None]] = [(block.removed, block.part)] if block.removed else []
-        changes += [([band], place) for band, place in block.rewritten.items()]
-        for bands, place in changes:
+        raw, lost = self._relaid(np.ascontiguousarray(block.raw), block.valid)
+        for bands, place in block.changes:
             negative, clipped = encode(
                 physical, raw, bands=bands, scales=info.scales, offsets=info.offsets, where=place,
                 nodata=self.layout.nodata,
@@ -309,6 +303,10 @@ class Correction:
                 flags[lost.any(axis=0)] |= bits.CLIPPED
         return raw
 
+    def _relaid(self, raw: Any, valid: Any) -> tuple[Any, Mask | None]:
+        """Numbers of the file in the output's type, overwritten if it is the same, and where they were clipped."""
+        return relaid(raw, valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
+
     def _file_valid(self, raw: Any, valid: Any) -> Mask | None:
         """The output's mask for the tile, if it has one: valid in every band."""
         if not self.layout.masked:
@@ -319,14 +317,82 @@ class Correction:
         return found
 
 
-def _counted(block: _Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[np.bool_]) -> PixelCounts:
-    """Count the pixels of a tile by their flags."""
-    kinds = {"nodata": bits.NODATA, "not_water": bits.NOT_WATER, "corrected": bits.CORRECTED,
-             "protected": bits.PROTECTED}  # fmt: skip
-    counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
-    if block.replaced is not None:
-        counts["replaced"] = np.count_nonzero(block.replaced, axis=(1, 2))
-    counts["rewritten"] = np.zeros(len(saturated), np.int64)
-    for band, place in block.rewritten.items():
-        counts["rewritten"][band] = np.count_nonzero(place)
-    return PixelCounts(total=block.tile.pixels, saturated=saturated.sum(axis=(1, 2)), **counts)
+def correction(
+    scene: Scene, fitted: Fitted, *, mask: str | None = None, targets: Outputs | None = None, dtype: str | None = None,
+    threads: int = 1,
+) -> Correction:  # fmt: skip
+    """The function that corrects the tiles of a scene, from a fit.
+
+    `mask` and `dtype` override the recipe's mask and the scene's data type. `targets` are the outputs; noise and
+    standard errors are estimated if an output needs them, with `threads` threads.
+    """
+    wanted = mask or fitted.recipe.mask
+    area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
+    layout = bits.image_layout(scene, dtype, targets.options if targets else {})
+    work = Correction(
+        scene, fitted.model, layout, fitted.chain, area, fitted.water if wanted == "auto" else None,
+        fitted.water_bands, tuple(find_band(scene, b) for b in fitted.recipe.bands),
+        want_flags=bool(targets and targets.flags), want_amount=bool(targets and targets.amount),
+    )  # fmt: skip
+    if work.want_flags:
+        work = _with_noise(work, threads)
+    if targets and targets.stderr:
+        work = _with_stderr(work, threads)
+    return replace(work, layout=replace(layout, tile=_tile_shape(work)))
+
+
+def _tile_shape(work: Correction) -> tuple[int, int]:
+    """Rows and columns of the tiles in which a scene is corrected: whole cells if there is a chain."""
+    scene, bands = work.scene, len(work.scene.bands)
+    shape = tile_shape_of(scene)
+    if work.by_cells:
+        cells = max(STRIP // (CHAIN_CELL * bands) // CHAIN_CELL, 1) if shape[1] >= scene.width else 1
+        return CHAIN_CELL, cells * CHAIN_CELL
+    if work.halo:
+        return tiling.compact(shape, block_of(scene), bands, work.halo, held=tiling.HELD_ALONE)
+    return shape
+
+
+def _with_stderr(work: Correction, threads: int) -> Correction:
+    """The same correction, with standard errors.
+
+    Raises FitError, InputError: no band is corrected, no water in the tiles, or a compensation without an error
+    estimate.
+    """
+    if not work.changed:
+        raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
+    opens = any(isinstance(stage, compensate.Background) for stage in work.chain.before)
+    if work.chain.replaces and not opens:
+        raise InputError("--stderr needs a compensation with identify-level, or --compensate off.")
+    scene = work.scene
+
+    found = tiling.run(_tiles_of(scene), work.state, threads=threads, start=enter_thread)
+    chosen = [part for _t, part in found if part[1].any()]
+    if not chosen:
+        raise FitError("no pixel is corrected in the tiles that were read, so --stderr has nothing to learn from.")
+    before = Sample(*map(tuple, zip(*chosen, strict=True)))
+    after = replace(before, states=tuple(apply_chain(s, work.chain, work.model) for s in before.states))
+    if opens:
+        errors = compensate.fit_replaced(before, after, lambda s: apply_chain(s, work.chain, work.model))
+        return replace(work, want_stderr=True, replaced=errors)
+    if any(isinstance(stage, Posterior) and stage.resolved for stage in work.chain.after):
+        return replace(work, want_stderr=True)
+    left = compensate.fit_removed(after, Setting(scene.bands, tuple(work.model.index_bands) or (0,)), work.model)
+    return replace(work, want_stderr=True, left=left)
+
+
+def _with_noise(work: Correction, threads: int) -> Correction:
+    """The same correction, with the noise of the corrected bands: pixel noise and rounding in the file."""
+    scales = raster_of(work.scene).info.scales
+    rounded = np.dtype(work.layout.dtype).kind in "iu"
+    found = tiling.run(_tiles_of(work.scene), work.corrected, threads=threads, start=enter_thread)
+    done = [part for _t, part in found]
+    inside = [where for _p, where in done]
+    pixels = [noise([np.nan_to_num(p[b]) for p, _w in done], inside) for b in work.changed]
+    steps = [scales[b] / 12**0.5 if rounded else 0.0 for b in work.changed]
+    return replace(work, noise=tuple(float(np.hypot(n, s)) for n, s in zip(pixels, steps, strict=True)))
+
+
+def _tiles_of(scene: Scene) -> list[Tile]:
+    """Tiles for the estimates."""
+    return tiling.spread(tiling.tiles(scene.height, scene.width, (TRIAL_SIDE, TRIAL_SIDE)), TILES * TRIAL_SIDE**2)

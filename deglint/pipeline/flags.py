@@ -26,11 +26,12 @@ from ..physics.glint import VIEW_LIMIT
 from ..raster.output import Layout
 from ..readers.products.metadata import number
 from ..scene import FloatArray, Scene
+from .outputs import PixelCounts
 from .overview import raster_of
 
 if TYPE_CHECKING:
-    from .correct import Correction
-    from .outputs import Outputs, PixelCounts
+    from .correct import Block, Correction
+    from .outputs import Outputs
 
 log = logging.getLogger("deglint.pipeline")
 
@@ -66,6 +67,31 @@ _ANGLE_TAGS = {
 """Tags that state each angle."""
 
 
+def tile_flags(block: Block, saturated: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+    """Flags of a corrected tile, (row, column), without those of its encoding, `NEGATIVE` and `CLIPPED`."""
+    flags = np.full(block.tile.shape, NOT_WATER, np.uint8)
+    flags[block.where] = CORRECTED if block.changes else 0
+    if block.replaced is not None:
+        flags[block.replaced.any(axis=0) & block.where] |= REPLACED
+    if block.targets is not None:
+        flags[block.targets & block.where] |= PROTECTED
+    flags[~block.known] = NODATA
+    flags |= np.where(saturated, np.uint8(SATURATED), np.uint8(0))
+    return flags
+
+
+def counted(block: Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[np.bool_]) -> PixelCounts:
+    """Number of pixels of a tile by their flags and, by band, of changed and of saturated pixels."""
+    kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
+    counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
+    if block.replaced is not None:
+        counts["replaced"] = np.count_nonzero(block.replaced, axis=(1, 2))
+    counts["changed"] = np.zeros(len(saturated), np.int64)
+    for bands, place in block.changes:
+        counts["changed"][bands] = np.count_nonzero(block.where if place is None else place)
+    return PixelCounts(total=block.tile.pixels, saturated=saturated.sum(axis=(1, 2)), **counts)
+
+
 def glint_classes(
     amount: FloatArray, noise: npt.NDArray[np.floating[Any]], saturated: npt.NDArray[np.bool_], water: Any
 ) -> npt.NDArray[np.uint8]:
@@ -89,6 +115,34 @@ def glint_numbers(work: Correction, tally: PixelCounts) -> dict[str, Any]:
     noise = {work.scene.names[b]: n for b, n in zip(work.changed, work.noise, strict=True)}
     pixels = dict(zip(GLINT_CLASSES.values(), tally.glint, strict=True))
     return {"specification": SPECIFICATION, "pixels": pixels, "negligible_up_to": noise}
+
+
+def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) -> Layout:
+    """Layout of the corrected image; its type is the scene's by default."""
+    info, bands = raster_of(scene).info, tuple(range(len(scene.bands)))
+    out = np.dtype(dtype or info.dtype)
+    nodata, masked = _marking(scene, out)
+    # bands of files without descriptions are known by their files' names, and must be in the output, too
+    names = tuple(info.descriptions[b] or scene.bands[b].name for b in bands)
+    return Layout(info, bands, out.name, nodata, options, names=names, masked=masked)
+
+
+def _marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
+    """How the output marks invalid pixels: nodata value, and whether it has a mask.
+
+    The nodata is that of the input, if the type can hold it. There is a mask if the input has one, or if its nodata
+    cannot be expressed otherwise.
+    """
+    source = raster_of(scene)
+    value = next((n for n in source.info.nodatas if n is not None), None)
+    masked = any(f.dataset_mask or f.band_masks or f.alpha is not None for f in source.files)
+    if dtype.kind == "f":
+        held = value is None or not np.isfinite(value) or abs(value) <= np.finfo(dtype).max
+        return (value if held else float("nan")), masked
+    limits = np.iinfo(dtype)
+    if value is not None and limits.min <= value <= limits.max and float(value).is_integer():
+        return value, masked
+    return None, masked or value is not None or source.info.dtype.kind == "f"
 
 
 def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | None) -> dict[str, tuple[Path, Layout]]:

@@ -22,7 +22,6 @@ from ..raster.output import Scratch, plain, write_bytes, write_json, write_text,
 from ..raster.targets import Reads, check_ending, check_images, check_targets
 from ..readers.opening import open_scene
 from ..readers.stac import files_of
-from ..readers.stated import Names, Numbers
 from ..readers.undeclared import settled
 from ..remove import GlintModel
 from ..report import before_after
@@ -30,28 +29,28 @@ from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
 from ..timing import Reporter
 from .cluster import Cluster
-from .correct import Correction
+from .correct import Correction, correction
 from .fit import Fitted, Progress, fit_scene, given_model
 from .flags import beside, glint_numbers, sky_glint
-from .outputs import Outputs, PixelCounts, Result
+from .outputs import Outputs, PixelCounts, Result, log_result, saved, sidecar
 from .overview import raster_of
-from .prepare import correction
 from .recipe import Recipe
 from .sample import tiles_over
-from .sidecar import log_result, saved, sidecar
 
 CHAIN_COPIES = 3
 """Memory of a tile with a chain relative to a removal alone."""
 
 
-@checked_keywords("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options",
-                  "request", "reads")  # fmt: skip
+READING = ("sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset")
+"""Keywords of `remove_glint` for opening the input."""
+
+
+@checked_keywords(*READING, "chain", "flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite",
+                  "dtype", "options", "request", "reads")  # fmt: skip
 def remove_glint(
-    source: str | Path | Sequence[str | Path], image: str | Path, recipe: Recipe | None = None, *,
-    model: GlintModel | None = None, chain: Chain | None = None, sensor: str | Path | None = None,
-    nodata: float | str | None = None, grid: str | int | None = None, bands: Names | None = None,
-    wavelengths: Numbers | None = None, scale: Numbers | None = None, offset: Numbers | None = None,
-    threads: int | None = None, progress: Progress | None = None, cluster: Cluster | None = None, **outputs: Any,
+    source: str | Path | Sequence[str | Path], image: str | Path | Outputs, recipe: Recipe | None = None, *,
+    model: GlintModel | None = None, threads: int | None = None, progress: Progress | None = None,
+    cluster: Cluster | None = None, **options: Any,
 ) -> Result:  # fmt: skip
     """Remove glint from a raster file.
 
@@ -59,14 +58,12 @@ def remove_glint(
     ----------
     source : path or sequence of paths
         GDAL name(s) of the input, as `deglint.open_scene` takes them.
-    image : path
-        Output, a local GeoTIFF. `image`.json is written beside it.
+    image : path or Outputs
+        Output, a local GeoTIFF, or the names of all outputs. `image`.json is written beside it.
     recipe : Recipe, optional
         Options; by default everything is determined automatically.
-    model, chain : GlintModel and Chain, optional
-        Apply this model, and the compensation that was fitted with it, instead of fitting one.
-    sensor, nodata, grid, bands, wavelengths, scale, offset
-        As `deglint.open_scene`.
+    model : GlintModel, optional
+        Apply this model, and `chain`, the compensation that was fitted with it, instead of fitting one.
     threads : int, optional
         All processors by default. The result is the same for any number.
     progress : callable, optional
@@ -74,8 +71,9 @@ def remove_glint(
     cluster : Cluster, optional
         Workers instead of threads (`deglint.pipeline.cluster.connect`), with access to the input. The result is the
         same to the bit.
-    **outputs
-        flags, amount, stderr, sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`.
+    **options
+        sensor, nodata, grid, bands, wavelengths, scale, offset: see `deglint.open_scene`; flags, amount, stderr,
+        sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`.
 
     Returns
     -------
@@ -90,18 +88,20 @@ def remove_glint(
     --------
     >>> remove_glint("scene.tif", "clean.tif", Recipe(method="hedley"))  # doctest: +SKIP
     """
-    outputs["model"] = outputs.pop("model_file", None)
-    targets = Outputs(Path(as_path(image, "image")), **outputs)
+    reading, chain = {k: options.pop(k) for k in READING if k in options}, options.pop("chain", None)
+    if "model_file" in options:
+        options["model"] = options.pop("model_file")
+    targets = image if isinstance(image, Outputs) else Outputs(Path(as_path(image, "image")))
+    targets = replace(targets, **options)
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     if model is not None:
         check_kind(model, GlintModel, "model", "Read a saved one with deglint.pipeline.load_model.")
     if threads is not None:
         check_number(threads, 1, 1024, "threads")
-    stated: dict[str, Any] = {"bands": bands, "wavelengths": wavelengths, "scale": scale, "offset": offset}
     with environment():
-        checksum = _checked(source, recipe, sensor, targets)
-        scene = settled(open_scene(source, sensor=sensor, nodata=nodata, grid=grid, **stated))
+        checksum = _checked(source, recipe, reading.get("sensor"), targets)
+        scene = settled(open_scene(source, **reading))
         run = _Run(threads or tiling.default_threads(), progress or Reporter(), cluster)
         with raster_of(scene):
             return _deglinted(scene, recipe, targets, checksum, (model, chain), run)

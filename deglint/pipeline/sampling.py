@@ -24,9 +24,9 @@ from ..readers.areas import collection, to_geojson
 from ..remove import METHODS, GlintModel, SamplePlan, SampleStatistics, gather, glint_error, levels_for, merge
 from ..scene import Window
 from ..tiles import Tile
+from .outputs import log
 from .overview import OVERVIEW_PIXELS
 from .sample import Job, Sampler
-from .sidecar import log
 
 KEPT_PIXELS = 1 << 20
 """Most single pixels that are kept for a percentile or a mode."""

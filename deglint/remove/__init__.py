@@ -23,7 +23,7 @@ from ..scene import Band, FloatArray
 from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction, wiener
 from .model import BandFit, GlintIndex, GlintModel, apply
 from .regression import REGRESSIONS, glint_error
-from .request import FitRequest
+from .request import FitRequest, regression_plan
 from .statistics import SamplePlan, SampleStatistics, gather, levels_for, merge
 from .wiener import SAMPLE_SIDE, SampleTile
 
@@ -36,38 +36,21 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Method:
-    """One method in the table.
+    """One method in the table."""
 
-    Attributes
-    ----------
-    summary : str
-        One line for `--help` and the documentation.
-    fit : callable
-        (FitRequest, SampleStatistics or None) -> GlintModel; for methods that use neighbouring pixels, (FitRequest,
-        sequence of SampleTile) -> GlintModel
-    plan : callable or None
-        FitRequest -> SamplePlan; None where the method needs no sample.
-    regresses : bool
-        Whether `--regression` selects the estimator of the slopes.
-    least_squares : bool
-        Whether the weights of the references are least squares over the sample, so that they have a standard error.
-    neighbours : bool
-        Whether the method uses neighbouring pixels, so that it is fitted to tiles.
-    """
-
-    summary: str
-    fit: Callable[[FitRequest, Any], GlintModel]
-    plan: Callable[[FitRequest], SamplePlan] | None = None
-    regresses: bool = False
-    least_squares: bool = False
-    neighbours: bool = False
+    summary: str  # one line for `--help` and the documentation
+    fit: Callable[[FitRequest, Any], GlintModel]  # the second is SampleStatistics, None without a plan, or SampleTiles
+    plan: Callable[[FitRequest], SamplePlan] | None = None  # statistics to gather; None where no sample is needed
+    regresses: bool = False  # `--regression` selects the estimator of the slopes
+    least_squares: bool = False  # the weights of the references are least squares, so that they have a standard error
+    neighbours: bool = False  # it uses neighbouring pixels, so that it is fitted to tiles
 
 
 METHODS: dict[str, Method] = {
     "wiener": Method("kernels on the NIR and SWIR around each pixel, one level", wiener.fit, neighbours=True),
-    "hedley": Method("slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, hedley.plan, True, True),
-    "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, lyzenga.plan, True, True),
-    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, joyce.plan, True, True),
+    "hedley": Method("slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, regression_plan, True, True),
+    "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, regression_plan, True, True),
+    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, regression_plan, True, True),
     "multiband": Method(
         "all longer bands together, level at a low percentile", multiband.fit, multiband.plan, least_squares=True
     ),

@@ -30,17 +30,6 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
     algae, removal would subtract these from the shorter bands. This is tested on pixels with the least glint in the
     NIR: the additional removal by further references, as means over `EVEN_SIDE` pixels, must not vary by more than the
     noise of a pixel. The scene's own structures are the test signal (under wide plumes, the structures beside them).
-
-    Parameters
-    ----------
-    request : FitRequest
-        Without further references.
-    tiles : sequence of SampleTile
-
-    Returns
-    -------
-    tuple of int
-        0-based bands for `FitRequest.more`; empty if there are none, or all show the water.
     """
     return longest_that(request, lambda more: _taken_from_water(request, tiles, more) <= MOST_TAKEN)
 

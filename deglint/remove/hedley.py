@@ -15,13 +15,8 @@ from __future__ import annotations
 import numpy as np
 
 from .model import GlintModel
-from .request import FitRequest, regression_model, regression_plan
-from .statistics import SamplePlan, SampleStatistics
-
-
-def plan(request: FitRequest) -> SamplePlan:
-    """Statistics to gather: moments; single NIR values only for a percentile."""
-    return regression_plan(request, keep_index=request.floor_percentile > 0)
+from .request import FitRequest, regression_model
+from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:

@@ -51,23 +51,12 @@ def offsets(side: int) -> tuple[tuple[int, int], ...]:
 
 @dataclass(frozen=True, eq=False)
 class LagGrams:
-    """Gram matrices of [references at every offset | bands], one for each square of the sample.
+    """Gram matrices of [references at every offset | bands], one for each square of the sample."""
 
-    Attributes
-    ----------
-    grams : (square, variable, variable) ndarray of float64
-        With the mean of the square subtracted.
-    pixels : (square,) ndarray of int
-    references : int
-        Number of references.
-    places : (square, 2) ndarray of int
-        Row and column in the scene of the first pixel of each square.
-    """
-
-    grams: Float64
-    pixels: npt.NDArray[np.int64]
-    references: int
-    places: npt.NDArray[np.int64]
+    grams: Float64  # (square, variable, variable), with the mean of the square subtracted
+    pixels: npt.NDArray[np.int64]  # (square,)
+    references: int  # number of references
+    places: npt.NDArray[np.int64]  # (square, 2): row and column in the scene of its first pixel
 
     def some(self, chosen: Mask) -> LagGrams:
         """The matrices of selected squares."""
@@ -98,17 +87,11 @@ def gather(
 ) -> LagGrams:
     """Gram matrices of one tile.
 
-    Parameters
-    ----------
-    references, bands : sequences of (row, column) ndarray
-    sample : (row, column) ndarray of bool
-        Pixels used for fitting, all finite.
-    size : int
-        Side of the local mean that is subtracted first; 0 for none [pixel].
-    origin : (int, int)
-        Row and column of the tile in the scene.
-    weight : (row, column) ndarray, optional
-        Weight of each pixel in the sums; 1 by default.
+    references, bands : (row, column) each
+    sample : (row, column), True where pixels are used for fitting; all finite
+    size : side of the local mean that is subtracted first; 0 for none [pixel]
+    origin : row and column of the tile in the scene
+    weight : (row, column) weight of each pixel in the sums; 1 by default
     """
     import cv2
 

@@ -60,19 +60,7 @@ def mode(sample: npt.NDArray[np.floating]) -> float:
     wide and the peak refined by a parabola. Where values come in steps (integers, or integers times a scale), a bin
     contains an integer number of steps and is centred on them, so that bins are filled evenly.
 
-    Parameters
-    ----------
-    sample : (pixels,) ndarray
-        Finite.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    FitError
-        There are no values.
+    Raises FitError: there are no values.
 
     Notes
     -----
@@ -106,10 +94,7 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
     upper half from the median. It is above 1 if the lower half is wider. For quantised values (integers, or integers
     times a scale), each is assumed to be distributed evenly over its step for the median.
 
-    Raises
-    ------
-    FitError
-        There are no values.
+    Raises FitError: there are no values.
 
     Examples
     --------
@@ -187,22 +172,12 @@ def apart_from_sparkle(together: FloatArray, sample: npt.NDArray[np.bool_]) -> n
 
 @dataclass(frozen=True, eq=False)
 class LevelSample:
-    """Pixels of a sample from which the common level is determined.
+    """Pixels of a sample from which the common level is determined."""
 
-    Attributes
-    ----------
-    prediction, value : (band, pixel) ndarray
-        Predictions of the kernels in each band, and values of the band.
-    around : (pixel,) ndarray
-        Mean over `AVERAGED` x `AVERAGED` pixels of the prediction of all bands together.
-    apart : (pixel,) ndarray of bool
-        Pixels that may determine the level; all if there are none.
-    """
-
-    prediction: FloatArray
-    value: FloatArray
-    around: FloatArray
-    apart: npt.NDArray[np.bool_]
+    prediction: FloatArray  # (band, pixel), of the kernels
+    value: FloatArray  # (band, pixel)
+    around: FloatArray  # (pixel,): prediction of all bands together, mean over `AVERAGED` x `AVERAGED` pixels
+    apart: npt.NDArray[np.bool_]  # (pixel,): may determine the level; all may if there are none
 
     def some(self, which: Any) -> LevelSample:
         """A part of the pixels, by mask or slice."""

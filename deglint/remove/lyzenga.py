@@ -12,13 +12,8 @@ on Geoscience and Remote Sensing 44, 2251-2259, doi:10.1109/TGRS.2006.872909.
 from __future__ import annotations
 
 from .model import GlintModel
-from .request import FitRequest, regression_model, regression_plan
-from .statistics import SamplePlan, SampleStatistics
-
-
-def plan(request: FitRequest) -> SamplePlan:
-    """Statistics to gather: moments only."""
-    return regression_plan(request, keep_index=False)
+from .request import FitRequest, regression_model
+from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:

@@ -35,14 +35,8 @@ def predicted(
 ) -> FloatArray:
     """Prediction of index `k` of a model, (row, column); two kinds of strips are blended at their seams.
 
-    Parameters
-    ----------
-    references : mapping of int to ndarray
-        By 0-based band, finite, from `bordered`.
-    model : GlintModel
-    k : int
-    origin : (int, int)
-        Row and column in the scene of the first pixel [pixel].
+    references : by 0-based band, (row, column), finite, from `bordered`
+    origin : row and column in the scene of the first pixel
     """
     first = _filtered(references, model.indexes[k])
     if model.strips is None:

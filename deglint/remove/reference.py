@@ -35,28 +35,14 @@ GRAINS = 65535
 
 @dataclass(frozen=True, slots=True)
 class ReferenceRule:
-    """Criterion for pixels that exceed the water around them by more than glint does; plain values.
+    """Criterion for pixels that exceed the water around them by more than glint does; plain values."""
 
-    Attributes
-    ----------
-    band : int
-        0-based band that serves as reference.
-    limit : float
-        Largest excess of glint above the mean of the water around it [unit of the band].
-    least : float
-        Values below this never exceed their surroundings [unit of the band].
-    low, step : float
-        Quantisation for local means: (value - low) / step as integers [unit of the band].
-    edge : int
-        Width of the mixed pixels around anything that is not open water [pixel].
-    """
-
-    band: int
-    limit: float
-    least: float
-    low: float
+    band: int  # 0-based band that serves as reference
+    limit: float  # largest excess of glint above the mean of the water around it [unit of the band]
+    least: float  # values below this never exceed their surroundings [unit of the band]
+    low: float  # for local means, values are quantised: (value - low) / step as integers [unit of the band]
     step: float
-    edge: int = 1
+    edge: int = 1  # width of the mixed pixels around anything that is not open water [pixel]
 
     @property
     def halo(self) -> int:
@@ -69,21 +55,11 @@ def fit_reference(
 ) -> ReferenceRule:
     """Measure on open water by how much glint exceeds its surroundings.
 
-    Parameters
-    ----------
-    looks : iterable of (reference, sample)
-        Each (row, column): values of the band, and True on open water away from shores.
-    band : int
-        0-based band of the reference.
-    edge : int
-        Width of mixed pixels [pixel]; 2 for a band of half the resolution.
-    sparkle : bool
-        Pixels may resolve sparkle, whose few flashes are brightest: the limit is then at least the value that one pixel
-        in a million exceeds, by extrapolation of a power law through the 99th and the 99.9th percentile.
-
-    Returns
-    -------
-    ReferenceRule
+    looks : (row, column) values of the band, and True on open water away from shores, of each tile
+    band : 0-based band of the reference
+    edge : width of mixed pixels [pixel]; 2 for a band of half the resolution
+    sparkle : pixels may resolve sparkle, whose few flashes are brightest: the limit is then at least the value that one
+        pixel in a million exceeds, by extrapolation of a power law through the 99th and the 99.9th percentile
     """
     looks = [(values, sample & np.isfinite(values)) for values, sample in looks]
     found = [values[sample] for values, sample in looks if sample.any()]
@@ -130,8 +106,7 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
     Returns
     -------
     values : (row, column) ndarray
-        The reference, replaced by the mean of the water around where there is no open water; 0 if there is no water
-        around.
+        With the mean of the water around where there is no open water; 0 if there is no water around.
     exceeds : (row, column) ndarray of bool, or None
         Water where the band exceeds its surroundings by more than glint does; None if there are no such pixels.
     """

@@ -31,43 +31,18 @@ SIGNIFICANT = 3.0
 
 @dataclass(frozen=True, slots=True)
 class FitRequest:
-    """Request for a fit.
+    """Request for a fit."""
 
-    Attributes
-    ----------
-    bands : tuple of Band
-        All bands of the scene.
-    correct : tuple of int
-        0-based bands to correct.
-    indexes : tuple of GlintIndex
-        NIR references; their levels are not used.
-    follows : tuple of int or None
-        Number of the index for each band of `correct`; None for the one with the highest R2.
-    regression : str
-        Key of `REGRESSIONS`.
-    floor_percentile : float
-        Percentile of the index that is Hedley's level [%]; 0 is the minimum, as published.
-    rrs_factor : float
-        Ratio of the physical values to remote-sensing reflectance [sr]; pi for reflectance.
-    more : tuple of int
-        0-based bands that are also references for bands of shorter wavelength
-        (`deglint.remove.further.more_references`).
-    faint : bool
-        Optimise kernels for faint glint, at the cost of strong glint, which the posterior mean removes later.
-    level_error : bool
-        Estimate the standard error of the level of `wiener`, which takes half the time of a fit.
-    """
-
-    bands: tuple[Band, ...]
-    correct: tuple[int, ...]
-    indexes: tuple[GlintIndex, ...]
-    follows: tuple[int | None, ...]
-    regression: str = "ols"
-    floor_percentile: float = 0.0
-    rrs_factor: float = math.pi
-    more: tuple[int, ...] = ()
-    faint: bool = False
-    level_error: bool = True
+    bands: tuple[Band, ...]  # all bands of the scene
+    correct: tuple[int, ...]  # 0-based bands to correct
+    indexes: tuple[GlintIndex, ...]  # NIR references; their levels are not used
+    follows: tuple[int | None, ...]  # index of each band of `correct`; None for the one with the highest R2
+    regression: str = "ols"  # key of `REGRESSIONS`
+    floor_percentile: float = 0.0  # percentile of the index that is Hedley's level [%]; 0: the minimum, as published
+    rrs_factor: float = math.pi  # ratio of the values to remote-sensing reflectance [sr]; pi for reflectance
+    more: tuple[int, ...] = ()  # bands that are also references for shorter ones (`deglint.remove.further`)
+    faint: bool = False  # optimise kernels for faint glint; a posterior mean then removes strong glint
+    level_error: bool = True  # estimate the standard error of the level of `wiener`: half the time of a fit
 
     def __post_init__(self) -> None:
         if self.regression not in REGRESSIONS:
@@ -102,14 +77,13 @@ class FitRequest:
         return min(known)[1]
 
 
-def regression_plan(request: FitRequest, *, keep_index: bool) -> SamplePlan:
-    """Statistics for the regression methods; with `keep_index`, also single values for the level."""
-    robust = request.regression in ("huber", "theil-sen")
+def regression_plan(request: FitRequest) -> SamplePlan:
+    """Statistics for the regression methods."""
     return SamplePlan(
         bands=request.correct,
         indexes=request.indexes,
         detrend_size=DETREND_SIZE if request.regression == "detrended" else 0,
-        keep="all" if robust else "index" if keep_index else "nothing",
+        keep="all" if request.regression in ("huber", "theil-sen") else "index",
     )
 
 

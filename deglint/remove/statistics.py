@@ -28,31 +28,14 @@ MOST_CELLS = 1 << 14
 
 @dataclass(frozen=True)
 class SamplePlan:
-    """Statistics to gather.
+    """Statistics to gather."""
 
-    Attributes
-    ----------
-    bands : tuple of int
-        0-based bands to fit.
-    indexes : tuple of GlintIndex
-        Glint indexes to regress on (their levels are not used).
-    detrend_size : int
-        Side of the window whose mean is subtracted before the regression [pixel]; 0 for none.
-    keep : {"nothing", "index", "all"}
-        Which single pixels to keep: none, their indexes (for percentile and mode), or indexes and bands (for the
-        robust regressions).
-    share : int
-        Keep one pixel in `share`, selected by a hash of row and column.
-    levels : int
-        Cells of a row are kept in groups of 2**levels.
-    """
-
-    bands: tuple[int, ...]
-    indexes: tuple[GlintIndex, ...]
-    detrend_size: int = 0
-    keep: str = "nothing"
-    share: int = 1
-    levels: int = 0
+    bands: tuple[int, ...]  # 0-based bands to fit
+    indexes: tuple[GlintIndex, ...]  # glint indexes to regress on; their levels are not used
+    detrend_size: int = 0  # side of the window whose mean is subtracted before the regression [pixel]; 0 for none
+    keep: str = "nothing"  # which single pixels: "nothing", "index" (for the level), or "all" (for robust regressions)
+    share: int = 1  # keep one pixel in `share`, selected by a hash of row and column
+    levels: int = 0  # cells of a row are kept in groups of 2**levels
 
     @property
     def read_bands(self) -> tuple[int, ...]:
@@ -76,30 +59,15 @@ class Extreme:
 
 @dataclass(frozen=True, eq=False)
 class SampleStatistics:
-    """Statistics of a sample, or of its part in a tile; variables are the plan's bands, then its indexes.
-
-    Attributes
-    ----------
-    plan : SamplePlan
-    raw : CellMoments
-        Moments of the values.
-    cells : CellMoments
-        Moments of the values to which the slopes are fitted (detrended if planned), in groups of cells if planned.
-    darkest, brightest : tuple of Extreme
-        One per index; empty for a part without pixels.
-    places : (2, pixels) ndarray
-        Row and column of the kept pixels in the scene, in row-major order for a whole sample.
-    values : (variables or indexes, pixels) ndarray
-        Their values.
-    """
+    """Statistics of a sample, or of its part in a tile; variables are the plan's bands, then its indexes."""
 
     plan: SamplePlan
-    raw: CellMoments
-    cells: CellMoments
-    darkest: tuple[Extreme, ...]
+    raw: CellMoments  # of the values
+    cells: CellMoments  # of the values to which slopes are fitted (detrended if planned), in groups if planned
+    darkest: tuple[Extreme, ...]  # one per index; empty without a pixel
     brightest: tuple[Extreme, ...]
-    places: npt.NDArray[np.int64]
-    values: FloatArray
+    places: npt.NDArray[np.int64]  # (2, pixels): row and column of the kept pixels, in a whole sample in this order
+    values: FloatArray  # (variables or indexes, pixels): the kept pixels
 
     @cached_property
     def moments(self) -> Moments:
@@ -127,21 +95,10 @@ def gather(
 ) -> SampleStatistics:
     """Statistics of the sample's pixels in one tile.
 
-    Parameters
-    ----------
-    block : (len(plan.read_bands), rows, columns) ndarray
-        Physical values of the tile and its halo, NaN where not valid.
-    mask : (rows, columns) bool ndarray
-        True where a pixel belongs to the sample (in the halo too).
-    plan : SamplePlan
-    origin : (int, int)
-        Row and column in the scene of the tile's first pixel, not counting the halo.
-    crop : (int, int, int, int)
-        Halo of the block.
-
-    Returns
-    -------
-    SampleStatistics
+    block : (len(plan.read_bands), rows, columns) physical values of the tile and its halo, NaN where not valid
+    mask : (rows, columns), True where a pixel belongs to the sample (in the halo too)
+    origin : row and column in the scene of the tile's first pixel, not counting the halo
+    crop : halo of the block
     """
     variables = _variables(block, plan)
     mask = mask & np.isfinite(variables).all(axis=0)

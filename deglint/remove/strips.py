@@ -28,15 +28,9 @@ LEAST_SQUARES_OF_KIND = 2
 
 @dataclass(frozen=True, slots=True)
 class Strips:
-    """Squares of `CELL` pixels of a scene that lie in strips of the second kind.
+    """Squares of `CELL` pixels of a scene that lie in strips of the second kind."""
 
-    Attributes
-    ----------
-    rows : tuple of str
-        One text per row of squares, with "0" or "1" for each square.
-    """
-
-    rows: tuple[str, ...]
+    rows: tuple[str, ...]  # one text per row of squares, with "0" or "1" for each square
 
     @classmethod
     def of(cls, second: npt.NDArray[np.bool_]) -> Strips:
@@ -73,13 +67,7 @@ def find_kernels(grams: LagGrams, bands: int) -> tuple[Float64, Float64] | None:
     """Two kernels of 3 x 3 pixels that explain the squares of a sample much better than one; else None.
 
     Squares are assigned to the kernel with the smaller residual, and the kernels are fitted to their squares,
-    alternately; the start is the kernel of all squares and its mirror image.
-
-    Parameters
-    ----------
-    grams : LagGrams
-    bands : int
-        Number of bands.
+    alternately; the start is the kernel of all squares and its mirror image. `bands` is the number of bands.
     """
     inputs, outputs = grams.columns(0, 3), [grams.band(b) for b in range(bands)]
     total = grams.grams.sum(axis=0)

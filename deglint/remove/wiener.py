@@ -90,24 +90,12 @@ COARSE_EDGE = 2
 
 @dataclass(frozen=True, eq=False)
 class SampleTile:
-    """A training tile of a scene.
+    """A training tile of a scene."""
 
-    Attributes
-    ----------
-    block : (band, row, column) ndarray
-        Physical values of all bands of the scene, NaN where not valid.
-    water : (row, column) ndarray of bool
-        Water, also in the references.
-    sample : (row, column) ndarray of bool
-        Pixels used for fitting: water away from shores, or the sample given by the user.
-    origin : (int, int)
-        Row and column of the tile in the scene [pixel].
-    """
-
-    block: FloatArray
-    water: Mask
-    sample: Mask
-    origin: tuple[int, int] = (0, 0)
+    block: FloatArray  # (band, row, column) physical values of all bands of the scene, NaN where not valid
+    water: Mask  # (row, column), water, also in the references
+    sample: Mask  # (row, column), pixels used for fitting: water away from shores, or the sample given by the user
+    origin: tuple[int, int] = (0, 0)  # row and column of the tile in the scene [pixel]
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of degenerate samples, which are refused

@@ -16,8 +16,8 @@ from deglint.checks import checked_keywords
 from deglint.checksum import Checksum
 from deglint.errors import InputError, NoWaterError
 from deglint.pipeline.cluster import Cluster
+from deglint.pipeline.outputs import log_scene
 from deglint.pipeline.overview import raster_of
-from deglint.pipeline.sidecar import log_scene
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text, writing_all

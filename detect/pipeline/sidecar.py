@@ -8,7 +8,7 @@ from typing import Any
 from deglint import __version__
 from deglint.checksum import Checksum
 from deglint.errors import DeglintError
-from deglint.pipeline.sidecar import versions
+from deglint.pipeline.outputs import versions
 from deglint.readers.text import read_json
 
 from ..background import Background

@@ -14,7 +14,7 @@ import numpy as np
 
 from deglint import __version__
 from deglint.checksum import Checksum
-from deglint.pipeline.sidecar import versions
+from deglint.pipeline.outputs import versions
 from deglint.shown import shown
 
 from . import plots
