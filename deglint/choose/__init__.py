@@ -5,6 +5,6 @@ expected error follows from what it leaves of the texture and of the signals (`s
 """
 
 from .candidates import Candidate, candidates
-from .trial import Choice, Trial, choose
+from .trial import Choice, Trial, choose, without_ships
 
-__all__ = ["Candidate", "Choice", "Trial", "candidates", "choose"]
+__all__ = ["Candidate", "Choice", "Trial", "candidates", "choose", "without_ships"]

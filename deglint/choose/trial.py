@@ -148,7 +148,6 @@ def choose(
     *,
     width: float,
     fine: bool = False,
-    coarse: bool = False,
     each: Callable[..., Iterable[Any]] = map,
 ) -> Choice:
     """Try candidates, and take the one with the least expected error.
@@ -156,6 +155,7 @@ def choose(
     Parameters
     ----------
     sample : Sample
+        See `without_ships`.
     setting : Setting
     correct : sequence of int
         0-based bands that are to be corrected, by which candidates are judged.
@@ -165,8 +165,6 @@ def choose(
         Of the smallest object to keep [pixel].
     fine : bool
         Pixels resolve sparkle: removed light that is even about its median is then mirrored sky and not sun glint.
-    coarse : bool
-        Pixels do not resolve sparkle: those far brighter than their surroundings are ships and are excluded.
     each : callable
         Function that runs the candidates: `map`, or the `map` method of a pool of threads.
 
@@ -177,7 +175,6 @@ def choose(
     wiener = Candidate("wiener", "wiener")
     if sum(int(m.sum()) for m in sample.inside) < LEAST_TRIED:
         return Choice(wiener, width=width)
-    sample = without_ships(sample) if coarse else sample
     unit = _unit(sample, correct, len(setting.bands))
     level = np.where(np.isfinite(unit), unit, _levels(sample, len(setting.bands))).astype(np.float32)
     disc = min(width, LARGEST_DISC)

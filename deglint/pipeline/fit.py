@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -26,8 +25,8 @@ from . import sample as learning
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
 from .overview import check_size, overview_of, overviews, raster_of, role_bands, where_to_sample
 from .recipe import Recipe, make_request
-from .sample import Job, Progress, Training
-from .sampling import Sampled, fit_sampled, place_of, with_sample
+from .sample import Job, Progress
+from .sampling import fit_sampled, place_of, with_sample
 
 
 @dataclass(frozen=True)
@@ -39,12 +38,14 @@ class Fitted:
     model : GlintModel
     recipe : Recipe
         With every "auto" resolved.
-    notes, numbers : tuple of str, dict
-        The decisions, as lines for the log and as values for the sidecar.
+    notes : tuple of str
+        The decisions, as lines for the log.
+    sampled : dict or None
+        Size, place and statistics of the sample.
     sample : dict or None
         The sample as GeoJSON, if requested.
     water, water_bands : WaterRule or None, tuple of int
-        The rule for the water mask, if one is needed, and the 0-based scene bands that it uses.
+        The rule by which water was found, and the 0-based scene bands that it uses.
     chain : Chain
         Stages of compensation around the removal; empty where there are none.
     choice : Choice, optional
@@ -56,13 +57,23 @@ class Fitted:
     model: GlintModel
     recipe: Recipe
     notes: tuple[str, ...] = ()
-    numbers: dict[str, Any] = field(default_factory=dict)
+    sampled: dict[str, Any] | None = None
     sample: dict[str, Any] | None = None
     water: WaterRule | None = None
     water_bands: tuple[int, ...] = ()
     chain: Chain = field(default_factory=Chain)
     choice: Choice | None = None
     undeclared: Undeclared = field(default_factory=Undeclared)
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """The decisions as values for the sidecar."""
+        return {
+            "water": self.water.numbers() if self.water else None,
+            "sample": self.sampled,
+            "choice": self.choice.numbers() if self.choice else None,
+            "compensation": self.chain.numbers(),
+        }
 
     def __repr__(self) -> str:
         return f"Fitted({self.model!r}, compensation {self.chain.text if self.chain.runs else 'none'})"
@@ -143,8 +154,8 @@ def _fit_overviews(
             if overview.whole or (not found and (not overview.water or overview.water.has_water)):
                 raise
             continue
-        tolerance = (fitted.numbers["sample"] or {}).get("tolerance") or {"met": True}
-        if tolerance["met"] or overview.whole or not found:
+        met = (fitted.sampled or {}).get("tolerance", {}).get("met", True)
+        if met or overview.whole or not found:
             return fitted
     raise AssertionError("unreachable: the last overview is of everything")
 
@@ -175,13 +186,12 @@ def _fit(job: Job) -> Fitted:
     if choice is not None and method == "copy":
         warnings = (f"{choice.why_copied}. Nothing was corrected.",)
         model = GlintModel("wiener", job.request.indexes, (), job.request.names, warnings=warnings)
-    elif text != "off":
-        training = training or learning.read_training(job, sampler, learning.HALO)
-        found = learning.fit_compensated(job, training, text, method)
-        chain, (model, sample, outline) = found.chain, _with_training(job, training, found.model)
-    elif METHODS[method].neighbours:
-        training = learning.read_training(job, sampler, 0)
-        model, sample, outline = _with_training(job, training, learning.fit_neighbours(job, training, sampler))
+    elif text != "off" or METHODS[method].neighbours:
+        training = training or learning.read_training(job, sampler, learning.HALO if text != "off" else 0)
+        chain, model = learning.fit_training(job, training, sampler, text, method)
+        pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
+        places = [place_of(job, t.sample, t.tile) for t in training]
+        model, sample, outline = with_sample(job, model, pixels, places)
     elif METHODS[method].plan is None:
         model = METHODS[method].fit(job.request, None)
     else:
@@ -196,20 +206,8 @@ def _fit(job: Job) -> Fitted:
         regression=(regresses and model.regression) or "auto",
         floor_percentile=0.0 if choice else recipe.floor_percentile,
     )  # fmt: skip
-    numbers = {
-        "water": overview.water.numbers() if overview.water else None,
-        "sample": sample,
-        "choice": choice.numbers() if choice else None,
-        "compensation": chain.numbers(),
-    }
-    water = overview.water if recipe.mask == "auto" else None
-    return Fitted(model, resolved, tuple(notes), numbers, outline, water, role_bands(overview.roles), chain, choice)
-
-
-def _with_training(job: Job, training: Sequence[Training], model: GlintModel) -> Sampled:
-    """A model with the properties of its sample, which is in memory."""
-    pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
-    return with_sample(job, model, pixels, [place_of(job, t.sample, t.tile) for t in training])
+    bands = role_bands(overview.roles)
+    return Fitted(model, resolved, tuple(notes), sample, outline, overview.water, bands, chain, choice)
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
@@ -240,9 +238,7 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     log_water(rule, recipe.mask)
     log_model(model, notes[:1])
     resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
-    water = rule.numbers() if rule else None
-    numbers = {"water": water, "sample": None, "choice": None, "compensation": chain.numbers()}
-    return Fitted(model, resolved, tuple(notes), numbers, None, rule, bands, chain)
+    return Fitted(model, resolved, tuple(notes), None, None, rule, bands, chain)
 
 
 @checked_keywords()
@@ -280,8 +276,8 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         return out
     finally:
         raster_of(scene).budget = None
-    if sample := fitted.numbers["sample"]:
-        out |= {k: sample[k] for k in ("r2", "slopes", "glint_level")}
+    if fitted.sampled:
+        out |= {k: fitted.sampled[k] for k in ("r2", "slopes", "glint_level")}
     if (choice := fitted.choice) is not None:
         copied = choice.best.method == "copy"
         out["choice"], out["tried"] = choice.numbers(), choice.lines()

@@ -12,12 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..choose import Choice, choose
+from ..choose import Choice, choose, without_ships
 from ..compensate import (
     Background,
     Chain,
     FitRemoval,
-    FittedChain,
     ReplaceLevel,
     Sample,
     Setting,
@@ -106,18 +105,28 @@ def sampler_of(scene: Scene, recipe: Recipe, overview: Overview, threads: int) -
     Raises FitError, InputError, ReadError: no sample was found, or the given one cannot be used.
     """
     if recipe.sample == "auto":
-        return _auto_sampler(scene, overview, threads)
+        if overview.water is None:
+            raise FitError(
+                "a sample cannot be found without a visible band to tell water by. Pass --sample FILE.geojson, a "
+                "window, or --sample all."
+            )
+        rule = fit_sample(read_overview(scene, overview.tiles, overview.roles, threads), overview.water)
+        numbers, bands = {"rule": rule.numbers(), "tiles": len(overview.tiles)}, role_bands(overview.roles)
+
+        def deep(block: Any, columns: Sequence[int], _tile: Tile) -> Mask:
+            return deep_water(block[[columns.index(b) for b in bands]], rule)
+
+        return Sampler(overview.tiles, deep, bands, rule.halo, numbers)
     area: Area = WindowArea(((0, scene.height), (0, scene.width)))
     if recipe.sample != "all":
         # the area of --mask is the sample, too, where no other is given
         area = open_area(recipe.sample, scene, "--mask" if recipe.sample == recipe.mask else "--sample")
-    note, bounds = getattr(area, "note", ""), area.bounds
-
-    def mask(_block: Any, _columns: Sequence[int], tile: Tile) -> Mask:
-        return area.read(tile.window)
-
-    numbers = {"crs": note} if note else {}
-    return Sampler(tiles_over(scene, bounds, tile_shape_of(scene)), mask, numbers=numbers, bounds=bounds)
+    note = getattr(area, "note", "")
+    tiles = tiles_over(scene, area.bounds, tile_shape_of(scene))
+    return Sampler(
+        tiles, lambda _block, _columns, tile: area.read(tile.window), numbers={"crs": note} if note else {},
+        bounds=area.bounds,
+    )  # fmt: skip
 
 
 def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
@@ -127,22 +136,6 @@ def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Til
         t for t in tiling.tiles(scene.height, scene.width, shape)
         if t.row0 < bottom and t.row1 > top and t.col0 < right and t.col1 > left
     ]  # fmt: skip
-
-
-def _auto_sampler(scene: Scene, overview: Overview, threads: int) -> Sampler:
-    if overview.water is None:
-        raise FitError(
-            "a sample cannot be found without a visible band to tell water by. Pass --sample FILE.geojson, a window, "
-            "or --sample all."
-        )
-    rule = fit_sample(read_overview(scene, overview.tiles, overview.roles, threads), overview.water)
-    numbers = {"rule": rule.numbers(), "tiles": len(overview.tiles)}
-    bands = role_bands(overview.roles)
-
-    def mask(block: Any, columns: Sequence[int], _tile: Tile) -> Mask:
-        return deep_water(block[[columns.index(b) for b in bands]], rule)
-
-    return Sampler(overview.tiles, mask, bands, rule.halo, numbers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,36 +282,32 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
     return inner if enough else list(tiles)
 
 
-def fit_compensated(job: Job, training: Sequence[Training], text: str, method: str) -> FittedChain:
-    """Fit a chain of stages, including a removal method, to tiles."""
-    return fit_chain(text, sample_of(training), setting(job), removal_of(job, training, method))
-
-
-def fit_neighbours(job: Job, training: Sequence[Training], sampler: Sampler | None) -> GlintModel:
-    """Fit the method that uses neighbouring pixels to tiles of open water."""
+def fit_training(
+    job: Job, training: Sequence[Training], sampler: Sampler | None, text: str, method: str
+) -> tuple[Chain, GlintModel]:
+    """Fit a chain of stages with a removal method to tiles; or, without stages, kernels of neighbouring pixels."""
+    if text != "off":
+        found = fit_chain(text, sample_of(training), setting(job), removal_of(job, training, method))
+        return found.chain, found.model
     read = training_reader(job.scene, job.overview, sampler)
     at_once = tiling.affordable(job.threads, (TILE_SIDE, TILE_SIDE), 2 * len(job.scene.bands))
     strips = strips_of_footprints(job.scene, job.request.correct[0]) or strips_finder(job.scene, read, at_once)
     request = replace(job.request, regression="detrended")
-    return wiener.fit(request, [t.as_sample() for t in training], strips=strips)
+    return Chain(), wiener.fit(request, [t.as_sample() for t in training], strips=strips)
 
 
 def chosen(job: Job, training: Sequence[Training]) -> Choice:
     """Try candidates on the parts of training tiles that contain most of the sample."""
     parts = sorted((_part_of(t, job.scene) for t in training), key=lambda p: -int(p.sample.sum()))[:TRIED]
     pixel, rule = pixel_size(job.scene), job.overview.water
-    trial = replace(job, request=replace(job.request, level_error=False))
-
-    def removal(method: str) -> FitRemoval:
-        return removal_of(trial, parts, method)
-
+    sample, trial = sample_of(parts), replace(job, request=replace(job.request, level_error=False))
+    if rule is not None and rule.window == 1:  # pixels do not resolve sparkle
+        sample = without_ships(sample)
     with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
         return choose(
-            sample_of(parts), setting(job), job.request.correct, removal,
+            sample, setting(job), job.request.correct, partial(removal_of, trial, parts),
             width=smallest_object(job.recipe.smallest_object, pixel),
-            fine=pixel is not None and pixel < COARSE_PIXEL,
-            coarse=rule is not None and rule.window == 1,
-            each=pool.map,
+            fine=pixel is not None and pixel < COARSE_PIXEL, each=pool.map,
         )  # fmt: skip
 
 
