@@ -14,6 +14,7 @@ from ..errors import FitError
 from ..remove.detrend import SIZE as LOCAL_MEAN
 from ..remove.levels import even_share
 from ..remove.noise import noise, spread
+from ..remove.reference import grown
 from ..remove.request import EVEN
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
@@ -269,15 +270,8 @@ def without_ships(sample: Sample) -> Sample:
     for band in range(len(sample.states[0].raw)):
         high = [s.raw[band] - cv2.blur(s.raw[band], (LOCAL_MEAN,) * 2) for s in sample.states]
         limit = FAR_OUT * spread(sample.values(high))
-        inside = [m & ~_around(plane > limit) for m, plane in zip(inside, high, strict=True)]
+        inside = [m & ~grown(plane > limit, NOT_JUDGED) for m, plane in zip(inside, high, strict=True)]
     return replace(sample, inside=tuple(inside))
-
-
-def _around(mask: Mask) -> Mask:
-    """The mask, widened by `NOT_JUDGED` pixels on every side."""
-    import cv2
-
-    return np.asarray(cv2.dilate(mask.view(np.uint8), np.ones((2 * NOT_JUDGED + 1,) * 2, np.uint8))).view(np.bool_)
 
 
 def _targets(state: State) -> Mask:
@@ -286,7 +280,7 @@ def _targets(state: State) -> Mask:
 
 def without_shore(sample: Sample) -> Sample:
     """The sample without pixels near land: these are mixed with land, which looks like glint and cannot be removed."""
-    inside = (m & ~_around(~s.water) for s, m in zip(sample.states, sample.inside, strict=True))
+    inside = (m & ~grown(~s.water, NOT_JUDGED) for s, m in zip(sample.states, sample.inside, strict=True))
     return replace(sample, inside=tuple(inside))
 
 
@@ -295,7 +289,7 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
     inside = list(sample.inside)
     for run in runs:
         for n, mask in enumerate(run.targets):
-            inside[n] = inside[n] & ~_around(mask)
+            inside[n] = inside[n] & ~grown(mask, NOT_JUDGED)
     return tuple(inside)
 
 

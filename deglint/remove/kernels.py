@@ -12,9 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ..errors import FitError
 from ..moments import CELL, Float64, Mask
@@ -98,31 +100,22 @@ def gather(
     stack = np.stack([*references, *bands])
     values = detrend(stack, sample, size) if size else stack.astype(np.float64)
     values[:, ~sample] = 0.0
-    padded = np.pad(values[: len(references)], ((0, 0), (KERNEL_REACH, KERNEL_REACH), (KERNEL_REACH, KERNEL_REACH)))
+    reach = (KERNEL_REACH, KERNEL_REACH)
+    padded = np.pad(values[: len(references)], ((0, 0), reach, reach))
     square = np.ones((SIDE, SIDE), np.uint8)
     inner = cv2.erode(sample.view(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0).view(np.bool_)
     grams, pixels, places = [], [], []
-    for top in range(0, sample.shape[0], CELL):
-        for left in range(0, sample.shape[1], CELL):
-            cell = slice(top, top + CELL), slice(left, left + CELL)
-            mask = inner[cell]
-            if mask.sum() < LEAST_OPEN * CELL**2:
-                continue
-            height, width = mask.shape
-            near = padded[:, top : top + height + 2 * KERNEL_REACH, left : left + width + 2 * KERNEL_REACH]
-            shifted = [
-                plane[row : row + height, column : column + width]
-                for plane in near
-                for row in range(SIDE)
-                for column in range(SIDE)
-            ]
-            own = [plane[cell] for plane in values[len(references) :]]
-            w = mask.astype(np.float64)
-            if weight is not None:
-                w *= weight[cell]
-            grams.append(_gram(np.stack([*shifted, *own], axis=1), w))
-            pixels.append(int(mask.sum()))
-            places.append((origin[0] + top, origin[1] + left))
+    for top, left in product(*(range(0, n, CELL) for n in sample.shape)):
+        cell = slice(top, top + CELL), slice(left, left + CELL)
+        mask = inner[cell]
+        if mask.sum() < LEAST_OPEN * CELL**2:
+            continue
+        shifted = sliding_window_view(padded, mask.shape, (1, 2))[:, top : top + SIDE, left : left + SIDE]
+        variables = np.stack([*shifted.reshape(-1, *mask.shape), *values[len(references) :, *cell]], axis=1)
+        weights = mask.astype(np.float64) if weight is None else mask * weight[cell].astype(np.float64)
+        grams.append(_gram(variables, weights))
+        pixels.append(int(mask.sum()))
+        places.append((origin[0] + top, origin[1] + left))
     count = len(references) * SIDE**2 + len(bands)
     return LagGrams(
         np.array(grams).reshape(-1, count, count),
@@ -206,23 +199,15 @@ def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int
             "fitted. Choose another --nir, or a --sample where glint varies."
         )
     losses = {s: _held_out(groups, total, _inputs(grams, s), outputs) for s in usable}
-    chosen = _supports(losses)
-    out = []
+    chosen, out = _supports(losses), []
     for support in dict.fromkeys(chosen):
         mine = [k for k, s in enumerate(chosen) if s == support]
         wanted = [outputs[k] for k in mine]
         left_out = [_response(grams, total - g, support, wanted) for g in groups] if count > 1 else []
-        out.append(
-            KernelFit(
-                BandSet(band_set.references, tuple(band_set.bands[k] for k in mine)),
-                support,
-                solve(total, _inputs(grams, support), wanted),
-                _response(grams, total, support, wanted),
-                np.array(left_out),
-                losses[support].sum(axis=0)[mine],
-                int(grams.pixels.sum()),
-            )
-        )
+        own, loss = tuple(band_set.bands[k] for k in mine), losses[support].sum(axis=0)[mine]
+        kernels, response = solve(total, _inputs(grams, support), wanted), _response(grams, total, support, wanted)
+        pixels, own_set = int(grams.pixels.sum()), BandSet(band_set.references, own)
+        out.append(KernelFit(own_set, support, kernels, response, np.array(left_out), loss, pixels))
     return out
 
 

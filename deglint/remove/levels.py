@@ -19,6 +19,7 @@ from ..errors import FitError
 from ..moments import Float64
 from ..scene import FloatArray
 from .kernels import FOLDS
+from .reference import grown
 
 _BINS_PER_BANDWIDTH = 8
 """Histogram bins per bandwidth."""
@@ -163,11 +164,8 @@ def _peak(counts: Float64) -> float:
 
 def apart_from_sparkle(together: FloatArray, sample: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """The sample without the surroundings of strong glint, where resampling causes values that are too low."""
-    import cv2
-
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
-    beside = cv2.dilate(strong.view(np.uint8), np.ones((PIT, PIT), np.uint8))
-    return sample & ~np.asarray(beside).view(np.bool_)
+    return sample & ~grown(strong, PIT // 2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -233,23 +233,22 @@ class GlintModel:
 
 def _checked(model: GlintModel) -> GlintModel:
     """Check that the numbers of bands and indexes in a saved model exist."""
-    indexes = (*model.indexes, *model.second)
-    if not any(i.bands for i in model.indexes):
-        raise ValueError("it follows no band")
+    indexes, names = (*model.indexes, *model.second), range(len(model.band_names))
     bands = {*(b for i in indexes for b in i.bands), *(f.band for f in model.fits), *(r.band for r in model.references)}
-    if not bands <= set(range(len(model.band_names))):
-        raise ValueError(f"it uses bands {sorted(bands)}, counted from 0, and names {len(model.band_names)}")
-    if not {f.index for f in model.fits} <= set(range(len(model.indexes))):
-        raise ValueError("a fit on an index that it does not hold")
-    if any({len(i.weights), len(i.offsets or i.bands)} != {len(i.bands)} for i in indexes) or len(model.second) not in (
-        0,
-        len(model.indexes),
-    ):
-        raise ValueError("weights, offsets or indexes of another number than what they belong to")
-    if not np.isfinite([f.slope for f in model.fits]).all():
-        raise ValueError("a slope that is not finite")
-    if model.strips is not None and len({len(row) for row in model.strips.rows}) != 1:
-        raise ValueError("strips whose rows differ in length")
+    faults = {
+        "it follows no band": not any(i.bands for i in model.indexes),
+        f"it uses bands {sorted(bands)}, counted from 0, and names {len(names)}": not bands <= set(names),
+        "a fit on an index that it does not hold": not {f.index for f in model.fits} <= set(range(len(model.indexes))),
+        "weights or offsets of another number than their bands": any(
+            {len(i.weights), len(i.offsets or i.bands)} != {len(i.bands)} for i in indexes
+        ),
+        "indexes of two numbers for two kinds of strips": len(model.second) not in (0, len(model.indexes)),
+        "strips whose rows differ in length": len({len(row) for row in model.strips.rows} if model.strips else "1")
+        != 1,
+        "a slope that is not finite": not np.isfinite([f.slope for f in model.fits]).all(),
+    }
+    if any(faults.values()):
+        raise ValueError(next(fault for fault, found in faults.items() if found))
     return model
 
 
@@ -302,25 +301,20 @@ def apply(
         raise InputError(f"where has shape {where.shape}, but the block has {block.shape[1:]} pixels.")
     if out is None:
         out = np.empty_like(block)
+    if out is not block:
+        np.copyto(out, block)
     if model.halo:
         from .predict import subtract
 
         return subtract(block, model, where, out)
     rows = max(1, _SLAB // max(block.shape[2], 1))
-    for top in range(0, block.shape[1], rows):
+    for top in range(0, block.shape[1], rows):  # a few rows in float64, rounded once
         part = slice(top, top + rows)
-        _subtract(block[:, part], out[:, part], model, None if where is None else where[part])
+        above = [index.of(block[:, part]) - index.level for index in model.indexes]
+        if where is not None and not where[part].all():
+            for index in above:
+                index[~where[part]] = 0.0  # x - slope * 0 is x to the bit, NaN and all
+        for fit in model.fits:
+            values = out[fit.band, part]
+            np.subtract(values, above[fit.index] * fit.slope, out=values, casting="same_kind")
     return out
-
-
-def _subtract(block: FloatArray, out: FloatArray, model: GlintModel, where: npt.NDArray[np.bool_] | None) -> None:
-    """Correct a few rows, in float64, rounding once."""
-    above = [index.of(block) - index.level for index in model.indexes]
-    if where is not None and not where.all():
-        for index in above:
-            index[~where] = 0.0  # x - slope * 0 is x to the bit, NaN and all
-    for fit in model.fits:
-        np.subtract(block[fit.band], above[fit.index] * fit.slope, out=out[fit.band], casting="same_kind")
-    if not np.shares_memory(out, block):
-        for band in set(range(len(block))) - {fit.band for fit in model.fits}:
-            out[band] = block[band]

@@ -124,11 +124,8 @@ def glint(
 
 
 def subtract(block: FloatArray, model: GlintModel, where: Mask | None, out: FloatArray) -> FloatArray:
-    """`apply` for a kernel model: the whole block at once."""
+    """`apply` for a kernel model: the whole block at once, subtracted from its copy `out`."""
     water = np.ones(block.shape[1:], np.bool_) if where is None else where
-    found, _ = glint(block, model, water)
-    if out is not block:
-        np.copyto(out, block)
-    for band, amount in found.items():
-        np.subtract(block[band], amount, out=out[band], where=water)
+    for band, amount in glint(block, model, water)[0].items():
+        np.subtract(out[band], amount, out=out[band], where=water)
     return out

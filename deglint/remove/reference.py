@@ -115,14 +115,14 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
     everywhere = bool(water.all())
     if everywhere and not bright.any():
         return values, None
-    kept = inner = water if everywhere else water & ~_grown(~water, rule.edge)
+    kept = inner = water if everywhere else water & ~grown(~water, rule.edge)
     grains, over = _grains(values, rule), None
     bright &= inner
     for _ in range(2 if bright.any() else 0):  # again without what exceeded: a ship does not raise its own sea
         found = _exceeding(values, bright, _sums(grains, kept), rule)
         if not found.any():  # nor does anything the second time
             break
-        over = _grown(found, rule.edge) & inner
+        over = grown(found, rule.edge) & inner
         kept = inner & ~over
     if everywhere and over is None:
         return values, None
@@ -171,7 +171,8 @@ def _exceeding(
     return out
 
 
-def _grown(mask: Mask, edge: int) -> Mask:
+def grown(mask: Mask, edge: int) -> Mask:
+    """A mask with everything within `edge` pixels, in a square."""
     import cv2
 
     square = np.ones((2 * edge + 1, 2 * edge + 1), np.uint8)

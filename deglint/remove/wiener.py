@@ -52,6 +52,7 @@ from .colour import SharedGlint, shared_glint
 from .detrend import SIZE as LOCAL_MEAN
 from .detrend import detrend
 from .kernels import (
+    KERNEL_REACH,
     SUPPORTS,
     WITH_SWIR,
     WORTH,
@@ -68,7 +69,7 @@ from .levels import AVERAGED, LevelSample, apart_from_sparkle, shared_level, sha
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
 from .predict import bordered, predicted
-from .reference import FACTOR, QUARTILE, ReferenceRule, clean, fit_reference, open_squares
+from .reference import FACTOR, QUARTILE, ReferenceRule, clean, fit_reference, grown, open_squares
 from .request import FitRequest
 from .strips import LEAST_SQUARES_OF_KIND as LEAST_SQUARES
 from .strips import Strips, find_kernels, second_kind
@@ -262,8 +263,6 @@ def _without_outliers(learnt: Sequence[_Learnt]) -> list[_Learnt]:
 
     As in references: sparkle has nearly the same strength all over the sea, ships and surf do not.
     """
-    import cv2
-
     away = [np.abs(detrend(np.stack([*t.references.values(), *t.bands]), t.sample)) for t in learnt]
     tops = [
         np.nanmax(a[:, *square], axis=(1, 2))
@@ -276,8 +275,7 @@ def _without_outliers(learnt: Sequence[_Learnt]) -> list[_Learnt]:
     out = []
     for a, t in zip(away, learnt, strict=True):
         far = (a > limits[:, None, None]).any(axis=0)
-        near = np.asarray(cv2.dilate(far.view(np.uint8), np.ones((5, 5), np.uint8))).view(np.bool_)
-        out.append(replace(t, teaches=t.sample & ~near))
+        out.append(replace(t, teaches=t.sample & ~grown(far, KERNEL_REACH)))
     return out
 
 
