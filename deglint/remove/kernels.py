@@ -112,7 +112,7 @@ def gather(
             continue
         shifted = sliding_window_view(padded, mask.shape, (1, 2))[:, top : top + SIDE, left : left + SIDE]
         variables = np.stack([*shifted.reshape(-1, *mask.shape), *values[len(references) :, *cell]], axis=1)
-        weights = mask.astype(np.float64) if weight is None else mask * weight[cell].astype(np.float64)
+        weights = np.where(mask, 1.0 if weight is None else weight[cell].astype(np.float64), 0.0)
         grams.append(_gram(variables, weights))
         pixels.append(int(mask.sum()))
         places.append((origin[0] + top, origin[1] + left))

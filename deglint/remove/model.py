@@ -267,19 +267,14 @@ def apply(
         NaN where not valid. Not modified.
     model : GlintModel
     where : (row, column) bool ndarray, optional
-        True where pixels are corrected; others are copied bit for bit. For a model with references it is also the water
-        mask of these.
+        True where pixels are corrected; others are copied bit for bit. It is also the water mask of references.
     out : ndarray like block, optional
         Array for the result; may be `block` itself.
 
     Returns
     -------
     (band, row, column) ndarray
-        Same dtype as block. A NaN band stays NaN; where an index is NaN, its bands become NaN.
-
-    Notes
-    -----
-    Computed in float64 and rounded once. Cost: one read and one write of the block.
+        Same dtype as block, computed in float64. A NaN band stays NaN; where an index is NaN, its bands become NaN.
 
     Examples
     --------
@@ -290,7 +285,7 @@ def apply(
     """
     check_kind(block, np.ndarray, "block", "Read a scene with scene.read(), or give it to deglint.correct.")
     check_kind(model, GlintModel, "model", "Make one with deglint.fit; deglint.correct takes what fit_scene gives.")
-    if block.ndim != 3 or block.shape[0] != len(model.band_names):
+    if block.ndim != 3 or len(block) != len(model.band_names):
         raise InputError(
             f"the model is for {len(model.band_names)} bands ({', '.join(model.band_names)}), "
             f"but the array has shape {block.shape}; expected (band, row, column)."
@@ -300,8 +295,8 @@ def apply(
     if where is not None and where.shape != block.shape[1:]:
         raise InputError(f"where has shape {where.shape}, but the block has {block.shape[1:]} pixels.")
     if out is None:
-        out = np.empty_like(block)
-    if out is not block:
+        out = block.copy()
+    elif out is not block:
         np.copyto(out, block)
     if model.halo:
         from .predict import subtract
@@ -311,9 +306,8 @@ def apply(
     for top in range(0, block.shape[1], rows):  # a few rows in float64, rounded once
         part = slice(top, top + rows)
         above = [index.of(block[:, part]) - index.level for index in model.indexes]
-        if where is not None and not where[part].all():
-            for index in above:
-                index[~where[part]] = 0.0  # x - slope * 0 is x to the bit, NaN and all
+        if where is not None:
+            above = [np.where(where[part], a, 0.0) for a in above]  # x - slope * 0 is x to the bit, NaN and all
         for fit in model.fits:
             values = out[fit.band, part]
             np.subtract(values, above[fit.index] * fit.slope, out=values, casting="same_kind")
