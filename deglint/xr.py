@@ -43,14 +43,13 @@ __all__ = ["Deglint", "apply", "fit", "remove", "stack"]
 log = logging.getLogger(__name__)
 
 
-@checked_keywords()
+@checked_keywords("sensor", "nodata")
 def fit(
     array: Any,
     recipe: Recipe | str = "auto",
     *,
-    sensor: str | None = None,
-    nodata: float | str | None = None,
     threads: int | None = None,
+    **reading: Any,
 ) -> Fitted:
     """Fit a recipe to a DataArray; of a lazy one, what the sample needs is computed now.
 
@@ -60,10 +59,10 @@ def fit(
         Dimensions y, x and band in any order, others of size 1; see `deglint.readers.arrays.open_array`.
     recipe : Recipe or str
         What to do, or a method's name.
-    sensor, nodata
-        As `deglint.open_scene`.
     threads : int, optional
         All processors by default; the result does not depend on it.
+    **reading
+        sensor, nodata: as `deglint.open_scene`.
 
     Returns
     -------
@@ -76,12 +75,12 @@ def fit(
         As `deglint.fit_scene`; the optional dependency is missing.
     """
     need_xarray()
-    opened = open_array(array, sensor=sensor, nodata=nodata)
+    opened = open_array(array, **reading)
     recipe = recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
     return fit_scene(opened.scene, recipe, threads=threads)
 
 
-@checked_keywords()
+@checked_keywords("sensor", "nodata")
 def apply(
     array: Any,
     fitted: Fitted | GlintModel,
@@ -89,9 +88,8 @@ def apply(
     mask: str = "auto",
     chain: Chain | None = None,
     dtype: str | None = None,
-    sensor: str | None = None,
-    nodata: float | str | None = None,
     threads: int | None = None,
+    **reading: Any,
 ) -> Any:
     """Correct a DataArray with what was fitted; of a lazy one nothing is computed.
 
@@ -106,7 +104,7 @@ def apply(
         With a model alone: the compensation that was fitted with it.
     dtype : str, optional
         "float32" or "float64"; the array's own by default. Integers are rounded, and saturate.
-    sensor, nodata, threads
+    threads, **reading
         As `fit`.
 
     Returns
@@ -120,7 +118,7 @@ def apply(
         The array does not fit what was fitted.
     """
     need_xarray()
-    opened = open_array(array, sensor=sensor, nodata=nodata)
+    opened = open_array(array, **reading)
     if isinstance(fitted, GlintModel):
         if mask == "auto":  # else nothing is computed yet
             opened = replace(opened, scene=settled(opened.scene))
@@ -138,15 +136,14 @@ def apply(
     return opened.like(over_tiles(opened, partial(_corrected, work), work.halo, every, step=step, threads=threads))
 
 
-@checked_keywords()
+@checked_keywords("sensor", "nodata")
 def remove(
     array: Any,
     recipe: Recipe | str = "auto",
     *,
     dtype: str | None = None,
-    sensor: str | None = None,
-    nodata: float | str | None = None,
     threads: int | None = None,
+    **reading: Any,
 ) -> Any:
     """Fit a recipe to a DataArray and correct it: `fit`, then `apply`.
 
@@ -155,7 +152,7 @@ def remove(
     array : DataArray or Dataset
         A Dataset has one variable a band, as odc-stac gives it, or variables with a dimension band. Each entry of a
         further dimension, such as time, is a scene of its own.
-    recipe, dtype, sensor, nodata, threads
+    recipe, dtype, threads, **reading
         As `fit` and `apply`.
 
     Returns
@@ -178,7 +175,7 @@ def remove(
     (70, 0)
     """
     xarray = need_xarray()
-    given: Mapping[str, Any] = {"sensor": sensor, "nodata": nodata, "threads": threads}
+    given: Mapping[str, Any] = {"threads": threads, **reading}
     if isinstance(array, xarray.Dataset):
         return _by_variables(array, partial(remove, recipe=recipe, dtype=dtype, **given))
     further = [d for d in array.dims if d not in axes(array)] if hasattr(array, "dims") else []

@@ -157,24 +157,14 @@ def nir_request(
 ) -> FitRequest:
     """Turn a selection of NIR bands into a request.
 
-    Parameters
-    ----------
-    bands : sequence of Band
-    nir : sequence of int
-        0-based NIR bands.
-    use : {"mean", "best", "set"}
-        Use of several NIR bands: their mean, for each band the one that explains it best, or for each band the one that
-        is taken at the same time (`Band.group`).
-    correct : sequence of int, optional
-        0-based bands to correct. By default every band of shorter wavelength than the NIR, or every band but the NIR if
-        wavelengths are not known.
-    **options
-        regression, floor_percentile, rrs_factor.
+    nir : 0-based NIR bands
+    use : of several NIR bands "mean"; or "best", for each band the one that explains it best; or "set", for each band
+        the one that is taken at the same time (`Band.group`)
+    correct : 0-based bands to correct; by default those of shorter wavelength than the NIR, or all others if
+        wavelengths are not known
+    **options : regression, floor_percentile, rrs_factor
 
-    Raises
-    ------
-    InputError
-        A selection that is not possible.
+    Raises InputError: a selection that is not possible.
     """
     if not nir or not all(0 <= b < len(bands) for b in nir):
         raise InputError(f"NIR band(s) {list(nir)} are not among the {len(bands)} bands (counted from 0).")

@@ -27,7 +27,7 @@ import numpy as np
 
 from ..moments import Float64
 from .model import BandFit, GlintIndex, GlintModel
-from .request import FitRequest, check_sample, fit_warnings, sample_warnings
+from .request import FitRequest, check_sample, warnings_of
 from .statistics import SamplePlan, SampleStatistics
 
 REFERENCE_RIDGE = 1e-4
@@ -71,8 +71,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
         level = np.percentile(weights @ kept, request.floor_percentile or PERCENTILE)
         indexes.append(GlintIndex(used, tuple(map(float, weights)), float(level)))
         fits.append(BandFit(band, request.bands[band].name, i, 1.0, None, r2, stats.regressed.n))
-    warnings = sample_warnings(stats) + fit_warnings(fits)
-    return GlintModel("multiband", tuple(indexes), tuple(fits), request.names, None, tuple(warnings))
+    return GlintModel("multiband", tuple(indexes), tuple(fits), request.names, None, warnings_of(stats, fits))
 
 
 def _ridge(stats: SampleStatistics, band: int, references: list[int]) -> tuple[Float64, float]:

@@ -79,25 +79,14 @@ def glint(
 ) -> tuple[dict[int, FloatArray], Mask | None]:
     """Glint in each band that a kernel model corrects.
 
-    Parameters
-    ----------
-    block : (band, row, column) ndarray
-        Physical values, NaN where not valid; a tile needs `model.halo` more pixels on every side.
-    model : GlintModel
-        With references.
-    water : (row, column) ndarray of bool
-        Water in the references; other pixels, and NaN, are replaced by the water around.
-    origin : (int, int)
-        Row and column of the block in the scene, for strips [pixel].
-    crop : (int, int, int, int)
-        Halo above, below, left and right [pixel].
+    block : (band, row, column), physical values, NaN where not valid; a tile needs `model.halo` more pixels around
+    water : (row, column), water in the references; other pixels, and NaN, are replaced by the water around
+    origin : row and column of the block in the scene, for strips [pixel]
+    crop : halo above, below, left and right [pixel]
 
-    Returns
-    -------
-    glint : dict of int to (row, column) ndarray
-        By 0-based band, without the halo; never negative unless the model is signed, and meaningful only over water.
-    exceeds : (row, column) ndarray of bool, or None
-        Water where a reference exceeds its surroundings by more than glint does, and is replaced by their mean.
+    Returns the glint by 0-based band, (row, column) without the halo, never negative unless the model is signed, and
+    meaningful only over water; and the water where a reference exceeds its surroundings by more than glint does, and is
+    replaced by their mean, None if there is none.
     """
     height, width = water.shape
     top, bottom, left, right = (max(side - KERNEL_REACH, 0) for side in crop)  # what the kernels look at stays

@@ -114,21 +114,10 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
     place of that of each reference), relative to the standard deviation of the mixture. For one reference it is the
     slope's standard error over the slope.
 
-    Parameters
-    ----------
-    stats : SampleStatistics
-        The sample of the model.
-    model : GlintModel
-    fit : BandFit
-        One of the model's.
-
-    Returns
-    -------
-    error : float
-        Infinite if the sample spans fewer than `CLUSTERS` cells, or the mixture does not vary.
-    cells : float
-        Effective number of cells, (sum p)^2 / sum p^2, with p the glint in each: if a few clumps of sparkle contain
-        most of it, the error does not represent others (after Carter, Schnepel and Steigerwald 2017).
+    `fit` is one of the fits of the model to this sample. Gives the error, infinite if the sample spans fewer than
+    `CLUSTERS` cells or the mixture does not vary; and the effective number of cells, (sum p)^2 / sum p^2: if a few
+    clumps of sparkle contain most of the glint, the error does not represent others (after Carter, Schnepel and
+    Steigerwald 2017).
     """
     cells, band, (rows, w) = stats.cells, stats.plan.bands.index(fit.band), _references(stats, model, fit)
     power = stats.regressed.comoment[np.ix_(rows, rows)]

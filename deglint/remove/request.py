@@ -60,13 +60,7 @@ class FitRequest:
         return tuple(b.name for b in self.bands)
 
     def nearest(self, wavelength: float, within: float, method: str) -> int:
-        """0-based band nearest to a wavelength [nm].
-
-        Raises
-        ------
-        BandError
-            No band lies within the tolerance; the message lists the bands.
-        """
+        """0-based band nearest to a wavelength [nm]; BandError lists the bands if none lies within the tolerance."""
         known = [(abs(b.wavelength - wavelength), i) for i, b in enumerate(self.bands) if b.wavelength]
         if not known or min(known)[0] > within:
             listed = ", ".join(f"{b.name} {b.wavelength or '?'} nm" for b in self.bands)
@@ -95,10 +89,7 @@ def regression_model(
 ) -> GlintModel:
     """Slopes by the request's regression, levels by `level(stats, k)` for each index k.
 
-    Raises
-    ------
-    FitError
-        The sample is too small, or an index does not vary in it.
+    Raises FitError: the sample is too small, or an index does not vary in it.
     """
     check_sample(request, stats)
     slopes = REGRESSIONS[request.regression](stats)
@@ -119,17 +110,17 @@ def linear_model(
     """
     slopes = np.asarray(slopes, np.float64)
     errors = r2 = np.full(slopes.shape, np.nan)
-    n, warnings = 0, []
+    n = 0
     if stats is not None:
-        n, r2, warnings = stats.regressed.n, explained(stats, slopes), sample_warnings(stats)
+        n, r2 = stats.regressed.n, explained(stats, slopes)
         errors = errors if regression is None else standard_error(stats, slopes)
     fits = []
     for i, (band, follows) in enumerate(zip(request.correct, request.follows, strict=True)):
         k = int(np.argmax(r2[i])) if follows is None else follows
         slope, error, share = (float(x[i, k]) for x in (slopes, errors, r2))
         fits.append(BandFit(band, request.bands[band].name, k, slope, _known(error), _known(share), n))
-    warnings += fit_warnings(fits)
-    return GlintModel(method, request.indexes, tuple(fits), request.names, regression, tuple(warnings))
+    warnings = () if stats is None else warnings_of(stats, fits)
+    return GlintModel(method, request.indexes, tuple(fits), request.names, regression, warnings)
 
 
 def _known(value: float) -> float | None:
@@ -168,24 +159,16 @@ def _beyond_squares(name: str, stats: SampleStatistics, v: int) -> FitError:
     )
 
 
-def sample_warnings(stats: SampleStatistics) -> list[str]:
-    """Warnings about a sample."""
+def warnings_of(stats: SampleStatistics, fits: Iterable[BandFit]) -> tuple[str, ...]:
+    """Warnings about a sample, of bands that the index does not explain, and of unreliable slopes."""
     warnings = []
     if stats.moments.n < FEW_PIXELS:
         warnings.append(f"small sample: {stats.moments.n} pixels (fewer than {FEW_PIXELS}).")
     for v in range(len(stats.plan.bands), len(stats.moments.mean)):
-        spread = float(np.sqrt(stats.moments.covariance()[v, v]))
-        middle = abs(float(stats.moments.mean[v]))
+        spread, middle = float(np.sqrt(stats.moments.covariance()[v, v])), abs(float(stats.moments.mean[v]))
         if spread < 0.01 * middle:
-            warnings.append(
-                f"uniform sample: the NIR varies by {100 * spread / middle:.2g} % of its mean (less than 1 %)."
-            )
-    return warnings
-
-
-def fit_warnings(fits: Iterable[BandFit]) -> list[str]:
-    """Warnings of bands that the index does not explain, and of unreliable slopes."""
-    warnings = []
+            share = f"{100 * spread / middle:.2g} %"
+            warnings.append(f"uniform sample: the NIR varies by {share} of its mean (less than 1 %).")
     for fit in fits:
         if fit.r2 is not None and fit.r2 < LOW_R2:
             share = f"{max(fit.r2, 0):.0%}"
@@ -193,4 +176,4 @@ def fit_warnings(fits: Iterable[BandFit]) -> list[str]:
         if fit.stderr is not None and fit.slope < SIGNIFICANT * fit.stderr:
             said = f"{fit.slope:.3g} +- {fit.stderr:.2g}"
             warnings.append(f"the slope of {fit.name}, {said}, is not {SIGNIFICANT:g} standard errors above zero.")
-    return warnings
+    return tuple(warnings)

@@ -108,25 +108,13 @@ def fit(
 ) -> GlintModel:
     """Fit kernels, responses and level.
 
-    Parameters
-    ----------
-    request : FitRequest
-        With regression "ols" no local mean is subtracted, and responses are not drawn to the expected spectrum.
-    tiles : sequence of SampleTile
-        Spread over the scene; 0.3 million pixels are enough.
-    strips : Strips or callable, optional
-        Strips of detectors with opposite band delays, for separate kernels; or a function that finds them in the whole
-        scene by the kinds of the squares in its tiles, called if the sample shows two kinds.
+    request : with regression "ols" no local mean is subtracted, and responses are not drawn to the expected spectrum
+    tiles : spread over the scene; 0.3 million pixels are enough
+    strips : strips of detectors with opposite band delays, for separate kernels; or a function that finds them in the
+        whole scene by the kinds of the squares in its tiles, called if the sample shows two kinds
 
-    Returns
-    -------
-    GlintModel
-        Without fits if the glint common to the bands is not significant, or not worth removing.
-
-    Raises
-    ------
-    FitError
-        Too little open water.
+    The model is without fits if the glint common to the bands is not significant, or not worth removing.
+    Raises FitError: too little open water.
     """
     sets = band_sets(request)
     rules = _rules(request, tiles, sets)
