@@ -187,7 +187,8 @@ def _fit(job: Job) -> Fitted:
         warnings = (f"{choice.why_copied}. Nothing was corrected.",)
         model = GlintModel("wiener", job.request.indexes, (), job.request.names, warnings=warnings)
     elif text != "off" or METHODS[method].neighbours:
-        training = training or learning.read_training(job, sampler, learning.HALO if text != "off" else 0)
+        if training is None or text == "off":
+            training = learning.read_training(job, sampler, learning.HALO if text != "off" else 0)
         chain, model = learning.fit_training(job, training, sampler, text, method)
         pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
         places = [place_of(job, t.sample, t.tile) for t in training]
