@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from logging.handlers import QueueHandler
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
 from pathlib import Path
@@ -145,7 +146,7 @@ def _hear(line: Any, process: Any, job: Job, begun: float) -> Outcome | None:
         return job.ended(FAILED, why, begun=begun)
     if isinstance(said, Outcome):
         return said
-    log.log(said[0], "%s: %s", job.scene.name, said[1])
+    log.log(said.levelno, "%s: %s", job.scene.name, said.getMessage())
     return None
 
 
@@ -159,16 +160,12 @@ def _join(processes: Iterable[Any]) -> None:
             process.join()
 
 
-class _Forward(logging.Handler):
+class _Forward(QueueHandler):
     """Log handler of a worker: sends its records to the batch process."""
 
-    def __init__(self, line: Any) -> None:
-        super().__init__(logging.INFO)
-        self._line = line
-
-    def emit(self, record: logging.LogRecord) -> None:
+    def enqueue(self, record: logging.LogRecord) -> None:
         with contextlib.suppress(OSError):
-            self._line.send((record.levelno, record.getMessage()))
+            self.queue.send(record)  # type: ignore[attr-defined]
 
 
 def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:

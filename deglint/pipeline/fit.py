@@ -20,7 +20,7 @@ from ..readers.place import ground_size
 from ..readers.undeclared import Undeclared, settled, undeclared
 from ..remove import METHODS, GlintModel
 from ..scene import Scene
-from ..tiles import Tile, default_threads
+from ..tiles import default_threads
 from . import sample as learning
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
 from .overview import check_size, overview_of, overviews, raster_of, role_bands, where_to_sample
@@ -273,7 +273,11 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         with environment():
             fitted = _fit_noted(scene, recipe, threads or default_threads(), out)
     except DeglintError as error:
-        out["reason"] = str(error) if not budget.over else _not_seen(scene, budget)
+        out["reason"] = str(error) if not budget.over else (
+            f"the look at it was stopped after {budget.seconds:g} s or {budget.reads} windows: {budget.done} windows "
+            f"of {budget.pixels} pixels were read, of {scene.height * scene.width} pixels; what lies in the others is "
+            "not known. To look for longer, set the environment variable DEGLINT_INFO_SECONDS, or name a --sample"
+        )  # fmt: skip
         return out
     finally:
         raster_of(scene).budget = None
@@ -298,7 +302,11 @@ def _fit_noted(scene: Scene, recipe: Recipe, threads: int, out: dict[str, Any]) 
     out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
     nir = request.indexes[0].bands[0]
     overview = overview_of(scene, nir, threads, wanted=True)
-    out |= _validity(scene, overview.tiles, nir, threads)
+    reads = tiling.run(
+        overview.tiles, lambda t: scene.source.read(t.window, [nir]), threads=threads, start=enter_thread
+    )
+    valid, total = np.sum([(np.isfinite(block).sum(), block.size) for _tile, block in reads], axis=0)
+    out |= {"valid_fraction": float(valid / total), "looked_at_pixels": int(total)}
     water = overview.water
     try:
         fitted = fit_scene(scene, recipe, threads=threads)
@@ -308,16 +316,6 @@ def _fit_noted(scene: Scene, recipe: Recipe, threads: int, out: dict[str, Any]) 
             out["water_fraction"] = water.water_fraction
             notes.append(water.reason)
     return fitted
-
-
-def _not_seen(scene: Scene, budget: Budget) -> str:
-    """Note on the part of the scene that was not read for lack of time."""
-    total = scene.height * scene.width
-    return (
-        f"the look at it was stopped after {budget.seconds:g} s or {budget.reads} windows: {budget.done} windows of "
-        f"{budget.pixels} pixels were read, of {total} pixels; what lies in the others is not known. To look for "
-        "longer, set the environment variable DEGLINT_INFO_SECONDS, or name a --sample"
-    )
 
 
 def _header(scene: Scene) -> dict[str, Any]:
@@ -336,9 +334,3 @@ def _header(scene: Scene) -> dict[str, Any]:
         "opened": list(scene.notes),
         "bands": [asdict(b) for b in scene.bands],
     }
-
-
-def _validity(scene: Scene, looked: tuple[Tile, ...], nir: int, threads: int) -> dict[str, Any]:
-    reads = tiling.run(looked, lambda t: scene.source.read(t.window, [nir]), threads=threads, start=enter_thread)
-    valid = np.array([(int(np.isfinite(block).sum()), block.size) for _tile, block in reads]).sum(axis=0)
-    return {"valid_fraction": float(valid[0] / valid[1]), "looked_at_pixels": int(valid[1])}

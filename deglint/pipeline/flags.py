@@ -50,6 +50,7 @@ NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED, REPLACED, PROTECTED 
 GLINT_CLASSES = {0: "not assessed", 1: "negligible", 2: "correctable (moderate)", 3: "uncorrectable (severe)"}
 """Values of its second band: sun glint in the pixel before the correction."""
 NOT_ASSESSED, NEGLIGIBLE, CORRECTABLE, UNCORRECTABLE = GLINT_CLASSES
+MODELLED = "modelled at the water surface, not removed"
 SPECIFICATION = "CEOS-ARD Aquatic Reflectance 2.0.1"
 SKY_MODEL = "harrison-coombes"
 """Sky model of the value: a clear sky, as for the irradiance; sun glint occurs under a clear sky."""
@@ -164,21 +165,15 @@ def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | Non
         return Layout(kept, bands, "float32", float("nan"), names=names, **options)
 
     if targets.amount:
-        sky_of = modelled["reflectance"] if modelled else {}
-        tags_of = tuple(_with_sky(tags, sky_of.get(band.name))
-                        for tags, band in zip(info.band_tags, work.scene.bands, strict=True))  # fmt: skip
-        found["amount"] = targets.amount, values("sun glint in", replace(info, band_tags=tags_of))
+        tags_of = list(info.band_tags)
+        for i, band in enumerate(work.scene.bands):
+            if value := modelled and modelled["reflectance"].get(band.name):
+                sky_tags = {"SKY_GLINT_REFLECTANCE": f"{value:.4g}", "SKY_GLINT": MODELLED}
+                tags_of[i] = {**tags_of[i], "": {**tags_of[i].get("", {}), **sky_tags}}
+        found["amount"] = targets.amount, values("sun glint in", replace(info, band_tags=tuple(tags_of)))
     if targets.stderr:
         found["stderr"] = targets.stderr, values("standard error of", info)
     return found
-
-
-def _with_sky(tags: Mapping[str, Any], value: float | None) -> Mapping[str, Any]:
-    """A band's tags, with its modelled sky glint if known."""
-    if not value:
-        return tags
-    said = {"SKY_GLINT_REFLECTANCE": f"{value:.4g}", "SKY_GLINT": "modelled at the water surface, not removed"}
-    return {**tags, "": {**tags.get("", {}), **said}}
 
 
 def sky_glint(scene: Scene) -> dict[str, Any] | None:

@@ -320,10 +320,7 @@ def saved(fitted: Fitted) -> str:
 def load_model(path: str) -> GlintModel:
     """Read the model of a removal that `--save-model` wrote.
 
-    Raises
-    ------
-    ReadError, InputError
-        No such file, or not a saved model.
+    Raises ReadError, InputError: no such file, or not a saved model.
     """
     return _load(path, GlintModel.from_json)
 
@@ -331,10 +328,7 @@ def load_model(path: str) -> GlintModel:
 def load_chain(path: str) -> Chain:
     """Read the compensation that was saved with a model; an empty chain if there was none.
 
-    Raises
-    ------
-    ReadError, InputError
-        No such file, or not a saved compensation.
+    Raises ReadError, InputError: no such file, or not a saved compensation.
     """
 
     def read(text: str) -> Chain:

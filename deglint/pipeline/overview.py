@@ -52,6 +52,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
     found = band_roles(scene)
     roles = Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir})
     total = scene.height * scene.width
+    known = (scene.sensor or "").startswith(("sentinel2", "landsat"))  # products of reflectance
     for pixels in (OVERVIEW_PIXELS, 16 * OVERVIEW_PIXELS, total) if total > SMALL_PIXELS else (total,):
         last = pixels >= total
         chosen = _everywhere(scene, nir, threads) if last else _lattice(scene, pixels)
@@ -62,17 +63,11 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
                 _compact(roles),
                 pixel=pixel_size(scene),
                 whole=last and total <= MOST_OVERVIEW,
-                reflectance=_reflectance(scene),
+                reflectance=known or all(re.fullmatch(r"(sr_)?b(0\d|1\d|8a)", name.lower()) for name in scene.names),
             )
         elif not chosen:
             raise NoWaterError(f"{scene.path} holds no valid pixel in band {scene.bands[nir].name}. Check --nodata.")
         yield Overview(tuple(chosen), roles, rule, last)
-
-
-def _reflectance(scene: Scene) -> bool:
-    """Whether the bands are reflectances of a Sentinel-2 or Landsat product."""
-    known = (scene.sensor or "").startswith(("sentinel2", "landsat"))
-    return known or all(re.fullmatch(r"(sr_)?b(0\d|1\d|8a)", name.lower()) for name in scene.names)
 
 
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:

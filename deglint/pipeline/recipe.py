@@ -162,17 +162,12 @@ def area_name(value: Any, field: str, words: str) -> str:
 def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, list[str]]:
     """Turn the recipe's bands into a request; also returns notes on them for the log."""
     wanted = list(recipe.nir) or None
-    nir = find_nir(scene, wanted)
-    notes = [explain_nir(scene, wanted)]
-    use = recipe.nir_use
-    if use == "auto" and not recipe.nir:
-        sets = _nir_of_every_set(scene)
-        nir, use = (sets, "set") if sets else (nir, "mean")
-        if sets:
-            names = " and ".join(scene.bands[b].name for b in nir)
-            notes = [f"NIR is {names}, each for the bands taken at the same time (--nir-use mean to average)"]
-    elif use == "auto":
-        use = "mean"
+    nir, notes = find_nir(scene, wanted), [explain_nir(scene, wanted)]
+    use = "mean" if recipe.nir_use == "auto" else recipe.nir_use
+    if recipe.nir_use == "auto" and not wanted and (sets := _nir_of_every_set(scene)):
+        nir, use = sets, "set"
+        names = " and ".join(scene.bands[b].name for b in nir)
+        notes = [f"NIR is {names}, each for the bands taken at the same time (--nir-use mean to average)"]
     correct = [find_band(scene, b) for b in recipe.bands] or None
     if correct and set(correct) <= set(nir):
         raise InputError("every band asked for is a NIR reference; name bands to correct with -b.")

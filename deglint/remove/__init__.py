@@ -9,6 +9,7 @@ This package does not deal with files, tiles, threads, masks or logging.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -168,7 +169,9 @@ def nir_request(
     """
     if not nir or not all(0 <= b < len(bands) for b in nir):
         raise InputError(f"NIR band(s) {list(nir)} are not among the {len(bands)} bands (counted from 0).")
-    chosen = _correctable(bands, nir) if correct is None else tuple(b for b in correct if b not in nir)
+    limit = max([w for b in nir if (w := bands[b].wavelength)], default=math.inf)
+    shorter = [i for i, b in enumerate(bands) if (b.wavelength or 0) < limit]
+    chosen = tuple(b for b in (shorter if correct is None else correct) if b not in nir)
     if use == "mean":
         indexes = [GlintIndex(tuple(nir), (1.0 / len(nir),) * len(nir))]
         follows: list[int | None] = [0] * len(chosen)
@@ -178,12 +181,6 @@ def nir_request(
     else:
         raise InputError(f"use of several NIR bands {use!r} is not one of mean, best, set.")
     return FitRequest(tuple(bands), chosen, tuple(indexes), tuple(follows), **options)
-
-
-def _correctable(bands: Sequence[Band], nir: Sequence[int]) -> tuple[int, ...]:
-    limits = [w for b in nir if (w := bands[b].wavelength)]
-    limit = max(limits) if limits else float("inf")
-    return tuple(i for i, b in enumerate(bands) if i not in nir and (b.wavelength or 0) < limit)
 
 
 def _same_group(bands: Sequence[Band], nir: Sequence[int], band: int) -> int:

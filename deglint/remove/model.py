@@ -33,24 +33,12 @@ _SLAB = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class GlintIndex:
-    """g = sum of weight * band, and its glint-free level.
+    """g = sum of weight * band, and its glint-free level."""
 
-    Attributes
-    ----------
-    bands : tuple of int
-        0-based bands of the index.
-    weights : tuple of float
-        Weight of each band.
-    level : float
-        g0, in the unit of the index.
-    offsets : tuple of (int, int)
-        Row and column offset at which each band is read [pixel]; empty if all are read at the pixel itself.
-    """
-
-    bands: tuple[int, ...]
-    weights: tuple[float, ...]
-    level: float = 0.0
-    offsets: tuple[tuple[int, int], ...] = ()
+    bands: tuple[int, ...]  # 0-based bands of the index
+    weights: tuple[float, ...]  # of each band
+    level: float = 0.0  # g0 [unit of the index]
+    offsets: tuple[tuple[int, int], ...] = ()  # (row, column) at which each band is read [pixel]; empty: at the pixel
 
     @property
     def reach(self) -> int:
@@ -67,32 +55,15 @@ class GlintIndex:
 
 @dataclass(frozen=True, slots=True)
 class BandFit:
-    """Relation of one band to the glint index.
+    """Relation of one band to the glint index."""
 
-    Attributes
-    ----------
-    band : int
-        0-based.
-    name : str
-    index : int
-        Number of its index among the model's indexes.
-    slope : float
-        b_i, in units of the band per unit of the index.
-    stderr : float or None
-        Standard error of the slope; None if the method does not estimate the slope.
-    r2 : float or None
-        Share of the band's variance in the sample that the index explains.
-    n : int
-        Pixels in the fit.
-    """
-
-    band: int
+    band: int  # 0-based
     name: str
-    index: int
-    slope: float
-    stderr: float | None = None
-    r2: float | None = None
-    n: int = 0
+    index: int  # number of its index among the model's indexes
+    slope: float  # b_i [unit of the band per unit of the index]
+    stderr: float | None = None  # standard error of the slope; None if the method does not estimate the slope
+    r2: float | None = None  # share of the band's variance in the sample that the index explains
+    n: int = 0  # pixels in the fit
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,10 +158,7 @@ class GlintModel:
     def from_json(cls, text: str) -> GlintModel:
         """Read a model written by `to_json`.
 
-        Raises
-        ------
-        InputError
-            The text is not a saved model, or one of a later format.
+        Raises InputError: the text is not a saved model, or one of a later format.
         """
         try:
             data = json.loads(text)
@@ -205,10 +173,7 @@ class GlintModel:
     def for_bands(self, names: tuple[str, ...]) -> GlintModel:
         """The same model for a scene with these band names, in any order.
 
-        Raises
-        ------
-        InputError
-            A band that the model needs is missing; the message names it.
+        Raises InputError: a band that the model needs is missing; the message names it.
         """
         if names == self.band_names:
             return self

@@ -119,7 +119,9 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
     grains, over = _grains(values, rule), None
     bright &= inner
     for _ in range(2 if bright.any() else 0):  # again without what exceeded: a ship does not raise its own sea
-        found = _exceeding(values, bright, _sums(grains, kept), rule)
+        total, count = (sums[bright] for sums in _sums(grains, kept))
+        found = np.zeros_like(bright)
+        found[bright] = (count >= LEAST_LOCAL) & (values[bright] > _mean(total, count, rule) + rule.limit)
         if not found.any():  # nor does anything the second time
             break
         over = grown(found, rule.edge) & inner
@@ -159,16 +161,6 @@ def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.in
 def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> npt.NDArray[np.float64]:
     """Mean of the values from their quantised sum and number; `rule.low` for no pixels."""
     return np.asarray(total / np.maximum(count, 1) * rule.step + rule.low)
-
-
-def _exceeding(
-    values: FloatArray, among: Mask, sums: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]], rule: ReferenceRule
-) -> Mask:
-    """Pixels of `among` that exceed the mean of the water around them by more than glint does."""
-    total, count = (s[among] for s in sums)
-    out = np.zeros(values.shape, np.bool_)
-    out[among] = (count >= LEAST_LOCAL) & (values[among] > _mean(total, count, rule) + rule.limit)
-    return out
 
 
 def grown(mask: Mask, edge: int) -> Mask:

@@ -100,14 +100,17 @@ def gather(
     origin : row and column in the scene of the tile's first pixel, not counting the halo
     crop : halo of the block
     """
-    variables = _variables(block, plan)
+    planes = dict(zip(plan.read_bands, block, strict=True))
+    first = len(plan.bands)
+    variables = np.empty((first + len(plan.indexes), *mask.shape), block.dtype)
+    for v, plane in enumerate([*(planes[b] for b in plan.bands), *(index.of(planes) for index in plan.indexes)]):
+        variables[v] = plane
     mask = mask & np.isfinite(variables).all(axis=0)
     inner = slice(crop[0], mask.shape[0] - crop[1]), slice(crop[2], mask.shape[1] - crop[3])
     cells = None
     if plan.detrend_size:
         cells = cell_moments(detrend(variables, mask, plan.detrend_size)[:, *inner], mask[inner], origin=origin)
     variables, mask = variables[:, *inner], mask[inner]
-    first = len(plan.bands)
     kept = thinned(mask, origin, plan.share) if plan.keep != "nothing" else np.zeros_like(mask)
     rows, columns = np.nonzero(kept)
     indexes = range(first, len(variables)) if mask.any() else ()
@@ -144,17 +147,6 @@ def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatisti
 def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme, ...]:
     """For each index the extreme with the smallest value times `sign`; of equal ones the first in the scene."""
     return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
-
-
-def _variables(block: FloatArray, plan: SamplePlan) -> FloatArray:
-    """The plan's bands, then its indexes, as one (variable, row, column) array."""
-    planes = dict(zip(plan.read_bands, block, strict=True))
-    out = np.empty((len(plan.bands) + len(plan.indexes), *block.shape[1:]), block.dtype)
-    for i, band in enumerate(plan.bands):
-        out[i] = planes[band]
-    for k, index in enumerate(plan.indexes, start=len(plan.bands)):
-        out[k] = index.of(planes)
-    return out
 
 
 def _extreme(

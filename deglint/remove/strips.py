@@ -50,11 +50,6 @@ class Strips:
         lower = kind[low][:, left] * (1 - across) + kind[low][:, right] * across
         return np.asarray(upper * (1 - down[:, None]) + lower * down[:, None], np.float32)
 
-    def of_cells(self, grams: LagGrams) -> npt.NDArray[np.bool_]:
-        """Mask of the squares of a sample that are of the second kind."""
-        middle = grams.places + CELL // 2
-        return np.array([self.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
-
 
 def _between(places: npt.NDArray[np.int64], count: int) -> tuple[npt.NDArray[np.int64], ...]:
     """Squares before and after each pixel, and the fractional distance from the first to the second centre."""

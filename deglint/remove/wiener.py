@@ -9,16 +9,13 @@ a local mean subtracted from every band,
 .. math:: k_b = (G_{RR} + \lambda I)^{-1} G_{Rb}, \qquad G = \sum_x v(x) v(x)^T,
 
 with v(x) all references at all offsets about x, then the bands (`deglint.remove.kernels`). One kernel thus models all
-displacement and blur between the glint of two bands - band delay, parallax, misregistration, unequal resolution - and
-averages the noise of the reference. With a kernel of one pixel, no local mean and the minimum as level it is Hedley's
-method.
+displacement and blur between the glint of two bands, and averages the noise of the reference. With a kernel of one
+pixel, no local mean and the minimum as level it is Hedley's method.
 
 - Kernels of 1, 3 and 5 pixels are compared by cross-validation on squares of the sample; the smallest that is not
   significantly worse than the best is used.
-- The response of a band to uniform glint is the sum of its kernel, s_b. The spectrum c of glint is known to a fifth:
-  that of the sun in radiance, or constant in reflectance. With V the jackknife covariance of the responses and
-  P = diag(0.2 a c)^2 their prior, all responses are drawn toward the spectrum, s' = a c + P (V + P)^-1 (s - a c), with
-  the strength a by generalised least squares (`deglint.remove.colour`). All bands are corrected, or none.
+- The response of a band to uniform glint is the sum of its kernel. All responses are drawn toward the spectrum of
+  glint, known to a fifth (`deglint.remove.colour`). All bands are corrected, or none.
 - There is one level p_b0 for all bands: the prediction at the pixels where it is lowest, raised until no band becomes
   negative (`deglint.remove.levels`).
 - Glint is never negative: where the prediction is below the level, nothing is changed.
@@ -46,7 +43,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
-from ..moments import Float64, Mask
+from ..moments import CELL, Float64, Mask
 from ..scene import Band, FloatArray
 from .colour import SharedGlint, shared_glint
 from .detrend import SIZE as LOCAL_MEAN
@@ -173,7 +170,8 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
     """Group the squares of the sample by kind of strip; one group if a kind has too few."""
-    second = strips.of_cells(grams[0])
+    middle = grams[0].places + CELL // 2
+    second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES:
         return [list(grams)]
     return [[g.some(second == kind) for g in grams] for kind in (False, True)]
@@ -182,12 +180,15 @@ def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]
 def band_sets(request: FitRequest) -> list[BandSet]:
     """Group bands by their references: the NIR taken with them, SWIR or another NIR, then those of the request."""
     out: dict[tuple[int, ...], list[int]] = {}
+    # SWIR near 1610 nm, which does not show turbid water; then a second NIR
+    waves = [b.wavelength or 0.0 for b in request.bands]
+    preference = [(0, abs(w - 1610)) if w > SHORTEST_SWIR else (1, abs(w - 865)) for w in waves]
     for place, follows in enumerate(request.follows):
         first = request.indexes[follows or 0].bands[0]
         others = [i for i, b in enumerate(request.bands) if i != first and i not in request.correct and _serves(b)]
-        others.sort(key=lambda i: _preference(request.bands[i]))
-        own = request.bands[request.correct[place]].wavelength or np.inf
-        longer = [i for i in request.more if i != first and (request.bands[i].wavelength or 0.0) > own]
+        others.sort(key=lambda i: preference[i])
+        own = waves[request.correct[place]] or np.inf
+        longer = [i for i in request.more if i != first and waves[i] > own]
         out.setdefault(tuple(dict.fromkeys((first, *others[:1], *longer))), []).append(place)
     return [BandSet(references, tuple(bands)) for references, bands in out.items()]
 
@@ -210,12 +211,6 @@ def _serves(band: Band) -> bool:
     narrow = band.width is not None and band.width < 40
     vapour = 1340 <= band.wavelength <= 1420 or (narrow and 925 <= band.wavelength <= 965)
     return not vapour and band.wavelength <= 2400
-
-
-def _preference(band: Band) -> tuple[int, float]:
-    """Sort key of second references: SWIR near 1610 nm, which does not show turbid water; then a second NIR."""
-    assert band.wavelength is not None
-    return (0, abs(band.wavelength - 1610)) if band.wavelength > SHORTEST_SWIR else (1, abs(band.wavelength - 865))
 
 
 def _rules(request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[BandSet]) -> dict[int, ReferenceRule]:
