@@ -140,7 +140,7 @@ def test_what_is_kept_of_a_large_sample_is_bounded(sea, write, tmp_path, monkeyp
     source = write(tmp_path / "in.tif", sea(420, 650), tiled=True, blockxsize=64, blockysize=64)
     recipe = Recipe(method="joyce", sample="all", mask="none")
     whole = library.fit_scene(library.open_scene(source), recipe).model
-    monkeypatch.setattr("deglint.remove.statistics.MOST_CELLS", 20)
+    monkeypatch.setattr("deglint.pipeline.sampling.MOST_CELLS", 20)
     found = []
     for samples in (4 * 64 * 64, 4 * 192 * 192, 1 << 22):
         monkeypatch.setattr(tiles, "SAMPLES", samples)

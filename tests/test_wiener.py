@@ -65,7 +65,7 @@ def test_a_shift_by_whole_pixels_is_undone():
 
 
 def test_one_pixel_and_raw_statistics_are_hedley(monkeypatch):
-    monkeypatch.setattr(wiener, "SUPPORTS", ((1,),))
+    monkeypatch.setattr(wiener.kernels, "SUPPORTS", ((1,),))
     block = swell_block(noise=5.0)
     request = nir_request(BANDS, [3], regression="ols")
     every = np.ones(block.shape[1:], bool)

@@ -125,12 +125,7 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
         Memory limit of each process, such as "1GiB"; "auto" divides the machine's memory. A process above its limit is
         killed, and its tiles are repeated.
 
-    Raises
-    ------
-    DeglintError
-        `distributed` is not installed, or there is no scheduler or worker.
-    InputError
-        Neither, or both, of `address` and `workers`.
+    Raises InputError: neither or both of `address` and `workers`; DeglintError: no `distributed`, scheduler or worker.
 
     Examples
     --------

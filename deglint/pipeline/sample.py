@@ -13,18 +13,8 @@ import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..choose import Choice, choose, without_ships
-from ..compensate import (
-    Background,
-    Chain,
-    FitRemoval,
-    ReplaceLevel,
-    Sample,
-    Setting,
-    State,
-    fit_chain,
-    system_psf,
-    typical_psf,
-)
+from ..compensate import Background, Chain, FitRemoval, ReplaceLevel, Sample, Setting, State, fit_chain
+from ..compensate.psf import system_psf, typical_psf
 from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
 from ..masks.find import COARSE_PIXEL

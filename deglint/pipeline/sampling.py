@@ -19,9 +19,10 @@ import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..errors import FitError
+from ..moments import CELL
 from ..raster.environment import enter_thread
 from ..readers.areas import collection, to_geojson
-from ..remove import METHODS, GlintModel, SamplePlan, SampleStatistics, gather, glint_error, levels_for, merge
+from ..remove import METHODS, GlintModel, SamplePlan, SampleStatistics, gather, glint_error, merge
 from ..scene import Window
 from ..tiles import Tile
 from .outputs import log
@@ -30,6 +31,8 @@ from .sample import Job, Sampler
 
 KEPT_PIXELS = 1 << 20
 """Most single pixels that are kept for a percentile or a mode."""
+MOST_CELLS = 1 << 14
+"""Approximate number of cells, or groups of cells, whose moments are kept for standard errors."""
 LEAST_CELLS = 40
 """Fewest effective cells for a reliable standard error. In simulated seas with fewer than 25, where a few clumps of
 sparkle contain most of the glint, real errors were up to 24 times the estimated ones; with more than 40, 1.3 times."""
@@ -63,7 +66,8 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> Sampled:
         share = max(1, -(-pixels // KEPT_PIXELS))
         if tolerance:  # a power of two: each share divides the later ones
             share = 1 << (share - 1).bit_length()
-        plan = replace(plan, share=share, levels=levels_for(pixels))
+        levels = math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1)))
+        plan = replace(plan, share=share, levels=levels)
         parts += _read(job, sampler, plan, batch, places)
         stats = merge(parts, plan)
         if tolerance:

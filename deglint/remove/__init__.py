@@ -25,13 +25,13 @@ from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_
 from .model import BandFit, GlintIndex, GlintModel, apply
 from .regression import REGRESSIONS, glint_error
 from .request import FitRequest, regression_plan
-from .statistics import SamplePlan, SampleStatistics, gather, levels_for, merge
+from .statistics import SamplePlan, SampleStatistics, gather, merge
 from .wiener import SAMPLE_SIDE, SampleTile
 
 __all__ = [
     "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
     "SampleStatistics", "SampleTile", "apply", "fit", "fit_pointwise", "gather", "glint_error",
-    "levels_for", "merge", "nir_request",
+    "merge", "nir_request",
 ]  # fmt: skip
 
 

@@ -30,7 +30,7 @@ from .statistics import SampleStatistics
 CLUSTERS = 10
 """Fewest cells for a standard error between cells."""
 LEAST_ELSEWHERE = 1e-3
-"""Lower limit of the share of glint in other cells."""
+"""Lower limit of the share of glint in other cells, so that errors are finite."""
 ROBUST_PIXELS = 50_000
 """Most pixels in the Huber regression."""
 PAIRED_PIXELS = 2_000
@@ -93,14 +93,9 @@ def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
     away = (cells.mean - stats.regressed.mean) + (cells.rest - stats.regressed.rest)
     about = cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
     power_of_cell = np.diagonal(about, axis1=1, axis2=2)[:, None, bands:]
-    score = (about[:, :bands, bands:] - slope * power_of_cell) / _elsewhere(power_of_cell / power)
+    score = (about[:, :bands, bands:] - slope * power_of_cell) / np.maximum(1 - power_of_cell / power, LEAST_ELSEWHERE)
     count = len(cells.n)
     return np.sqrt((score**2).sum(axis=0) * (count - 1) / count) / power
-
-
-def _elsewhere(share: Float64) -> Float64:
-    """Share of the glint outside a cell, with a lower limit so that errors are finite."""
-    return np.maximum(1 - share, LEAST_ELSEWHERE)
 
 
 def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[float, float]:
@@ -129,7 +124,7 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
     about = cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
     mixed = about[:, rows][:, :, rows] @ w
     share = mixed @ w / removed
-    score = (about[:, rows, band] - mixed) / _elsewhere(share)[:, None]
+    score = (about[:, rows, band] - mixed) / np.maximum(1 - share, LEAST_ELSEWHERE)[:, None]
     scale = np.sqrt(np.diag(power))  # references of any unit
     scaled = power / np.outer(scale, scale)
     half = np.linalg.pinv(scaled, hermitian=True) @ (score / scale).T

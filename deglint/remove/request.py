@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from ..checks import check_choice, check_number
 from ..errors import BandError, FitError, InputError
 from ..scene import Band
 from .detrend import SIZE as DETREND_SIZE
@@ -45,12 +46,9 @@ class FitRequest:
     level_error: bool = True  # estimate the standard error of the level of `wiener`: half the time of a fit
 
     def __post_init__(self) -> None:
-        if self.regression not in REGRESSIONS:
-            raise InputError(f"regression {self.regression!r} is not one of {', '.join(REGRESSIONS)}.")
-        if not 0 <= self.floor_percentile <= 100:
-            raise InputError(f"floor percentile must be 0 to 100 %, got {self.floor_percentile}.")
-        if not (math.isfinite(self.rrs_factor) and self.rrs_factor > 0):
-            raise InputError(f"rrs factor must be a positive number, got {self.rrs_factor}.")
+        check_choice(self.regression, list(REGRESSIONS), "regression")
+        check_number(self.floor_percentile, 0, 100, "floor_percentile")
+        check_number(self.rrs_factor, 1e-6, 1e6, "rrs_factor")
         if not self.correct:
             raise InputError("no band is left to correct: give -b bands other than the NIR reference.")
 

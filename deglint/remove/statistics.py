@@ -7,7 +7,6 @@ are selected by their position in the scene, and ties are broken by position.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,15 +14,13 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ..moments import CELL, CellMoments, Float64, Moments, cell_moments, in_share, thinned
+from ..moments import CellMoments, Float64, Moments, cell_moments, in_share, thinned
 from ..scene import FloatArray
 from .detrend import detrend
 from .model import GlintIndex
 
 Crop = tuple[int, int, int, int]
 """Halo around a tile: rows above and below, columns left and right [pixel]."""
-MOST_CELLS = 1 << 14
-"""Approximate number of cells, or groups of cells, whose moments are kept for standard errors."""
 
 
 @dataclass(frozen=True)
@@ -124,11 +121,6 @@ def gather(
         places=np.stack([rows + origin[0], columns + origin[1]]),
         values=variables[0 if plan.keep == "all" else first :, rows, columns],
     )
-
-
-def levels_for(pixels: int) -> int:
-    """Number of levels by which cells of a row are merged (groups of 2**levels), so that memory is limited."""
-    return max(math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1))), 0)
 
 
 def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatistics:

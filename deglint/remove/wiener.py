@@ -45,23 +45,11 @@ import numpy.typing as npt
 from ..errors import FitError
 from ..moments import CELL, Float64, Mask
 from ..scene import Band, FloatArray
+from . import kernels
 from .colour import SharedGlint, shared_glint
 from .detrend import SIZE as LOCAL_MEAN
 from .detrend import detrend
-from .kernels import (
-    KERNEL_REACH,
-    SUPPORTS,
-    WITH_SWIR,
-    WORTH,
-    BandSet,
-    KernelFit,
-    LagGrams,
-    fit_kernels,
-    gather,
-    joined,
-    merge,
-    offsets,
-)  # fmt: skip
+from .kernels import BandSet, KernelFit, LagGrams, fit_kernels, gather, joined, merge, offsets
 from .levels import AVERAGED, LevelSample, apart_from_sparkle, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
@@ -123,31 +111,31 @@ def fit(
         mirrored = find_kernels(grams[0], len(sets[0].bands))
         strips = None if mirrored is None else strips(partial(_kinds, request, rules, mirrored))
     kinds = [grams] if strips is None else _by_strip(grams, strips)
-    kernels = [
+    fitted = [
         [k for s, g in zip(sets, some, strict=True) for k in fit_kernels(s, g, _supports_of(s, request))]
         for some in kinds
     ]
-    every = [k for some in kernels for k in some]
+    every = [k for some in fitted for k in some]
     response, covariance = joined(every, len(request.correct))
     shared = shared_glint(response, covariance, request, sets)
-    model = _model(request, kernels, strips, rules, shared, covariance)
+    model = _model(request, fitted, strips, rules, shared, covariance)
     left = np.concatenate([k.loss for k in every])
     noise = float(np.exp(np.log(np.maximum(left, 1e-12)).mean() / 2))
-    if shared.significance <= SURE or noise > 1 - WORTH:
+    if shared.significance <= SURE or noise > 1 - kernels.WORTH:
         why = f"the NIR takes {1 - noise:.1%} off the noise of the bands: they share no glint. Nothing was corrected."
         return replace(model, fits=(), references=(), warnings=(why,))
     return _with_level(model, learnt, request)
 
 
 def _kinds(
-    request: FitRequest, rules: dict[int, ReferenceRule], kernels: tuple[Float64, Float64], tile: SampleTile
+    request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
     """Row and column in the scene of squares with enough water, and whether they are in strips of the second kind."""
     try:
         grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
     except FitError:
         return np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
-    return grams.places, second_kind(grams, kernels)
+    return grams.places, second_kind(grams, pair)
 
 
 def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
@@ -196,9 +184,9 @@ def band_sets(request: FitRequest) -> list[BandSet]:
 def _supports_of(band_set: BandSet, request: FitRequest) -> tuple[tuple[int, ...], ...]:
     count = len(band_set.references)
     if count == 1:
-        return SUPPORTS
+        return kernels.SUPPORTS
     second = request.bands[band_set.references[1]].wavelength or 0.0
-    plain = WITH_SWIR if second > SHORTEST_SWIR else SUPPORTS
+    plain = kernels.WITH_SWIR if second > SHORTEST_SWIR else kernels.SUPPORTS
     return plain if count == 2 else (*plain, *(sides * count for sides in ((1,), (3,))))
 
 
@@ -258,13 +246,13 @@ def _without_outliers(learnt: Sequence[_Learnt]) -> list[_Learnt]:
     out = []
     for a, t in zip(away, learnt, strict=True):
         far = (a > limits[:, None, None]).any(axis=0)
-        out.append(replace(t, teaches=t.sample & ~grown(far, KERNEL_REACH)))
+        out.append(replace(t, teaches=t.sample & ~grown(far, kernels.KERNEL_REACH)))
     return out
 
 
 def _model(
     request: FitRequest,
-    kernels: Sequence[Sequence[KernelFit]],
+    fitted: Sequence[Sequence[KernelFit]],
     strips: Strips | None,
     rules: dict[int, ReferenceRule],
     shared: SharedGlint,
@@ -272,9 +260,9 @@ def _model(
 ) -> GlintModel:
     """Kernels of each kind of strip with the posterior responses; without levels."""
     slopes = [float(s) if s > 0 else 1.0 for s in shared.response]  # of a band, if its NIR increases by 1 everywhere
-    indexes = [_indexes(some, shared, slopes) for some in kernels]
+    indexes = [_indexes(some, shared, slopes) for some in fitted]
     fits = {}
-    for f in kernels[0]:
+    for f in fitted[0]:
         for k, place in enumerate(f.band_set.bands):
             band, error = request.correct[place], float(np.sqrt(max(covariance[place, place], 0)))
             r2 = float(1 - f.loss[k])
@@ -288,13 +276,13 @@ def _model(
     )  # fmt: skip
 
 
-def _indexes(kernels: Sequence[KernelFit], shared: SharedGlint, slopes: Sequence[float]) -> tuple[GlintIndex, ...]:
+def _indexes(fitted: Sequence[KernelFit], shared: SharedGlint, slopes: Sequence[float]) -> tuple[GlintIndex, ...]:
     """A kernel for each band, divided by its slope; the kernel of common glint is added to change the response s to s'.
 
     k' = k + k_g (s' - s), with k_g the kernel of a weighted sum of the bands, scaled to the response 1.
     """
     out = {}
-    for f in kernels:
+    for f in fitted:
         mine = list(f.band_set.bands)
         weights = shared.weights[mine]
         strength = float(weights @ f.response)
