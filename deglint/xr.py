@@ -28,7 +28,7 @@ from .checks import checked_keywords
 from .compensate import Chain
 from .errors import DeglintError, InputError, NoWaterError
 from .pipeline import Fitted, Recipe, fit_scene
-from .pipeline.chunks import DetachedSource, over_tiles
+from .pipeline.chunks import detached, over_tiles
 from .pipeline.correct import CHAIN_CELL, Correction, correction
 from .pipeline.fit import given_model
 from .pipeline.outputs import DTYPES
@@ -252,7 +252,7 @@ def _correction(scene: Scene, fitted: Fitted, dtype: str | None) -> Correction:
     if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
     work = correction(scene, fitted, dtype=dtype)
-    return replace(work, scene=replace(scene, source=DetachedSource()), layout=replace(work.layout, masked=False))
+    return replace(work, scene=detached(scene), layout=replace(work.layout, masked=False))
 
 
 def _same(a: Any, b: Any) -> bool:

@@ -109,12 +109,11 @@ def read_order(path: str, directory: str | None = None) -> Order:
     for table, values in document.items():
         if table not in allowed or not isinstance(values, dict):
             raise InputError(f"{path}: {table!r} is not one of the tables [recipe], [input], [output].")
-        for name in values:
-            if name not in allowed[table]:
-                raise InputError(f"{path}: [{table}] {name} is not one of {', '.join(sorted(allowed[table]))}.")
-    output = document.get("output", {})
+        if unknown := [name for name in values if name not in allowed[table]]:
+            raise InputError(f"{path}: [{table}] {unknown[0]} is not one of {', '.join(sorted(allowed[table]))}.")
+    recipe, output, opening = (document.get(table, {}) for table in ("recipe", "output", "input"))
     try:
-        order = Order(Recipe(**document.get("recipe", {})), **output, **document.get("input", {}))
+        order = Order(Recipe(**recipe), **output, **opening)
         if directory is not None:
             return replace(order, directory=directory)  # type: ignore[arg-type]
     except InputError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -45,12 +45,9 @@ def over_tiles(
     return out
 
 
-class DetachedSource:
-    """Replaces the source of a scene in a Dask task, so that the task does not carry the whole array."""
-
-    def read(self, *_: Any) -> Any:
-        """Never called."""
-        raise AssertionError("unreachable: every chunk has a source of its own")
+def detached(scene: Scene) -> Scene:
+    """A scene without its source, so that a Dask task does not carry the whole array: each chunk has its own."""
+    return replace(scene, source=cast("Any", None))
 
 
 def _lazily(opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], step: int) -> Any:
@@ -62,7 +59,7 @@ def _lazily(opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtyp
     values = values.rechunk({1: rows, 2: columns})
     padded = overlap(values, {1: reach, 2: reach}, "none", allow_rechunk=False) if reach else values
     task = partial(
-        _of_chunk, scene=replace(opened.scene, source=DetachedSource()), info=raster_of(opened.scene).info, work=work,
+        _of_chunk, scene=detached(opened.scene), info=raster_of(opened.scene).info, work=work,
         reach=reach,
     )  # fmt: skip
     chunks, meta = ((like[0],), rows, columns), np.empty((0, 0, 0), like[1])

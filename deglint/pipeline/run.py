@@ -15,7 +15,6 @@ import numpy as np
 from .. import tiles as tiling
 from ..checks import as_path, check_kind, check_number, checked_keywords, described
 from ..checksum import Checksum, fingerprint
-from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Scratch, plain, write_bytes, write_json, write_text, writing_all
@@ -64,13 +63,11 @@ def remove_glint(
         Options; by default everything is determined automatically.
     model : GlintModel, optional
         Apply this model, and `chain`, the compensation that was fitted with it, instead of fitting one.
-    threads : int, optional
-        All processors by default. The result is the same for any number.
+    threads, cluster : int and Cluster, optional
+        All processors by default; or workers instead of threads (`deglint.pipeline.cluster.connect`), with access to
+        the input. The result is the same to the bit.
     progress : callable, optional
         progress(stage, done, total).
-    cluster : Cluster, optional
-        Workers instead of threads (`deglint.pipeline.cluster.connect`), with access to the input. The result is the
-        same to the bit.
     **options
         sensor, nodata, grid, bands, wavelengths, scale, offset: see `deglint.open_scene`; flags, amount, stderr,
         sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`.
@@ -91,8 +88,7 @@ def remove_glint(
     reading, chain = {k: options.pop(k) for k in READING if k in options}, options.pop("chain", None)
     if "model_file" in options:
         options["model"] = options.pop("model_file")
-    targets = image if isinstance(image, Outputs) else Outputs(Path(as_path(image, "image")))
-    targets = replace(targets, **options)
+    targets = replace(image if isinstance(image, Outputs) else Outputs(Path(as_path(image, "image"))), **options)
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     if model is not None:
@@ -104,7 +100,12 @@ def remove_glint(
         scene = settled(open_scene(source, **reading))
         run = _Run(threads or tiling.default_threads(), progress or Reporter(), cluster)
         with raster_of(scene):
-            return _deglinted(scene, recipe, targets, checksum, (model, chain), run)
+            if model is not None:
+                fitted = given_model(scene, recipe, model, run.threads, chain)
+            else:
+                more: Any = {"progress": run.progress, "run": run.over, "want_sample": targets.sample is not None}
+                fitted = fit_scene(scene, recipe, threads=run.threads, **more)
+            return _corrected(scene, fitted, targets, checksum, run)
 
 
 @dataclass(frozen=True)
@@ -135,17 +136,8 @@ def _checked(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Ou
     return Checksum(files, [recipe.sample, recipe.mask, *map(str, targets.reads)])
 
 
-def _deglinted(
-    scene: Scene, recipe: Recipe, targets: Outputs, checksum: Checksum,
-    saved_fit: tuple[GlintModel | None, Chain | None], run: _Run,
-) -> Result:  # fmt: skip
-    """Fit a scene, or use a saved fit; correct it and write all outputs."""
-    model, chain = saved_fit
-    if model is None:
-        want = targets.sample is not None
-        fitted = fit_scene(scene, recipe, threads=run.threads, want_sample=want, progress=run.progress, run=run.over)
-    else:
-        fitted = given_model(scene, recipe, model, run.threads, chain)
+def _corrected(scene: Scene, fitted: Fitted, targets: Outputs, checksum: Checksum, run: _Run) -> Result:
+    """Correct a scene and write all outputs."""
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
     work = correction(scene, fitted, targets=targets, dtype=targets.dtype, threads=run.threads)
