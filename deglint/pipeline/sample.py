@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..choose import Choice, choose, without_ships
-from ..compensate import Background, Chain, FitRemoval, ReplaceLevel, Sample, Setting, State, fit_chain
+from ..compensate import Background, Chain, ReplaceLevel, Sample, Setting, State, fit_chain
 from ..compensate.psf import system_psf, typical_psf
 from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
@@ -25,6 +25,7 @@ from ..readers.place import pixel_size
 from ..readers.sensorfile import optics_of
 from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise, mixture, wiener
 from ..remove.further import more_references
+from ..remove.reference import grown
 from ..remove.strips import Strips, filled
 from ..remove.wiener import SquareKinds
 from ..scene import FloatArray, Scene, Window
@@ -196,18 +197,14 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
     return Strips.of(second) if second.any() and not second.all() else None
 
 
-def strips_finder(scene: Scene, read: Callable[[Tile], Training], threads: int) -> Callable[[SquareKinds], Strips]:
-    """Function that searches the whole scene for strips, after a sample has shown that there are some."""
-
-    def find(kinds: SquareKinds) -> Strips:
-        known = np.full((-(-scene.height // CELL), -(-scene.width // CELL)), -1, np.int8)
-        everything = tiling.tiles(scene.height, scene.width, (TILE_SIDE, TILE_SIDE))
-        found = tiling.run(everything, lambda tile: kinds(read(tile).as_sample()), threads=threads, start=enter_thread)
-        for _tile, (places, second) in found:
-            known[places[:, 0] // CELL, places[:, 1] // CELL] = second
-        return Strips.of(filled(known))
-
-    return find
+def strips_in(scene: Scene, read: Callable[[Tile], Training], threads: int, kinds: SquareKinds) -> Strips:
+    """Strips by a search of the whole scene, after a sample has shown that there are some."""
+    known = np.full((-(-scene.height // CELL), -(-scene.width // CELL)), -1, np.int8)
+    everything = tiling.tiles(scene.height, scene.width, (TILE_SIDE, TILE_SIDE))
+    found = tiling.run(everything, lambda tile: kinds(read(tile).as_sample()), threads=threads, start=enter_thread)
+    for _tile, (places, second) in found:
+        known[places[:, 0] // CELL, places[:, 1] // CELL] = second
+    return Strips.of(filled(known))
 
 
 def setting(job: Job) -> Setting:
@@ -237,37 +234,30 @@ def sample_of(training: Sequence[Training]) -> Sample:
     return Sample(states, tuple(t.inside & s.water for t, s in zip(training, states, strict=True)))
 
 
-def removal_of(job: Job, training: Sequence[Training], method: str) -> FitRemoval:
-    """Function that fits a method to tiles after the stages before the removal."""
-
-    def fit(sample: Sample, chain: Chain) -> GlintModel:
-        images = [s.image for s in sample.states]
-        if not METHODS[method].neighbours:
-            return fit_pointwise(method, job.request, images, sample.inside)
-        tiles = [t.as_sample(image) for t, image in zip(training, images, strict=True)]
-        background = next((stage for stage in reversed(chain.before) if isinstance(stage, Background)), None)
-        if background is not None:
-            percentile = max(50 * background.clear, LEAST_PERCENTILE)
-            replaced = any(isinstance(stage, ReplaceLevel) for stage in chain.before)
-            inner = offshore(tiles, background.size)
-            return mixture.fit(job.request, inner, percentile, background.cut if replaced else None)
-        request = replace(job.request, regression="detrended")
-        if chain.text != "remove":  # the posterior mean follows
-            request = replace(request, faint=True)
-            request = replace(request, more=more_references(request, tiles))
-        return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
-
-    return fit
+def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sample, chain: Chain) -> GlintModel:
+    """Fit a method to tiles after the stages before the removal."""
+    images = [s.image for s in sample.states]
+    if not METHODS[method].neighbours:
+        return fit_pointwise(method, job.request, images, sample.inside)
+    tiles = [t.as_sample(image) for t, image in zip(training, images, strict=True)]
+    background = next((stage for stage in reversed(chain.before) if isinstance(stage, Background)), None)
+    if background is not None:
+        percentile = max(50 * background.clear, LEAST_PERCENTILE)
+        replaced = any(isinstance(stage, ReplaceLevel) for stage in chain.before)
+        inner = offshore(tiles, background.size)
+        return mixture.fit(job.request, inner, percentile, background.cut if replaced else None)
+    request = replace(job.request, regression="detrended")
+    if chain.text != "remove":  # the posterior mean follows
+        request = replace(request, faint=True)
+        request = replace(request, more=more_references(request, tiles))
+    return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
     """Tiles with the sample at least a window away from land, where openings are too dark; unchanged if most of it is
     nearer.
     """
-    import cv2
-
-    window = np.ones((2 * size - 1,) * 2, np.uint8)
-    inner = [replace(t, sample=t.sample & cv2.erode(t.water.view(np.uint8), window).view(np.bool_)) for t in tiles]
+    inner = [replace(t, sample=t.sample & ~grown(~t.water, size - 1)) for t in tiles]
     enough = 2 * sum(int(t.sample.sum()) for t in inner) >= sum(int(t.sample.sum()) for t in tiles)
     return inner if enough else list(tiles)
 
@@ -277,11 +267,11 @@ def fit_training(
 ) -> tuple[Chain, GlintModel]:
     """Fit a chain of stages with a removal method to tiles; or, without stages, kernels of neighbouring pixels."""
     if text != "off":
-        found = fit_chain(text, sample_of(training), setting(job), removal_of(job, training, method))
+        found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
         return found.chain, found.model
     read = training_reader(job.scene, job.overview, sampler)
     at_once = tiling.affordable(job.threads, (TILE_SIDE, TILE_SIDE), 2 * len(job.scene.bands))
-    strips = strips_of_footprints(job.scene, job.request.correct[0]) or strips_finder(job.scene, read, at_once)
+    strips = strips_of_footprints(job.scene, job.request.correct[0]) or partial(strips_in, job.scene, read, at_once)
     request = replace(job.request, regression="detrended")
     return Chain(), wiener.fit(request, [t.as_sample() for t in training], strips=strips)
 
@@ -295,7 +285,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
         sample = without_ships(sample)
     with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
         return choose(
-            sample, setting(job), job.request.correct, partial(removal_of, trial, parts),
+            sample, setting(job), job.request.correct, lambda method: partial(fit_removal, trial, parts, method),
             width=smallest_object(job.recipe.smallest_object, pixel),
             fine=pixel is not None and pixel < COARSE_PIXEL, each=pool.map,
         )  # fmt: skip

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -110,14 +111,13 @@ def gather(
     variables, mask = variables[:, *inner], mask[inner]
     kept = thinned(mask, origin, plan.share) if plan.keep != "nothing" else np.zeros_like(mask)
     rows, columns = np.nonzero(kept)
-    indexes = range(first, len(variables)) if mask.any() else ()
     raw = cell_moments(variables, mask, origin=origin)
     return SampleStatistics(
         plan,
         raw,
         raw if cells is None else cells,
-        darkest=tuple(_extreme(variables, mask, v, first, origin, np.argmin) for v in indexes),
-        brightest=tuple(_extreme(variables, mask, v, first, origin, np.argmax) for v in indexes),
+        darkest=_extremes(variables, mask, first, origin, np.argmin),
+        brightest=_extremes(variables, mask, first, origin, np.argmax),
         places=np.stack([rows + origin[0], columns + origin[1]]),
         values=variables[0 if plan.keep == "all" else first :, rows, columns],
     )
@@ -141,16 +141,13 @@ def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme,
     return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
 
 
-def _extreme(
-    variables: FloatArray,
-    mask: npt.NDArray[np.bool_],
-    v: int,
-    bands: int,
-    origin: tuple[int, int],
-    most: Callable[[FloatArray], np.intp],
-) -> Extreme:
-    """The first masked pixel where variable v has its minimum (`np.argmin`) or maximum (`np.argmax`)."""
-    among = np.flatnonzero(mask)
-    row, column = divmod(int(among[most(variables[v][mask])]), mask.shape[1])
-    spectrum = variables[:bands, row, column].astype(np.float64)
-    return Extreme(float(variables[v, row, column]), (row + origin[0], column + origin[1]), spectrum)
+def _extremes(
+    variables: FloatArray, mask: npt.NDArray[np.bool_], bands: int, origin: tuple[int, int], most: Callable[..., Any]
+) -> tuple[Extreme, ...]:
+    """For each index the first masked pixel where it has its minimum (`np.argmin`) or maximum (`np.argmax`)."""
+    among, out = np.flatnonzero(mask), []
+    for values in variables[bands:] if among.size else ():
+        row, column = divmod(int(among[most(values[mask])]), mask.shape[1])
+        spectrum = variables[:bands, row, column].astype(np.float64)
+        out.append(Extreme(float(values[row, column]), (row + origin[0], column + origin[1]), spectrum))
+    return tuple(out)
