@@ -23,10 +23,13 @@ from ..scene import Scene
 from ..tiles import default_threads
 from . import sample as learning
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
-from .overview import check_size, overview_of, overviews, raster_of, role_bands, where_to_sample
+from .overview import overview_of, overviews, raster_of, role_bands
 from .recipe import Recipe, make_request
 from .sample import Job, Progress
 from .sampling import fit_sampled, place_of, with_sample
+
+SMALLEST_SCENE = 256
+"""Pixels of the smallest scene in which a sample is searched."""
 
 
 @dataclass(frozen=True)
@@ -134,14 +137,23 @@ def _fit_overviews(
 ) -> Fitted:
     """Fit to a first overview; if it contains too little water, to larger and larger parts of the scene."""
     log_scene(scene)
-    check_size(scene, recipe)
+    if recipe.sample == "auto" and scene.height * scene.width < SMALLEST_SCENE:
+        raise NoWaterError(
+            f"{scene.path}: {scene.height} x {scene.width} pixels are too few to fit a correction to (at least "
+            f"{SMALLEST_SCENE}). Give a larger piece, apply a model fitted to one (--model), or pass --sample all."
+        )
     request, notes = make_request(scene, recipe)
     log_nir(scene, [b for i in request.indexes for b in i.bands], notes)
     nir = request.indexes[0].bands[0]
     method = METHODS.get(recipe.method)  # None: auto, which takes one that learns from a sample
     sampled = method is None or method.plan is not None or method.neighbours or recipe.chain != "off"
-    if sampled:
-        recipe = replace(recipe, sample=where_to_sample(scene, recipe, nir, threads))
+    if sampled and recipe.sample == "auto" and recipe.mask != "auto":
+        # a mask file is also the sample; without a mask, all pixels are if no water is found
+        sample = recipe.mask
+        if sample == "none":
+            water = overview_of(scene, nir, threads, wanted=True).water
+            sample = "auto" if water is not None and water.has_water else "all"
+        recipe = replace(recipe, sample=sample)
     found = recipe.sample == "auto"
     if recipe.regression == "auto":
         request = replace(request, regression="detrended" if found else "ols")

@@ -20,10 +20,7 @@ from ..readers.roles import band_roles
 from ..remove.wiener import SAMPLE_SIDE
 from ..scene import Scene
 from ..tiles import Tile
-from .recipe import Recipe
 
-SMALLEST_SCENE = 256
-"""Pixels of the smallest scene in which a sample is searched."""
 OVERVIEW_PIXELS = 300_000
 """Pixels of a first overview."""
 SMALL_PIXELS = 600_000
@@ -104,28 +101,6 @@ def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overvi
         if overview.water is None or overview.water.has_water:
             break
     return overview
-
-
-def check_size(scene: Scene, recipe: Recipe) -> None:
-    """Raise NoWaterError if a scene has too few pixels for an automatic sample."""
-    if recipe.sample == "auto" and scene.height * scene.width < SMALLEST_SCENE:
-        raise NoWaterError(
-            f"{scene.path}: {scene.height} x {scene.width} pixels are too few to fit a correction to (at least "
-            f"{SMALLEST_SCENE}). Give a larger piece, apply a model fitted to one (--model), or pass --sample all."
-        )
-
-
-def where_to_sample(scene: Scene, recipe: Recipe, nir: int, threads: int) -> str:
-    """Where a recipe takes its sample: within the mask, if the user gave one and no sample.
-
-    A mask file is then also the sample. Without a mask, all pixels are the sample if no water is found.
-    """
-    if recipe.sample != "auto" or recipe.mask == "auto":
-        return recipe.sample
-    if recipe.mask != "none":
-        return recipe.mask
-    overview = overview_of(scene, nir, threads, wanted=True)
-    return "auto" if overview.water is not None and overview.water.has_water else "all"
 
 
 def raster_of(scene: Scene) -> RasterSource:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -60,15 +59,15 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> Sampled:
             wanted = int(wanted * GROWTH[0])
             continue
         done.update(batch)
-        pixels = taken = sum(tile.pixels for tile in done)
-        if not tolerance:
-            pixels = sampler.pixels
+        taken = sum(tile.pixels for tile in done)
+        pixels = taken if tolerance else sampler.pixels
         share = max(1, -(-pixels // KEPT_PIXELS))
         if tolerance:  # a power of two: each share divides the later ones
             share = 1 << (share - 1).bit_length()
-        levels = math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1)))
-        plan = replace(plan, share=share, levels=levels)
-        parts += _read(job, sampler, plan, batch, places)
+        plan = replace(plan, share=share, levels=math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1))))
+        for part, found in _read(job, sampler, plan, batch):
+            parts.append(part)
+            places += found
         stats = merge(parts, plan)
         if tolerance:
             errors, cells = _errors(job, method, stats)
@@ -89,9 +88,9 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> Sampled:
 
 
 def _read(
-    job: Job, sampler: Sampler, plan: SamplePlan, batch: Sequence[Tile], places: list[Place]
-) -> Iterator[SampleStatistics]:
-    """Statistics of the rows of a batch of tiles; the places of the sample in them are appended to `places`."""
+    job: Job, sampler: Sampler, plan: SamplePlan, batch: Sequence[Tile]
+) -> Iterator[tuple[SampleStatistics, list[Place]]]:
+    """Statistics of each row of a batch of tiles, and the places of the sample in it."""
     scene, halo = job.scene, max(plan.halo, 0)
     columns = sorted({*plan.read_bands, *sampler.bands})
     rows, reach = [columns.index(b) for b in plan.read_bands], halo + sampler.halo
@@ -105,15 +104,10 @@ def _read(
         part = gather(block, mask, plan, origin=(tile.row0, tile.col0), crop=tile.crop_of(middle))
         return part, place_of(job, mask[tile.within(middle)], tile)
 
-    def parts(done: Iterator[Any]) -> Iterator[tuple[Tile, SampleStatistics]]:
-        for tile, (part, place) in done:
-            places.append(place)
-            yield tile, part
-
     largest = max(batch, key=lambda tile: tile.pixels).shape
     at_once = tiling.affordable(job.threads, largest, 4 * len(columns))  # statistics take several copies
     done = job.run(batch, work, threads=at_once, progress=job.note(), start=enter_thread)
-    return tiling.by_rows(parts(done), partial(merge, plan=plan))
+    return tiling.by_rows(done, lambda row: (merge([part for part, _ in row], plan), [place for _, place in row]))
 
 
 def _errors(job: Job, method: str, stats: SampleStatistics) -> tuple[dict[str, float], float]:

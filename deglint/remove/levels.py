@@ -92,8 +92,7 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
 
     Glint only adds light, so variation below the median has other causes, noise or reflected sky, which contribute
     equally above it. The share is 2 L / (L + U), with L and U the mean squares of the distances of the lower and of the
-    upper half from the median. It is above 1 if the lower half is wider. For quantised values (integers, or integers
-    times a scale), each is assumed to be distributed evenly over its step for the median.
+    upper half from the median, within its step if values are quantised. It is above 1 if the lower half is wider.
 
     Raises FitError: there are no values.
 

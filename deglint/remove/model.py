@@ -86,8 +86,7 @@ class GlintModel:
     references : tuple of ReferenceRule
         References in which ships, surf and land are replaced first; empty for pointwise methods.
     level_interval : (float, float, float), optional
-        Of a level common to all bands: the lowest that keeps every band positive, the chosen one, and the median of the
-        sample [unit of the index].
+        Level common to all bands [unit of the index]: lowest without negative bands, chosen, median of the sample.
     level_stderr : float, optional
         Standard error of that level [unit of the index].
     strips : Strips, optional
@@ -95,8 +94,7 @@ class GlintModel:
     second : tuple of GlintIndex
         `indexes` for strips of the second kind.
     signed : bool
-        Whether a kernel model also adds light where its prediction is below the level: after a compensation has
-        replaced strong glint, the remaining signal is symmetric about the level.
+        Whether a kernel model adds light where its prediction is below the level, as after replacing strong glint.
     """
 
     method: str

@@ -1,7 +1,6 @@
 """Multiband: regression of every band on all longer bands, glint-free level at a low percentile.
 
-A single NIR band has noise and blur of its own. Several longer bands together predict glint better: least squares finds
-the combination of them that explains each band best in the sample,
+Several longer bands together predict glint better than the NIR alone. Least squares finds the best combination,
 
     L'_i = L_i - (p_i - p_i0),    p_i = sum_r w_ir L_r,    w_i = (C_rr + ridge diag C_rr)^-1 C_ri
 

@@ -95,20 +95,11 @@ def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
 def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
     """A reference in which all values are those of open water under glint.
 
-    Parameters
-    ----------
-    values : (row, column) ndarray
-        The band of the reference; a tile needs `rule.halo` more pixels on every side. Not modified.
-    water : (row, column) ndarray of bool
-        Water, with or without ships on it.
-    rule : ReferenceRule
+    values : (row, column), the band of the reference, not modified; a tile needs `rule.halo` more pixels on every side
+    water : (row, column), with or without ships on it
 
-    Returns
-    -------
-    values : (row, column) ndarray
-        With the mean of the water around where there is no open water; 0 if there is no water around.
-    exceeds : (row, column) ndarray of bool, or None
-        Water where the band exceeds its surroundings by more than glint does; None if there are no such pixels.
+    Returns the reference with the mean of the water around where there is no open water, 0 if there is no water around;
+    and the water where the band exceeds its surroundings by more than glint does, None if there is none.
     """
     water = water & np.isfinite(values)
     bright = water & (values > rule.least)
