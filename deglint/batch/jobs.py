@@ -65,7 +65,10 @@ class Order:
             object.__setattr__(self, name, _numbers(name, getattr(self, name)))
         if self.nodata is not None:
             object.__setattr__(self, "nodata", *_numbers("nodata", self.nodata))
-        object.__setattr__(self, "options", _options(self.options))
+        if not isinstance(self.options, Mapping) or not all(isinstance(v, (str, int)) for v in self.options.values()):
+            raise InputError(f"options: want NAME = VALUE pairs, got {described(self.options)}.")
+        words = {k: ("YES" if v else "NO") if isinstance(v, bool) else str(v) for k, v in self.options.items()}
+        object.__setattr__(self, "options", words)
         if not isinstance(self.directory, (str, os.PathLike)):
             raise InputError(f"directory: want a text, got {described(self.directory)}.")
         object.__setattr__(self, "directory", Path(self.directory))
@@ -131,12 +134,6 @@ def _numbers(name: str, value: Any) -> tuple[float, ...]:
     if not all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values):
         raise InputError(f"{name}: want a number or a list of numbers, got {described(value)}.")
     return tuple(map(float, values))
-
-
-def _options(value: Any) -> dict[str, str]:
-    if not isinstance(value, Mapping) or not all(isinstance(v, (str, int)) for v in value.values()):
-        raise InputError(f"options: want NAME = VALUE pairs, got {described(value)}.")
-    return {k: ("YES" if v else "NO") if isinstance(v, bool) else str(v) for k, v in value.items()}
 
 
 @dataclass(frozen=True)

@@ -146,7 +146,11 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
         ) from error
     if address is not None and not re.fullmatch(r"\w+://\S+:\d+", address):
         raise InputError(f"the address of a cluster looks like tcp://HOST:PORT, got {address!r}.")
-    _quiet()
+    # failures are raised as errors: dask's own lines, and tracebacks of what one line says, are silenced
+    for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    for name in ("distributed.client", "distributed.utils"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     with ExitStack() as stack:
         yield Cluster(partial(_client, stack, address, workers, memory))
 
@@ -214,11 +218,3 @@ def _peak() -> int:
     except OSError:
         return 0
     return next((1024 * int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM:")), 0)
-
-
-def _quiet() -> None:
-    """Silence log messages of dask about workers; failures are raised as errors."""
-    for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker"):
-        logging.getLogger(name).setLevel(logging.ERROR)
-    for name in ("distributed.client", "distributed.utils"):  # tracebacks of what one line says
-        logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -314,9 +314,8 @@ def _fit_noted(scene: Scene, recipe: Recipe, threads: int, out: dict[str, Any]) 
     out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
     nir = request.indexes[0].bands[0]
     overview = overview_of(scene, nir, threads, wanted=True)
-    reads = tiling.run(
-        overview.tiles, lambda t: scene.source.read(t.window, [nir]), threads=threads, start=enter_thread
-    )
+    looked = overview.tiles
+    reads = tiling.run(looked, lambda t: scene.source.read(t.window, [nir]), threads=threads, start=enter_thread)
     valid, total = np.sum([(np.isfinite(block).sum(), block.size) for _tile, block in reads], axis=0)
     out |= {"valid_fraction": float(valid / total), "looked_at_pixels": int(total)}
     water = overview.water

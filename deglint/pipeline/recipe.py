@@ -130,13 +130,7 @@ Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-ass
 
 
 def band_names(value: Any, field: str) -> tuple[str, ...]:
-    """Names and 1-based numbers of bands, from one text or from a list.
-
-    Examples
-    --------
-    >>> band_names("NIR1, NIR2", "nir"), band_names(8, "nir"), band_names(["B8", 9], "nir")
-    (('NIR1', 'NIR2'), ('8',), ('B8', '9'))
-    """
+    """Names and 1-based numbers of bands, from one text such as "NIR1, NIR2", one number, or a list."""
     values = [value] if isinstance(value, (str, Integral)) else value
     if not isinstance(values, (list, tuple)) or not all(
         isinstance(v, (str, Integral)) and not isinstance(v, bool) for v in values

@@ -77,14 +77,6 @@ class Sampler:
     numbers: dict[str, Any] = field(default_factory=dict)
     bounds: Window | None = None
 
-    @property
-    def pixels(self) -> int:
-        """Pixels in which the sample lies."""
-        if self.bounds is None:
-            return sum(tile.pixels for tile in self.tiles)
-        (top, bottom), (left, right) = self.bounds
-        return (bottom - top) * (right - left)
-
     def squares(self, scene: Scene) -> Sequence[Tile]:
         """Squares that contain the sample; independent of how the file is stored."""
         return self.tiles if self.bounds is None else tiles_over(scene, self.bounds, (TILE_SIDE, TILE_SIDE))

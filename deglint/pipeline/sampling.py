@@ -60,7 +60,9 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> Sampled:
             continue
         done.update(batch)
         taken = sum(tile.pixels for tile in done)
-        pixels = taken if tolerance else sampler.pixels
+        pixels = taken
+        if sampler.bounds and not tolerance:  # the area itself
+            pixels = math.prod(high - low for low, high in sampler.bounds)
         share = max(1, -(-pixels // KEPT_PIXELS))
         if tolerance:  # a power of two: each share divides the later ones
             share = 1 << (share - 1).bit_length()

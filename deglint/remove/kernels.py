@@ -42,11 +42,7 @@ FOLDS = 16
 
 
 def offsets(side: int) -> tuple[tuple[int, int], ...]:
-    """(row, column) of every pixel of a centred square.
-
-    >>> offsets(1)
-    ((0, 0),)
-    """
+    """(row, column) of every pixel of a centred square."""
     half = side // 2
     return tuple((row, column) for row in range(-half, half + 1) for column in range(-half, half + 1))
 

@@ -105,20 +105,14 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
     if sample.size == 0:
         raise FitError("the spread of no values was asked for; the sample is empty.")
     values = np.sort(sample.astype(np.float64))
-    away, half = values - _median(values), (values.size + 1) // 2
+    middle, step, half = float(np.quantile(values, 0.5)), _step(values), (values.size + 1) // 2
+    if step > 0:  # interpolated within its step
+        below, upto = (np.searchsorted(values, middle + d * step) for d in (-0.5, 0.5))
+        middle += step * ((values.size / 2 - int(below)) / max(int(upto - below), 1) - 0.5)
+    away = values - middle
     lower, upper = away[:half], away[-half:]
     total = float(lower @ lower + upper @ upper)
     return 2 * float(lower @ lower) / total if total > 0 else 0.0
-
-
-def _median(ordered: Float64) -> float:
-    """Median of sorted values, interpolated within its step if they are quantised."""
-    middle = float(np.quantile(ordered, 0.5))
-    step = _step(ordered)
-    if step == 0:
-        return middle
-    below, upto = (np.searchsorted(ordered, middle + d * step) for d in (-0.5, 0.5))
-    return middle + step * ((ordered.size / 2 - int(below)) / max(int(upto - below), 1) - 0.5)
 
 
 def _density_peak(values: Float64, scale: float, step: float) -> float:

@@ -40,11 +40,6 @@ class GlintIndex:
     level: float = 0.0  # g0 [unit of the index]
     offsets: tuple[tuple[int, int], ...] = ()  # (row, column) at which each band is read [pixel]; empty: at the pixel
 
-    @property
-    def reach(self) -> int:
-        """Largest offset [pixel]."""
-        return max((max(abs(row), abs(column)) for row, column in self.offsets), default=0)
-
     def of(self, planes: FloatArray | Mapping[int, FloatArray]) -> npt.NDArray[np.float64]:
         """Weighted sum of bands at the pixel itself, in float64; the level is not subtracted."""
         total = self.weights[0] * planes[self.bands[0]].astype(np.float64)
@@ -113,7 +108,8 @@ class GlintModel:
     @property
     def halo(self) -> int:
         """Pixels around a tile that applying the model needs."""
-        return max((r.halo for r in self.references), default=0) + max((i.reach for i in self.indexes), default=0)
+        reach = max((abs(o) for i in self.indexes for at in i.offsets for o in at), default=0)
+        return max((r.halo for r in self.references), default=0) + reach
 
     def __str__(self) -> str:
         lines = [f"{self.method}" + (f" ({self.regression} slopes)" if self.regression else "")]

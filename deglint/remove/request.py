@@ -71,19 +71,13 @@ class FitRequest:
 
 def regression_plan(request: FitRequest) -> SamplePlan:
     """Statistics for the regression methods."""
-    return SamplePlan(
-        bands=request.correct,
-        indexes=request.indexes,
-        detrend_size=DETREND_SIZE if request.regression == "detrended" else 0,
-        keep="all" if request.regression in ("huber", "theil-sen") else "index",
-    )
+    size = DETREND_SIZE if request.regression == "detrended" else 0
+    keep = "all" if request.regression in ("huber", "theil-sen") else "index"
+    return SamplePlan(request.correct, request.indexes, size, keep)
 
 
 def regression_model(
-    method: str,
-    request: FitRequest,
-    stats: SampleStatistics,
-    level: Callable[[SampleStatistics, int], float],
+    method: str, request: FitRequest, stats: SampleStatistics, level: Callable[[SampleStatistics, int], float]
 ) -> GlintModel:
     """Slopes by the request's regression, levels by `level(stats, k)` for each index k.
 
@@ -115,14 +109,10 @@ def linear_model(
     fits = []
     for i, (band, follows) in enumerate(zip(request.correct, request.follows, strict=True)):
         k = int(np.argmax(r2[i])) if follows is None else follows
-        slope, error, share = (float(x[i, k]) for x in (slopes, errors, r2))
-        fits.append(BandFit(band, request.bands[band].name, k, slope, _known(error), _known(share), n))
+        error, share = (None if np.isnan(x[i, k]) else float(x[i, k]) for x in (errors, r2))
+        fits.append(BandFit(band, request.bands[band].name, k, float(slopes[i, k]), error, share, n))
     warnings = () if stats is None else warnings_of(stats, fits)
     return GlintModel(method, request.indexes, tuple(fits), request.names, regression, warnings)
-
-
-def _known(value: float) -> float | None:
-    return None if np.isnan(value) else value
 
 
 def check_sample(request: FitRequest, stats: SampleStatistics) -> None:

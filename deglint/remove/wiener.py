@@ -102,7 +102,13 @@ def fit(
     Raises FitError: too little open water.
     """
     sets = band_sets(request)
-    rules = _rules(request, tiles, sets)
+    used = sorted({r for s in sets for r in s.references})
+    known = [t.sample & np.isfinite(t.block[used]).all(axis=0) for t in tiles]
+    rules = {}
+    for r in used:
+        edge = COARSE_EDGE if (request.bands[r].wavelength or 0) > SHORTEST_SWIR else 1
+        looks = [(t.block[r], mask) for t, mask in zip(tiles, known, strict=True)]
+        rules[r] = fit_reference(looks, r, edge=edge, sparkle=request.faint)
     learnt = [_learnt(tile, request, rules) for tile in tiles]
     if not request.faint:  # there weights bound what a pixel teaches
         learnt = _without_outliers(learnt)
@@ -199,13 +205,6 @@ def _serves(band: Band) -> bool:
     narrow = band.width is not None and band.width < 40
     vapour = 1340 <= band.wavelength <= 1420 or (narrow and 925 <= band.wavelength <= 965)
     return not vapour and band.wavelength <= 2400
-
-
-def _rules(request: FitRequest, tiles: Sequence[SampleTile], sets: Sequence[BandSet]) -> dict[int, ReferenceRule]:
-    used = sorted({r for s in sets for r in s.references})
-    samples = [(t.block, t.sample & np.isfinite(t.block[used]).all(axis=0)) for t in tiles]
-    edges = {r: COARSE_EDGE if (request.bands[r].wavelength or 0) > SHORTEST_SWIR else 1 for r in used}
-    return {r: fit_reference([(b[r], m) for b, m in samples], r, edge=edges[r], sparkle=request.faint) for r in used}
 
 
 @dataclass(frozen=True, eq=False)
