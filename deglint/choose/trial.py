@@ -174,7 +174,7 @@ def choose(
     Choice
     """
     wiener = Candidate("wiener", "wiener")
-    if sum(int(m.sum()) for m in sample.inside) < LEAST_TRIED:
+    if _too_small(sample):
         return Choice(wiener, width=width)
     unit = _unit(sample, correct, len(setting.bands))
     level = np.where(np.isfinite(unit), unit, _levels(sample, len(setting.bands))).astype(np.float32)
@@ -260,6 +260,10 @@ def _run(
     return _Run(fitted.images, responses, [_targets(s) for s in fitted.sample.states])
 
 
+def _too_small(sample: Sample) -> bool:
+    return sum(int(m.sum()) for m in sample.inside) < LEAST_TRIED
+
+
 def without_ships(sample: Sample) -> Sample:
     """The sample without pixels far brighter than their surroundings, so that no candidate is rewarded for erasing
     ships. Only for coarse pixels: at fine pixels sparkle is as bright.
@@ -267,7 +271,7 @@ def without_ships(sample: Sample) -> Sample:
     import cv2
 
     inside = list(sample.inside)
-    for band in range(len(sample.states[0].raw)):
+    for band in range(0 if _too_small(sample) else len(sample.states[0].raw)):
         high = [s.raw[band] - cv2.blur(s.raw[band], (LOCAL_MEAN,) * 2) for s in sample.states]
         limit = FAR_OUT * spread(sample.values(high))
         inside = [m & ~grown(plane > limit, NOT_JUDGED) for m, plane in zip(inside, high, strict=True)]

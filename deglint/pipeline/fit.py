@@ -203,7 +203,7 @@ def _fit(job: Job) -> Fitted:
             training = learning.read_training(job, sampler, learning.HALO if text != "off" else 0)
         chain, model = learning.fit_training(job, training, sampler, text, method)
         pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
-        places = [place_of(job, t.sample, t.tile) for t in training]
+        places = [place_of(t.sample, t.tile, job.scene if job.want_sample else None) for t in training]
         model, sample, outline = with_sample(job, model, pixels, places)
     elif METHODS[method].plan is None:
         model = METHODS[method].fit(job.request, None)

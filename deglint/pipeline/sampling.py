@@ -22,7 +22,7 @@ from ..moments import CELL
 from ..raster.environment import enter_thread
 from ..readers.areas import collection, to_geojson
 from ..remove import METHODS, GlintModel, SamplePlan, SampleStatistics, gather, glint_error, merge
-from ..scene import Window
+from ..scene import Scene, Window
 from ..tiles import Tile
 from .outputs import log
 from .overview import OVERVIEW_PIXELS
@@ -94,6 +94,7 @@ def _read(
 ) -> Iterator[tuple[SampleStatistics, list[Place]]]:
     """Statistics of each row of a batch of tiles, and the places of the sample in it."""
     scene, halo = job.scene, max(plan.halo, 0)
+    outlined = scene if job.want_sample else None  # workers of a cluster get no job
     columns = sorted({*plan.read_bands, *sampler.bands})
     rows, reach = [columns.index(b) for b in plan.read_bands], halo + sampler.halo
 
@@ -104,7 +105,7 @@ def _read(
         inner = middle.within(outer)
         mask, block = mask[inner], block[inner][rows]
         part = gather(block, mask, plan, origin=(tile.row0, tile.col0), crop=tile.crop_of(middle))
-        return part, place_of(job, mask[tile.within(middle)], tile)
+        return part, place_of(mask[tile.within(middle)], tile, outlined)
 
     largest = max(batch, key=lambda tile: tile.pixels).shape
     at_once = tiling.affordable(job.threads, largest, 4 * len(columns))  # statistics take several copies
@@ -148,14 +149,14 @@ def _reached(
     return numbers, note, [f"the tolerance {tolerance:g} was not reached: {known}."]
 
 
-def place_of(job: Job, mask: npt.NDArray[np.bool_], tile: Tile) -> Place:
-    """The place of the sample in a tile, from its mask there."""
+def place_of(mask: npt.NDArray[np.bool_], tile: Tile, outlined: Scene | None) -> Place:
+    """The place of the sample in a tile, from its mask there; with an outline if a scene is given."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
         return None, []
     top, left = tile.row0 + int(rows[0]), tile.col0 + int(columns[0])
     box = (top, tile.row0 + int(rows[-1]) + 1), (left, tile.col0 + int(columns[-1]) + 1)
-    return box, to_geojson(mask, (tile.row0, tile.col0), job.scene) if job.want_sample else []
+    return box, to_geojson(mask, (tile.row0, tile.col0), outlined) if outlined else []
 
 
 def with_sample(job: Job, model: GlintModel, pixels: int, places: Sequence[Place]) -> Sampled:
