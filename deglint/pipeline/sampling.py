@@ -50,6 +50,7 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> Sampled:
     """Fit a pointwise method to its sample, in batches if there is a tolerance."""
     tolerance, plan = job.recipe.tolerance, METHODS[method].plan(job.request)  # type: ignore[misc]
     pool = sampler.squares(job.scene) if tolerance else sampler.tiles
+    model: GlintModel | None = None
     parts: list[SampleStatistics] = []
     places: list[Place] = []
     done, wanted, worst = set[Tile](), OVERVIEW_PIXELS, math.inf
@@ -72,11 +73,11 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> Sampled:
             places += found
         stats = merge(parts, plan)
         if tolerance:
-            errors, cells = _errors(job, method, stats)
+            model, errors, cells = _errors(job, method, stats)
             worst = max(errors.values(), default=0.0) if cells >= LEAST_CELLS else math.inf
             grows = READ_MARGIN * (worst / tolerance) ** 2 if math.isfinite(worst) else GROWTH[1]
             wanted = int(taken * min(max(grows, GROWTH[0]), GROWTH[1]))
-    model = METHODS[method].fit(job.request, stats)
+    model = model or METHODS[method].fit(job.request, stats)
     notes, numbers = [], dict(sampler.numbers)
     if tolerance:
         whole = job.scene.height * job.scene.width if sampler.bounds is None else sum(tile.pixels for tile in pool)
@@ -113,14 +114,14 @@ def _read(
     return tiling.by_rows(done, lambda row: (merge([part for part, _ in row], plan), [place for _, place in row]))
 
 
-def _errors(job: Job, method: str, stats: SampleStatistics) -> tuple[dict[str, float], float]:
-    """Relative error of each band to correct, and the effective number of cells; none if nothing varies so far."""
+def _errors(job: Job, method: str, stats: SampleStatistics) -> tuple[GlintModel | None, dict[str, float], float]:
+    """A fit, its relative error in each band, and the effective number of cells; none if nothing varies so far."""
     try:
         model = METHODS[method].fit(job.request, stats)
     except FitError:
-        return {}, 0.0
+        return None, {}, 0.0
     found = {fit.name: glint_error(stats, model, fit) for fit in model.fits}
-    return {name: error for name, (error, _) in found.items()}, min(cells for _, cells in found.values())
+    return model, {name: error for name, (error, _) in found.items()}, min(cells for _, cells in found.values())
 
 
 def _reached(

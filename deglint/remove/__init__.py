@@ -51,7 +51,7 @@ METHODS: dict[str, Method] = {
     "wiener": Method("kernels on the NIR and SWIR around each pixel, one level", wiener.fit, neighbours=True),
     "hedley": Method("slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, regression_plan, True, True),
     "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, regression_plan, True, True),
-    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, regression_plan, True, True),
+    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, joyce.plan, True, True),
     "multiband": Method(
         "all longer bands together, level at a low percentile", multiband.fit, multiband.plan, least_squares=True
     ),

@@ -69,10 +69,11 @@ class FitRequest:
         return min(known)[1]
 
 
-def regression_plan(request: FitRequest) -> SamplePlan:
-    """Statistics for the regression methods."""
+def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SamplePlan:
+    """Statistics for the regression methods: moments, and single values for a percentile or if the level needs them."""
     size = DETREND_SIZE if request.regression == "detrended" else 0
-    keep = "all" if request.regression in ("huber", "theil-sen") else "index"
+    index = "index" if keep_index or request.floor_percentile > 0 else "nothing"
+    keep = "all" if request.regression in ("huber", "theil-sen") else index
     return SamplePlan(request.correct, request.indexes, size, keep)
 
 
