@@ -304,6 +304,12 @@ def test_what_is_not_a_model_is_refused(text):
         lambda m: m["band_names"].pop(),
         lambda m: m.update(second=2 * m["indexes"]),
         lambda m: m.update(strips={"rows": ["01", "0"]}),
+        lambda m: m["fits"][0].update(slope="1"),
+        lambda m: m["fits"][0].update(slope=float("nan")),
+        lambda m: m["fits"][0].update(band=True),
+        lambda m: m["indexes"][0].update(weights="1"),
+        lambda m: m.update(level_interval=[1.0, 2.0]),
+        lambda m: m.pop("method"),
     ],
 )
 def test_a_saved_model_whose_numbers_name_nothing_is_refused(wrong):
