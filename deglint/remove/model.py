@@ -265,9 +265,9 @@ def apply(
     for top in range(0, block.shape[1], rows):  # a few rows in float64, rounded once
         part = slice(top, top + rows)
         above = [index.of(block[:, part]) - index.level for index in model.indexes]
-        if where is not None:
-            above = [np.where(where[part], a, 0.0) for a in above]  # x - slope * 0 is x to the bit, NaN and all
+        if where is not None and not where[part].all():
+            for index in above:
+                index[~where[part]] = 0.0  # x - slope * 0 is x to the bit, NaN and all
         for fit in model.fits:
-            values = out[fit.band, part]
-            np.subtract(values, above[fit.index] * fit.slope, out=values, casting="same_kind")
+            np.subtract(out[fit.band, part], above[fit.index] * fit.slope, out=out[fit.band, part], casting="same_kind")
     return out
