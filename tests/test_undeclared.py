@@ -80,6 +80,11 @@ def test_a_saturated_boat_among_saturated_glint_is_data(sea, write, tmp_path):
     assert not undeclared(open_scene(write(tmp_path / "in.tif", scene))).notes
 
 
+def test_the_highest_number_of_twelve_bits_is_saturation(sea, write, tmp_path):
+    assert not undeclared(open_scene(write(tmp_path / "in.tif", bordered(sea, 4095, "uint16")))).notes
+    assert undeclared(open_scene(write(tmp_path / "other.tif", bordered(sea, 4000, "uint16")))).notes
+
+
 def test_what_is_declared_is_not_asked_for(sea, write, tmp_path):
     source = write(tmp_path / "in.tif", bordered(sea, -9999), nodata=0)
     assert not undeclared(open_scene(source)).notes

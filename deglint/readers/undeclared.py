@@ -134,6 +134,8 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray
     around = np.concatenate(beside)
     if value > 0 and around.size and np.median(around) > value / 2:
         return Undeclared()  # saturated: glint, boats and clouds fade out, nodata ends at once
+    if value > 1 and info.dtype.kind in "iu" and value < np.iinfo(info.dtype).max and math.log2(value + 1) % 1 == 0:
+        return Undeclared()  # the highest number of a sensor with fewer bits
     note = (
         f"{value:g} in all bands, {fill / total:.1%} of the pixels, is taken for nodata and left out; "
         "if these are data, pass --nodata none"
