@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+import rasterio
 
 from deglint import Recipe, fit_scene, open_scene
 from deglint.choose import candidates
@@ -126,6 +127,19 @@ def test_a_sea_without_glint_is_copied(write, tmp_path):
     assert fitted.choice.best.method == "copy"
     assert not fitted.model.fits
     assert "Nothing was corrected" in fitted.model.warnings[0]
+
+
+def test_rare_sparkle_at_fine_pixels_is_removed(write, tmp_path):
+    """As bright as boats, and in two of a hundred pixels: at pixels that resolve it these are no ships."""
+    rng = np.random.default_rng(3)
+    clumps = cv2.dilate((rng.random((256, 256)) < 1e-3).astype(np.float32), np.ones((5, 5)))
+    glint = 800 * clumps * rng.uniform(0.3, 1, clumps.shape)
+    water = np.array([900, 700, 400, 100])[:, None, None]
+    image = np.rint(water + rng.normal(0, 3, (4, 256, 256)) + cv2.GaussianBlur(glint, (5, 5), 0.7)).astype("uint16")
+    fine = {"transform": rasterio.transform.from_origin(5e5, 4e6, 0.1, 0.1)}
+    fitted = fit_scene(open_scene(write(tmp_path / "in.tif", image, **fine)))
+    assert fitted.choice is not None
+    assert fitted.choice.best.method != "copy", fitted.choice.lines()
 
 
 def test_nothing_is_tried_where_the_user_has_chosen(sea, write, tmp_path):

@@ -273,13 +273,14 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
     parts = sorted((_part_of(t, job.scene) for t in training), key=lambda p: -int(p.sample.sum()))[:TRIED]
     pixel, rule = pixel_size(job.scene), job.overview.water
     sample, trial = sample_of(parts), replace(job, request=replace(job.request, level_error=False))
-    if rule is not None and rule.window == 1:  # pixels do not resolve sparkle
+    fine = pixel is not None and pixel < COARSE_PIXEL
+    if not fine and rule is not None and rule.window == 1:  # pixels do not resolve sparkle
         sample = without_ships(sample)
     with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
         return choose(
             sample, setting(job), job.request.correct, lambda method: partial(fit_removal, trial, parts, method),
             width=smallest_object(job.recipe.smallest_object, pixel),
-            fine=pixel is not None and pixel < COARSE_PIXEL, each=pool.map,
+            fine=fine, each=pool.map,
         )  # fmt: skip
 
 
