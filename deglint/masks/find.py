@@ -151,11 +151,12 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
     solid = view.brighter(found.threshold, window)
     rule = WaterRule(view.roles, window=window, **found._asdict())
     core = max(w for w in WINDOWS if w == 1 or 2 * w <= widest + 1)
-    level, plume = found.nir_level, AFLOAT * abs(found.contrast)
-    bright, red = (level + max(view.clumps(solid, level, red=r), plume) for r in (False, True))
-    if core > CLUMP and np.isfinite(bright):
-        rule = replace(rule, core=core, bright=bright, red=red)
-        solid = [land(b, rule) for b in view.blocks]
+    if core > CLUMP:
+        level, plume = found.nir_level, AFLOAT * abs(found.contrast)
+        bright, red = (level + max(view.clumps(solid, level, red=r), plume) for r in (False, True))
+        if np.isfinite(bright):
+            rule = replace(rule, core=core, bright=bright, red=red)
+            solid = [land(b, rule) for b in view.blocks]
     if not view.is_water(solid, votes, COMPACTNESS if brown else 0.0):
         return None
     return replace(rule, water_fraction=1.0 - sum(int(s.sum()) for s in solid) / view.pixels)
