@@ -1,7 +1,8 @@
-"""Ships, boats and swimmers on the sea: the region to search, the detector, and the false-alarm rates that hold.
+"""Detection of ships, boats and swimmers on the sea: search region, detector and false-alarm rates.
 
-`region` says which pixels are sea, floating objects included; `fit` and `score` compare every pixel with the water
-around it; `rates` turns scores into thresholds and into expected false objects per square kilometre. Arrays only.
+`region` finds the pixels of the sea, floating objects included. `fit` and `score` compare every pixel with the water
+around it. `rates` computes thresholds, and the expected number of false objects per square kilometre. All functions
+work on arrays; none opens a file.
 """
 
 from .model import SEA_WINDOW, SIDES, SeaModel, fit, score

@@ -1,8 +1,9 @@
-"""Increase of the scores of water with the glint at a pixel, which the NIR shows, and its correction.
+"""Normalisation of the scores of water by the glint of a pixel, which is measured in the NIR.
 
-Glint that a removal leaves, and glint that was never removed, is a heavy-tailed noise whose size follows the glint at
-the pixel. Divided by it, scores of water are alike everywhere, and an object under water is found where little glint
-covers it. What floats is bright in the NIR itself, so that the divisor grows no more above the 90 % quantile.
+Residual glint is a heavy-tailed noise. Its standard deviation grows with the glint of the pixel. Scores are divided by
+the usual score of water with the same NIR: then water scores alike everywhere, and a submerged object is found where
+the glint above it is weak. Floating objects are bright in the NIR themselves. Therefore the divisor is constant above
+the 90 % quantile of the NIR.
 """
 
 from __future__ import annotations
@@ -16,28 +17,30 @@ import numpy.typing as npt
 
 Array = npt.NDArray[Any]
 _CLASSES = 32
-"""Classes of the NIR with equal numbers of pixels: each has 3 % of them, and so hundreds even in a small scene."""
+"""Number of classes of the NIR. Each class has 3 % of the pixels: hundreds, even in a small scene."""
 _USUAL = 0.75
-"""Quantile of the scores that stands for a class: above the median, as objects of less than a quarter do not change."""
+"""Quantile of the scores of a class that is its usual score. Objects on less than a quarter of the pixels do not change
+it."""
 _LAST_FACTOR = 0.9
-"""Share of the NIR above which the divisor stays: boats and swimmers are as bright there as glint. With 1 no boat of a
-simulated sea is found at 1.24 m; with 0.75 two objects less under water."""
+"""Quantile of the NIR above which the divisor is constant: there, boats and swimmers are as bright as glint. On a
+simulated sea with pixels of 1.24 m, 1 finds no boat, and 0.75 finds two submerged objects fewer."""
 _REACH = 3
-"""Side of the square whose largest NIR counts [pixel]: waves move between the bands by a pixel or so."""
+"""Side of the window over which the maximum of the NIR is taken [pixel]: waves move by about a pixel between bands."""
 
 
 @dataclass(frozen=True, eq=False)
 class GlintScale:
-    """Usual scores in each class of the NIR.
+    """Usual score of water in each class of the NIR.
 
     Attributes
     ----------
     centre, spread : (band,) ndarray
-        Median and standard deviation (robust) of the NIR over water.
+        Median and robust standard deviation of the NIR over water.
     side : int
-        Side of the squares that the scores are means over [pixel].
+        Side of the largest averaging window of the scores [pixel].
     glint, factor : (class,) ndarray
-        Largest standardised NIR nearby, and the usual score there over the usual score of the scene, not falling.
+        Standardised NIR of each class (see `nearby`), and its usual score relative to that of the scene. The factors
+        do not decrease.
     """
 
     centre: npt.NDArray[np.float64]
@@ -50,16 +53,16 @@ class GlintScale:
     def fit(
         cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[npt.NDArray[np.bool_]], side: int
     ) -> GlintScale:
-        """Learn it from blocks.
+        """Fit the scale to blocks of a scene.
 
         Parameters
         ----------
         nir : sequence of (band, row, column) ndarray
         scores : sequence of (row, column) ndarray
         water : sequence of (row, column) ndarray of bool
-            Pixels that teach.
+            Pixels to fit to.
         side : int
-            Side of the squares that the scores are means over [pixel].
+            Side of the largest averaging window of the scores [pixel].
         """
         values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
         values = np.nan_to_num(values)
@@ -84,7 +87,7 @@ class GlintScale:
         )
 
     def nearby(self, nir: Array) -> npt.NDArray[np.float32]:
-        """Largest NIR around each pixel, in standard deviations, averaged as the scores are."""
+        """Local maximum of the NIR [standard deviation], averaged over the window of the scores; (row, column)."""
         import cv2
 
         shape = (-1, 1, 1)
@@ -95,5 +98,5 @@ class GlintScale:
         return np.asarray(cv2.blur(highest, (self.side, self.side)))
 
     def even(self, scores: Array, nir: Array) -> npt.NDArray[np.float32]:
-        """Scores over what is usual at such a NIR."""
+        """Scores divided by the usual score of water with the same NIR; (row, column)."""
         return np.asarray(scores / np.interp(self.nearby(nir), self.glint, self.factor), np.float32)

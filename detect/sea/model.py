@@ -1,13 +1,14 @@
-"""Contrast with the water around: a local mean and variance of water, the correlation of its bands, several scales.
+"""Contrast of a pixel with the water around it, at several scales.
 
-At every scale s the bands are averaged over s x s pixels of the sea, so that an object fills one of the means. Let m
-and v be the mean and the variance of water within the window around a pixel, z = (y - m) / sqrt(v), and R the
-correlation of z over the sea. The score is the Mahalanobis distance sqrt(z' R^-1 z). Its median and its 99.9 % quantile
-over water make the scales comparable, and the largest over the scales counts. Pixels that are far from the water at the
-largest scale (ships, wakes, slicks, plumes, clouds) leave the statistics, and the statistics are computed again.
+At every scale s the bands are averaged over s x s pixels of the sea, so that an object fills the window at one of the
+scales. Let m and v be the mean and the variance of water within the window around a pixel, z = (y - m) / sqrt(v), and R
+the correlation of z over the sea. The score is the Mahalanobis distance sqrt(z' R^-1 z). Each scale is normalised by
+the median and the 99.9 % quantile of its distances over water; the score is the maximum over the scales. Pixels that
+are far from the water at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the statistics, and
+the statistics are computed again.
 
-What a removal leaves of glint grows with the glint that was there, and the NIR shows how much that was: where the NIR
-is given, scores are divided by what is usual at water of the same NIR (`detect.sea.glint`).
+Residual glint grows with the original glint, which the NIR shows. Where the NIR is given, scores are divided by the
+usual score of water with the same NIR (`detect.sea.glint`).
 """
 
 from __future__ import annotations
@@ -27,49 +28,51 @@ from .region import ALONGSIDE, RIM, WATER, Classes
 
 Array = npt.NDArray[Any]
 SIDES = ("bright", "both")
-"""Which anomalies count: what is brighter than the water around, or what is darker, too."""
+"""Sign of the anomalies: only pixels brighter than the water around them, or also darker ones."""
 SEA_WINDOW = 51
-"""Side of the window of the water around [pixel]: several ships wide; 31 and 101 find fewer ships in real ports."""
+"""Side of the window of the local statistics [pixel]: several ships wide. 31 and 101 find fewer ships in real ports."""
 SCALES = (1,)
-"""Sides of the squares that are averaged [pixel]: where a pixel is as large as a boat, means over more dilute it."""
+"""Sides of the averaging windows [pixel], where a pixel is as large as a boat: larger windows would dilute the boat."""
 _FINE_SCALES = (1, 3, 5)
-"""The same where pixels are finer than an object: sparkle is averaged out."""
+"""Sides of the averaging windows [pixel], where pixels are smaller than an object: sparkle is averaged out."""
 _FINE_PIXEL = 5.0
-"""Pixels below this see parts of boats, and objects under water that may be darker than it [m]."""
+"""Pixel side below which a pixel is smaller than a boat [m]. There, submerged objects darker than the water count."""
 _ROUNDS = 3
-"""How often the statistics are made."""
+"""Number of times that the statistics are computed."""
 _CUT = 6.0
-"""Medians of the distance above which a pixel leaves the statistics: normal water has less than 1e-9 there."""
+"""A pixel is excluded from the statistics above this multiple of the median distance: under 1e-9 of normal water."""
 _PRIOR = 30.0
-"""Pixels' worth of the whole sea in every local variance: narrow water has few pixels of its own."""
+"""Weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water."""
 _FLOOR = 0.1
-"""Least local variance, as a share of the whole sea's: water that happens to be even is no better known than that."""
+"""Smallest local variance, as a fraction of that of the whole sea: limits the scores in smooth patches."""
 _FAR = 1e4
-"""Robust standard deviations at which a value is cut off, so that float32 sums over a window hold it."""
+"""Values are clipped to this many robust standard deviations: float32 sums over a window stay precise."""
 _RARE = 1e-3
-"""Share of water above the quantile that makes scales comparable."""
+"""Fraction of water above the upper quantile that normalises the scales."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeaModel:
-    """Statistics of a scene as plain numbers, so that every block is scored alike.
+    """Statistics of the water of a scene; the same for every block.
 
     Attributes
     ----------
     centre, spread : (band,) ndarray
-        Median, and robust standard deviation of water.
+        Median and robust standard deviation of water [unit of the image].
     variance : (scale, band) ndarray
-        Of water about its local mean, in units of spread squared.
+        Variance of water about its local mean [spread squared].
     whiteners : tuple of (rank, band) ndarray
-        Of the correlation at each scale.
+        Whitening matrix of the correlation at each scale (`detect.covariance.whitener`).
     middle, rare : (scale,) ndarray
         Median and 99.9 % quantile of the distance at each scale.
     q90 : float
         90 % quantile of the score over water.
-    scales, side
-        As used.
+    scales : tuple of int
+        Sides of the averaging windows [pixel].
+    side : str
+        One of `SIDES`.
     glint : GlintScale, optional
-        How scores grow with the NIR, where that is given.
+        Usual score by NIR, where the NIR was given.
     """
 
     centre: npt.NDArray[np.float64]
@@ -85,11 +88,11 @@ class SeaModel:
 
     @property
     def halo(self) -> int:
-        """Pixels around a block that its scores depend on."""
+        """Margin around a block that its scores depend on [pixel]."""
         return _ROUNDS * (SEA_WINDOW // 2 + self.scales[-1] // 2 + 2)
 
     def numbers(self) -> dict[str, Any]:
-        """For a sidecar."""
+        """Numbers of the model for the sidecar."""
         return {
             "centre": self.centre.tolist(), "spread": self.spread.tolist(), "window": SEA_WINDOW,
             "scales": list(self.scales), "side": self.side, "q90": self.q90,
@@ -100,23 +103,29 @@ def fit(
     blocks: Sequence[tuple[Array, Classes]], *, pixel: float | None = None, side: str | None = None,
     nir: Sequence[Array] = (),
 ) -> SeaModel:  # fmt: skip
-    """Learn what the water of a scene looks like.
+    """Fit the statistics of the water of a scene.
 
     Parameters
     ----------
     blocks : sequence of ((band, row, column) ndarray, (row, column) ndarray of uint8)
         Parts of the scene, or all of it, and their classes from `region`.
     pixel : float, optional
-        Side of a pixel [m]: chooses the scales, and `side` where it is not given.
+        Side of a pixel [m]. It determines the scales, and `side` where that is not given.
     side : str, optional
         One of `SIDES`.
     nir : sequence of (band, row, column) ndarray
-        NIR of every block, not corrected; not used where pixels are as large as a boat, whose NIR is its own.
+        Uncorrected NIR of every block. It is not used where a boat fills a pixel: there, the boat determines the NIR.
+
+    Returns
+    -------
+    SeaModel
 
     Raises
     ------
+    InputError
+        `side` is not one of `SIDES`.
     NoWaterError
-        The blocks hold too few pixels of water.
+        The blocks hold fewer than 100 pixels of water.
     """
     fine = pixel is not None and pixel < _FINE_PIXEL
     side = side or ("both" if fine else "bright")
@@ -145,18 +154,23 @@ def fit(
 
 
 def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> npt.NDArray[np.float32]:
-    """Distance of every pixel of the sea from the water around [standard deviation]; NaN elsewhere and on the rim.
+    """Distance of every pixel of the sea from the water around it.
 
     Parameters
     ----------
     block : (band, row, column) ndarray
-        With `model.halo` more pixels around what is wanted.
+        The wanted part, with a margin of `model.halo` pixels.
     classes : (row, column) ndarray of uint8
         From `region`.
     model : SeaModel
         From `fit`.
     nir : (band, row, column) ndarray, optional
         The NIR, where `fit` was given it.
+
+    Returns
+    -------
+    (row, column) ndarray of float32
+        Distance [standard deviation]; NaN on land and on the rim.
     """
     state = _State(block, classes, model)
     for _ in range(_ROUNDS - 1):
@@ -169,7 +183,7 @@ def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = N
 
 
 class _State:
-    """A block in robust units, its means at every scale, and which of its water is in the statistics."""
+    """A block in robust standard deviations, its means at every scale, and the pixels in the statistics (`used`)."""
 
     def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
         valid = np.isfinite(block).all(axis=0)
@@ -184,17 +198,17 @@ class _State:
         count = {s: np.maximum(_sums(self.sea.astype(np.float32), s), 1) for s in model.scales}
         self.means = [x if s == 1 else np.stack([_sums(b, s) for b in x]) / count[s] for s in model.scales]
         self.water = water
-        # before there are any statistics: what is as bright as land
+        # there are no statistics yet: exclude pixels as bright as land
         self.used = water & (np.abs(self.means[-1]) < 30).all(axis=0)
 
     def local(self) -> tuple[Array, Array]:
-        """Mean of the water in use within the window, and its pixels."""
+        """Mean of the used water within the window, (band, row, column), and number of its pixels, (row, column)."""
         count = _sums(self.used.astype(np.float32), SEA_WINDOW)
         total = np.stack([_sums(np.where(self.used, b, 0), SEA_WINDOW) for b in self.x])
-        return total / (count + 1), count  # one pixel at the median of the scene, where there is no water
+        return total / (count + 1), count  # + 1: a pixel at the scene's median, for windows without water
 
     def standardised(self, variance: npt.NDArray[np.float64]) -> list[Array]:
-        """z at every scale, given the variance of the whole sea."""
+        """Standardised contrast z at every scale, (band, row, column), given the variance of the whole sea."""
         mean, count = self.local()
         out = []
         for means, whole in zip(self.means, variance, strict=True):
@@ -205,7 +219,7 @@ class _State:
         return out
 
     def narrow(self, model: SeaModel) -> None:
-        """Take out of the statistics what is far from the water, and two pixels around it."""
+        """Exclude pixels that are far from the water, and two pixels around each, from the statistics."""
         import cv2
 
         z = self.standardised(model.variance)[-1]
@@ -214,7 +228,7 @@ class _State:
 
 
 def _sums(values: Array, side: int) -> Array:
-    """Sums over squares, what lies outside being 0."""
+    """Sums over a square window; 0 outside the image."""
     import cv2
 
     return np.asarray(cv2.boxFilter(values, cv2.CV_32F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT))
@@ -244,7 +258,7 @@ def _robust(blocks: Sequence[tuple[Array, Classes]]) -> tuple[npt.NDArray[np.flo
 
 
 def _learn(states: Sequence[_State], model: SeaModel) -> SeaModel:
-    """Variance, correlation and usual distance at every scale, over the water in use."""
+    """Variance, correlation, and quantiles of the distance at every scale, over the used water."""
     variance = np.zeros_like(model.variance)
     total = max(sum(int(s.used.sum()) for s in states), 1)
     for state in states:
@@ -268,7 +282,7 @@ def _learn(states: Sequence[_State], model: SeaModel) -> SeaModel:
 
 
 def _combined(state: _State, model: SeaModel) -> npt.NDArray[np.float32]:
-    """The largest distance over the scales, each in the units of the first."""
+    """Maximum of the normalised distances over the scales, in the unit of the first scale."""
     best: npt.NDArray[np.float32] | None = None
     for z, white, middle, rare in zip(
         state.standardised(model.variance), model.whiteners, model.middle, model.rare, strict=True

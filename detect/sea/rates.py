@@ -1,8 +1,8 @@
-"""False alarms of the sea: per pixel for a requested rate, and per square kilometre for an object's score.
+"""False alarms on the sea: threshold for a rate per pixel, and false objects per square kilometre for a score.
 
-Clutter is heavy-tailed, and the ships themselves sit in the tail. What is larger and brighter than clutter can be is
-taken out first; a generalised Pareto law is fitted to what remains. Small unconfirmed objects stay: nobody can
-distinguish them from clutter, and to count them as false alarms is the safe side.
+The scores of clutter are heavy-tailed, and the ships are in the tail. Objects that are larger and brighter than clutter
+are confirmed, and excluded first. A generalised Pareto distribution is fitted to the other scores. Small objects cannot
+be distinguished from clutter. They are not confirmed and count as false alarms, so that the rate is not underestimated.
 """
 
 from __future__ import annotations
@@ -24,48 +24,48 @@ from ..threshold import Tail, Threshold, from_tail
 
 Scores = npt.NDArray[Any]
 LOW = 1.5
-"""Candidates exceed this many 90 % quantiles of water: one to three percent of the sea."""
+"""Candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea."""
 _CONFIRMED = (9.0, 3.0)
-"""90 % quantiles that a peak must exceed to be no clutter: at coarse pixels, where wakes and clouds reach half of it,
-and at pixels finer than a boat."""
+"""A confirmed object has a peak above this multiple of the 90 % quantile of water. First value: coarse pixels, where
+wakes and clouds reach half of it. Second value: pixels smaller than a boat."""
 _LARGE_OBJECTS = (40, 12)
-"""Least pixels of what is confirmed, likewise: a ship of 100 m by 30 m at 10 m, with its blur; a boat. Waves and
-sparkle are smaller."""
+"""Minimum size of a confirmed object [pixel]. First value: coarse pixels (a blurred ship of 100 m by 30 m at 10 m).
+Second value: pixels smaller than a boat (a boat). Waves and sparkle are smaller."""
 _BODY = 60
-"""Pixels of a candidate that is no clutter whatever its peak, where pixels are finer than a boat: noise that is
-averaged over 5 by 5 pixels has clumps of up to some 50."""
+"""Size from which a candidate is confirmed whatever its peak, where pixels are smaller than a boat [pixel]: noise that
+is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
 _SMALLEST_KEPT = 12.6
-"""Area that it has at least there, whatever its peak [m2]: what removal leaves of a clump of glint is narrower than the
-smallest object that removal keeps, a disc of 4 m."""
+"""Minimum area of a confirmed object, where pixels are smaller than a boat [m2]: that of a disc of 4 m, the smallest
+object that glint removal keeps. Residual glint is smaller."""
 _LEAST = 50
-"""Least peaks to fit a law to."""
+"""Minimum number of peaks for a fit."""
 _MOST_RATE = 1e6
-"""Expected false objects per km2 of what is not worth a number."""
+"""False objects per km2 that are reported for scores in the bulk of the water."""
 
 
 @dataclass(frozen=True, eq=False)
 class Clutter:
-    """The tail of what is not confirmed as an object.
+    """Scores of candidates that are not confirmed as objects, and the distribution of their highest values.
 
     Attributes
     ----------
     tail : Tail
         Scores of clutter pixels.
     low : float
-        Score from which on peaks are counted.
+        Score above which candidates are taken.
     peaks : (objects,) ndarray
         `score_top` of unconfirmed candidates, ascending.
     area : float
-        Of the sea that was searched [km2]; NaN where pixels have no size.
+        Area of the searched sea [km2]; NaN where the size of a pixel is not known.
     confirmed, confirmed_pixels : int
-        Objects that were taken out, and their pixels.
+        Number of confirmed objects, and of their pixels.
     shape, scale : float
-        Of the generalised Pareto law of the peaks above `low`, which extrapolates beyond the highest of them; NaN where
-        they are too few or too alike.
+        Parameters of the generalised Pareto distribution of the peaks above `low`, to extrapolate beyond the highest of
+        them; NaN where there are too few peaks, or all are equal.
     large : (int, float)
-        Pixels and peak score from which on an object is confirmed where it has a ship's shape, too.
+        Number of pixels and peak score from which an object counts as large.
     large_share : float
-        Share of the unconfirmed candidates that are as large.
+        Fraction of the unconfirmed candidates that have as many pixels.
     """
 
     tail: Tail
@@ -81,14 +81,14 @@ class Clutter:
 
     @property
     def fitted(self) -> bool:
-        """Whether a law describes the peaks; else their own ranks are used."""
+        """Whether a distribution is fitted to the peaks; else their ranks are used."""
         return math.isfinite(self.shape)
 
     def false_per_km2(self, score: float, pixels: int = 1) -> float:
-        """Expected false objects per km2 whose `score_top` is at least so high.
+        """Expected number of false objects per km2 with a `score_top` of at least `score`; NaN without an area.
 
-        Of these only the share of large candidates is as large as an object that is large and bright: give its pixels
-        where it has a ship's shape (slicks, shoals and clouds are large, too, and are no clutter of pixels).
+        For a large and bright object the number is multiplied by the fraction of large candidates. Pass the number of
+        `pixels` only for objects with the shape of a ship: slicks, shoals and clouds are large, too.
         """
         rate = self._of_peak(score)
         return rate * self.large_share if pixels >= self.large[0] and score > self.large[1] else rate
@@ -107,12 +107,12 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """`score_top` that so many false objects per km2 are expected to exceed.
+        """`score_top` that is exceeded by the given number of false objects per km2.
 
         Raises
         ------
         InputError
-            The area of the sea is not known, or the rate is not positive.
+            The area of the sea is not known, or the number is not positive.
         """
         if not false_per_km2 > 0:
             raise InputError(f"false-per-km2: allowed is above 0, got {false_per_km2}.")
@@ -130,7 +130,7 @@ class Clutter:
         return float(self.low + self.scale * ((1 + self.shape * y) * wanted**-self.shape - 1) / self.shape)
 
     def threshold(self, pfa: float) -> Threshold:
-        """Score that a share `pfa` of the clutter exceeds."""
+        """Threshold that a fraction `pfa` of the clutter pixels exceeds."""
         note = f"large, bright objects are left out of the fit: {self.confirmed} ({self.confirmed_pixels} pixels)"
         found = from_tail(self.tail, pfa)
         if pfa * self.tail.n < 1:
@@ -140,20 +140,24 @@ class Clutter:
 
 
 def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: float, fine: bool = False) -> Clutter:
-    """Separate clutter from what is confirmed, and fit its tail.
+    """Separate confirmed objects from clutter, and fit a distribution to the clutter.
 
     Parameters
     ----------
     tail : Tail
-        Scores of the searched sea.
+        Highest scores of the searched sea.
     candidates : sequence of Object
         Connected pixels above `LOW` times `q90`.
     q90 : float
-        90 % quantile of water.
+        90 % quantile of the score over water.
     area : float
-        Of the searched sea [km2].
+        Area of the searched sea [km2].
     fine : bool
-        Whether pixels are finer than a boat.
+        Whether pixels are smaller than a boat.
+
+    Returns
+    -------
+    Clutter
     """
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
@@ -177,7 +181,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
 
 def _without(tail: Tail, taken: Scores) -> Tail:
-    """The tail less some of its scores, each once."""
+    """Remove scores from a tail; each value is removed as often as it is in `taken`."""
     kept = taken[taken >= tail.values[-1]] if len(tail.values) else taken[:0]
     values, counts = np.unique(np.concatenate([tail.values, kept.astype(tail.values.dtype)]), return_counts=True)
     of_taken = np.zeros(len(values), np.int64)

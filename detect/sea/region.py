@@ -1,10 +1,10 @@
-"""The sea with what floats on it: water closed over holes and protrusions no larger than the largest ship.
+"""Region of the sea with floating objects: water, and the holes and protrusions that a ship may fill.
 
-A ship is not water: a water mask has a hole where a ship lies. A hole that a ship could fill belongs to the sea. A ship
-alongside a quay is no hole but a protrusion of the land: directional morphological openings find what is narrow across
-a direction and straight along it, and its shape distinguishes it from rocks and corners of quays, though not from
-short piers. A hole beside the land is taken for a part of it, and what the land continues at both ends for a piece of a
-bridge, a bar or a front of turbid water.
+A water mask has a hole where a ship is. A hole that is no larger than the largest ship belongs to the sea. A ship
+alongside a quay makes a protrusion of the land, not a hole. Directional morphological openings find protrusions that
+are narrow and straight. Their shape distinguishes ships from rocks and corners of quays, but not from short piers. A
+hole next to land counts as part of the land. A part with land at both ends counts as a piece of a bridge, a bar or a
+front of turbid water.
 """
 
 from __future__ import annotations
@@ -21,39 +21,47 @@ from deglint.errors import InputError
 Mask = npt.NDArray[np.bool_]
 Classes = npt.NDArray[np.uint8]
 NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE, ATTACHED = 0, 1, 2, 3, 4, 5
-"""Classes of pixels. RIM: water beside land, half land itself: it counts in the statistics and gets no score.
-ATTACHED: holes that a ship could fill, but beside land and without a ship's shape: clutter, and no objects."""
+"""Classes of pixels. RIM: water next to land, mixed pixels: in the statistics, without a score. AFLOAT: holes that a
+ship may fill. ALONGSIDE: protrusions of the land with the shape of a ship. ATTACHED: holes of the size of a ship next
+to land: clutter, not objects."""
 LARGEST = (400.0, 60.0)
 """Length and width of the largest ships [m]."""
 MOST = 128
-"""Most pixels of a length: at fine pixels larger holes of the water are land or a moored ship, and tiles stay small."""
+"""Maximum length of a hole [pixel]. In fine pixels, larger holes are land or a moored ship. The limit keeps the halo of
+tiles small."""
 _SHORTEST = 50.0
-"""Least length of a protrusion that is taken for a ship [m]: five pixels of 10 m, fewer have no shape."""
+"""Minimum length of a ship alongside [m]: five pixels of 10 m. Shorter protrusions have no measurable shape."""
 _FILL = 0.55
-"""Least share of its smallest rectangle that a ship fills: a hull fills 0.7 to 0.9, less where it is a few pixels."""
+"""Minimum fraction of its smallest rectangle that a ship fills. A hull fills 0.7 to 0.9, less if it has few pixels."""
 _ELONGATION = 1.8
-"""Least length over width of a ship: ships have 4 to 8, and the blur of a pixel lowers it."""
+"""Minimum ratio of length to width of a ship. Ships have 4 to 8; the blur of a pixel lowers the ratio."""
 _ATTACHED_WITHIN = 2
-"""Parts so near are attached [pixel]: the one pixel between is mixed with both, and does not show water."""
+"""A part this near to land is attached to it [pixel]: the single pixel between is mixed and does not show water."""
 _CONTINUED = (0.5, 0.25)
-"""Least share of land at both ends of a part that land continues, and most share at its sides: bends and mixed pixels
-are at the ends, and land beside is a quay. 0.2 to 0.3 at the sides find the same ships in six real ports."""
+"""Land continues a part if the fraction of land is at least the first value at both ends, and at most the second at the
+sides. Bends and mixed pixels lower the fraction at the ends. Land at a side is a quay. Values of 0.2 to 0.3 for the
+sides find the same ships in six real ports."""
 _DIRECTIONS = 12
-"""Directions in which ships alongside are looked for: a hull 8 times as long as wide lies within 7.5 degrees of one."""
+"""Number of directions in the search for ships alongside: 7.5 degrees are within the tolerance of a hull of 8 to 1."""
 _HULL_BLUR = 1.5
 """Width that the point spread function adds to a hull [pixel]."""
 
 
 @dataclass(frozen=True)
 class SeaRule:
-    """Sizes that decide what floats.
+    """Size of a pixel and of the largest floating object.
 
     Attributes
     ----------
     pixel : float
         Side of a pixel [m].
     length, width : float
-        Of the largest object that may float [m]; 0 closes nothing.
+        Length and width of the largest floating object [m]; with 0 the water mask is used as it is.
+
+    Raises
+    ------
+    InputError
+        The pixel is not above 0 m, or the length is less than the width.
     """
 
     pixel: float
@@ -70,27 +78,27 @@ class SeaRule:
 
     @property
     def sides(self) -> tuple[float, float]:
-        """Length and width [pixel]."""
+        """Length and width of the largest floating object [pixel]."""
         scale = min(1 / self.pixel, MOST / self.length if self.length else math.inf)
         return self.length * scale, self.width * scale
 
     @property
     def halo(self) -> int:
-        """Pixels around a tile that its region depends on."""
+        """Margin around a tile that its classes depend on [pixel]."""
         length, width = self.sides
         return math.ceil(length) + 2 * math.ceil(width) + 4 if length else 2
 
 
 def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
-    """Which pixels belong to the sea.
+    """Classify pixels as sea, floating object or land.
 
     Parameters
     ----------
     water : (row, column) ndarray of bool
-        Water without what floats on it, as `deglint.masks.water` gives it.
+        Water mask with holes at floating objects, as `deglint.masks.water` returns it.
     rule : SeaRule
     valid : (row, column) ndarray of bool, optional
-        Pixels of the image; what is not valid is neither water nor land.
+        Valid pixels; the others are neither water nor land.
 
     Returns
     -------
@@ -132,7 +140,7 @@ def _opened(mask: Mask, window: npt.NDArray[np.uint8]) -> Mask:
 
 
 def _line(length: float, angle: float) -> npt.NDArray[np.uint8]:
-    """Pixels on a line [pixel] at an angle clockwise from the upward direction of the image [degree]."""
+    """Window in the shape of a line: its length [pixel], and angle clockwise from the image's up direction [degree]."""
     import cv2
 
     half = (length - 1) / 2
@@ -144,23 +152,26 @@ def _line(length: float, angle: float) -> npt.NDArray[np.uint8]:
 
 
 def hull(length: float, width: float, size: float) -> bool:
-    """Whether so many pixels within a rectangle have the shape of a ship: long, straight and full."""
+    """Whether a part of `size` pixels has the shape of a ship: elongated, and filling its smallest rectangle.
+
+    `length` and `width` are those of the rectangle [pixel].
+    """
     return length >= _ELONGATION * width and size >= _FILL * length * width
 
 
 def likeness(size: float, fill: float) -> float:
-    """Likeness to a ship of parts attached to land: number of pixels, and share of the rectangle that they fill.
+    """Likeness to a ship of a part attached to land, from its size [pixel] and the filled fraction of its rectangle.
 
-    A hull fills its rectangle; corners and bends of piers, with which most of what is no ship ends, do not. The cube
-    makes the share count more than the size.
+    A hull fills its rectangle. Corners and bends of piers, the most frequent false alarms, do not. The cube gives the
+    filled fraction more weight than the size.
     """
     return size * fill**3
 
 
 def rectangle(footprint: Mask) -> tuple[float, float, float]:
-    """Smallest rectangle around the pixels of a mask: length and width [pixel], and the angle of its length.
+    """Smallest rectangle around the pixels of a mask: length and width [pixel], and angle of the longer side.
 
-    The angle is clockwise from the upward direction of the image, 0 to 180 degrees.
+    The angle is clockwise from the image's up direction, 0 to 180 degrees.
     """
     import cv2
 
@@ -169,12 +180,12 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
     corners = np.concatenate([points + d for d in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5))])
     hull = cv2.convexHull(corners.astype(np.float32))
     (_centre, (a, b), angle) = cv2.minAreaRect(hull)
-    along = angle if a >= b else angle + 90  # of the longer side, from the row's direction, clockwise as seen
+    along = angle if a >= b else angle + 90  # of the longer side, clockwise from the direction of the rows
     return float(max(a, b)), float(min(a, b)), float((along + 90) % 180)
 
 
 def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tuple[int, float, float]]]:
-    """Labels and boxes of the parts that fit into a rectangle, and number, length and width of each [pixel]."""
+    """Labels and statistics of all connected parts; label, length and width of those that fit into a rectangle."""
     import cv2
 
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)
@@ -184,13 +195,13 @@ def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tu
     for part in np.flatnonzero(small[1:count]) + 1:
         x, y, w, h = stats[part, :4]
         long, across, _angle = rectangle(labels[y : y + h, x : x + w] == part)
-        if long <= length + 1 and across <= width + 1:  # an edge that lies within a pixel widens by up to one
+        if long <= length + 1 and across <= width + 1:  # mixed pixels at the edges add up to one pixel
             found.append((int(part), long, across))
     return labels, stats, found
 
 
 def _holes(land: Mask, length: float, width: float) -> tuple[Mask, Mask]:
-    """Holes that a ship could fill: apart from land; and beside it, or cut by the border as land may be."""
+    """Holes that a ship may fill: first those surrounded by water, then those next to land or to the image border."""
     labels, stats, found = _fitting(land, length, width)
     chosen = np.zeros(len(stats), np.bool_)
     chosen[[part for part, *_ in found]] = True
@@ -202,9 +213,9 @@ def _holes(land: Mask, length: float, width: float) -> tuple[Mask, Mask]:
 
 
 def _continued(around: Mask, own: Mask) -> bool:
-    """Whether land lies at both ends of a part and water at its sides; ships have a free end, or a quay beside them.
+    """Whether a part has land at both ends and water at its sides. A ship has a free end, or a quay at one side.
 
-    `around` is the land in the box of the part and `_ATTACHED_WITHIN` pixels more on every side.
+    `own` is the mask of the part. `around` is the land in the same window with a margin of `_ATTACHED_WITHIN` pixels.
     """
     inside = np.pad(own, _ATTACHED_WITHIN)
     ring = _grown(inside, 2 * _ATTACHED_WITHIN + 1) & ~inside
@@ -225,10 +236,10 @@ def _continued(around: Mask, own: Mask) -> bool:
 
 
 def _alongside(land: Mask, rule: SeaRule) -> Mask:
-    """Protrusions of the land that have a ship's size and shape, each apart from the others.
+    """Protrusions of the land with the size and shape of a ship, which do not touch each other.
 
-    For every direction: land that is no wider than a ship across it, and straight along it for a ship's least length.
-    This separates ships from the quay that they lie at, and from piers of another direction.
+    In every direction, land is selected that is not wider than a ship across the direction, and straight along it for
+    the minimum length of a ship. This separates ships from their quay, and from piers in another direction.
     """
     length, width = rule.sides
     shortest = max(_SHORTEST / rule.pixel, 5.0) if rule.sides[0] * rule.pixel >= rule.length - 1 else 5.0

@@ -1,4 +1,4 @@
-"""The whole search of an array: region, model, scores, and objects as plain records."""
+"""Search for objects on the sea in an array: classify, fit, score, and list the objects as plain records."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class Search:
     classes : (row, column) ndarray of uint8
         From `detect.sea.region`.
     objects : list of dict
-        One record an object, the highest score first: `pandas.DataFrame(search.objects)` is a table of them.
+        One record per object, highest score first; `pandas.DataFrame(search.objects)` makes a table.
     threshold : Threshold
     clutter : Clutter
-        Turns a score into expected false objects per km2.
+        Converts a score to the expected number of false objects per km2.
     model : SeaModel
     """
 
@@ -52,15 +52,15 @@ def score_scene(
     Parameters
     ----------
     image : (band, row, column) array
-        NaN where not valid. The visible bands of a deglinted scene find most.
+        NaN where not valid. The visible bands of a deglinted scene give the best results.
     water : (row, column) array of bool, optional
-        Water without what floats on it; everywhere by default.
+        Water mask with holes at floating objects; all valid pixels by default.
     pixel : float
         Side of a pixel [m].
     pfa : float
-        False alarms wanted per pixel.
+        Requested false-alarm rate per pixel.
     side : str, optional
-        "bright" or "both"; by the size of a pixel by default.
+        "bright" or "both"; by default determined from the size of a pixel.
 
     Returns
     -------
@@ -69,9 +69,9 @@ def score_scene(
     Raises
     ------
     InputError
-        Shapes differ.
+        The shapes of image and mask differ.
     NoWaterError
-        There is too little water to compare with.
+        The image has fewer than 100 pixels of water.
 
     Examples
     --------
