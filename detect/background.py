@@ -1,7 +1,7 @@
-"""The background: mean and covariance of what belongs in a scene, fitted once, saved, used on this scene or another.
+"""The background: mean and covariance of the pixels of a scene, used to score this scene or another.
 
-`fit` takes a whole array; `Part` takes tiles in any number and gives the same background to the bit. A
-`Background` is plain numbers; what is scored against it is in `detect.rx`. No file is opened here.
+`fit` takes a whole array. `Part` takes any number of tiles and gives the same background to the bit. A `Background` can
+be saved; `detect.rx` computes scores with it. No file is opened here.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ COVARIANCES = {
 RIDGE = 1e-3
 """Default share of each band's variance that `ridge` adds."""
 ROBUST_SAMPLE = 1 << 17
-"""Pixels that the robust estimate and Ledoit and Wolf's shrinkage look at, at most about."""
+"""Approximate maximum number of sampled pixels for the robust estimate and for Ledoit and Wolf's shrinkage."""
 THREADED_VALUES = 1 << 23
 """Number of values from which an array in memory is processed by several threads by default."""
 
@@ -48,15 +48,15 @@ class Background:
     Attributes
     ----------
     n : int
-        Pixels it was fitted to.
+        Number of pixels that it was fitted to.
     mean, rest : (bands,) ndarray
-        The mean is mean + rest, held in two doubles.
+        The mean is mean + rest, in two doubles for precision.
     covariance : (bands, bands) ndarray
-        Divided by n - 1; shrunk or robust where that was asked for.
+        Divided by n - 1; shrunk or robust where the rule says so.
     rule : str
         A key of `COVARIANCES`.
     shrinkage : float
-        Share by which the correlation was drawn to the identity, or the ridge that was added.
+        Weight of the identity in the shrunk correlation, or the added ridge.
     names : tuple of str
         Band names, where known.
     """
@@ -76,7 +76,7 @@ class Background:
 
     @property
     def rank(self) -> int:
-        """Bands that vary and do not follow from the others."""
+        """Rank of the covariance: number of linearly independent bands that vary."""
         return len(estimates.whitener(self.covariance))
 
     def numbers(self) -> dict[str, Any]:
@@ -104,7 +104,7 @@ class Background:
         Raises
         ------
         InputError
-            It is something else, or damaged.
+            The text is not a saved background, or is damaged.
         """
         try:
             found = json.loads(text)
@@ -131,7 +131,7 @@ class Part:
 
     @classmethod
     def of(cls, block: npt.NDArray[Any], mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Part:
-        """From a block whose first pixel lies at `origin` in the scene; one pixel in `share` is kept, of 0 none."""
+        """Part of a block whose first pixel is at `origin` in the scene; one pixel in `share` is sampled (0: none)."""
         cells = cell_moments(block, mask, origin=origin)
         rows = columns = np.zeros(0, np.int64)
         if share:
@@ -141,10 +141,10 @@ class Part:
 
     @classmethod
     def merge(cls, parts: Sequence[Part]) -> Part:
-        """One part, of the tiles of one row or of these: cells of one row are merged first, then the rows.
+        """Merge parts: first the cells of each row of cells, then the rows.
 
-        Rows of tiles start at multiples of `deglint.moments.CELL`, so that the rows of cells are whole: the result is
-        the same to the bit for any tiling.
+        Rows of tiles must start at multiples of `deglint.moments.CELL`, so that rows of cells are complete. Then the
+        result is the same to the bit for any tiling.
         """
         cells = CellMoments.concatenate([p.cells for p in parts])
         rows = np.unique(cells.keys[:, 0])
@@ -179,7 +179,7 @@ def fit(
     Parameters
     ----------
     image : (band, row, column) ndarray
-        Any real type; pixels with a NaN or infinity in any band are left out.
+        Any real type; pixels with NaN or infinity in any band are excluded.
     mask : (row, column) bool ndarray, optional
         True where a pixel belongs to the background.
     covariance : str
@@ -187,9 +187,9 @@ def fit(
     ridge : float
         For "ridge": this share of each band's variance is added to it.
     names : sequence of str
-        Band names to keep with it.
+        Band names to store in the background.
     threads : int, optional
-        All processors for large images, or as few as OMP_NUM_THREADS says; the result does not depend on it.
+        By default all processors for large images, at most OMP_NUM_THREADS. The result does not depend on it.
 
     Returns
     -------
@@ -200,7 +200,7 @@ def fit(
     FitError
         Fewer than two valid pixels.
     InputError
-        A covariance that is not known, or shapes that do not fit.
+        Unknown covariance, or the shapes of image and mask differ.
 
     Examples
     --------
@@ -230,7 +230,7 @@ def estimate(
     moments: Moments, covariance: str = "empirical", *, ridge: float = RIDGE, names: Sequence[str] = (),
     sample: npt.NDArray[Any] | None = None,
 ) -> Background:  # fmt: skip
-    """A background from moments, and where its rule needs them (mcd, ledoit-wolf) from a sample of pixels."""
+    """Background from moments; "mcd" and "ledoit-wolf" also need a sample of pixels, (pixels, bands)."""
     check_rule(covariance, ridge)
     n = moments.n
     if n < 2:
@@ -265,7 +265,7 @@ def estimate(
 
 
 def sample_share(covariance: str, pixels: int) -> int:
-    """One pixel in how many to keep for this rule; 0: none."""
+    """Sampling interval for a covariance rule: one pixel in this many is sampled; 0: none."""
     return max(1, -(-pixels // ROBUST_SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
 
 
@@ -278,9 +278,9 @@ def check_rule(covariance: str, ridge: float) -> None:
 
 
 def default_threads(image: npt.NDArray[Any]) -> int:
-    """Threads for work on an array in memory: one where it is small, else all processors that we may use.
+    """Number of threads for an array in memory: one if it is small, else all available processors.
 
-    As few as OMP_NUM_THREADS says, which limits the matrix products, too.
+    OMP_NUM_THREADS is an upper limit, as for the matrix products.
     """
     if image.size < THREADED_VALUES:
         return 1
@@ -289,7 +289,7 @@ def default_threads(image: npt.NDArray[Any]) -> int:
 
 
 def as_image(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """A (band, row, column) array of real numbers, or an InputError."""
+    """Convert to an array, and check that it is (band, row, column) of real numbers; else raise an InputError."""
     image = np.asarray(image)
     if image.ndim != 3 or not len(image):
         raise InputError(f"expected a (band, row, column) array with at least one band, got shape {image.shape}.")
@@ -299,7 +299,7 @@ def as_image(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def as_mask(mask: npt.NDArray[Any] | None, image: npt.NDArray[Any]) -> Mask | None:
-    """A bool mask of the image's rows and columns, or an InputError."""
+    """Convert to a bool array, and check that it has the rows and columns of the image; else raise an InputError."""
     if mask is None:
         return None
     mask = np.asarray(mask)

@@ -1,7 +1,6 @@
-"""From a raster to scores: fit the background over tiles, score them, cut, mark objects, say what was done.
+"""Score a raster file: fit the background, score tile by tile, find the threshold, mark objects, write the sidecar.
 
-The only room of detect that puts readers, detectors and writers together. A `Recipe` says what to do, `score_file` does
-the whole job.
+Only this package combines readers, detectors and writers. A `Recipe` holds the options; `score_file` does all steps.
 """
 
 from .recipe import Outputs, Recipe

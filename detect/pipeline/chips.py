@@ -1,4 +1,4 @@
-"""Chips: a small picture of every object, as it was taken, as it was scored, and its scores, side by side."""
+"""Chips: a small picture of every object with the raw scene, the scored scene and the scores side by side."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from .plan import Plan
 from .recipe import Outputs
 
 CHIP_SIDE = 64
-"""Least side of a chip [pixel of the scene]."""
+"""Minimum side of a chip [pixel of the scene]."""
 _CHIP_MARGIN = 12
-"""Pixels around an object."""
+"""Margin around an object [pixel of the scene]."""
 _SIZE = 192
-"""Side of a panel [pixel of the picture], at least."""
+"""Minimum side of a panel [pixel of the picture]."""
 _STRETCH = (2.0, 99.8)
-"""Percentiles that become black and white: few pixels of a chip are the object."""
+"""Percentiles that are shown as black and white: the object has few pixels of a chip."""
 
 
 def write_chips(
     plan: Plan, targets: Outputs, scores: Any, found: Sequence[Object], scratch: Scratch
 ) -> list[str | None]:
-    """Write a PNG of every object into the folder of `targets`; returns their names.
+    """Write a PNG of every object into the folder of `targets`; return their names.
 
-    Panels: the scene before glint removal, where its sidecar tells the file; the scene; the scores.
+    Panels: the scene before glint removal, where the sidecar names the file; the scene; the scores.
     """
     if targets.chips is None:
         return [None] * len(found)
@@ -63,14 +63,14 @@ def write_chips(
 
 
 def _around(start: int, stop: int, size: int) -> tuple[int, int]:
-    """Range that holds an object and its surroundings."""
+    """Range of rows or columns of a chip: the object with its margin, within the scene."""
     side = min(max(stop - start + 2 * _CHIP_MARGIN, CHIP_SIDE), size)
     low = min(max((start + stop - side) // 2, 0), size - side)
     return low, low + side
 
 
 def _rgb(scene: Scene) -> list[int]:
-    """Bands that are shown as red, green and blue; one band in grey where not all three are known."""
+    """0-based bands for red, green and blue; one band three times (grey) where not all are known."""
     roles = band_roles(scene)
     known = [i for role in ("red", "green", "blue") if (i := roles[role]) is not None]
     return known if len(known) == 3 else [(known or [0])[0]] * 3
@@ -90,7 +90,7 @@ def _raw_of(scene: Scene) -> list[Scene]:
 
 
 def _coloured(image: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    """(band, row, column) to (row, column, band) of bytes, every band stretched alike."""
+    """(band, row, column) to (row, column, band) of uint8; every band is stretched between its own percentiles."""
     out = []
     for band in image:
         good = band[np.isfinite(band)]

@@ -18,7 +18,7 @@ from ..objects import Move, Object
 _EARTH = 6_371_008.8
 """Mean radius of the Earth [m]."""
 _SEARCH_MARGIN = 40
-"""Water around an object that contrast is taken from [pixel]."""
+"""Margin around an object in the search for its motion [pixel]: its contrast is relative to this water."""
 
 
 def to_wgs84(scene: Scene) -> Move | None:
@@ -53,7 +53,7 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
     Raises
     ------
     InputError
-        Fewer than three bands are known to look at different times.
+        Fewer than three bands have known, different times.
     """
     known = [(i, b.time_offset) for i, b in enumerate(scene.bands) if b.time_offset is not None]
     if len({t for _, t in known}) < 3:
@@ -78,7 +78,7 @@ def motions(scene: Scene, found: Sequence[Object]) -> list[dict[str, Any]]:
 def _motion(
     scene: Scene, found: Object, bands: list[int], times: list[float], pixel: float, reach: int
 ) -> dict[str, Any]:
-    """Speed and heading of the nearest boat that moves, among those that can be the object."""
+    """Speed and heading of the nearest moving boat within the distance that the object can travel."""
     rows, columns = (
         (max(low - _SEARCH_MARGIN - reach, 0), min(high + _SEARCH_MARGIN + reach, size))
         for (low, high), size in zip(found.bounds, (scene.height, scene.width), strict=True)
@@ -96,7 +96,7 @@ def _motion(
 
 
 def _north(scene: Scene, mover: Mover, top: int, left: int) -> float:
-    """Heading of a mover from north, which need not be upward in the image."""
+    """Heading of a mover clockwise from north [degree]; north need not be up in the image."""
     move = to_wgs84(scene)
     assert move is not None
     x, y = left + mover.column + 0.5, top + mover.row + 0.5

@@ -1,4 +1,4 @@
-"""From scores that were written to a threshold and to objects: detected pixels, their sizes, rates and files."""
+"""Threshold and objects from a written score raster: detected pixels, their sizes and false-alarm rates, and files."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from .vectors import write_features
 Places = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[Any]]
 """Rows, columns and scores of pixels, in row-major order."""
 CANDIDATES = 0.04
-"""Share of the sea whose scores are kept: more than exceeds `detect.sea.rates.LOW`."""
+"""Fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.rates.LOW`."""
 _UNKNOWN_PIERS = 3
-"""Added to the rank of what is attached to land: where none is known to be false, three may be (at 95 %)."""
+"""Added to the rank of an object attached to land: if no false one is known, up to three are possible (at 95 %)."""
 _ROUND = 1.3
-"""Length over width below which an object has no bearing."""
+"""Ratio of length to width below which an object has no bearing."""
 
 
 def joined(parts: Sequence[Places]) -> Places:
@@ -50,7 +50,7 @@ def joined(parts: Sequence[Places]) -> Places:
 
 @dataclass(frozen=True, eq=False)
 class Rated:
-    """An object, what it is, and how many false ones to expect."""
+    """An object, its kind, the expected number of false objects per km2, and its probability of being real."""
 
     found: Object
     kind: str
@@ -59,14 +59,14 @@ class Rated:
 
 
 class Marker:
-    """Finds the threshold of a scored sea, and marks objects in any scores.
+    """Find the threshold of a scored sea, and mark objects in the scores of any detector.
 
     Parameters
     ----------
     plan : Plan
     targets : Outputs
     scores : rasterio dataset
-        That was just written.
+        The written score raster, open for reading.
     tail : Tail
         The highest scores.
     beside : dict of Places
@@ -85,7 +85,7 @@ class Marker:
         self._strata = 2 if len(self._beside[0]) else 1
 
     def threshold(self) -> Threshold:
-        """Threshold of the sea, from the clutter that is left when confirmed objects are taken out."""
+        """Threshold of the sea, from the clutter: the scores without the confirmed objects."""
         recipe, clutter = self._plan.recipe, self._clutter
         if recipe.false_per_km2 is not None:
             value = clutter.score_at(recipe.false_per_km2 / self._strata)
@@ -98,7 +98,7 @@ class Marker:
 
     @cached_property
     def _clutter(self) -> sea.Clutter:
-        """Clutter: scores of what is not confirmed as an object."""
+        """Clutter: scores of the candidates that are not confirmed as objects."""
         of_sea = self._plan.sea
         assert of_sea is not None
         assert of_sea.model is not None
@@ -107,7 +107,7 @@ class Marker:
         return sea.clutter_of(self._tail, found, q90, area=self._tail.n * of_sea.area / 1e6, fine=fine)
 
     def _above(self, value: float, *without: Places) -> Places:
-        """Rows, columns and scores above a value, read in strips, without some pixels."""
+        """Pixels with scores above a value, except those in `without`; the raster is read in strips."""
         found = []
         dataset = self._scores
         for top in range(0, dataset.height, LONGEST_SIDE):
@@ -124,7 +124,7 @@ class Marker:
         return rows[apart], columns[apart], scores[apart]
 
     def objects(self, threshold: Threshold) -> list[Rated]:
-        """Objects above the threshold, in order of increasing number of false alarms."""
+        """Objects above the threshold; on the sea in order of increasing number of false objects."""
         of_sea = self._plan.sea
         if of_sea is None:
             found = marking.find_among(*self._above(threshold.value), **self._options)
@@ -142,7 +142,7 @@ class Marker:
             clutter.false_per_km2(o.score_top, o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1)
             for o in afloat
         ])  # fmt: skip
-        # share of the objects up to each that are false, or up to a weaker one if less (q-values: Storey 2002,
+        # q-value: smallest fraction of false objects at a threshold that includes the object (Storey 2002,
         # doi:10.1111/1467-9868.00346)
         false = np.minimum(rates * clutter.area / np.arange(1, len(rates) + 1), 1.0)
         real = 1 - np.minimum.accumulate(false[::-1])[::-1]
@@ -150,7 +150,7 @@ class Marker:
             Rated(o, "afloat", share * r, p) for o, r, p in zip(afloat, rates.tolist(), real.tolist(), strict=True)
         ]
         most = share * (clutter.false_per_km2(threshold.value) if by_peaks else len(afloat) / clutter.area)
-        dimmest = max(threshold.value, clutter.large[1])  # quays are dim; what clutter may reach shows no ship
+        dimmest = max(threshold.value, clutter.large[1])  # quays are dim; clutter reaches the scores below
         beside = [o for o in marking.find_among(*self._beside, **self._options) if o.score_max > dimmest]
         for rank, o in enumerate(sorted(beside, key=_likeness, reverse=True), start=1):
             rate = share * (rank + _UNKNOWN_PIERS) / clutter.area  # each of them may be a pier
@@ -161,7 +161,7 @@ class Marker:
         return [replace(r, found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
 
     def write(self, threshold: Threshold, scratch: Scratch, progress: Progress | None) -> int | None:
-        """Write the objects above a threshold; returns how many, or None where no objects are wanted."""
+        """Write the objects above a threshold; return their number, or None where no objects are requested."""
         if self._targets.objects is None:
             return None
         if progress:
@@ -183,13 +183,13 @@ class Marker:
 
 
 def _likeness(found: Object) -> float:
-    """Score for the likeness to a ship of an object attached to land."""
+    """Likeness to a ship of an object attached to land; see `detect.sea.region.likeness`."""
     length, width, _ = rectangle(found.footprint)
     return likeness(found.size, found.size / (length * width))
 
 
 def _described(rated: Rated, move: Move | None) -> dict[str, Any]:
-    """Numbers of an object that an operator reads."""
+    """Properties of an object in the output: score, rates, kind, place, size [m] and bearing [degree]."""
     found = rated.found
     known = math.isfinite(rated.false_per_km2)
     score = found.score_max

@@ -28,44 +28,44 @@ from .recipe import WINDOW, Recipe
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
 SEA_TILE = 1024
-"""Side of the tiles of sea, whose halo is some hundred pixels [pixel]."""
+"""Side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]."""
 _STRIP_LINES = 64
-"""Least lines that are read at a time, where lines are scored one after the other."""
+"""Minimum number of lines that are read at a time for "lines"."""
 _VISIBLE_RANGE = (400.0, 700.0)
-"""Bands in which water is seen through a removed glint: the NIR is not corrected, and its glint is the clutter [nm]."""
+"""Wavelengths of the default bands of "sea" [nm]: corrected bands. The NIR is not corrected; its glint is clutter."""
 _NIR = (740.0, 1100.0)
-"""Bands that see glint and hardly any water [nm]."""
+"""Wavelengths that show glint and almost no light from the water [nm]."""
 _MANY = 16
 """Number of bands from which a spectrum alone identifies a target."""
 _OTHERS: dict[str, tuple[Any, str]] = {
     "window": (WINDOW, "local"), "border": ("shrink", "local"), "drop": (1, "subspace"),
     "background": ("", "rx"), "covariance": ("empirical", "rx"),
 }  # fmt: skip
-"""Options that sea has not: their default, and the detector that auto takes where they are given."""
+"""Options that "sea" does not have: default value, and the detector that "auto" selects where another is given."""
 _UNKNOWN = 10.0
-"""Side of a pixel where the scene has no CRS [m]."""
+"""Assumed side of a pixel where the scene has no CRS [m]."""
 _SAMPLE_BLOCK = 1024
-"""Side of the blocks that the water is learnt from [pixel]."""
+"""Side of the blocks that the statistics of water are fitted to [pixel]."""
 _BLOCKS = 4
-"""How many of them hold enough water."""
+"""Number of blocks for the fit; half of their area must be water."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeaPlan:
-    """The sea of a scene.
+    """Options and model of a search of the sea.
 
     Attributes
     ----------
     rule : SeaRule
-        What floats.
+        Size of a pixel and of the largest floating object.
     area : float
-        Of a pixel [m2]; NaN where the scene has no CRS.
+        Area of a pixel [m2]; NaN where the scene has no CRS.
     side : str or None
-        As `detect.sea.fit`; None chooses by the pixels' size.
+        As `detect.sea.fit`; None: determined from the size of a pixel.
     model : SeaModel or None
         None until it is fitted.
     nir : tuple of int
-        0-based NIR bands that tell how much glint a pixel has.
+        0-based NIR bands, which measure the glint of a pixel.
     """
 
     rule: sea.SeaRule
@@ -81,16 +81,17 @@ class SeaPlan:
 
     @property
     def halo(self) -> int:
-        """Pixels around a tile that its scores depend on."""
+        """Margin around a tile that its scores depend on [pixel]."""
         return self.rule.halo + (self.model.halo if self.model else 0)
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A recipe made ready for a scene.
+    """A recipe applied to a scene: bands, mask, background and tiles.
 
-    Bands are 0-based; `nir` counts among `bands`. The background is fitted inside `area` (everywhere where it is None),
-    unless it is given; `rule` is that of local RX, `sea` that of a search of the sea.
+    `bands` are 0-based bands of the scene; `nir` are positions within `bands`. The background is fitted inside `area`
+    (None: everywhere), unless `given` holds one. `rule` is the window of local RX, `sea` the plan of a search of the
+    sea; both are None for other methods.
     """
 
     scene: Scene
@@ -122,7 +123,7 @@ class Masking:
     water_bands: tuple[int, ...] = ()
 
     def read(self, scene: Scene, tile: Tile) -> Mask | None:
-        """Mask of a tile; None for everywhere."""
+        """Mask of a tile, (row, column) bool; None: everywhere."""
         if self.area is not None:
             return self.area.read(tile.window)
         if self.water is None:
@@ -133,12 +134,12 @@ class Masking:
 
 
 def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
-    """Find out what a recipe needs to know of a scene.
+    """Choose detector, bands, mask and tiles for a scene.
 
     Raises
     ------
     BandError, InputError, ReadError, NoWaterError
-        A band, file or window that cannot be used, or no water where it was asked for.
+        A band, file or window cannot be used, or a scene without water is to be searched on water.
     """
     recipe, mask, notes = _chosen(scene, recipe, threads)
     given, area = _background(scene, recipe)
@@ -171,7 +172,7 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
 
 
 def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking, list[str]]:
-    """The recipe with its detector and mask chosen, where to score, and why."""
+    """Replace "auto" in a recipe; return the recipe, its mask, and the reasons as notes."""
     if recipe.method != "auto":
         mask = recipe.mask if recipe.mask != "auto" else "water" if recipe.method == "sea" else "none"
         recipe = replace(recipe, mask=mask)
@@ -195,7 +196,7 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking
 
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
-    """The background of --background: a saved background, or that of an area."""
+    """Read --background: a saved background, or the area to fit one in; both None where it is not given."""
     name = recipe.background
     if not name:
         return None, None
@@ -210,7 +211,7 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
 
 
 def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
-    """0-based bands to use, in the order of a saved background where there is one."""
+    """0-based bands to use; in the order of the saved background if one is given."""
     if recipe.bands:
         bands = tuple(dict.fromkeys(find_band(scene, b) for b in recipe.bands))
     elif given is not None and given.names:
@@ -245,7 +246,7 @@ def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
 
 
 def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[int, int]:
-    """Tiles of whole cells of local RX, and enough of them for all threads."""
+    """Shape of tiles for local RX: multiples of its cells, small enough to occupy all threads."""
     rows, columns = (-(-side // CELL) for side in shape)
     while -(-scene.height // (rows * CELL)) * -(-scene.width // (columns * CELL)) < 2 * threads and rows * columns > 1:
         rows, columns = (rows // 2, columns) if rows >= columns else (rows, columns // 2)
@@ -253,7 +254,7 @@ def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[in
 
 
 def plan_sea(scene: Scene, recipe: Recipe) -> SeaPlan:
-    """Sizes of what may float on the sea of a scene."""
+    """Pixel size, size of floating objects, and NIR bands of a scene for a search of the sea; not yet fitted."""
     known = ground_area(scene.transform, scene.crs, scene.height, scene.width)
     area = known or float("nan")
     pixel = float(np.sqrt(area)) if known else _UNKNOWN
@@ -263,13 +264,13 @@ def plan_sea(scene: Scene, recipe: Recipe) -> SeaPlan:
 
 
 def _of_option(recipe: Recipe) -> tuple[str, str] | None:
-    """The first option that sea has not and that was given, and the detector that has it."""
+    """The first given option that "sea" does not have, and the detector that has it; None if there is none."""
     given = (pair for pair in _OTHERS.items() if getattr(recipe, pair[0]) != pair[1][0])
     return next(((name, method) for name, (_usual, method) in given), None)
 
 
 def why_not_sea(scene: Scene, recipe: Recipe) -> str:
-    """Why auto does not search the sea, before looking for water; "" where nothing speaks against it."""
+    """Reason in the options why "auto" does not search the sea; "" if there is none."""
     if of_option := _of_option(recipe):
         return f"--{of_option[0]} is an option of it"
     if recipe.threshold in ("chi2", "f"):
@@ -291,9 +292,10 @@ def visible_bands(scene: Scene) -> tuple[int, ...]:
 
 
 def water_of_removal(scene: Scene, nir: int) -> tuple[WaterRule, tuple[int, ...]] | None:
-    """The water that `deglint remove` found before it changed the visible bands, and the bands that it looked at.
+    """Water rule from the sidecar of `deglint remove`, and its bands; None where the scene has no such sidecar.
 
-    The NIR, which decides, is a copy of the input's. None where the scene is not the result of a removal.
+    `deglint remove` found the water in the uncorrected visible bands. The rule depends mostly on the NIR, which the
+    removal copies.
     """
     found = band_roles(scene)
     bands = role_bands(Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir}))
@@ -308,7 +310,7 @@ def water_of_removal(scene: Scene, nir: int) -> tuple[WaterRule, tuple[int, ...]
 
 
 def read_sea(plan: Plan, tile: Tile, bands: Any) -> tuple[npt.NDArray[Any], npt.NDArray[np.uint8]]:
-    """The pixels of a tile, and the class of each pixel (`detect.sea.region`)."""
+    """Pixels of a tile, (band, row, column), and their classes, (row, column), from `detect.sea.region`."""
     assert plan.sea is not None
     block = plan.scene.source.read(tile.window, list(bands))
     valid = np.asarray(np.isfinite(block).all(axis=0))
@@ -318,18 +320,18 @@ def read_sea(plan: Plan, tile: Tile, bands: Any) -> tuple[npt.NDArray[Any], npt.
 
 
 def read_nir(plan: Plan, tile: Tile) -> npt.NDArray[Any]:
-    """NIR of a tile, where scores are evened by it; else of no bands."""
+    """NIR of a tile, (band, row, column); no bands where the scene has no NIR."""
     assert plan.sea is not None
     return plan.scene.source.read(tile.window, list(plan.sea.nir)) if plan.sea.nir else np.zeros((0, *tile.shape))
 
 
 def fit_sea(plan: Plan) -> SeaPlan:
-    """Learn the water from the scene, or of a large scene from some blocks with water.
+    """Fit the statistics of water; in a large scene, to a sample of blocks with water.
 
     Raises
     ------
     NoWaterError
-        There is no water to learn from.
+        There is no water in the blocks.
     """
     assert plan.sea is not None
     scene, blocks, nir = plan.scene, [], []
@@ -355,7 +357,7 @@ def fit_sea(plan: Plan) -> SeaPlan:
 
 
 def explain(plan: Plan) -> list[str]:
-    """Decisions, one line each."""
+    """Notes on a search of the sea, one line each; empty for other methods."""
     found = plan.sea
     if found is None or found.model is None:
         return []

@@ -37,26 +37,26 @@ class Recipe:
     covariance, ridge : str, float
         As `detect.background.fit`; "local" knows "empirical" and "ridge".
     background : str
-        "" for everything valid; else a GeoJSON file, mask raster, window, or a saved background.
+        "": all valid pixels; else a GeoJSON file, mask raster, window, or a saved background.
     bands, nir : tuple of str
         Bands to use, all where empty, and the NIR (for "residual" and the water mask), by name or 1-based number.
     drop : int
         Leading eigenvectors that "subspace" leaves out.
     mask : str
         Where to score: "none" (everywhere), "water" (found in the scene), or a raster, GeoJSON file or window; "auto"
-        is water for "sea", else everywhere. "sea" closes the mask over what floats.
+        is water for "sea", else everywhere. "sea" fills the holes of the mask at floating objects.
     pfa : float, optional
-        False alarms wanted per pixel.
+        Requested false-alarm rate per pixel.
     threshold : str
         A key of `detect.threshold.THRESHOLDS`.
     false_per_km2 : float, optional
-        False objects wanted per km2 of sea, in place of pfa; for "sea".
+        Requested number of false objects per km2 of sea, instead of pfa; for "sea".
     largest_object : (float, float)
-        Length and width of the largest object that floats [m]; for "sea".
+        Length and width of the largest floating object [m]; for "sea".
     side : str
-        "auto", "bright" or "both": which anomalies count; for "sea".
+        "auto", "bright" or "both": sign of the anomalies; for "sea".
     moving : bool
-        Give objects a speed and a heading, from bands that look at different times.
+        Determine the speed and heading of objects, from bands that are not simultaneous.
     min_size, merge_distance
         As `detect.objects.find`.
     """
@@ -113,12 +113,12 @@ class Recipe:
 
     @property
     def kind(self) -> Method:
-        """The line of the table; "auto" counts as rx, which takes every option."""
+        """Entry of the table of detectors; for "auto" that of rx, which has every option."""
         return METHODS["rx" if self.method == "auto" else self.method]
 
     @property
     def thresholded(self) -> bool:
-        """Whether a threshold is wanted."""
+        """Whether a threshold is requested."""
         return self.pfa is not None or self.false_per_km2 is not None
 
 
@@ -137,11 +137,11 @@ class Outputs:
         Raster of p-values, raster of `detect.pipeline.scoring.MEANINGS`, detected objects as GeoJSON, the fitted
         background.
     overwrite : bool
-        Replace what exists.
+        Replace existing files.
     options : mapping
         GDAL creation options.
     chips : Path, optional
-        Folder of a picture of every object.
+        Folder for the pictures of the objects.
     """
 
     image: Path

@@ -1,4 +1,4 @@
-"""The whole job: fit the background, score tile by tile, find the threshold, mark objects, write everything at once."""
+"""All steps of `rxdetect score`: fit the background, score the tiles, find the threshold, mark objects, write files."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ class Result:
     background : Background or None
     threshold : Threshold or None
     objects : int or None
-        How many were marked.
+        Number of marked objects.
     sidecar : dict
-        Everything that the sidecar says.
+        Content of the sidecar.
     """
 
     tally: PixelCounts
@@ -79,7 +79,7 @@ def score_file(
     threads: int | None = None, progress: Progress | None = None, cluster: Cluster | None = None,
     **outputs: Any,
 ) -> Result:  # fmt: skip
-    """Score every pixel of a raster file by how little it belongs.
+    """Score how anomalous every pixel of a raster file is.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def score_file(
     image : path
         Output, a local GeoTIFF of one float32 band, NaN where not valid. `image`.json is written beside it.
     recipe : Recipe, optional
-        The sea by default, where there is water; else global RX.
+        By default "sea" where there is water, else global RX.
     sensor, nodata, bands, wavelengths, scale, offset
         As `deglint.open_scene`.
     threads : int, optional
@@ -106,7 +106,7 @@ def score_file(
     Raises
     ------
     ReadError, WriteError, InputError, BandError, FitError, NoWaterError
-        With one line that says what to do. No output is left, and an old one is as it was.
+        The message states a remedy. No output is written, and an existing one is not changed.
 
     Examples
     --------
@@ -123,9 +123,9 @@ def score_file(
     if threads is not None and threads < 1:
         raise InputError(f"threads: want at least 1, got {threads}.")
     targets.check(recipe)
-    with environment(), threadpool_limits(1, user_api="blas"):  # the tiles' threads are all the threads
+    with environment(), threadpool_limits(1, user_api="blas"):  # tiles already occupy all threads
         read = _files_read(source, targets, recipe, str(sensor or ""))
-        # before it is opened: what changes from now on is noticed
+        # before the files are opened, so that a change during the run is detected
         checksum = Checksum(read, [recipe.background, recipe.mask])
         scene = settled(open_scene(source, sensor=sensor, nodata=nodata, bands=bands, wavelengths=wavelengths,
                                    scale=scale, offset=offset))  # fmt: skip
@@ -136,7 +136,7 @@ def score_file(
 def _files_read(
     source: str | Path | Sequence[str | Path], targets: Outputs, recipe: Recipe, sensor: str
 ) -> list[str]:  # fmt: skip
-    """Files of the input; refuses outputs that are read or that exist."""
+    """List the files of the input, and check that no output is also an input, or exists without `overwrite`."""
     from deglint.readers.stac import files_of
 
     given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
@@ -154,13 +154,13 @@ def _run(
     scene: Scene, checksum: Checksum, recipe: Recipe, targets: Outputs, threads: int, progress: Progress | None,
     cluster: Cluster | None,
 ) -> Result:  # fmt: skip
-    """Fit, score, mark objects and write all files of a scene that is open."""
+    """Fit, score, mark objects and write all files of an open scene."""
     begun = time.perf_counter()
     log_scene(scene)
     if recipe.method == "auto" and (targets.p_value or targets.background):
-        recipe = replace(recipe, method="rx")  # the only detector that gives both
+        recipe = replace(recipe, method="rx")  # the default detector that has both outputs
     if recipe.moving:
-        delayed_bands(scene)  # refused before the work, not after it
+        delayed_bands(scene)  # raises before the long work if the times of the bands are not known
     plan = make_plan(scene, recipe, threads)
     for note in plan.notes:
         log.info("%s", note)
@@ -237,7 +237,7 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress 
 
 
 def _law(plan: Plan, ready: Detector | None, background: Background | None) -> tuple[int, int] | None:
-    """Degrees of freedom of scores over a normal background, and pixels that the statistics come from."""
+    """Degrees of freedom of the scores of a normal background, and number of pixels in the statistics."""
     if not plan.recipe.kind.law:
         return None
     if ready is not None and background is not None:
@@ -247,7 +247,7 @@ def _law(plan: Plan, ready: Detector | None, background: Background | None) -> t
 
 
 def _threshold(recipe: Recipe, tail: Tail, law: tuple[int, int] | None) -> Threshold:
-    """The threshold for the wanted rate, with the rate that it gave."""
+    """Threshold for the requested false-alarm rate, with the observed rate."""
     pfa = float(recipe.pfa or 0)
     if recipe.threshold in ("chi2", "f") and law:
         found = cutting.from_chi2(pfa, law[0]) if recipe.threshold == "chi2" else cutting.from_f(pfa, *law)
@@ -256,7 +256,7 @@ def _threshold(recipe: Recipe, tail: Tail, law: tuple[int, int] | None) -> Thres
 
 
 def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: tuple[int, int] | None) -> Scoring:
-    """Scorer of tiles, which keeps as many of the highest scores as the threshold needs."""
+    """Scorer of tiles; it keeps as many of the highest scores as the threshold needs."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     highest = Highest(Tail.keep_for(rate, pixels)) if recipe.thresholded else None
@@ -267,7 +267,7 @@ def _scoring(plan: Plan, targets: Outputs, ready: Detector | None, law: tuple[in
 def _write_tiles(
     scratch: Scratch, work: Scoring, targets: Outputs, cluster: Cluster | None, progress: Progress | None
 ) -> tuple[PixelCounts, Tail | None, dict[int, Places]]:
-    """Score and write all tiles; returns counts, the highest scores, and pixels that are attached to land, by class."""
+    """Score and write all tiles; return counts, the highest scores, and the pixels attached to land by class."""
     plan, highest, tally = work.plan, work.highest, PixelCounts()
     beside: dict[int, list[Places]] = {sea.ALONGSIDE: [], sea.ATTACHED: []}
     images = _images(plan, targets)
@@ -291,7 +291,7 @@ def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
     info = raster_of(plan.scene).info
     options = dict(targets.options)
     if info.compression == "deflate" and "compress" not in map(str.lower, options):
-        options = {"ZLEVEL": "1", **options}  # scores are mostly noise: to try harder takes twice the time for nothing
+        options = {"ZLEVEL": "1", **options}  # scores are noise: a higher level doubles the time, not the compression
     info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
     base = Layout(
         info, (0,), "float32", float("nan"), options, scaled=False, names=(plan.recipe.method,), tile=plan.shape

@@ -33,7 +33,7 @@ MEANINGS = {
     FLOATS: "sea: no water, but small enough to float",
     BESIDE_LAND: "sea: no water, attached to land, with the size and shape of a ship or a short pier",
 }
-"""Bits of the flag raster; 0: a score like any other."""
+"""Bits of the flag raster; 0: a score without a remark."""
 
 
 @dataclass
@@ -66,25 +66,25 @@ class Scored:
 
 
 class Highest:
-    """The tail of all tiles, merged now and then; tiles need not send what lies below it."""
+    """Highest scores of all tiles. Scores below `floor` are not among them and need not be kept."""
 
     def __init__(self, keep: int) -> None:
         self._whole, self._waiting = Tail(0, np.zeros(0, np.float32), keep), list[Tail]()
         self.floor = -np.inf
 
     def of(self, scores: npt.NDArray[np.float32]) -> Tail:
-        """The tail of a tile, less what cannot be among the highest any more."""
+        """Tail of a tile, without scores below `floor`."""
         valid = int(np.count_nonzero(np.isfinite(scores)))
         return replace(Tail.of(scores[scores >= self.floor], self._whole.keep), n=valid)
 
     def add(self, tail: Tail) -> None:
-        """Take a tile's."""
+        """Add the tail of a tile."""
         self._waiting.append(tail)
         if sum(len(t.values) for t in self._waiting) > self._whole.keep:
             self.total()
 
     def total(self) -> Tail:
-        """Of everything so far."""
+        """Tail of all tiles so far."""
         self._whole = Tail.merge([self._whole, *self._waiting])
         self._waiting = []
         if len(self._whole.values) == self._whole.keep:
@@ -94,9 +94,9 @@ class Highest:
 
 @dataclass(frozen=True, eq=False)
 class Scoring:
-    """All that scoring a tile needs, as a function of the tile; shared by the threads. Only `lines` remembers.
+    """Function that scores a tile, shared by the threads. Only `lines` and `highest` have a state.
 
-    `law` is that of scores over a normal background: degrees of freedom, and pixels that the statistics come from.
+    `law` describes the scores of a normal background: degrees of freedom, and number of pixels in the statistics.
     """
 
     plan: Plan
@@ -132,7 +132,7 @@ class Scoring:
         return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
     def _of_rings(self, tile: Tile) -> tuple[npt.NDArray[Any], npt.NDArray[Any], Any, npt.NDArray[np.uint8]]:
-        """Scores of local RX, and the pixels, mask and states that they come from."""
+        """Scores of local RX, and the pixels, mask and states (`detect.local.STATES`) of the tile."""
         plan = self.plan
         assert plan.rule is not None
         outer = tile.grown(plan.rule.halo, plan.scene.height, plan.scene.width)
@@ -144,14 +144,14 @@ class Scoring:
         return scores, block[core], None if mask is None else mask[core], states
 
     def _of_lines(self, block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.float32]:
-        """Scores line by line: the only work whose order matters, so that one thread does it."""
+        """Scores line by line, on one thread: the statistics depend on the order of the lines."""
         assert self.lines is not None
         if mask is not None:
             block = np.where(mask, block, np.nan)
         return np.stack([self.lines.score(line) for line in block.swapaxes(0, 1)])
 
     def _of_sea(self, tile: Tile) -> Scored:
-        """The same of a tile of sea, with the classes of its pixels."""
+        """Read and score a tile of the sea, and count its pixels by class."""
         plan = self.plan
         assert plan.sea is not None
         assert plan.sea.model is not None
@@ -182,7 +182,7 @@ class Scoring:
 
 
 def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> npt.NDArray[np.uint8]:
-    """Bits of the flag raster."""
+    """Flag raster: `NOT_VALID` where not valid, and the bit of every mark where the mark is True."""
     flags = np.where(valid, 0, NOT_VALID).astype(np.uint8)
     for where, bit in marks:
         flags[where] |= bit
@@ -190,7 +190,7 @@ def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> npt.NDArray[np.uin
 
 
 def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> PixelCounts:
-    """Pixels of a tile, by what became of them."""
+    """Counts of the pixels of a tile: scored, masked out, not valid, and by state of local RX."""
     tally = PixelCounts(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
     tally.masked_out = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
     if states is not None:

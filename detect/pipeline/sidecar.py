@@ -21,16 +21,16 @@ from .scoring import MEANINGS, PixelCounts
 AFFINE = ("hedley", "lyzenga", "joyce", "nir-subtraction")
 """Glint removals that subtract a multiple of the NIR from each band."""
 _MOST_BANDS = 32
-"""Bands up to which the covariance stands in the sidecar."""
+"""Maximum number of bands for which the sidecar contains the covariance."""
 _FEW_PIXELS = 10
-"""Pixels per band below which the estimated covariance raises the scores noticeably."""
+"""Pixels per band below which the error of the estimated covariance raises the scores noticeably."""
 
 
 def describe(
     plan: Plan, targets: Outputs, background: Background | None, threshold: Threshold | None, tally: PixelCounts,
     checksum: Checksum,
 ) -> dict[str, Any]:  # fmt: skip
-    """Everything about a run that is a number or was asked for."""
+    """Versions, inputs, options and results of a run as plain values for JSON."""
     recipe = asdict(plan.recipe)
     recipe["bands"] = list(plan.names)
     recipe["nir"] = [plan.names[b] for b in plan.nir]
@@ -58,7 +58,7 @@ def describe(
 
 
 def notes_on(plan: Plan, background: Background | None) -> list[str]:
-    """Decisions, one line each."""
+    """Notes on the decisions of a run, one line each."""
     notes = [*explain(plan), f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
     if background is not None:
         where = "read from a file" if plan.given else f"{background.n} pixels"
@@ -94,7 +94,10 @@ def warnings_of(
 
 
 def deglinted(plan: Plan) -> str | None:
-    """That a linear glint removal does not change RX, where the input is the output of one and has its NIR."""
+    """Warning that the glint removal of the input does not change the scores; None where it does.
+
+    Invariant detectors give the scores of the glinted scene if the removal was linear and its NIR is in use.
+    """
     if not plan.recipe.kind.invariant or plan.recipe.covariance not in ("empirical", "mcd"):
         return None
     try:

@@ -1,4 +1,4 @@
-"""Objects as files: GeoJSON, or GeoPackage with its style for QGIS, both in longitude and latitude of WGS 84."""
+"""Write objects as GeoJSON, or as GeoPackage with a style for QGIS; coordinates are longitude and latitude (WGS 84)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from deglint.raster.output import Scratch, write_json, write_text
 
 
 def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, geographic: bool) -> None:
-    """Write GeoJSON features in the format of the file's extension; with a GeoPackage, also a style of its name."""
+    """Write features as GeoJSON, or for the extension .gpkg as GeoPackage with a QGIS style file (.qml) beside it."""
     if path.suffix.lower() != ".gpkg":
         write_json(scratch, path, document)
         return
@@ -23,12 +23,15 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
 
 
 def _data(name: str) -> str:
-    """A file beside this module."""
+    """Content of a data file of this package."""
     return files(__package__ or "").joinpath(name).read_text(encoding="utf-8")
 
 
 def _write_geopackage(path: Path, document: dict[str, Any], *, geographic: bool) -> None:
-    """Write polygons as a new GeoPackage (OGC 12-128r19) with one layer, `objects`; not geographic: pixels."""
+    """Write polygons as a new GeoPackage (OGC 12-128r19) with one layer, `objects`.
+
+    Coordinates are longitude and latitude where `geographic`, else pixels.
+    """
     rows = document["features"]
     columns = {k: _sql_type(v) for row in rows for k, v in row["properties"].items() if v is not None}
     srs = 4326 if geographic else -1
