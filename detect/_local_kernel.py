@@ -14,7 +14,7 @@ EPS = 2.220446049250313e-16
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """Sums of `width` values that lie `step` apart, made of sums of 1, 2, 4, ...; `values` and `spare` are used up."""
+    """Sums of `width` values at distances of `step`, from sums of 1, 2, 4, ... values; overwrites `values`, `spare`."""
     done, span = 0, 1
     while True:
         if width & span:
@@ -37,7 +37,7 @@ def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def
 
 @njit(nogil=True, cache=True)
 def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-untyped-def]
-    """Sums of products along the rows of windows, and of what is beside the guard alone."""
+    """Sums of products along the rows: over the width of the window (`whole`), and without the guard (`beside`)."""
     columns = first.shape[1]
     values, again, spare = np.empty(columns), np.empty(columns), np.empty(columns)
     side, guard = np.empty(columns), np.empty(columns)
@@ -136,10 +136,10 @@ def _distances(sums, x, ddof, ridge, root, z, total, state):  # type: ignore[no-
 
 @njit(nogil=True, cache=True)
 def distances(sums, x, ddof, ridge, total, state):  # type: ignore[no-untyped-def]
-    """Squared Mahalanobis distances of pixels from their rings, and how each was found.
+    """Squared Mahalanobis distances of pixels from their rings, and the state of each.
 
-    DONE; DEFICIENT: without bands that follow from others in the ring, as they do in x; ASIDE: not to be determined
-    from these sums.
+    DONE; DEFICIENT: linearly dependent bands of the ring were left out, as the pixel has the same dependence; ASIDE:
+    the sums are not precise enough.
 
     sums : (products, pixels), as `ring_moments` fills them; x : (bands, pixels); total, state : (pixels,)
     """

@@ -1,7 +1,7 @@
-"""Covariance of a background: as it is, shrunk, or robust, and its square root where it has full rank or not.
+"""Covariance of a background (empirical, shrunk or robust), and whitening matrix of any covariance, singular or not.
 
-Everything works on bands brought to unit variance, so that no result depends on the bands' units; a band that does not
-vary, or that follows from others, is found by the same measure and left out.
+All functions scale the bands to unit variance, so that no result depends on their units. Bands that do not vary or are
+linearly dependent are left out.
 
 References
 ----------
@@ -24,11 +24,11 @@ import numpy.typing as npt
 
 Float64 = npt.NDArray[np.float64]
 TOLERANCE = 10 * np.finfo(np.float64).eps
-"""Times the number of bands: eigenvalues of the correlation below this share of the largest are rounding."""
+"""Relative rounding error: eigenvalues below this, times the number of bands, times the largest, count as 0."""
 _STEPS = 100
-"""Most concentration steps; a dozen are usual."""
+"""Maximum number of concentration steps; a dozen are usual."""
 _TRIM = 0.975
-"""Share of a normal background that the last, reweighted step of the robust estimate keeps."""
+"""Fraction of a normal background that the last, reweighted step of the robust estimate keeps."""
 
 
 def standardised(covariance: Float64) -> tuple[Float64, Float64]:
@@ -39,7 +39,7 @@ def standardised(covariance: Float64) -> tuple[Float64, Float64]:
 
 
 def whitener(covariance: Float64) -> Float64:
-    """Matrix W whose rows make uncorrelated variables of unit variance: W^T W is the (pseudo-)inverse.
+    """Whitening matrix W: W x has uncorrelated components of unit variance, and W^T W is the (pseudo-)inverse.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def ridged(covariance: Float64, ridge: float) -> Float64:
 
 
 def shrunk(covariance: Float64, shrinkage: float) -> Float64:
-    """Covariance whose correlation is drawn towards the identity by a share `shrinkage` (0 to 1)."""
+    """Covariance whose correlation is shrunk towards the identity; `shrinkage` is the identity's weight, 0 to 1."""
     return (1 - shrinkage) * covariance + shrinkage * np.diag(np.diag(covariance))
 
 
@@ -165,7 +165,7 @@ def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
 
 
 def _concentrate(x: Float64, count: int, mean: Float64, covariance: Float64) -> tuple[Float64, Float64, float]:
-    """Take the nearest `count` pixels, again and again until nothing changes; also the logarithm of the volume."""
+    """Concentration steps until the volume is constant; return mean, covariance and logarithm of the volume."""
     before = np.inf
     for _ in range(_STEPS):
         nearest = np.argpartition(_distances(x, mean, covariance), count - 1)[:count]

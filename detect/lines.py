@@ -1,7 +1,7 @@
-"""RX line by line, with statistics of the lines before: for push-broom sensors, on board, in bounded memory.
+"""RX line by line, with the statistics of the lines before: for push-broom sensors, on board, in bounded memory.
 
-Mean and covariance are exponential averages over the lines that have passed. A line is scored against them first, and
-enters them afterwards, without the pixels of high scores: a target never raises its own background.
+Mean and covariance are exponential averages over the previous lines. A line is scored first, and then added to the
+averages without its pixels of high scores, so that a target is not part of its own background.
 """
 
 from __future__ import annotations
@@ -17,17 +17,18 @@ from deglint.errors import InputError
 from .covariance import ridged, whitener
 
 LINES = 64
-"""Default memory of the statistics [line]."""
+"""Default time constant of the statistics [line]."""
 _FIRST = 4
-"""Pixels per band before statistics are taken for known: with fewer the first lines are scored against themselves."""
+"""Pixels per band that the statistics need before a line is scored."""
 _OUT = 5.0
-"""Times the number of bands: squared distances above it leave the statistics; of normal pixels of 4 bands 5e-4 do."""
+"""Pixels with a squared distance above this multiple of the number of bands are excluded from the statistics: 5e-4 of
+normal pixels of 4 bands."""
 _LINE_RIDGE = 1e-6
-"""Share of each band's variance that is added: collinear bands have a covariance that can be inverted."""
+"""Fraction of each band's variance that is added to it, so that the covariance of collinear bands can be inverted."""
 
 
 class LineScorer:
-    """Scores lines as they come.
+    """Scorer of successive lines.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ class LineScorer:
         Returns
         -------
         (column,) ndarray of float32
-            NaN where not valid, and until enough pixels have passed.
+            NaN where not valid, and until the statistics have enough pixels.
 
         Raises
         ------
@@ -89,13 +90,13 @@ class LineScorer:
             found = np.einsum("ij,ij->j", white, white)
             out[valid] = found
             inside = found <= _OUT * len(values)
-            if not inside.all() and 2 * np.count_nonzero(inside) > inside.size:  # else it is a new background
+            if not inside.all() and 2 * np.count_nonzero(inside) > inside.size:  # else the background has changed
                 taken = taken[:, inside]
         self._learn(taken)
         return out
 
     def _learn(self, taken: npt.NDArray[np.float64]) -> None:
-        """Take a line into the averages."""
+        """Add pixels, (band, pixel), to the averages."""
         count = taken.shape[1]
         if not count:
             return
@@ -114,7 +115,7 @@ class LineScorer:
 
 
 def score_lines(lines: Iterable[Any], memory: int = LINES) -> Iterator[npt.NDArray[np.float32]]:
-    """Scores of lines, one after the other, as they come; see `LineScorer`.
+    """Scores of successive lines; see `LineScorer`.
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
-"""Local RX: every pixel against the ring around it, so that what is common here does not count as odd.
+"""Local RX: the distance of every pixel from the ring of pixels around it.
 
-A window of `outer` pixels a side, less a guard of `inner` pixels a side around the pixel, is the background of that one
-pixel. Few bands go through sums over the window's four bars, whose cost grows with the logarithm of the window; many
-bands, and pixels that those sums cannot settle, are computed one by one from the ring's pixels. A pixel's score is the
-same to the bit in any tiling whose tiles start at multiples of `CELL`. No file is opened here.
+The background of a pixel is its ring: a window with sides of `outer` pixels without a guard with sides of `inner`
+pixels. For few bands the moments of the ring are sums over the window, whose cost grows with the logarithm of the
+window. For many bands, and where the sums are not precise enough, each pixel is computed from the pixels of its ring. A
+score is the same to the bit in any tiling whose tiles start at multiples of `CELL`. No file is opened here.
 
-A sum holds the pixels of its window and no others: nothing is ever taken away again, and the ring is the sum of four
-bars around the guard, not a difference of two squares. So an extreme pixel costs no digits of rings that it is not in.
+The ring is the sum of four bars around the guard, not the difference of two squares, and the sums never subtract a
+value. So an extreme pixel does not reduce the precision of rings that do not contain it.
 
 References
 ----------
@@ -32,13 +32,13 @@ from deglint.scene import Window
 from .background import Float64, Mask, Scores, as_image, as_mask
 
 CELL = 256
-"""Tiles that start at multiples of it give bit-identical scores; as much is worked on at a time [pixel]."""
+"""Side of the cells that are computed at a time [pixel]. Tiles that start at its multiples give identical scores."""
 BORDERS = ("shrink", "mirror", "shift")
-"""Windows at the edge of the image: without the outer part, with it mirrored, or moved inside."""
+"""Windows at the edge of the image: without the part outside, with the image mirrored, or moved inside."""
 SUMS_BANDS = 24
-"""Most bands for which sums over windows are faster than the ring's pixels one by one."""
+"""Maximum number of bands for which sums over windows are faster than rings computed one by one."""
 MOST_SUMS = 1 << 30
-"""Memory for sums over windows, a thread [byte]."""
+"""Maximum memory for sums over windows, per thread [byte]."""
 FINE, DEFICIENT, TOO_FEW = 0, 1, 2
 STATES = {
     DEFICIENT: "the ring's covariance has not full rank: pseudo-inverse",
@@ -46,7 +46,7 @@ STATES = {
 }
 """Bits of `flags`; 0 for none."""
 _DIRECT = 254
-"""To be taken one by one: many bands, sums that do not tell enough, or a window that moves inside the scene."""
+"""State of pixels that are computed one by one: many bands, imprecise sums, or a window that is moved inside."""
 _RANK = 10 * np.finfo(np.float64).eps
 
 
@@ -95,10 +95,10 @@ def local_rx(
     inner, outer : int
         Sides of the guard, and of the window whose other pixels are the background [pixel]; odd, inner < outer.
     mask : (row, column) bool ndarray, optional
-        True where a pixel counts; others are in no ring, and score NaN.
+        True where a pixel is used; the others are in no ring, and score NaN.
     border : {"shrink", "mirror", "shift"}
-        Where the window reaches beyond the image: it loses what is outside; the image is mirrored at its edge; or
-        window and guard are moved inside, each as far as it must.
+        Where the window reaches beyond the image: the part outside is ignored; the image is mirrored at its edge; or
+        window and guard are moved inside, each by the smallest distance.
     ddof : int
         The covariance is divided by pixels - ddof; 0 in most published figures.
     ridge : float
@@ -137,7 +137,7 @@ def local_rx(
     rule = WindowRule(inner, outer, border, size, ddof, ridge)
     if flags is not None and (flags.shape != size or flags.dtype != np.uint8):
         raise InputError(f"flags: want a uint8 array of shape {size}, got {flags.dtype} of shape {flags.shape}.")
-    import scipy.linalg.lapack  # noqa: F401  what is loaded later has threads again
+    import scipy.linalg.lapack  # noqa: F401  a library that is loaded later is not limited
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, user_api="blas"):  # a ring's matrices are small: threads would wait for each other
@@ -242,7 +242,7 @@ def _padded(block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: 
         inside = x[(slice(None), *_slices(spans, (cell[0][0] - halo, cell[1][0] - halo)))]
     inside[0] = known = good[source]
     for band, out in zip(block, inside[1:], strict=True):
-        few = band[source][::4, ::4][known[::4, ::4]]  # a median: one extreme pixel does not move it
+        few = band[source][::4, ::4][known[::4, ::4]]  # a median, because an extreme pixel does not change it
         np.subtract(band[source], np.median(few) if few.size else 0.0, out=out, where=known)
     return x
 
@@ -294,7 +294,7 @@ def _direct(
 
 
 def _places(at: int, size: int, side: int, border: str) -> npt.NDArray[np.int64]:
-    """Rows (or columns) of the window around one, after the border's rule; mirrored ones come twice."""
+    """Rows (or columns) of the window around a row, by the border rule; mirrored ones occur twice."""
     first = at - side // 2
     if border == "shift":
         first = min(max(first, 0), size - side)
@@ -309,7 +309,7 @@ def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> 
         return _by_cholesky(ring, away, root, ridge)
     ring = np.concatenate([ring, np.diag(np.sqrt(ridge * (ring**2).sum(axis=0)))])
     length = np.sqrt((ring**2).sum(axis=0))
-    if length.all():  # of full rank whatever the bands' units are
+    if length.all():  # test the rank independently of the units of the bands
         _, values, vectors = np.linalg.svd(ring / length, full_matrices=False)
         if (values**2 > _RANK * bands).all():
             return float(((vectors @ (away / length) / values) ** 2).sum()), True

@@ -1,9 +1,9 @@
-"""Moving boats: bands that look one after the other show a boat at different places; its speed and heading follow.
+"""Speed and heading of moving boats, from bands that are not simultaneous.
 
-A boat of velocity v that one band sees at p is seen at p + v t by a band that looks t later. Every detection of the
-first band is joined to every one of the last that it could have reached, and the even motion between them must meet a
-detection in each band in between. Detections are deviations from the water around; waves and sparkle, which every band
-sees at other places, have none that line up. Two bands are refused: any two places make a motion.
+A boat with velocity v is at p in one band, and at p + v t in a band recorded t later. Every detection in the first band
+is combined with every detection in the last band within reach. The uniform motion between them must meet a detection in
+each of the other bands. Detections are deviations from the water around them. Waves and sparkle are at unrelated places
+in every band, so that no uniform motion fits them. Three bands are needed, because a motion fits any two detections.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ import numpy.typing as npt
 from deglint.errors import InputError
 
 FASTEST = 20.0
-"""Greatest speed that is sought [m/s]."""
+"""Maximum speed of a boat [m/s]."""
 _WATER_WINDOW = 31
 """Side of the window of water that contrast is taken from [pixel]."""
 _SIGMA = 6.0
-"""Robust standard deviations that each copy must exceed: a boat is in all bands, noise and sparkle in one."""
+"""Contrast of a detection [robust standard deviation]: a boat is in all bands, noise and sparkle in one."""
 _CHANCE = 0.05
-"""Most motions that detections spread at random would give in an image: among many crests of waves some line up."""
+"""Maximum expected number of motions by chance in an image: some of many wave crests fit a uniform motion."""
 _NEAR = 1.0
-"""Distance from an even motion within which a band must show the boat [pixel]."""
+"""Maximum distance of a detection from a uniform motion [pixel]."""
 _SLOWEST = 0.25
-"""Least displacement between the first and the last band [pixel]; less is not distinguished from none."""
+"""Minimum displacement between the first and the last band [pixel]; a smaller one cannot be measured."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def find_moving(
     image : (band, row, column) array
         Bands that are registered to the ground.
     delays : sequence of float
-        When each band looks [s].
+        Time at which each band is recorded [s].
     pixel : float
         Side of a pixel [m].
     water : (row, column) array of bool, optional
@@ -91,12 +91,12 @@ def find_moving(
     Returns
     -------
     list of Mover
-        The highest contrast first; none where so many pixels exceed the sea that motions would line up by chance.
+        The highest contrast first; empty where so many pixels are detected that motions are expected by chance.
 
     Raises
     ------
     InputError
-        Fewer than three bands look at different times: two places are a motion of anything.
+        The image and delays do not fit, fewer than three bands have different times, or the pixel is not above 0 m.
     """
     bands = np.asarray(image, np.float32)
     times = np.asarray(delays, np.float64)
@@ -121,7 +121,7 @@ def find_moving(
 
 
 def _peaks(contrasts: npt.NDArray[np.float32], sea: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
-    """Rows, columns (weighted by contrast) and peaks of what exceeds the sea, one line each."""
+    """Row and column (means weighted by contrast) and peak of every detection, (detection, 3)."""
     from .objects import label
 
     parts = label((contrasts > _SIGMA) & sea)
@@ -141,7 +141,7 @@ def _followed(
     start: npt.NDArray[np.float64], first: int, places: Sequence[npt.NDArray[np.float64]],
     times: npt.NDArray[np.float64], pixel: float,
 ) -> Mover | None:  # fmt: skip
-    """The even motion through all bands that fits a detection best; None where it has none, or does not move."""
+    """Uniform motion through all bands that fits a detection best; None where there is none, or it does not move."""
     last = int(np.argmax(times))
     span = float(times[last] - times[first])
     reach = FASTEST * span / pixel
@@ -169,7 +169,7 @@ def _followed(
 
 
 def _fitted(track: npt.NDArray[np.float64], times: npt.NDArray[np.float64], pixel: float, least: float) -> Mover:
-    """Least squares of an even motion through places."""
+    """Least squares fit of a uniform motion to places, (band, 2) [pixel]."""
     design = np.stack([np.ones_like(times), times], axis=1)
     fit, *_ = np.linalg.lstsq(design, track, rcond=None)
     error = float(np.sqrt(((track - design @ fit) ** 2).sum(axis=1).mean()))

@@ -23,9 +23,9 @@ Places = npt.NDArray[np.int64]
 Ring = tuple[tuple[float, float], ...]
 Move = Callable[[Sequence[tuple[float, float]]], list[tuple[float, float]]]
 _FOOTPRINT = 3
-"""Pixels over which the strength of an object is taken: the point spread function spreads even a point over so many,
-and a single bright pixel is noise or a fault of the removal. With 2 to 5 as many ships are found in six real scenes to
-within one or two in a scene; 3 finds in none of them fewer than the highest pixel alone."""
+"""Number of pixels in `Object.score_top`. The point spread function spreads a point over as many pixels; a single
+bright pixel is noise or an artefact of the removal. In six real scenes, 2 to 5 find the same number of ships within one
+or two per scene, and 3 never finds fewer than the highest pixel alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,9 +127,9 @@ def find_among(
     rows: Places, columns: Places, scores: npt.NDArray[Any], *, min_size: int = 1, merge_distance: float = 0.0,
     pixel_area: float | None = None, above: float = -math.inf,
 ) -> list[Object]:  # fmt: skip
-    """Objects from the detected pixels alone, in row-major order, where a whole scene is too large to hold.
+    """Objects from the positions of detected pixels, for scenes that do not fit into memory.
 
-    Pixels that touch, if only at a corner, are of one object.
+    Pixels that touch, also at a corner, belong to one object. Positions are in row-major order.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def find_among(
     pixel_area : float, optional
         Area of a pixel [m2].
     above : float
-        Only pixels whose score is greater count; the others connect them, so that the parts of a ship are one object.
+        Only pixels with a greater score belong to objects; the others only connect the parts of an object.
 
     Examples
     --------
@@ -177,7 +177,7 @@ def _joined(rows: Places, columns: Places, distance: float) -> npt.NDArray[np.in
     from scipy.sparse.csgraph import connected_components
 
     reach = max(math.floor(distance), 1)
-    width = int(columns.max()) + 1 + reach  # so that no offset runs into the next row
+    width = int(columns.max()) + 1 + reach  # with a margin, so that no offset reaches the next row
     place = rows * width + columns
     pairs = []
     for down, right in [(d, r) for d in range(reach + 1) for r in range(-reach, reach + 1) if (d, r) > (0, 0)]:
@@ -253,6 +253,6 @@ def _feature(found: Object, move: Move) -> dict[str, Any]:
 
 
 def _turned(ring: Sequence[tuple[float, float]], *, hole: bool) -> list[list[float]]:
-    """An outer ring counter-clockwise, a hole clockwise, whatever the map did to it."""
+    """Orient an outer ring counter-clockwise and a hole clockwise (RFC 7946), in either orientation of the map."""
     area = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in pairwise(ring))
     return [list(p) for p in (ring[::-1] if (area < 0) != hole else ring)]

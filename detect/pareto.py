@@ -1,4 +1,4 @@
-"""The generalised Pareto law of the highest scores: fitted, read off, and how sure it is.
+"""Generalised Pareto distribution of the highest scores: fit, quantiles, standard error and goodness of fit.
 
 P(excess > y) = (1 + shape y / scale)^(-1/shape); exponential where shape is 0. References stand in `detect.threshold`.
 """
@@ -50,13 +50,13 @@ def fit(excess: Float64) -> tuple[float, float, float]:
 
 
 def excess_at(ratio: float, shape: float, scale: float) -> float:
-    """The excess that is exceeded once in `ratio` exceedances."""
+    """Excess that is exceeded by one in `ratio` exceedances."""
     log = math.log(ratio)
     return scale * (math.expm1(shape * log) / shape if abs(shape) > 1e-9 else log)
 
 
 def standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> float:
-    """Delta method over the fraction k/n, scale and shape (Coles 2001, eq. 4.15)."""
+    """Standard error of a threshold: delta method over the fraction k/n, scale and shape (Coles 2001, eq. 4.15)."""
     ratio = k / n / pfa
     power, log = ratio**shape, math.log(ratio)
     by_fraction = scale * power * n / k

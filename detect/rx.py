@@ -1,4 +1,4 @@
-"""RX and its kin: how far a pixel lies from the background, in the background's own measure.
+"""RX and related detectors: distance of a pixel from the background, relative to the background's covariance.
 
 With d = x - mean and C the covariance:
 
@@ -41,18 +41,18 @@ from .background import RIDGE, Background, Float64, Mask, Scores, as_image, as_m
 from .covariance import TOLERANCE, whitener
 
 _CHUNK = 1024
-"""Least pixels scored at a time: their whitened values stay in the cache."""
+"""Minimum number of pixels that are scored at a time: their whitened values stay in the cache."""
 _PRODUCTS = 1 << 18
-"""Multiplications of a matrix product that are made at a time: OpenBLAS does not wake its threads for them."""
+"""Multiplications in one matrix product: OpenBLAS starts no threads for so few."""
 _STRIP_PIXELS = 1 << 19
-"""Pixels that a thread scores at a time."""
+"""Number of pixels that a thread scores at a time."""
 _NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
-"""Standard deviations by which a mean may be off, by the type of the scores."""
+"""Tolerated error of the mean, by the type of the scores [standard deviation]."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """A line of the table of detectors.
+    """Entry of the table of detectors.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None,
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         list(pool.map(fill_strip, range(0, len(out), _STRIP_PIXELS)))
     with np.errstate(invalid="ignore", over="ignore"):
-        # what is finite but too large for the output's type stays the largest of all; the rest is not valid
+        # finite scores beyond the output type become its largest value; the others are not valid
         bad = ~np.isfinite(out)
         if bad.any():
             fine = np.isfinite(flat[:, bad]).all(axis=0)
@@ -246,7 +246,7 @@ def rx(
     mask : (row, column) bool ndarray, optional
         True where a pixel counts; others are not fitted to, and score NaN.
     nodata : float, optional
-        Number that means: not valid, in any band. NaN never is.
+        Value of pixels that are not valid, in any band. NaN is never valid.
     covariance, ridge
         As `detect.background.fit`.
     threads : int, optional

@@ -1,11 +1,11 @@
-"""Thresholds on anomaly scores for a requested false-alarm rate, each reported with the rate that it gave.
+"""Thresholds on anomaly scores for a requested false-alarm rate, each with the observed rate.
 
-Four ways: the chi-squared law (Gaussian background, statistics known), Hotelling's F (statistics estimated from n
-pixels), the scores' own quantile, and a generalised Pareto law fitted to their tail, which reaches beyond the last
-pixel. Real backgrounds are no Gaussians, so the first two are designs, not promises: look at the rate achieved.
+Four methods: the chi-squared distribution (Gaussian background, known statistics), Hotelling's F (statistics estimated
+from n pixels), a quantile of the scores, and a generalised Pareto distribution fitted to their tail, which extrapolates
+beyond the highest score. Real backgrounds are not Gaussian: check the observed rate of the first two.
 
-A pixel is detected where its score is greater than the threshold. NaN is not valid and left out. A scene need not be
-held in memory: `Tail` keeps its highest scores, exact and mergeable over tiles in any order. Opens no files.
+A pixel is detected where its score is greater than the threshold. NaN is not valid and is ignored. `Tail` keeps the
+highest scores of a scene that does not fit into memory; tails of tiles are merged in any order. Opens no files.
 
 References
 ----------
@@ -44,7 +44,7 @@ _LEAST_EXCEEDANCES = 50
 _TAIL = 0.01
 """Fraction of the scores that are fitted; more where the rate, or few scores, ask for it."""
 _ENOUGH = 10
-"""Scores above a quantile that are enough to take it: fewer may all be pixels of one object."""
+"""Minimum number of scores above a quantile that replaces the fit: fewer may all be pixels of one object."""
 _POOR_FIT = 0.05
 """Kolmogorov distance from which a fitted tail is called poor."""
 

@@ -80,7 +80,7 @@ def score(
     nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Any:
-    """Score every pixel of a DataArray by how little it belongs; of a lazy one the scores are lazy.
+    """Score how anomalous every pixel of a DataArray is; the scores of a lazy array are lazy.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Spectra of targets on the sea: paint with spectral edges, grey objects under some metres of water; and normal models
 of them.
 
-Measured spectra are not needed: eight bands cannot resolve more.
+Measured spectra are not needed: eight bands do not resolve their details.
 """
 
 from __future__ import annotations

@@ -63,8 +63,9 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
 
 
 def reflectance_of_cosine(cosine: Array, index: float = WATER_INDEX) -> Array:
-    """As `reflectance`, from the cosine of the angle of incidence; keeps its precision, without checks: for many
-    facets.
+    """Fresnel reflectance for unpolarised light from the cosine of the angle of incidence.
+
+    Like `reflectance`, but fast for arrays of many facets: it does not check its arguments, and keeps their precision.
 
     Parameters
     ----------

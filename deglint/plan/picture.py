@@ -16,8 +16,8 @@ from .reticle import Reticle
 
 WIDTH, HEIGHT = 1240, 860
 DISC_CENTRE, DISC_RADIUS = (418.0, 430.0), 345
-_LEFT = 860  # of the words beside the disc
-_COLUMN = WIDTH - _LEFT - 34  # and their width
+_LEFT = 860  # left edge of the text beside the disc
+_COLUMN = WIDTH - _LEFT - 34  # width of the text
 _PALE_INK = (150, 155, 162)
 _HOW = (
     "The object is in the middle; a point of the disc is where the sensor stands, north up. Rings: degrees off nadir."

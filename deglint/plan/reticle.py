@@ -218,7 +218,10 @@ def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
 
 
 def _through(mission: Mission, sea: water.Iops, zenith: Array, direct_fraction: Array) -> tuple[Array, Array]:
-    """Share of the light of deep water that remains above the object; light of the object (wavelength, zenith)."""
+    """Fraction of the deep-water light that comes from above the object, and light of the object itself.
+
+    Both are (wavelength, zenith).
+    """
     column = water.Iops(*(np.asarray(part)[:, None] for part in sea))
     angles, albedo = (mission.sun[0], zenith), mission.reflectance
     given: dict[str, Any] = {"depth": mission.depth, "direct_fraction": direct_fraction[:, None]}

@@ -26,7 +26,10 @@ def plan(request: FitRequest) -> SamplePlan:
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """R'_i = R_i - G_i D / D_max, D = (R_739 + R_775) / 2 - R_760, G = R(at D_max) - R(at D_min)."""
+    """Fit the glint spectrum G to the depth D of the oxygen absorption band at 760 nm.
+
+    R'_i = R_i - G_i D / D_max with D = (R_739 + R_775) / 2 - R_760 and G = R(at D_max) - R(at D_min).
+    """
     request = _with_depth(request)
     check_sample(request, stats)
     shallow, deep = stats.darkest[0], stats.brightest[0]

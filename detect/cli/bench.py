@@ -71,7 +71,7 @@ def bench(out: str, **given: Any) -> None:
     start, load = time.perf_counter(), load_now()
     with Console(given) as console:
         if not given["verbose"]:
-            logging.getLogger("deglint").setLevel(logging.ERROR)  # what every removal says of every scene
+            logging.getLogger("deglint").setLevel(logging.ERROR)  # without the messages of every removal
         with tempfile.TemporaryDirectory(prefix="rxdetect-") as place:
             found = measure(effort, Path(place), console.progress)
         for name, reason in found.refused.items():

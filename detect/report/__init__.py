@@ -1,4 +1,4 @@
-"""Reports on files: scores judged against truth, as numbers (JSON) and as a page (HTML) that stands by itself."""
+"""Reports on score rasters compared with truth: numbers (JSON) and one self-contained page (HTML)."""
 
 from .evaluate import Evaluation, Request, evaluate
 from .page import page

@@ -1,4 +1,4 @@
-"""Judge score rasters against truth: every number of the report, as plain numbers and words."""
+"""Compare score rasters with truth: all results of the report as plain numbers and text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read scores, truth and mask as arrays on one grid, or say in one line why they do not fit."""
+"""Read scores, truth and mask as arrays on one grid; an error states in one line why they do not fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report as lines for a terminal, and as one HTML page (jinja2, matplotlib): no script, nothing fetched."""
+"""The report as text, and as one HTML page (jinja2, matplotlib) without scripts or external files."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Confidence intervals of a ROC curve by resampling of independent objects and pieces of water.
 
-Pixels of an object share its fate, and neighbouring background shares glint and clutter; drawing pixels would count
-the same evidence many times. Here whole objects are drawn for the targets and whole square blocks for the background,
-each with replacement (a block, or cluster, bootstrap). Blocks should be wider than the clutter is correlated.
+Pixels of an object, and neighbouring pixels of background, are correlated, so that drawn pixels would give too narrow
+intervals. Here whole objects are drawn for the targets and whole square blocks for the background, each with
+replacement (a block, or cluster, bootstrap). Blocks should be wider than the correlation length of the clutter.
 
 Each object and block is reduced once to counts of its scores between fixed levels, so a draw is a sum of counts. Up to
 1024 distinct target scores are levels themselves, and ties are kept apart: then areas are those of the pixels, exactly.

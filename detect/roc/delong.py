@@ -1,7 +1,7 @@
 """Standard error of the area under the ROC curve, and test of two areas, for independent pixels.
 
-Pixels are not: neighbours share target, glint and sensor, so these intervals are too narrow for images. They are what
-other programs print, and cheap; `bootstrap` over objects and blocks is the honest one.
+Pixels of an image are not independent: neighbours share target, glint and sensor. So these intervals are too narrow for
+images. They are fast to compute and common in other programs; `bootstrap` over objects and blocks is valid for images.
 
 References
 ----------

@@ -1,7 +1,7 @@
-"""Detection counted by objects: an object is found when one of its pixels is, a false alarm is a connected part.
+"""Detection counted by objects instead of pixels.
 
-An operator asks "how many boats were found, and how many times was I called for nothing?", not for pixels. A detected
-part that touches an object belongs to it; every other part is one false alarm, however large.
+An object is found when one of its pixels is detected. Connected detected pixels that touch an object belong to it;
+every other connected part is one false alarm, whatever its size.
 """
 
 from __future__ import annotations
