@@ -9,7 +9,7 @@ from pathlib import Path
 
 BENCHMARKS = (
     "ablation", "away", "choice", "depths", "detection", "docs", "error", "field", "peers", "pictures", "plan", "rates",
-    "scale", "size", "stress", "targets", "uncertainty", "workers",
+    "scale", "size", "stress", "targets", "uncertainty", "varied", "workers",
 )  # fmt: skip
 """Modules with a `main`, which takes the options below that it has parameters for."""
 

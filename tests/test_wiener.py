@@ -250,6 +250,20 @@ def test_the_error_of_the_level_holds_a_sheet_where_every_pixel_has_glint(sheet)
         assert claimed < 0.1 * (chosen - lowest)
 
 
+@pytest.mark.parametrize(("red", "highest"), [(30.0, 31.0), (200.0, 120.0)])
+def test_the_level_under_a_sheet_is_bounded_by_the_darkest_water(red, highest):
+    glint = 40 + np.random.default_rng(15).gamma(4.0, 60.0, 200_000)
+    sample = level_sample(np.repeat((20 + glint)[None], 2, axis=0), np.stack([red + glint, 25 + glint]))
+    infrared_too = shared_level(sample, np.ones(2))[1][1]
+    chosen = shared_level(sample, np.ones(2), np.array([True, False]))[1][1]
+    assert infrared_too > 60, "the least glint is far above the water"
+    if red < 100:  # its NIR is at most three times what red exceeds it by
+        assert chosen == pytest.approx(3 * (red - 20), rel=0.02)
+    else:
+        assert chosen == infrared_too
+    assert chosen < highest
+
+
 def test_strips_are_found_and_each_follows_its_own_waves():
     glints = waves((256, 384), seed=6)
     block = (WATER + np.broadcast_to(glints, (4, *glints.shape))).astype(np.float32)

@@ -44,11 +44,19 @@ STRONG_PERCENTILE, PIT = 98.0, 7
 """Percentile of strong glint [%], and the width of the surrounding area that is excluded because of negative lobes
 [pixel]: two lobes of a Lanczos kernel and the kernel of the removal. A third of the pixels remain if glint has the size
 of a pixel."""
-NEGATIVE = 0.1
+NEGATIVE, NEGATIVE_SHEET = 0.1, 0.3
 """Share of the half of the sample with less glint that may be zero or negative in a band after removal [%]. There it
-depends on the level; under strong glint pixels become negative by errors of the kernels."""
+depends on the level; under strong glint pixels become negative by errors of the kernels. Over a sheet of glint these
+errors affect all pixels."""
+DARKER = 0.75
+"""Largest ratio of the NIR of water to its visible, relative to that of glint. It rises with sediment (Doxaran et al.
+2002, Remote Sensing of Environment 81, 149-161, doi:10.1016/S0034-4257(01)00341-8) and exceeds .75 in the most
+turbid estuaries only; mirrored sky and haze have .4 to .75."""
 LEVEL_PIXELS = 50_000
 """Pixels of the sample from which the error of the level is estimated: 50 of them have the least glint [pixel]."""
+LEAST_OF_MEDIAN = 0.5
+"""Largest ratio of the least glint to the median glint of a sheet, which waves make uneven: .23 to .48 for simulated
+pixels of 1.6 to 10 m."""
 
 
 def mode(sample: npt.NDArray[np.floating]) -> float:
@@ -175,10 +183,19 @@ class LevelSample:
         return LevelSample(*(values[..., which] for values in vars(self).values()))
 
 
-def shared_level(sample: LevelSample, slopes: Float64) -> tuple[Float64, tuple[float, float, float]]:
-    """Level of each band [unit of its NIR], and three values of it: the lowest possible, the chosen one, the median."""
+def shared_level(
+    sample: LevelSample, slopes: Float64, visible: npt.NDArray[np.bool_] | None = None
+) -> tuple[Float64, tuple[float, float, float]]:
+    """Level of each band [unit of its NIR], and three values of it: the lowest possible, the chosen one, the median.
+
+    Where every pixel may hold glint, the least of it is no level. What a band exceeds the predicted glint by does not
+    depend on glint: b / s - p = w_b / s - w_NIR, with w of the water. As w_NIR is at most `DARKER` times w_b / s of a
+    visible band, it is at most `DARKER` / (1 - `DARKER`) times this excess. Nor is a sheet even: the least glint is at
+    most `LEAST_OF_MEDIAN` times the median.
+    """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = _span(sample, together), float(np.median(together))
+    sheet = span >= SHEET_SPAN
     if sample.apart.any():
         sample, together = sample.some(sample.apart), together[sample.apart]
     order = sample.around if span < SPARSE else together
@@ -187,12 +204,19 @@ def shared_level(sample: LevelSample, slopes: Float64) -> tuple[Float64, tuple[f
     level = np.median(prediction[:, least], axis=1)
     raised = float(np.median(together[least]))
     short = [
-        float(np.percentile((p - v / s)[inside], 100 - NEGATIVE)) - at
+        float(np.percentile((p - v / s)[inside], 100 - (NEGATIVE_SHEET if sheet else NEGATIVE))) - at
         for p, v, s, at in zip(prediction, value, slopes, level, strict=True)
         if (inside := (v > 0) & (together <= middle)).any()
     ]  # fmt: skip
-    lift, lowest = max([0.0, *short]), raised + max(short, default=0.0)
-    return np.asarray(level + lift, np.float64), (max(float(lowest), 0.0), float(raised + lift), middle)
+    lowest = min(raised + max(short, default=0.0), middle)
+    chosen = max(raised, lowest)
+    if sheet and visible is not None and visible.any():
+        calm = together <= middle
+        excess = np.median(value[visible][:, calm] / slopes[visible, None] - prediction[visible][:, calm], axis=1)
+        darkest = DARKER / (1 - DARKER) * float(excess.min())
+        uneven = (raised - LEAST_OF_MEDIAN * middle) / (1 - LEAST_OF_MEDIAN)
+        chosen = max(min(raised, darkest), uneven, lowest)
+    return np.asarray(level + (chosen - raised), np.float64), (max(float(lowest), 0.0), float(chosen), middle)
 
 
 def _span(sample: LevelSample, together: FloatArray) -> float:
@@ -202,7 +226,7 @@ def _span(sample: LevelSample, together: FloatArray) -> float:
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))
 
 
-def shared_level_error(sample: LevelSample, slopes: Float64) -> float:
+def shared_level_error(sample: LevelSample, slopes: Float64, visible: npt.NDArray[np.bool_] | None = None) -> float:
     """Standard error of the level [unit of the NIR].
 
     The jackknife over groups of neighbouring pixels of the sample. Where every pixel may hold glint, also that of a
@@ -211,9 +235,9 @@ def shared_level_error(sample: LevelSample, slopes: Float64) -> float:
     sample = sample.some(slice(None, None, max(sample.prediction.shape[1] // LEVEL_PIXELS, 1)))
     pixels = sample.prediction.shape[1]
     group = np.arange(pixels) * FOLDS // pixels
-    left_out = [shared_level(sample.some(group != g), slopes)[1][1] for g in range(FOLDS)]
+    left_out = [shared_level(sample.some(group != g), slopes, visible)[1][1] for g in range(FOLDS)]
     error = float(np.std(left_out) * np.sqrt(FOLDS - 1))
     if _span(sample, slopes @ sample.prediction / slopes.sum()) < SHEET_SPAN:
         return error
-    lowest, chosen, _ = shared_level(sample, slopes)[1]
+    lowest, chosen, _ = shared_level(sample, slopes, visible)[1]
     return float(np.hypot(error, (chosen - lowest) / np.sqrt(6)))

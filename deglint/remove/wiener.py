@@ -68,6 +68,8 @@ SURE = 3.0
 SHEET = 0.5
 """Ratio of glint-free NIR to green after removal, above which the NIR may contain an even sheet of glint. Clear and
 moderately turbid water has .05 to .4, including light scattered by the air."""
+VISIBLE = 700.0
+"""Wavelength up to which bands are visible [nm]."""
 SHORTEST_SWIR = 1100.0
 """Shortest wavelength of SWIR [nm]: the limit of silicon detectors."""
 COARSE_EDGE = 2
@@ -309,8 +311,9 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
             planes = (found, np.stack(tile.bands), around, apart_from_sparkle(together, tile.sample))
             parts.append(tuple(p[..., tile.sample] for p in planes))
     sample = LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
-    level, interval = shared_level(sample, slopes)
-    error = shared_level_error(sample, slopes) if request.level_error else None
+    visible = np.array([(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct])
+    level, interval = shared_level(sample, slopes, visible)
+    error = shared_level_error(sample, slopes, visible) if request.level_error else None
     indexes = tuple(replace(i, level=float(at)) for i, at in zip(model.indexes, level, strict=True))
     second = tuple(replace(i, level=float(at)) for i, at in zip(model.second, level, strict=False))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
