@@ -139,7 +139,28 @@ def _checked(block: FloatArray, sample: npt.NDArray[np.bool_] | None) -> tuple[F
 def fit_pointwise(
     method: str, request: FitRequest, blocks: Sequence[FloatArray], masks: Sequence[npt.NDArray[np.bool_]]
 ) -> GlintModel:
-    """Fit a pointwise method to blocks in memory, one sample mask each."""
+    """Fit a pointwise method to blocks in memory.
+
+    Parameters
+    ----------
+    method : str
+        Key of `METHODS`, of a method that uses no neighbouring pixels.
+    request : FitRequest
+        Bands, references and options; see `nir_request`.
+    blocks : sequence of (band, row, column) ndarray
+        Physical values of all bands, NaN where not valid.
+    masks : sequence of (row, column) bool ndarray
+        Sample of each block.
+
+    Returns
+    -------
+    GlintModel
+
+    Raises
+    ------
+    FitError
+        The sample does not allow a fit.
+    """
     chosen = METHODS[method]
     if chosen.plan is None:
         return chosen.fit(request, None)
@@ -158,14 +179,29 @@ def nir_request(
 ) -> FitRequest:
     """Turn a selection of NIR bands into a request.
 
-    nir : 0-based NIR bands
-    use : of several NIR bands "mean"; or "best", for each band the one that explains it best; or "set", for each band
-        the one that is taken at the same time (`Band.group`)
-    correct : 0-based bands to correct; by default those of shorter wavelength than the NIR, or all others if
-        wavelengths are not known
-    **options : regression, floor_percentile, rrs_factor
+    Parameters
+    ----------
+    bands : sequence of Band
+        All bands of the scene.
+    nir : sequence of int
+        0-based NIR bands.
+    use : {"mean", "best", "set"}
+        Reference of a band if there are several NIR bands: their mean, the one that explains the band best, or the one
+        that is taken at the same time (`Band.group`).
+    correct : sequence of int, optional
+        0-based bands to correct; by default those of shorter wavelength [nm] than the NIR, or all others if wavelengths
+        are not known.
+    **options
+        regression, floor_percentile, rrs_factor: see `FitRequest`.
 
-    Raises InputError: a selection that is not possible.
+    Returns
+    -------
+    FitRequest
+
+    Raises
+    ------
+    InputError
+        A selection that is not possible, or an option out of range.
     """
     if not nir or not all(0 <= b < len(bands) for b in nir):
         raise InputError(f"NIR band(s) {list(nir)} are not among the {len(bands)} bands (counted from 0).")

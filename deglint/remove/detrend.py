@@ -24,13 +24,27 @@ def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: 
 
     .. math:: y_i = x_i - \\frac{\\sum_{j \\in W(i)} m_j x_j}{\\sum_{j \\in W(i)} m_j}
 
-    block : (band, row, column), any unit, NaN where not valid; a tile needs a halo of `size // 2` pixels
-    mask : (row, column), the sample, all pixels by default; pixels where any band is not finite are left out
-    size : side of the square, odd, 3 or more [pixel]
+    Parameters
+    ----------
+    block : (band, row, column) ndarray
+        Any unit, NaN where not valid; a tile needs a halo of `size // 2` pixels.
+    mask : (row, column) bool ndarray, optional
+        The sample, all pixels by default; pixels where any band is not finite are left out.
+    size : int
+        Side of the square, odd, 3 or more [pixel].
 
-    Returns (band, row, column) float64: NaN outside the sample, 0 where a sample pixel has no neighbour.
-    Raises InputError: `size` is even or below 3, or the shapes do not match.
+    Returns
+    -------
+    (band, row, column) float64 ndarray
+        NaN outside the sample, 0 where a sample pixel has no neighbour.
 
+    Raises
+    ------
+    InputError
+        `size` is even or below 3, or the shapes do not match.
+
+    Notes
+    -----
     Every sum is composed of sums over 8, 4, 2 and 1 pixels: unlike a running sum it has no drift, and results do not
     depend on tiles, to the bit. The division comes last, and float64 is summed in two halves of its bits: an offset of
     1e8 costs no precision. Cost: about 40 ns per pixel and band, twice that for float64.

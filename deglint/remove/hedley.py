@@ -3,11 +3,6 @@
 Assumes that glint in every band is proportional to that in the NIR, that water is dark in the NIR, and that at least
 one pixel of the sample is free of glint. Fails where bands are not simultaneous, and where the darkest NIR pixel is an
 outlier (a shadow, a dead detector): then use `floor_percentile`. Costs one pass over the sample.
-
-References
-----------
-Hedley, Harborne, Mumby (2005), "Simple and robust removal of sun glint for mapping shallow-water benthos",
-International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086.
 """
 
 from __future__ import annotations
@@ -20,7 +15,30 @@ from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """L'_i = L_i - b_i (NIR - min NIR), or with a percentile instead of the minimum."""
+    """L'_i = L_i - b_i (NIR - min NIR), or with a percentile instead of the minimum.
+
+    Parameters
+    ----------
+    request : FitRequest
+        Bands to correct, NIR references, and estimator of the slopes.
+    stats : SampleStatistics
+        Statistics of the sample [unit of the bands], gathered with the method's plan.
+
+    Returns
+    -------
+    GlintModel
+        Slope b_i of each band, with its standard error, and the level of each reference.
+
+    Raises
+    ------
+    FitError
+        The sample has fewer than 64 pixels, or a reference does not vary in it.
+
+    References
+    ----------
+    Hedley, Harborne, Mumby (2005), "Simple and robust removal of sun glint for mapping shallow-water benthos",
+    International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086.
+    """
 
     def level(stats: SampleStatistics, k: int) -> float:
         if request.floor_percentile == 0:

@@ -10,12 +10,6 @@ squares with an object under glint, to which least squares would be sensitive.
 
 This is the removal in a compensation with an opening (`deglint.compensate`). Fails where the references show the
 bottom. Red edge is not used if it would remove a turbid plume in the sample.
-
-References
-----------
-Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086
-(one reference, one pixel); Holland, Welsch (1977), Communications in Statistics A6, 813-827,
-doi:10.1080/03610927708827533 (iteratively reweighted least squares).
 """
 
 from __future__ import annotations
@@ -58,18 +52,30 @@ def fit(
     Parameters
     ----------
     request : FitRequest
+        Bands to correct, with their wavelengths [nm], and NIR references.
     tiles : sequence of SampleTile
         Tiles after an opening.
     percentile : float
         Percentile of the prediction that is its level [%].
     cut : sequence of float, optional
         Decrease of the mean of each band of the scene, caused by replacing noise above the background; it is added to
-        the level.
+        the level [unit of the band].
+
+    Returns
+    -------
+    GlintModel
+        Whose difference may be negative (`signed`).
 
     Raises
     ------
     FitError
         Too little water.
+
+    References
+    ----------
+    Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
+    doi:10.1080/01431160500034086 (one reference, one pixel); Holland, Welsch (1977), Communications in Statistics A6,
+    813-827, doi:10.1080/03610927708827533 (iteratively reweighted least squares).
     """
     nir = tuple(dict.fromkeys(b for i in request.indexes for b in i.bands))
     longer = longest_that(request, lambda more: _plume_gain(request, tiles, nir, more) >= LEAST_KEPT)

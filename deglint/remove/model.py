@@ -145,14 +145,32 @@ class GlintModel:
         return " ".join(f"{w:+.4g} {n}" for w, n in zip(index.weights, names, strict=True))
 
     def to_json(self) -> str:
-        """The model as JSON text (what `--save-model` writes)."""
+        """The model as JSON text (what `--save-model` writes).
+
+        Returns
+        -------
+        str
+            Plain numbers, with the format's version; `from_json` reads it.
+        """
         return json.dumps({"format": FORMAT, "kind": "deglint model", **asdict(self)}, indent=2)
 
     @classmethod
     def from_json(cls, text: str) -> GlintModel:
         """Read a model written by `to_json`.
 
-        Raises InputError: the text is not a saved model, or one of a later format.
+        Parameters
+        ----------
+        text : str
+            JSON.
+
+        Returns
+        -------
+        GlintModel
+
+        Raises
+        ------
+        InputError
+            The text is not a saved model, or one of a later format.
         """
         try:
             data = json.loads(text)
@@ -167,7 +185,19 @@ class GlintModel:
     def for_bands(self, names: tuple[str, ...]) -> GlintModel:
         """The same model for a scene with these band names, in any order.
 
-        Raises InputError: a band that the model needs is missing; the message names it.
+        Parameters
+        ----------
+        names : tuple of str
+            Names of all bands of the scene; case does not matter.
+
+        Returns
+        -------
+        GlintModel
+
+        Raises
+        ------
+        InputError
+            A band that the model needs is missing; the message names it.
         """
         if names == self.band_names:
             return self
@@ -234,6 +264,11 @@ def apply(
     -------
     (band, row, column) ndarray
         Same dtype as block, computed in float64. A NaN band stays NaN; where an index is NaN, its bands become NaN.
+
+    Raises
+    ------
+    InputError
+        The block or the mask does not have the bands, the shape or the type that the model needs.
 
     Examples
     --------

@@ -109,10 +109,23 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
     place of that of each reference), relative to the standard deviation of the mixture. For one reference it is the
     slope's standard error over the slope.
 
-    `fit` is one of the fits of the model to this sample. Gives the error, infinite if the sample spans fewer than
-    `CLUSTERS` cells or the mixture does not vary; and the effective number of cells, (sum p)^2 / sum p^2: if a few
-    clumps of sparkle contain most of the glint, the error does not represent others (after Carter, Schnepel and
-    Steigerwald 2017).
+    Parameters
+    ----------
+    stats : SampleStatistics
+        Statistics of the sample.
+    model : GlintModel
+        Fitted to this sample.
+    fit : BandFit
+        One of the fits of the model.
+
+    Returns
+    -------
+    error : float
+        Relative standard error [1]; infinite if the sample spans fewer than `CLUSTERS` cells or the mixture does not
+        vary.
+    cells : float
+        Effective number of cells, (sum p)^2 / sum p^2 [1]: if a few clumps of sparkle contain most of the glint, the
+        error does not represent others (after Carter, Schnepel and Steigerwald 2017).
     """
     cells, band, (rows, w) = stats.cells, stats.plan.bands.index(fit.band), _references(stats, model, fit)
     power = stats.regressed.comoment[np.ix_(rows, rows)]

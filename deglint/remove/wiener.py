@@ -23,13 +23,6 @@ pixel, no local mean and the minimum as level it is Hedley's method.
 Fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its level),
 for a wrong water mask, and over very shallow water, where the NIR shows the bottom. Costs one pass over 0.3 million
 pixels for the fit.
-
-References
-----------
-Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086
-(one pixel of the NIR); Wiener (1949), Extrapolation, Interpolation, and Smoothing of Stationary Time Series, MIT
-Press (least squares over a neighbourhood); Efron, Stein (1981), Annals of Statistics 9, 586-596,
-doi:10.1214/aos/1176345462 (jackknife).
 """
 
 from __future__ import annotations
@@ -95,13 +88,33 @@ def fit(
 ) -> GlintModel:
     """Fit kernels, responses and level.
 
-    request : with regression "ols" no local mean is subtracted, and responses are not drawn to the expected spectrum
-    tiles : spread over the scene; 0.3 million pixels are enough
-    strips : strips of detectors with opposite band delays, for separate kernels; or a function that finds them in the
-        whole scene by the kinds of the squares in its tiles, called if the sample shows two kinds
+    Parameters
+    ----------
+    request : FitRequest
+        Bands and references; with regression "ols" no local mean is subtracted, and responses are not drawn to the
+        expected spectrum.
+    tiles : sequence of SampleTile
+        Spread over the scene; 0.3 million pixels are enough.
+    strips : Strips or callable, optional
+        Strips of detectors with opposite band delays, for separate kernels; or a function that finds them in the whole
+        scene by the kinds of the squares in its tiles, called if the sample shows two kinds.
 
-    The model is without fits if the glint common to the bands is not significant, or not worth removing.
-    Raises FitError: too little open water.
+    Returns
+    -------
+    GlintModel
+        Without fits if the glint common to the bands is not significant, or not worth removing.
+
+    Raises
+    ------
+    FitError
+        Too little open water.
+
+    References
+    ----------
+    Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
+    doi:10.1080/01431160500034086 (one pixel of the NIR); Wiener (1949), Extrapolation, Interpolation, and Smoothing of
+    Stationary Time Series, MIT Press (least squares over a neighbourhood); Efron, Stein (1981), Annals of Statistics 9,
+    586-596, doi:10.1214/aos/1176345462 (jackknife).
     """
     sets = band_sets(request)
     used = sorted({r for s in sets for r in s.references})
