@@ -10,6 +10,8 @@ import numpy.typing as npt
 from ..errors import InputError
 
 Array = npt.NDArray[np.float64]
+VIEW_LIMIT = 89.0
+"""Largest view zenith angle [degree]; nearer to the horizon waves shadow each other and the formulas fail."""
 
 
 def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, remedy: str) -> Array:
@@ -30,6 +32,28 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
         worst = float(array[bad].flat[0]) if array.ndim else float(array)
         raise InputError(f"{name} must be {low:g} to {high:g}{unit}, got {worst:g}. {remedy}")
     return array
+
+
+def sun_angle(sun_zenith: npt.ArrayLike) -> Array:
+    """Zenith angle of the sun above the horizon [degree]."""
+    return within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
+
+
+def view_angle(view_zenith: npt.ArrayLike) -> Array:
+    """Zenith angle of the sensor, where the formulas of the surface hold [degree]."""
+    remedy = "Nearer to the horizon waves hide each other; look more steeply."
+    return within("view_zenith", view_zenith, 0.0, VIEW_LIMIT, "degrees", remedy)
+
+
+def coordinates(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> tuple[Array, Array]:
+    """Latitude and longitude [degree]."""
+    north = within("latitude", latitude, -90.0, 90.0, "degrees", "North is positive.")
+    return north, within("longitude", longitude, -180.0, 360.0, "degrees", "East is positive.")
+
+
+def day_number(day: npt.ArrayLike) -> Array:
+    """Day of the year."""
+    return within("day", day, 1.0, 367.0, "", "Give the day of the year, 1 on the first of January.")
 
 
 def choice(name: str, value: Any, allowed: Any) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import sun
-from ._checks import Array, within
+from ._checks import Array, coordinates, day_number, sun_angle, within
 from .tables import WAVELENGTH_RANGE as WAVELENGTH_RANGE
 from .tables import checked_wavelength, load
 
@@ -172,7 +172,8 @@ def irradiance(
     aerosol = navy_aerosol(air)
     depth = aerosol.turbidity * (wavelength / 1000.0) ** -aerosol.exponent * air_mass(sun_zenith)
     absorbed, scattered = np.exp((aerosol.albedo - 1.0) * depth), np.exp(-aerosol.albedo * depth)
-    molecules = _rayleigh(wavelength, air_mass(sun_zenith) * air.pressure / STANDARD_PRESSURE)
+    path, micrometres = air_mass(sun_zenith) * air.pressure / STANDARD_PRESSURE, wavelength / 1000.0
+    molecules = np.exp(-path / (115.6406 * micrometres**4 - 1.335 * micrometres**2))
     forward = forward_share(sun_zenith, aerosol.asymmetry)
     direct = incoming * molecules * absorbed * scattered
     by_molecules = incoming * absorbed * (1.0 - molecules**0.95) * 0.5
@@ -204,13 +205,8 @@ def navy_aerosol(air: Air) -> Aerosol:
     """
     humidity = min(air.humidity, 99.9) / 100.0
     growth = ((2.0 - humidity) / (6.0 * (1.0 - humidity))) ** (1.0 / 3.0)
-    amounts = np.array(
-        [
-            2000.0 * air.air_mass_type**2,
-            max(5.866 * (air.wind_mean - 2.2), 0.5),
-            max(0.01527 * (air.wind - 2.2) * 0.05, 1.4e-5),
-        ]
-    )
+    small, middle = 2000.0 * air.air_mass_type**2, max(5.866 * (air.wind_mean - 2.2), 0.5)
+    amounts = np.array([small, middle, max(0.01527 * (air.wind - 2.2) * 0.05, 1.4e-5)])
     modes = np.exp(-(np.log(_RADII[:, None] / (growth * _MODES)) ** 2))
     logs = np.log10(modes @ amounts / growth)
     exponent = -((logs[2] - logs[0]) / 2.0 + 3.0)
@@ -266,9 +262,7 @@ def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike)
     >>> float(ozone(36.0, -122.0, 185).round(1))
     321.2
     """
-    lat = within("latitude", latitude, -90.0, 90.0, "degrees", "North is positive.")
-    lon = within("longitude", longitude, -180.0, 360.0, "degrees", "East is positive.")
-    day = within("day", day, 1.0, 367.0, "", "Give the day of the year, 1 on the first of January.")
+    (lat, lon), day = coordinates(latitude, longitude), day_number(day)
     lon = np.where(lon > 180.0, lon - 360.0, lon)
     north = 150.0 + 40.0 * _sine(0.9865 * (day - 30.0)) + 20.0 * _sine(3.0 * (lon + 20.0 * (lon > 0.0)))
     south = 100.0 + 30.0 * _sine(0.9865 * (day + 152.625)) + 20.0 * _sine(2.0 * (lon - 75.0))
@@ -286,14 +280,8 @@ def _gases(spectrum: Spectrum, sun_zenith: npt.ArrayLike, air: Air) -> Array:
     return np.exp(-(depth + 0.2385 * vapour / (1.0 + 20.07 * vapour) ** 0.45))
 
 
-def _rayleigh(wavelength: Array, path: Array) -> Array:
-    micrometres = wavelength / 1000.0
-    return np.exp(-path / (115.6406 * micrometres**4 - 1.335 * micrometres**2))
-
-
 def _cosine(sun_zenith: npt.ArrayLike) -> Array:
-    zenith = within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
-    return np.cos(np.radians(zenith))
+    return np.cos(np.radians(sun_angle(sun_zenith)))
 
 
 def _sine(angle: npt.ArrayLike) -> Array:

@@ -58,11 +58,10 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
     """
     angle = within("angle", angle, 0.0, 90.0, "degrees", "Measure it from the normal of the surface.")
     index = within("index", index, 1.01, 2.0, "", "Give that of water over that of air, 1.34 for sea water.")
-    perpendicular, parallel = polarised(np.cos(np.radians(angle)), index)
-    return 0.5 * (perpendicular + parallel)
+    return reflectance_of_cosine(np.cos(np.radians(angle)), index)
 
 
-def reflectance_of_cosine(cosine: Array, index: float = WATER_INDEX) -> Array:
+def reflectance_of_cosine(cosine: Array, index: Array | float = WATER_INDEX) -> Array:
     """Fresnel reflectance for unpolarised light from the cosine of the angle of incidence.
 
     Like `reflectance`, but fast for arrays of many facets: it does not check its arguments, and keeps their precision.
@@ -71,7 +70,7 @@ def reflectance_of_cosine(cosine: Array, index: float = WATER_INDEX) -> Array:
     ----------
     cosine : ndarray
         Of the incidence in air [1], 0 to 1.
-    index : float
+    index : ndarray or float
         Refractive index of water over that of air [1].
 
     Examples

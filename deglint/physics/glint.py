@@ -19,10 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from . import fresnel, slopes, sun
-from ._checks import Array, within
-
-VIEW_LIMIT = 89.0
-"""Largest view zenith angle [degree]; nearer to the horizon waves shadow each other and the formulas fail."""
+from ._checks import VIEW_LIMIT as VIEW_LIMIT
+from ._checks import Array, sun_angle, view_angle, within
 
 
 class Facet(NamedTuple):
@@ -98,9 +96,8 @@ def facet(
     >>> float(facet(20.5, 270.2, 0.0, 0.0).tilt.round(2))
     10.25
     """
-    sun_zenith = within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
-    to_sun = _direction(sun_zenith, sun_azimuth)
-    to_sensor = _direction(_view(view_zenith), view_azimuth)
+    to_sun = _direction(sun_angle(sun_zenith), sun_azimuth)
+    to_sensor = _direction(view_angle(view_zenith), view_azimuth)
     x, y, z = (a + b for a, b in zip(to_sun, to_sensor, strict=True))
     apart = np.sqrt(sum((a - b) ** 2 for a, b in zip(to_sun, to_sensor, strict=True)))
     level = np.hypot(x, y)
@@ -139,7 +136,7 @@ def probability(
     >>> float(probability(7.348, 20.5, 0.0, 6.8e-5).round(7))
     0.0001334
     """
-    cosine_view = np.cos(np.radians(_view(view_zenith)))
+    cosine_view = np.cos(np.radians(view_angle(view_zenith)))
     cosine_tilt = np.cos(np.radians(np.asarray(tilt, dtype=np.float64)))
     return np.asarray(density) * np.asarray(solid_angle) / (4.0 * cosine_view * cosine_tilt**4)
 
@@ -249,11 +246,6 @@ def sun_glint(
     density = slopes.density(*slopes.to_wind_axes(east, north, wind_from), wind, model=model)
     share = probability(density, view_zenith, tilt, solid_angle)
     return Glint(radiance(density, view_zenith, tilt, incidence, index=index), share, density, incidence, tilt)
-
-
-def _view(view_zenith: npt.ArrayLike) -> Array:
-    remedy = "Nearer to the horizon waves hide each other; look more steeply."
-    return within("view_zenith", view_zenith, 0.0, VIEW_LIMIT, "degrees", remedy)
 
 
 def _direction(zenith: Array, azimuth: npt.ArrayLike) -> tuple[Array, Array, Array]:

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from numpy.polynomial import chebyshev
 
 from . import fresnel, slopes
-from ._checks import Array, choice, within
+from ._checks import Array, choice, sun_angle, view_angle, within
 
 SKY_MODELS = ("uniform", "cardioidal", "harrison-coombes")
 """Names of the sky models."""
@@ -82,7 +82,7 @@ def radiance(
     if model == "cardioidal":
         contrast = float(within("contrast", contrast, 0.0, 10.0, "", "2 is the usual, 0 uniform."))
         return diffuse * (1.0 + contrast * cosine) / (np.pi * (1.0 + 2.0 * contrast / 3.0))
-    sun_zenith = within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
+    sun_zenith = sun_angle(sun_zenith)
     sun_cosine = np.cos(np.radians(sun_zenith))
     turn = np.radians(azimuth - np.asarray(sun_azimuth, dtype=np.float64))
     return diffuse * _clear(cosine, sun_cosine, turn) / _clear_total(sun_zenith)
@@ -159,36 +159,32 @@ def reflectance(
     >>> float((np.pi * reflectance(40, 90, wind=9.0, wind_from=0.0)).round(4))
     0.0272
     """
-    remedy = "Nearer to the horizon waves hide each other; look more steeply."
-    view_zenith = within("view_zenith", view_zenith, 0.0, 89.0, "degrees", remedy)
-    look = np.broadcast_arrays(view_zenith, view_azimuth, sun_zenith, sun_azimuth, wind, wind_from)
+    look = np.broadcast_arrays(view_angle(view_zenith), view_azimuth, sun_zenith, sun_azimuth, wind, wind_from)
     zenith, azimuth, sun_zenith, sun_azimuth, wind, wind_from = (np.asarray(x, np.float64)[..., None] for x in look)
     total = np.zeros(look[0].shape)
-    for along, across, weight in _panels(zenith, azimuth - wind_from, wind, slope_model, nodes):
+    variance_u, variance_c = slopes.variances(wind, model=slope_model)
+    cosine2 = np.cos(np.radians(azimuth - wind_from)) ** 2
+    variance_along = variance_u * cosine2 + variance_c * (1.0 - cosine2)
+    variance_across = variance_c * cosine2 + variance_u * (1.0 - cosine2)
+    for along, across, weight in _panels(zenith, variance_along, variance_across, nodes):
         slant, incidence, up, turn = _mirror(zenith, along, across)
         mirrored = radiance(up, azimuth + turn, sun_zenith, sun_azimuth, model=model, contrast=contrast)
         density = slopes.density(*slopes.to_wind_axes(across, along, wind_from - azimuth), wind, model=slope_model)
         share = density * slant / np.cos(np.radians(zenith)) * fresnel.reflectance(incidence, index)
         total += np.sum(weight * share * mirrored, axis=-1)
-    variance_u, variance_c = slopes.variances(wind, model=slope_model)
-    cosine2 = np.cos(np.radians(azimuth - wind_from)) ** 2
-    crowd = 1.0 + slopes.hidden(zenith, variance_u * cosine2 + variance_c * (1.0 - cosine2))
-    return total / crowd[..., 0]
+    return total / (1.0 + slopes.hidden(zenith, variance_along))[..., 0]
 
 
 def _panels(
-    zenith: Array, off_wind: Array, wind: Array, model: str, nodes: int
-) -> Iterator[tuple[Array, float | Array, Array]]:
+    zenith: Array, variance_along: Array, variance_across: Array, nodes: int
+) -> Iterator[tuple[Array, Array, Array]]:
     """Slopes along and across the view, and areas, of the facets that reflect the sky into the sensor.
 
     For each slope across the view, the slope along it is limited to reflected rays above the horizon, so that the
     integrand is smooth.
     """
     x, w = np.polynomial.legendre.leggauss(nodes)
-    variance_u, variance_c = slopes.variances(wind, model=model)
-    cosine2 = np.cos(np.radians(off_wind)) ** 2
-    reach = 5.0 * np.sqrt(variance_u * cosine2 + variance_c * (1.0 - cosine2))
-    reach_across = 5.0 * np.sqrt(variance_c * cosine2 + variance_u * (1.0 - cosine2))
+    reach, reach_across = 5.0 * np.sqrt(variance_along), 5.0 * np.sqrt(variance_across)
     tangent = np.tan(np.radians(zenith))
     for node, weight in zip(x, w, strict=True):
         across = node * reach_across
@@ -198,7 +194,7 @@ def _panels(
         yield 0.5 * (high + low) + half * x, across, half * w * weight * reach_across
 
 
-def _mirror(zenith: Array, along: Array, across: float | Array) -> tuple[Array, Array, Array, Array]:
+def _mirror(zenith: Array, along: Array, across: Array) -> tuple[Array, Array, Array, Array]:
     """Direction into which a facet with slopes along and across the view reflects the sensor's line of sight.
 
     Returns cos(incidence) / cos(tilt), the incidence, the zenith angle of the mirrored ray, and its azimuth from that
@@ -236,16 +232,13 @@ def _clear_total(sun_zenith: Array) -> Array:
 
 @cache
 def _clear_fit() -> Array:
+    """Coefficients of that polynomial: Gauss-Legendre in the cosine, trapezoidal rule in azimuth."""
     x = chebyshev.chebpts1(15)
-    return np.asarray(chebyshev.chebfit(x, _clear_integral(45.0 * (x + 1.0)), 14), dtype=np.float64)
-
-
-def _clear_integral(sun_zenith: Array) -> Array:
-    """Integral of `_clear` times the cosine over the sky: Gauss-Legendre in the cosine, trapezoidal rule in azimuth."""
     nodes, weights = np.polynomial.legendre.leggauss(64)
     cosine, weights = 0.5 * (nodes + 1.0), 0.5 * weights
     turn = np.linspace(0.0, np.pi, 97)
     around = np.full(97, 2.0 * np.pi / 96.0)
     around[[0, -1]] *= 0.5
-    sun_cosine = np.cos(np.radians(sun_zenith))[..., None, None]
-    return np.einsum("...ij,i,j", _clear(cosine[:, None], sun_cosine, turn), weights * cosine, around)
+    sun_cosine = np.cos(np.radians(45.0 * (x + 1.0)))[:, None, None]
+    total = np.einsum("...ij,i,j", _clear(cosine[:, None], sun_cosine, turn), weights * cosine, around)
+    return np.asarray(chebyshev.chebfit(x, total, 14), dtype=np.float64)

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from ._checks import Array, within
+from ._checks import Array, coordinates, day_number, within
 
 MEAN_SOLID_ANGLE = 6.794e-5
 """Solid angle of the solar disk at mean distance [sr]; its radius is 0.2665 degrees."""
@@ -78,8 +78,7 @@ def position(
     >>> float(zenith.round(1)), float(azimuth.round(1))
     (30.9, 106.4)
     """
-    latitude = within("latitude", latitude, -90.0, 90.0, "degrees", "North is positive.")
-    longitude = within("longitude", longitude, -180.0, 360.0, "degrees", "East is positive.")
+    latitude, longitude = coordinates(latitude, longitude)
     pressure = float(within("pressure", pressure, 300.0, 1100.0, "hPa", "One inch of mercury is 33.86 hPa."))
     moments, latitude, longitude = np.broadcast_arrays(_seconds(time), latitude, longitude)
     place = (latitude.ravel(), longitude.ravel(), 0.0, pressure, temperature, _DELTA_T, 0.5667)
@@ -140,8 +139,7 @@ def distance_factor(day: npt.ArrayLike) -> Array:
     >>> distance_factor([3, 186]).round(4).tolist()
     [1.0337, 0.9669]
     """
-    day = within("day", day, 1.0, 367.0, "", "Give the day of the year, 1 on the first of January.")
-    return np.square(1.0 + 0.0167 * np.cos(2.0 * np.pi * (day - 3.0) / 365.0))
+    return np.square(1.0 + 0.0167 * np.cos(2.0 * np.pi * (day_number(day) - 3.0) / 365.0))
 
 
 def solid_angle(day: npt.ArrayLike | None = None) -> Array:

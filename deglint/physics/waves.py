@@ -16,20 +16,9 @@ from typing import Literal, get_args
 import numpy as np
 
 from ..errors import InputError
+from . import spectra
 from ._checks import choice, within
-from .spectra import (
-    GRAVITY,
-    SURFACE_TENSION,
-    WIND_19_5,
-    Array,
-    dispersion,
-    elfouhaily,
-    elfouhaily_spread,
-    jonswap,
-    jonswap_peak,
-    pierson_moskowitz,
-    pierson_moskowitz_peak,
-)
+from .spectra import GRAVITY, SURFACE_TENSION, WIND_19_5, Array, dispersion
 
 Spectrum = Literal["elfouhaily", "jonswap", "pierson-moskowitz"]
 Spreading = Literal["elfouhaily", "half-angle", "full-angle"]
@@ -96,9 +85,9 @@ class Sea:
         if self.spectrum == "elfouhaily":
             return GRAVITY * (self.age / self.wind) ** 2
         if self.spectrum == "jonswap":
-            peak = jonswap_peak(wind=self.wind, fetch=self.fetch)
+            peak = spectra.jonswap_peak(wind=self.wind, fetch=self.fetch)
         else:
-            peak = pierson_moskowitz_peak(wind_19_5=WIND_19_5 * self.wind)
+            peak = spectra.pierson_moskowitz_peak(wind_19_5=WIND_19_5 * self.wind)
         return (2 * np.pi * peak) ** 2 / GRAVITY
 
     @property
@@ -114,14 +103,14 @@ def omnidirectional(wavenumber: Array, sea: Sea) -> Array:
     """
     k = np.asarray(wavenumber, dtype=np.float64)
     if sea.spectrum == "elfouhaily":
-        density = elfouhaily(k, wind=sea.wind, age=sea.age)
+        density = spectra.elfouhaily(k, wind=sea.wind, age=sea.age)
     else:
         w = dispersion(k)
         f = w / (2 * np.pi)
         if sea.spectrum == "jonswap":
-            energy = jonswap(f, wind=sea.wind, fetch=sea.fetch)
+            energy = spectra.jonswap(f, wind=sea.wind, fetch=sea.fetch)
         else:
-            energy = pierson_moskowitz(f, wind_19_5=WIND_19_5 * sea.wind)
+            energy = spectra.pierson_moskowitz(f, wind_19_5=WIND_19_5 * sea.wind)
         density = energy * (GRAVITY + 3 * SURFACE_TENSION * k**2) / (2 * w) / (2 * np.pi)
     return np.where(k > SHORT_WAVES * sea.peak_wavenumber, sea.short_gain, 1.0) * density
 
@@ -139,7 +128,7 @@ def anisotropy(wavenumber: Array, sea: Sea) -> Array:
     k = np.asarray(wavenumber, dtype=np.float64)
     convention, s = spread_convention(sea), sea.exponent
     if convention == "elfouhaily":
-        return 0.5 * elfouhaily_spread(k, wind=sea.wind, age=sea.age)
+        return 0.5 * spectra.elfouhaily_spread(k, wind=sea.wind, age=sea.age)
     return np.full_like(k, s * (s - 1) / ((s + 1) * (s + 2)) if convention == "half-angle" else s / (s + 1))
 
 
