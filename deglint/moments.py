@@ -125,12 +125,21 @@ class CellMoments:
         groups = self.keys >> np.array([0, level])
         first = np.flatnonzero((groups[1:] == groups[:-1]).all(axis=1))
         both = self.where(np.stack([first, first + 1], axis=1).ravel())
-        n, mean, rest, comoment = _merge_neighbours(both.n, both.mean, both.rest, both.comoment)
-        low = np.minimum(both.minimum[::2], both.minimum[1::2])
-        high = np.maximum(both.maximum[::2], both.maximum[1::2])
-        merged = CellMoments(both.keys[::2], n, mean, comoment, low, high, rest)
         alone = np.delete(np.arange(len(self.n)), [*first, *(first + 1)])
-        return CellMoments.concatenate([merged, self.where(alone)]).by_place()
+        return CellMoments.concatenate([both._neighbours_merged(), self.where(alone)]).by_place()
+
+    def _neighbours_merged(self) -> CellMoments:
+        """Merge cells 0 and 1, 2 and 3, ... (Chan, Golub and LeVeque); an odd last cell is kept."""
+        even = len(self.n) // 2 * 2
+        a, b = self.where(slice(0, even, 2)), self.where(slice(1, even, 2))
+        n = a.n + b.n
+        away = (b.mean - a.mean) + (b.rest - a.rest)
+        weight = a.n * b.n / n
+        comoment = a.comoment + b.comoment + away[:, :, None] * away[:, None, :] * weight[:, None, None]
+        mean, rest = _two_sum(a.mean, away * (b.n / n)[:, None] + a.rest)
+        low, high = np.minimum(a.minimum, b.minimum), np.maximum(a.maximum, b.maximum)
+        merged = CellMoments(a.keys, n, mean, comoment, low, high, rest)
+        return merged if even == len(self.n) else CellMoments.concatenate([merged, self.where(slice(even, None))])
 
     def where(self, chosen: npt.NDArray[Any] | slice) -> CellMoments:
         """Some of the cells, by index, slice or mask."""
@@ -141,12 +150,11 @@ class CellMoments:
         if not len(self.n):
             variables = self.mean.shape[1]
             return Moments(0, *_two_passes(np.empty((variables, 0)))[1:])
-        n, mean, rest, comoment = self.n, self.mean, self.rest, self.comoment
+        cells = self
         with np.errstate(over="ignore", invalid="ignore"):
-            while len(n) > 1:
-                n, mean, rest, comoment = _merge_neighbours(n, mean, rest, comoment)
-        low, high = self.minimum.min(axis=0), self.maximum.max(axis=0)
-        return Moments(int(n[0]), mean[0], comoment[0], low, high, rest[0])
+            while len(cells.n) > 1:
+                cells = cells._neighbours_merged()
+        return Moments(int(cells.n[0]), *(getattr(cells, name)[0] for name in _CELL_FIELDS[2:]))
 
 
 _CELL_FIELDS = ("keys", "n", "mean", "comoment", "minimum", "maximum", "rest")
@@ -305,16 +313,3 @@ def _two_sum(a: Float64, b: Float64) -> tuple[Float64, Float64]:
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
-
-
-def _merge_neighbours(n: Float64, mean: Float64, rest: Float64, comoment: Float64) -> tuple[Float64, ...]:
-    """Merge cells 0 and 1, 2 and 3, ... (Chan, Golub and LeVeque); an odd last cell is kept."""
-    even = len(n) // 2 * 2
-    a, b = slice(0, even, 2), slice(1, even, 2)
-    total = n[a] + n[b]
-    away = (mean[b] - mean[a]) + (rest[b] - rest[a])
-    weight = n[a] * n[b] / total
-    merged = comoment[a] + comoment[b] + away[:, :, None] * away[:, None, :] * weight[:, None, None]
-    new_mean, new_rest = _two_sum(mean[a], away * (n[b] / total)[:, None] + rest[a])
-    ends = ((total, n), (new_mean, mean), (new_rest, rest), (merged, comoment))
-    return tuple(np.concatenate([new, old[even:]]) for new, old in ends)

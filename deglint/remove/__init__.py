@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -22,7 +23,8 @@ from ..checks import check_choice, checked_keywords, described
 from ..errors import InputError
 from ..scene import Band, FloatArray
 from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction, wiener
-from .model import BandFit, GlintIndex, GlintModel, apply
+from .model import BandFit, GlintIndex, GlintModel
+from .predict import apply
 from .regression import REGRESSIONS, glint_error
 from .request import FitRequest, regression_plan
 from .statistics import SamplePlan, SampleStatistics, gather, merge
@@ -47,11 +49,13 @@ class Method:
     neighbours: bool = False  # it uses neighbouring pixels, so that it is fitted to tiles
 
 
+_index_plan = partial(regression_plan, keep_index=True)
+
 METHODS: dict[str, Method] = {
     "wiener": Method("kernels on the NIR and SWIR around each pixel, one level", wiener.fit, neighbours=True),
     "hedley": Method("slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, regression_plan, True, True),
     "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, regression_plan, True, True),
-    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, joyce.plan, True, True),
+    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, _index_plan, True, True),
     "multiband": Method(
         "all longer bands together, level at a low percentile", multiband.fit, multiband.plan, least_squares=True
     ),

@@ -9,13 +9,8 @@ from __future__ import annotations
 
 from .levels import mode
 from .model import GlintModel
-from .request import FitRequest, regression_model, regression_plan
-from .statistics import SamplePlan, SampleStatistics
-
-
-def plan(request: FitRequest) -> SamplePlan:
-    """Statistics to gather: moments, and single NIR values for the mode."""
-    return regression_plan(request, keep_index=True)
+from .request import FitRequest, regression_model
+from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:

@@ -65,9 +65,14 @@ class LagGrams:
         inside = set(offsets(side))
         return [reference * SIDE**2 + i for i, offset in enumerate(offsets(SIDE)) if offset in inside]
 
-    def band(self, place: int) -> int:
-        """Variable of a band, by its 0-based index."""
-        return self.references * SIDE**2 + place
+    @property
+    def outputs(self) -> list[int]:
+        """Variables of the bands."""
+        return list(range(self.references * SIDE**2, self.grams.shape[1]))
+
+    def inputs(self, support: tuple[int, ...]) -> list[int]:
+        """Variables of kernels with these sides on the first, second, ... reference."""
+        return [c for reference, side in enumerate(support) for c in self.columns(reference, side)]
 
     def centre(self, reference: int) -> int:
         """Variable of a reference at the pixel itself."""
@@ -183,8 +188,7 @@ class KernelFit:
 
 def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int, ...]]) -> list[KernelFit]:
     """The kernels of a set of bands, for each support that is best for some of them."""
-    outputs = [grams.band(i) for i in range(len(band_set.bands))]
-    count = min(FOLDS, len(grams.grams))
+    outputs, count = grams.outputs, min(FOLDS, len(grams.grams))
     groups = [grams.grams[i * len(grams.grams) // count : (i + 1) * len(grams.grams) // count].sum(axis=0)
               for i in range(count)]  # fmt: skip
     total = np.sum(groups, axis=0)
@@ -194,21 +198,17 @@ def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int
             "the NIR does not vary over the sample, or its squares are beyond double precision, so no kernel can be "
             "fitted. Choose another --nir, or a --sample where glint varies."
         )
-    losses = {s: _held_out(groups, total, _inputs(grams, s), outputs) for s in usable}
+    losses = {s: _held_out(groups, total, grams.inputs(s), outputs) for s in usable}
     chosen, out = _supports(losses), []
     for support in dict.fromkeys(chosen):
         mine = [k for k, s in enumerate(chosen) if s == support]
         wanted = [outputs[k] for k in mine]
         left_out = [_response(grams, total - g, support, wanted) for g in groups] if count > 1 else []
         own, loss = tuple(band_set.bands[k] for k in mine), losses[support].sum(axis=0)[mine]
-        kernels, response = solve(total, _inputs(grams, support), wanted), _response(grams, total, support, wanted)
+        kernels, response = solve(total, grams.inputs(support), wanted), _response(grams, total, support, wanted)
         pixels, own_set = int(grams.pixels.sum()), BandSet(band_set.references, own)
         out.append(KernelFit(own_set, support, kernels, response, np.array(left_out), loss, pixels))
     return out
-
-
-def _inputs(grams: LagGrams, support: tuple[int, ...]) -> list[int]:
-    return [c for reference, side in enumerate(support) for c in grams.columns(reference, side)]
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
@@ -251,8 +251,7 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
 
 def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:
     """Change of each band if its NIR rises by 1 everywhere; the second reference changes as the first predicts."""
-    inputs = _inputs(grams, support)
-    coefficients = solve(gram, inputs, outputs)
+    coefficients = solve(gram, grams.inputs(support), outputs)
     first = grams.columns(0, support[0])
     out, start = np.zeros(len(outputs)), 0
     for reference, side in enumerate(support):

@@ -79,7 +79,16 @@ def fit(
     """
     nir = tuple(dict.fromkeys(b for i in request.indexes for b in i.bands))
     longer = longest_that(request, lambda more: _plume_gain(request, tiles, nir, more) >= LEAST_KEPT)
-    return _with_levels(_fitted(request, tiles, nir, longer), tiles, percentile, cut)
+    model = _fitted(request, tiles, nir, longer)
+    found: list[list[FloatArray]] = [[] for _ in model.indexes]
+    for tile in tiles:
+        references = {r.band: bordered(tile.block[r.band]) for r in model.references}
+        for k, values in enumerate(found):
+            values.append(predicted(references, model, k)[tile.sample])
+    levels = [float(np.percentile(np.concatenate(v), percentile)) for v in found]
+    if cut is not None:
+        levels = [level + cut[fit.band] for level, fit in zip(levels, model.fits, strict=True)]
+    return replace(model, indexes=tuple(replace(i, level=v) for i, v in zip(model.indexes, levels, strict=True)))
 
 
 def _fitted(
@@ -97,7 +106,7 @@ def _fitted(
     for place, band in enumerate(request.correct):
         own = request.bands[band].wavelength or 0.0
         used = [k for k, r in enumerate(every) if r in nir or (request.bands[r].wavelength or 0.0) > own]
-        inputs, output = [c for k in used for c in grams.columns(k, MIXTURE_SIDE)], [grams.band(place)]
+        inputs, output = [c for k in used for c in grams.columns(k, MIXTURE_SIDE)], [grams.outputs[place]]
         weights = _robust(grams, inputs, output)
         power = float(total[output[0], output[0]])
         r2 = 1 - float(unexplained(total, inputs, output, weights)[0]) / power if power > 0 else 0.0
@@ -122,38 +131,21 @@ def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> npt.NDArra
     return found
 
 
-def _with_levels(
-    model: GlintModel, tiles: Sequence[SampleTile], percentile: float, cut: Sequence[float] | None
-) -> GlintModel:
-    """The model with the level of each band."""
-    found: list[list[FloatArray]] = [[] for _ in model.indexes]
-    for tile in tiles:
-        references = {r.band: bordered(tile.block[r.band]) for r in model.references}
-        for k, values in enumerate(found):
-            values.append(predicted(references, model, k)[tile.sample])
-    levels = [float(np.percentile(np.concatenate(v), percentile)) for v in found]
-    if cut is not None:
-        levels = [level + cut[fit.band] for level, fit in zip(levels, model.fits, strict=True)]
-    return replace(model, indexes=tuple(replace(i, level=v) for i, v in zip(model.indexes, levels, strict=True)))
-
-
 def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
     """Gain of a turbid plume in the sample: the least share of its brightness that removal preserves in a band."""
     bands = range(len(request.bands))
     level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), PLUME_PERCENTILE) for b in bands]
     waves = np.array([b.wavelength or 0.0 for b in request.bands])
     plume = PLUME * np.maximum(level, 0) * np.interp(waves, *TURBID.T)
-    found = _fitted(request, [_with_plume(t, plume) for t in tiles], nir, more)
+    turbid = []
+    for tile in tiles:
+        rows, columns = (np.arange(n) - n / 2 for n in tile.sample.shape)
+        shape = np.exp(-(rows[:, None] ** 2 + columns**2) / (2 * (min(tile.sample.shape) / 5) ** 2))
+        turbid.append(replace(tile, block=tile.block + (plume[:, None, None] * shape).astype(tile.block.dtype)))
+    found = _fitted(request, turbid, nir, more)
     kept = []
     for index, fit in zip(found.indexes, found.fits, strict=True):
         if fit.band not in more and plume[fit.band] > 0:
             taken = sum(w * plume[b] for b, w in zip(index.bands, index.weights, strict=True))
             kept.append(1 - float(taken / plume[fit.band]))
     return min(kept, default=0.0)
-
-
-def _with_plume(tile: SampleTile, plume: npt.NDArray[np.float64]) -> SampleTile:
-    rows, columns = (np.arange(n) - n / 2 for n in tile.sample.shape)
-    width = min(tile.sample.shape) / 5
-    shape = np.exp(-(rows[:, None] ** 2 + columns**2) / (2 * width**2))
-    return replace(tile, block=tile.block + (plume[:, None, None] * shape).astype(tile.block.dtype))

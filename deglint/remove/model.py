@@ -1,4 +1,4 @@
-"""The linear model that all methods fit, and its application.
+"""The linear model that all methods fit.
 
 All methods here take a *glint index* g of each pixel - the NIR band, or a weighted sum of bands - and subtract from
 every other band a multiple of the excess of g over its glint-free level:
@@ -20,15 +20,13 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..checks import check_kind, from_plain
+from ..checks import from_plain
 from ..errors import InputError
 from ..scene import FloatArray
 from .reference import ReferenceRule
 from .strips import Strips
 
 FORMAT = 1
-_SLAB = 1 << 16
-"""Pixels corrected at a time, so that intermediate results fit into the processor's cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,70 +237,3 @@ def _checked(model: GlintModel) -> GlintModel:
     if any(faults.values()):
         raise ValueError(next(fault for fault, found in faults.items() if found))
     return model
-
-
-def apply(
-    block: FloatArray,
-    model: GlintModel,
-    *,
-    where: npt.NDArray[np.bool_] | None = None,
-    out: FloatArray | None = None,
-) -> FloatArray:
-    """Subtract the glint that a model predicts in a block.
-
-    Parameters
-    ----------
-    block : (band, row, column) float32 or float64 ndarray
-        NaN where not valid. Not modified.
-    model : GlintModel
-    where : (row, column) bool ndarray, optional
-        True where pixels are corrected; others are copied bit for bit. It is also the water mask of references.
-    out : ndarray like block, optional
-        Array for the result; may be `block` itself.
-
-    Returns
-    -------
-    (band, row, column) ndarray
-        Same dtype as block, computed in float64. A NaN band stays NaN; where an index is NaN, its bands become NaN.
-
-    Raises
-    ------
-    InputError
-        The block or the mask does not have the bands, the shape or the type that the model needs.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> model = GlintModel("hedley", (GlintIndex((1,), (1.0,), 2.0),), (BandFit(0, "B", 0, 0.5),), ("B", "NIR"))
-    >>> apply(np.array([[[10.0]], [[4.0]]]), model)[0, 0, 0]
-    np.float64(9.0)
-    """
-    check_kind(block, np.ndarray, "block", "Read a scene with scene.read(), or give it to deglint.correct.")
-    check_kind(model, GlintModel, "model", "Make one with deglint.fit; deglint.correct takes what fit_scene gives.")
-    if block.ndim != 3 or len(block) != len(model.band_names):
-        raise InputError(
-            f"the model is for {len(model.band_names)} bands ({', '.join(model.band_names)}), "
-            f"but the array has shape {block.shape}; expected (band, row, column)."
-        )
-    if block.dtype not in (np.float32, np.float64):
-        raise InputError(f"expected float32 or float64 physical values, got {block.dtype}; convert first.")
-    if where is not None and where.shape != block.shape[1:]:
-        raise InputError(f"where has shape {where.shape}, but the block has {block.shape[1:]} pixels.")
-    if out is None:
-        out = block.copy()
-    elif out is not block:
-        np.copyto(out, block)
-    if model.halo:
-        from .predict import subtract
-
-        return subtract(block, model, where, out)
-    rows = max(1, _SLAB // max(block.shape[2], 1))
-    for top in range(0, block.shape[1], rows):  # a few rows in float64, rounded once
-        part = slice(top, top + rows)
-        above = [index.of(block[:, part]) - index.level for index in model.indexes]
-        if where is not None and not where[part].all():
-            for index in above:
-                index[~where[part]] = 0.0  # x - slope * 0 is x to the bit, NaN and all
-        for fit in model.fits:
-            np.subtract(out[fit.band, part], above[fit.index] * fit.slope, out=out[fit.band, part], casting="same_kind")
-    return out

@@ -1,4 +1,4 @@
-"""Apply kernels: predict the glint in a band from a neighbourhood of the references.
+"""Apply a model: predict the glint in each band, pixel by pixel or from a neighbourhood of the references.
 
 The result does not depend on tiles, to the bit: OpenCV's filters process the last columns of an image by other
 instructions, so columns are added that are removed afterwards. Arrays only.
@@ -10,12 +10,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..checks import check_kind
+from ..errors import InputError
 from ..moments import Mask
 from ..scene import FloatArray
 from .kernels import KERNEL_REACH
 from .model import GlintIndex, GlintModel
 from .reference import clean
 
+_SLAB = 1 << 16
+"""Pixels corrected at a time, so that intermediate results fit into the processor's cache."""
 SPARE = 16
 """Columns that are added: at least as many as OpenCV's filters process at a time."""
 
@@ -112,9 +116,69 @@ def glint(
     return out, exceeds
 
 
-def subtract(block: FloatArray, model: GlintModel, where: Mask | None, out: FloatArray) -> FloatArray:
-    """`apply` for a kernel model: the whole block at once, subtracted from its copy `out`."""
-    water = np.ones(block.shape[1:], np.bool_) if where is None else where
-    for band, amount in glint(block, model, water)[0].items():
-        np.subtract(out[band], amount, out=out[band], where=water)
+def apply(
+    block: FloatArray,
+    model: GlintModel,
+    *,
+    where: Mask | None = None,
+    out: FloatArray | None = None,
+) -> FloatArray:
+    """Subtract the glint that a model predicts in a block.
+
+    Parameters
+    ----------
+    block : (band, row, column) float32 or float64 ndarray
+        NaN where not valid. Not modified.
+    model : GlintModel
+    where : (row, column) bool ndarray, optional
+        True where pixels are corrected; others are copied bit for bit. It is also the water mask of references.
+    out : ndarray like block, optional
+        Array for the result; may be `block` itself.
+
+    Returns
+    -------
+    (band, row, column) ndarray
+        Same dtype as block, computed in float64. A NaN band stays NaN; where an index is NaN, its bands become NaN.
+
+    Raises
+    ------
+    InputError
+        The block or the mask does not have the bands, the shape or the type that the model needs.
+
+    Examples
+    --------
+    >>> from deglint.remove import BandFit
+    >>> model = GlintModel("hedley", (GlintIndex((1,), (1.0,), 2.0),), (BandFit(0, "B", 0, 0.5),), ("B", "NIR"))
+    >>> apply(np.array([[[10.0]], [[4.0]]]), model)[0, 0, 0]
+    np.float64(9.0)
+    """
+    check_kind(block, np.ndarray, "block", "Read a scene with scene.read(), or give it to deglint.correct.")
+    check_kind(model, GlintModel, "model", "Make one with deglint.fit; deglint.correct takes what fit_scene gives.")
+    if block.ndim != 3 or len(block) != len(model.band_names):
+        raise InputError(
+            f"the model is for {len(model.band_names)} bands ({', '.join(model.band_names)}), "
+            f"but the array has shape {block.shape}; expected (band, row, column)."
+        )
+    if block.dtype not in (np.float32, np.float64):
+        raise InputError(f"expected float32 or float64 physical values, got {block.dtype}; convert first.")
+    if where is not None and where.shape != block.shape[1:]:
+        raise InputError(f"where has shape {where.shape}, but the block has {block.shape[1:]} pixels.")
+    if out is None:
+        out = block.copy()
+    elif out is not block:
+        np.copyto(out, block)
+    if model.halo:  # kernels take the whole block at once
+        water = np.ones(block.shape[1:], np.bool_) if where is None else where
+        for band, amount in glint(block, model, water)[0].items():
+            np.subtract(out[band], amount, out=out[band], where=water)
+        return out
+    rows = max(1, _SLAB // max(block.shape[2], 1))
+    for top in range(0, block.shape[1], rows):  # a few rows in float64, rounded once
+        part = slice(top, top + rows)
+        above = [index.of(block[:, part]) - index.level for index in model.indexes]
+        if where is not None and not where[part].all():
+            for index in above:
+                index[~where[part]] = 0.0  # x - slope * 0 is x to the bit, NaN and all
+        for fit in model.fits:
+            np.subtract(out[fit.band, part], above[fit.index] * fit.slope, out=out[fit.band, part], casting="same_kind")
     return out

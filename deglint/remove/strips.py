@@ -58,13 +58,13 @@ def _between(places: npt.NDArray[np.int64], count: int) -> tuple[npt.NDArray[np.
     return first, np.minimum(first + 1, count - 1), (at - first).astype(np.float32)
 
 
-def find_kernels(grams: LagGrams, bands: int) -> tuple[Float64, Float64] | None:
+def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
     """Two kernels of 3 x 3 pixels that explain the squares of a sample much better than one; else None.
 
     Squares are assigned to the kernel with the smaller residual, and the kernels are fitted to their squares,
-    alternately; the start is the kernel of all squares and its mirror image. `bands` is the number of bands.
+    alternately; the start is the kernel of all squares and its mirror image.
     """
-    inputs, outputs = grams.columns(0, 3), [grams.band(b) for b in range(bands)]
+    inputs, outputs = grams.columns(0, 3), grams.outputs
     total = grams.grams.sum(axis=0)
     one = solve(total, inputs, outputs)
     two = [one, one[::-1]]
@@ -86,7 +86,7 @@ def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> npt.NDArray[np.b
 
 def _left(grams: LagGrams, kernel: Float64) -> Float64:
     """Residual of a kernel of 3 x 3 pixels in each square: sum over bands of relative power."""
-    inputs, outputs = grams.columns(0, 3), [grams.band(b) for b in range(kernel.shape[1])]
+    inputs, outputs = grams.columns(0, 3), grams.outputs
     power = np.maximum(grams.grams.sum(axis=0)[outputs, outputs], np.finfo(float).tiny)
     return np.array([(unexplained(g, inputs, outputs, kernel) / power).sum() for g in grams.grams])
 

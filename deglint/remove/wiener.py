@@ -129,7 +129,7 @@ def fit(
         learnt = _without_outliers(learnt)
     grams = [_gathered(s, learnt, request) for s in sets]
     if callable(strips):
-        mirrored = find_kernels(grams[0], len(sets[0].bands))
+        mirrored = find_kernels(grams[0])
         strips = None if mirrored is None else strips(partial(_kinds, request, rules, mirrored))
     kinds = [grams] if strips is None else _by_strip(grams, strips)
     fitted = [
